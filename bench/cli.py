@@ -10,7 +10,7 @@ import sys
 
 from bench.errors import ClusterError, HiddenError, InputError, StoreError, nearest
 from bench.options import commands, help_of, makers, options, overview
-from bench.registry import KEYS, check_rooms
+from bench.registry import KEYS, broken, check_loaded, check_rooms
 from bench.scratch import scratch
 
 LONGEST = 300  # characters of a message
@@ -69,6 +69,7 @@ def _done(arguments: list[str]) -> int:
     check_rooms()
     name, *rest = arguments
     if name not in (known := commands()):
+        check_loaded()  # it may be a command of such a package
         raise InputError(f"no command is called {name!r}; {nearest(name, known)}")
     if {"-h", "--help"} & set(rest):
         print(_help(name, rest), end="")
@@ -79,6 +80,8 @@ def _done(arguments: list[str]) -> int:
 
         with scratch():
             return command(name, rest)
+    for line in broken():
+        print(f"warning: {line}", file=sys.stderr)
     module = importlib.import_module(f"bench.commands.{known[name].module or name}")
     with scratch():
         return getattr(module, name)(rest)

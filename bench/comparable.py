@@ -47,6 +47,17 @@ def alike(run: Row, names: Iterable[str]) -> tuple[str, ...]:
     return tuple(str(run.get(name, "")) for name in (*COMPARABLE, *names))
 
 
+def shared(run: Row, same: Mapping[str, tuple[str, str]]) -> list[str]:
+    """Further parameters that must agree, in words; those with their usual value are left out.
+
+    Args:
+        run: tags and parameters of the run.
+        same: words of each parameter with ``{}`` for its value, and its usual value.
+    """
+    values = {name: str(run.get(name, "")) for name in same}
+    return [words.format(values[name]) for name, (words, usual) in same.items() if values[name] not in ("", usual)]
+
+
 def context_of(tags: Row) -> tuple[str, str, str]:
     """The same in words: data, subset with the target, protocol."""
     data = str(tags["data"]) + (" (synthetic)" if tags["synthetic"] == "true" else "")

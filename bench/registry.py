@@ -63,7 +63,7 @@ def plugged(group: str) -> Iterable[EntryPoint]:
 
 def forget() -> None:
     """Look for installed packages again."""
-    for found in (_installed, names, classes):
+    for found in (_installed, names, _loaded):
         found.cache_clear()
 
 
@@ -97,16 +97,41 @@ def load(room: str, name: str) -> Callable:
         raise InputError(f"{KEYS[room]}={name} cannot be loaded from {registered[name]}: {e}") from e
 
 
-@cache
 def classes(room: str) -> dict[str, Any]:
     """All classes of ``kinds`` or ``circumstances`` by name, in the order of the registry, those of packages last.
 
-    Raises:
-        InputError: one of an installed package cannot be loaded.
+    Without those of packages that cannot be loaded (`broken`).
     """
-    own = importlib.import_module(ROOMS[room]).PARTS
-    order = [*own, *(name for name in names(room) if name not in own)]
-    return {name: _class(room, name) for name in order}
+    return _loaded(room)[0]
+
+
+def broken() -> list[str]:
+    """A line for each kind and circumstance of a package that cannot be loaded."""
+    return [line for room in ("kinds", "circumstances") for line in _loaded(room)[1]]
+
+
+def check_loaded() -> None:
+    """Refuse to make runs without a kind or a circumstance of a package.
+
+    Raises:
+        InputError: one cannot be loaded.
+    """
+    for line in broken():
+        raise InputError(line)
+
+
+@cache
+def _loaded(room: str) -> tuple[dict[str, Any], list[str]]:
+    """The classes of a room, and a line for each that cannot be loaded."""
+    own, loaded, lines = importlib.import_module(ROOMS[room]).PARTS, {}, []
+    for name in [*own, *(name for name in names(room) if name not in own)]:
+        try:
+            loaded[name] = _class(room, name)
+        except InputError as e:
+            if name in own:
+                raise
+            lines.append(str(e))
+    return loaded, lines
 
 
 def _class(room: str, name: str) -> Any:

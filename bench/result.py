@@ -158,6 +158,11 @@ class Result(Mapping[str, Any]):
         return self.about["status"] == "FINISHED"
 
     @property
+    def failed(self) -> list[str]:
+        """Keys of circumstances that failed in a fold, of which it therefore has no numbers."""
+        return [*filter(None, str(self.about.get(FAILED, "")).split(", "))]
+
+    @property
     def alone(self) -> bool:
         """True if its predictions of a capture do not depend on the other captures predicted together."""
         return not depends_on_batch(self.about)
@@ -170,4 +175,5 @@ class Result(Mapping[str, Any]):
 
 
 PLAIN = "touchbench.only"  # of a run of an earlier version: the one circumstance that it has labels in
+FAILED = "touchbench.failed"  # of a run: circumstances that failed in a fold
 COUNTS = ("folds", "folds_failed")  # numbers that every result has

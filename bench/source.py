@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import copy
 import hashlib
 import importlib
 import importlib.util
@@ -66,7 +67,8 @@ def source_digest(*parts: Code) -> str:
     other packages are left out too; their versions identify them.
 
     A class names in ``consumers`` (a frozenset) those of its members that only show numbers: they are left out, with
-    all that only they use of the file. What such a file, or a module that it imports late, imports late counts too.
+    all that only they use of the file, unless the rest of the file uses an attribute of that name; and so are the help
+    texts of options. What such a file, or a module that it imports late, imports late counts too.
     """
     todo = [(name, "" if inspect.ismodule(part) else of, False) for part in parts for name, of in [_origin(part)]]
     packages = ROOMS | {name.split(".")[0] for name, _, _ in todo}
@@ -214,13 +216,41 @@ def _for_types(node: ast.stmt) -> bool:
 
 def _leave_out(tree: ast.Module, consumers: dict[str, frozenset[str]], taken: set[str]) -> set[str]:
     """Take the consumers out of a tree, and what only they use of the file; returns the names of the latter."""
+    whole, wanted = tree.body, set[str]()
+    while True:
+        gone, names = _parted(tree, whole, consumers, taken, wanted)
+        attributes = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+        if not (more := gone & attributes):
+            return names
+        wanted |= more
+
+
+def _parted(
+    tree: ast.Module,
+    whole: list[ast.stmt],
+    consumers: dict[str, frozenset[str]],
+    taken: set[str],
+    wanted: set[str],
+) -> tuple[set[str], set[str]]:
+    """Make a tree of all statements but consumers, and what only they use; returns names of members and of the rest.
+
+    Args:
+        tree: tree that is made.
+        whole: statements of the file.
+        consumers: names of members by name of the class.
+        taken: names that other modules take.
+        wanted: members that stay.
+    """
     parts: list[ast.stmt] = []
     gone: list[ast.stmt] = []
-    for node in tree.body:
+    members_gone: set[str] = set()
+    for node in whole:
         if isinstance(node, ast.ClassDef) and node.name in consumers:
-            members = {"consumers", *consumers[node.name]}
-            gone += [member for member in node.body if _bound(member) and _bound(member) <= members]
-            node.body = [member for member in node.body if member not in gone]
+            members, node = {"consumers", *consumers[node.name]} - wanted, copy.copy(node)
+            left = [member for member in node.body if _bound(member) and _bound(member) <= members]
+            node.body = [_without_help(member) for member in node.body if member not in left]
+            members_gone |= set().union(*map(_bound, left))
+            gone += left
         if isinstance(node, ast.Import):  # each name for itself, as only some may be the consumers'
             parts += [ast.Import([part]) for part in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -243,7 +273,19 @@ def _leave_out(tree: ast.Module, consumers: dict[str, frozenset[str]], taken: se
     rest = [bound | used for bound, used in named if "*" in taken or bound & stays or not bound & theirs]
     kept = reached(set().union(*rest))
     tree.body = [part for part, (bound, _) in zip(parts, named, strict=True) if not bound or bound & kept]
-    return set().union(*(bound for bound, _ in named)) - kept
+    return members_gone, set().union(*(bound for bound, _ in named)) - kept
+
+
+def _without_help(member: ast.stmt) -> ast.stmt:
+    """A member of a class; an option (`bench.kinds.base.option`) without the text of its help."""
+    call = getattr(member, "value", None)
+    if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "option"):
+        return member
+    member = copy.deepcopy(member)
+    call = member.value  # type: ignore[attr-defined]
+    call.args[1:2] = []
+    call.keywords = [one for one in call.keywords if one.arg != "help"]
+    return member
 
 
 def _bound(node: ast.stmt) -> set[str]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,7 +25,6 @@ FAILING = (  # columns of the table of systems under faults
     text("system", read=lambda r: r.method),
     Measure("accuracy", "clean %", lambda r: 100 * clean_accuracy(r)),
     text("halves", "half of the margin is lost at", read=lambda r: _halves(r)),
-    Measure("failing", "failing of tested groups", lambda r: f"{r['failing_slices']:.0f} of {r['tested_slices']:.0f}"),
 )
 CAPTION = (
     "{}: faults and groups of captures on which each system fails. The number after each fault is the severity "
@@ -35,29 +35,31 @@ CAPTION = (
 )
 
 
-def fault_section(results: Sequence[Result], folder: Path) -> Section | None:
+def fault_section(results: Sequence[Result], folder: Path, failing: Callable[[Row], Any]) -> Section | None:
     """The loss under each fault, and where each system fails first.
 
     Args:
         results: results of runs under faults.
         folder: destination folder of figures.
+        failing: number of failing groups of a result, in words.
     """
     parts = []
-    for i, (context, members) in enumerate(contexts(results, more="loss.").items(), 1):
+    for i, (context, members) in enumerate(contexts(results, more="loss."), 1):
         losses, picture = pd.DataFrame({r.method: losses_of(r) for r in members}).T, None
         if losses.size:  # else learning curves alone
             figure = heat_map(losses, [clean_accuracy(r) for r in members], context)
             caption = "Points of accuracy lost under each fault, mean over five severities, worst fault first."
             picture = save(figure, folder, f"0-stress-{i}", context, f"{context}: {caption}")
         worst = dict.fromkeys(f"worst.{name}" for r in members for name in under(r, "worst."))
-        columns = [*FAILING, *(percent(name, name.replace(".", " ")) for name in worst)]
+        groups = Measure("failing", "failing of tested groups", failing)
+        columns = [*FAILING, groups, *(percent(name, name.replace(".", " ")) for name in worst)]
         parts.append(Part(picture, Table(columns, members), CAPTION.format(context)))
     return Section(FAULTS, parts) if parts else None
 
 
 def robust(results: Sequence[Result]) -> tuple[str, str] | None:
     """A sentence on the most robust system under faults, on the first of all comparable captures."""
-    for runs in contexts(results, more="loss.").values():
+    for _, runs in contexts(results, more="loss."):
         losses = {r.method: losses_of(r) for r in runs if r.alone}
         sets = Counter(frozenset(loss) for loss in losses.values() if loss)
         if not sets:

@@ -27,7 +27,7 @@ def level_section(circumstance: Any, results: Sequence[Result], folder: Path) ->
     """
     parts = []
     noun = circumstance.noun or circumstance.key
-    for i, (context, members) in enumerate(contexts(results, circumstance.alike).items(), 1):
+    for i, (context, members) in enumerate(contexts(results, circumstance.alike), 1):
         caption = f"{context}: accuracy by {noun}; means over subjects, 95 % t-intervals; dotted: captures as they are."
         picture = save(levels(circumstance.key, noun, members), folder, f"0-{circumstance.key}-{i}", context, caption)
         table = Table([text("system", read=lambda r: r.method), *circumstance.shows(members)], members)

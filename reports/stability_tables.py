@@ -14,7 +14,7 @@ from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.outcomes import scores
 from bench.outcomes.curves import joined, unharmed
-from bench.outcomes.stability import ALPHA, families, learning, number_of_families, ranks, seeds
+from bench.outcomes.stability import ALPHA, FAMILIES, families, learning, ranks, seeds
 from bench.result import Result
 from bench.table import Table, of_text, rows_of, write_sheet
 from bench.usual import CLEAN
@@ -211,9 +211,7 @@ def _tests_words(slices: pd.DataFrame, mask: pd.Series) -> str:
     several = tested[tested["subjects"] > 1]
     if len(several):
         floor, count = several["floor"].min(), families(tested).value_counts()
-        needed = {
-            name: int(np.ceil(round(number_of_families(slices) * n * floor / ALPHA, 6))) for name, n in count.items()
-        }
+        needed = {name: int(np.ceil(round(FAMILIES * n * floor / ALPHA, 6))) for name, n in count.items()}
         those = " or ".join(f"{max(n, 1)} {name.replace('slices', 'groups')}" for name, n in needed.items())
         words.append(
             f"With {several['subjects'].max()} subjects, the p of a group of several subjects is at least {floor:.2g}. "

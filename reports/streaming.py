@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,16 +21,13 @@ from reports.figures import DASHES, MARKERS, bars, log_ticks, save
 from reports.numbers import noted
 from reports.part import Part, Section
 
-ALIKE = ("stream.start", "stream.hop_ms", "stream.after")  # of comparable replays
+Same = Mapping[str, tuple[str, str]]  # parameters that comparable replays share (`bench.comparable.shared`)
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature
 EARLY = "Early decisions"  # heading
-SHOWN_MS = (250, 500, 1000, 2000)  # what is told of the curve
-OVER_TIME = (  # columns of the table of replayed systems
-    text("system", read=lambda r: r.method),
-    *(percent(f"accuracy_at_{ms}_ms", f"{ms} ms") for ms in SHOWN_MS),
+OVER_TIME = (  # columns of the table of replayed systems, after system and times
     percent("replay_accuracy", "whole"),
-    percent("adaptive_accuracy", "adaptive"),
-    Measure("adaptive_ms", "after ms", form=".0f"),
+    percent("adaptive_accuracy", "adaptive", spare=1),
+    Measure("adaptive_ms", "after ms", form=".0f", spare=1),
     Measure("replay_ms", "decision ms p50 / p95", ("replay_ms_p50", "replay_ms_p95")),
 )
 CAPTION = (
@@ -42,12 +39,13 @@ LEFT_LABEL = "ms of touch seen; a capture that has ended keeps its label"
 RIGHT_LABEL = "mean ms of touch seen before the label"
 
 
-def write_streaming(results: Sequence[Result], folder: Path) -> list[Path]:
+def write_streaming(results: Sequence[Result], folder: Path, same: Same) -> list[Path]:
     """Write ``streaming.csv``, ``stopping.csv`` and ``streaming.png`` / ``.svg`` of some runs.
 
     Args:
         results: results of replays.
         folder: destination folder; it is created.
+        same: parameters that comparable results share.
 
     Returns:
         The files written; none where there is nothing to show.
@@ -63,7 +61,7 @@ def write_streaming(results: Sequence[Result], folder: Path) -> list[Path]:
         for name, table in sheets(results).items():
             paths.append(folder / f"{name}.csv")
             write_sheet(noted(table), paths[-1])
-        return paths + figure(results, folder)
+        return paths + figure(results, folder, same)
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
 
@@ -81,30 +79,35 @@ def sheets(results: Sequence[Result]) -> dict[str, pd.DataFrame]:
     return made
 
 
-def stream_section(results: Sequence[Result], folder: Path) -> Section | None:
+def stream_section(
+    results: Sequence[Result], folder: Path, same: Same, seen: Callable[[Sequence[Result]], list[Measure]]
+) -> Section | None:
     """Accuracy against touch seen, and the result of stopping at the learned threshold.
 
     Args:
         results: results of replays.
         folder: destination folder of figures.
+        same: parameters that comparable results share.
+        seen: columns of times of some results.
     """
     parts = []
-    for i, (context, members) in enumerate(contexts(results, ALIKE, "replay_accuracy").items(), 1):
+    for i, (context, members) in enumerate(contexts(results, same, "replay_accuracy"), 1):
         caption = "Left: accuracy against milliseconds of touch. Right: fixed windows and adaptive stopping."
-        picture = save(draw(members), folder, f"0-stream-{i}", context, f"{context}: {caption}")
-        parts.append(Part(picture, Table(OVER_TIME, members), CAPTION.format(context), scarce(members)))
+        picture = save(draw(members, same), folder, f"0-stream-{i}", context, f"{context}: {caption}")
+        columns = [text("system", read=lambda r: r.method), *seen(members), *OVER_TIME]
+        parts.append(Part(picture, Table(columns, members), CAPTION.format(context), scarce(members)))
     return Section(EARLY, parts) if parts else None
 
 
-def early(results: Sequence[Result]) -> tuple[str, str] | None:
+def early(results: Sequence[Result], same: Same) -> tuple[str, str] | None:
     """A sentence on the best replayed system with early decisions, on the first of all comparable captures."""
-    for runs in contexts(results, ALIKE, "replay_accuracy").values():
+    for _, runs in contexts(results, same, "replay_accuracy"):
         runs = [r for r in runs if r.alone and np.isfinite(r.get("adaptive_accuracy", np.nan))]
         if not runs:
             continue
         best = max(runs, key=lambda r: r["adaptive_accuracy"])
         percent_right = f"{100 * best['replay_accuracy']:.1f} %"
-        whole = f"On {context_words(best, ALIKE)}, {best.method} correctly classifies {percent_right} of whole captures"
+        whole = f"On {context_words(best, same)}, {best.method} correctly classifies {percent_right} of whole captures"
         if not saves(best):
             return EARLY, f"{whole}; {NO_SAVING}."
         return EARLY, (
@@ -114,16 +117,16 @@ def early(results: Sequence[Result]) -> tuple[str, str] | None:
     return None
 
 
-def figure(results: Sequence[Result], folder: Path) -> list[Path]:
+def figure(results: Sequence[Result], folder: Path, same: Same) -> list[Path]:
     """Write the figure of `draw` as ``streaming.png`` and ``.svg``."""
-    fig = draw(results)
+    fig = draw(results, same)
     paths = [folder / "streaming.png", folder / "streaming.svg"]
     for path in paths:
         fig.savefig(path, dpi=130)
     return paths
 
 
-def draw(results: Sequence[Result]) -> Figure:
+def draw(results: Sequence[Result], same: Same) -> Figure:
     """Accuracy against time seen, and fixed windows beside adaptive stopping; a row of panels for each comparable set.
 
     Left, the shade behind a line is the t-interval over subjects. Systems differ by marker and dashes, not only
@@ -132,13 +135,14 @@ def draw(results: Sequence[Result]) -> Figure:
 
     Args:
         results: results of replays.
+        same: parameters that comparable results share.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Rectangle
 
     groups: dict[tuple, list[Result]] = {}
     for r in results:
-        groups.setdefault(alike(r, ALIKE), []).append(r)
+        groups.setdefault(alike(r, same), []).append(r)
     systems = list(dict.fromkeys(r.method for r in results))
     fig = Figure(figsize=(11, 4.4 * len(groups) + 0.22 * (len(systems) + 3)), layout="constrained")
     axes = fig.subplots(len(groups), 2, squeeze=False, sharey="row")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 SHORTEST_S, LONGEST_S, TOUCHES = 60.0, 120.0, 6  # of a timeline, which shows so many touches where it can
 TRUTH, REPORTED = 1.3, -0.5  # heights of the bars; the probability has 0 to 1
 HIGH = 0.2  # of a bar
-ALIKE = ("watch.background", "watch.unknown")  # of comparable runs
+Same = Mapping[str, tuple[str, str]]
 ALARMS = "false alarms per hour of background"
 TOLD = (
     percent("touches_found", ends="touches_found"),
@@ -34,28 +34,29 @@ TOLD = (
 )
 
 
-def watch_section(results: Sequence[Result], folder: Path) -> Section | None:
+def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Section | None:
     """A figure for each group of comparable runs of ``bench watch``, and a sentence on each system.
 
     Args:
         results: results of ``bench watch``.
         folder: destination folder of the figures.
+        same: parameters that comparable results share (`bench.comparable.shared`).
     """
     parts = []
     shown = [r for r in results if r.get("background_minutes", 0) > 0]  # else there is nothing to count alarms in
-    for i, (context, members) in enumerate(contexts(shown, ALIKE, "end_correct").items(), 1):
-        figure, caption_of = watching_figure(members), f"{context}: {caption(members[0])}"
+    for i, (context, members) in enumerate(contexts(shown, same, "end_correct"), 1):
+        figure, caption_of = watching_figure(members, same), f"{context}: {caption(members[0])}"
         picture = save(figure, folder, f"0-watch-{i}", context, caption_of)
         notes = dict.fromkeys(note for r in members for note in notes_on(r.system, str(r["data"])))
-        parts.append(Part(picture, sentences=[*(sentence(r) for r in members), *notes]))
+        parts.append(Part(picture, sentences=[*(sentence(r, same) for r in members), *notes]))
     return Section("Continuous touch", parts) if parts else None
 
 
-def sentence(run: Result) -> str:
+def sentence(run: Result, same: Same) -> str:
     """The scores of a system: data, protocol and unit first."""
     found, end, alarms, latency = (measure.of(run) for measure in TOLD)
     return (
-        f"{context_words(run, ALIKE)}, {run['touches']:.0f} touches in "
+        f"{context_words(run, same)}, {run['touches']:.0f} touches in "
         f"{run['background_minutes']:.0f} minutes of background: "
         f"{run.method} finds {found} percent of the touches, and {end} percent have the correct label at the end. "
         f"It raises {alarms} {ALARMS}. Its median latency is {latency} s. Shares are means over subjects with 95 % "
@@ -73,15 +74,16 @@ def caption(result: Result) -> str:
     )
 
 
-def watching_figure(results: Sequence[Result]) -> Figure:
+def watching_figure(results: Sequence[Result], same: Same) -> Figure:
     """The timeline of the first system, and the curve of each, in a marker and dashes of its own.
 
     Args:
         results: comparable results of ``bench watch``.
+        same: parameters that they share.
     """
     figure = Figure(figsize=(WIDEST, 5.2 + LINE * len(results)), layout="constrained")
     timeline, curve = figure.subplots(2, 1)
-    _timeline(timeline, results[0])
+    _timeline(timeline, results[0], same)
     for i, row in enumerate(results):
         look: dict[str, Any] = {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "markersize": 4}
         points = row.tables["curve"].dropna()
@@ -101,7 +103,7 @@ def watching_figure(results: Sequence[Result]) -> Figure:
     return figure
 
 
-def _timeline(ax: Axes, result: Result) -> None:
+def _timeline(ax: Axes, result: Result, same: Same) -> None:
     """True touches above, reported ones below, the probability of touch between."""
     table = result.tables["predictions"]
     rate_hz = frame_rate(table, result["background_minutes"])
@@ -129,7 +131,7 @@ def _timeline(ax: Axes, result: Result) -> None:
     ax.tick_params(axis="y", length=0)
     ax.axhline(1, color="0.8", linewidth=0.5, zorder=0)
     ax.set(xlim=(0, length), ylim=(REPORTED - 0.95, TRUTH + 0.95), xlabel="seconds of the recording")
-    ax.set_title(f"{plain([result.method])[0]}\n{', '.join(plain([context_words(result, ALIKE)]))}")
+    ax.set_title(f"{plain([result.method])[0]}\n{', '.join(plain([context_words(result, same)]))}")
     ax.spines[["top", "right", "left"]].set_visible(False)
 
 
@@ -150,8 +152,8 @@ def frame_rate(predictions: pd.DataFrame, background_minutes: float) -> float:
     return float(frames / (60 * background_minutes))
 
 
-def draw(result: Result, folder: Path) -> None:
+def draw(result: Result, folder: Path, same: Same) -> None:
     """Draw a run into a folder; without background there is no rate, and nothing to draw."""
     if result.get("background_minutes"):
         group = ", ".join(result.context)
-        save(watching_figure([result]), folder, "watching", group, caption(result))
+        save(watching_figure([result], same), folder, "watching", group, caption(result))

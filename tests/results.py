@@ -150,8 +150,8 @@ def stressed(system, accuracy, losses, more=(), tables=None, **about):
     """A result of ``bench stress`` with losses by fault."""
     metrics = {
         "subject_accuracy_mean": accuracy,
-        "failing_slices": 3,
-        "tested_slices": 40,
+        "failing_slices.under": 3,
+        "tested_slices.under": 40,
         "worst.subject": accuracy / 2,
     }
     metrics |= {f"loss.{fault}": loss for fault, loss in losses.items()} | dict(more)

@@ -258,14 +258,20 @@ def test_a_wrong_kind_or_circumstance_is_refused_in_one_line(plug, capsys, group
     assert main(["run", *SMALL, "model=tree", "features=jung28"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and f"touchbench.{group}" in error and "gone" in error
+    assert (
+        main(["gone"]) == 2 and f"touchbench.{group}" in capsys.readouterr().err
+    )  # it may be a command of that package
+    assert [main(words) for words in (["--help"], ["run", "--help"], ["systems"])] == [0, 0, 0]  # which make no runs
+    assert capsys.readouterr().err.count(f"warning: the entry point gone in touchbench.{group}") == 1  # not in help
 
 
 def own_names():
-    """Tags, commands and keys of kinds and circumstances, and their modules."""
+    """Tags, commands and keys of kinds and circumstances, keys of their costs, and their modules."""
     names = set()
     for room in ("kinds", "circumstances"):
         for one in registry.classes(room).values():
             names |= {*one.commands, getattr(one, "tag", ""), getattr(one, "key", ""), one.__module__}
+            names |= {cost.key for cost in one.costs}
     # the command that all others are compared with; a parameter of protocols; a column of every table of labels
     return names - {"", "run", "shots", "train_subjects"}
 
@@ -274,9 +280,16 @@ NAMED = {  # file: names that it may have, with the reason
     "bench/commands/demo.py": {"stream", "stress"},  # lines as a user types them
     "bench/leaderboard/tasks.py": {"stream", "stress", "watch"},  # frozen tasks are data: commands that answer them
     "bench/outcomes/earlier.py": {"cell", "stress", "stream", "chip", "under"},  # the reader of old runs
-    "bench/scene_file.py": {"stream"},  # a section of scene files
+    "bench/scene_file.py": {"stream", "decision"},  # a section of scene files; what clock= adds to
+    "bench/outcomes/candidates.py": {"decision", "cycles"},  # what clock= adds to, and what it adds
+    "bench/commands/choose.py": {"decision", "cycles"},  # the same; times at which a decision may fall
+    "reports/candidates.py": {"decision"},  # the same
+    "reports/budgets.py": {"decision"},
+    "bench/outcomes/scored.py": {"decision", "cycles", "stream", "watch"},  # candidates, called from their files
+    "reports/streaming.py": {"stream"},  # its page, called from its file
     "bench/measures.py": {"stream"},  # the same
     "bench/options.py": {"watch"},  # an option of bench fit
+    "bench/export/write.py": {"watch"},  # a file of C
     "bench/commands/fit.py": {"watch"},
     "bench/export/measure.py": {"chip"},  # a target of the Makefile
     "bench/corpora/read/haart.py": {"cell"},  # columns of its files
@@ -297,6 +310,7 @@ def test_no_other_file_names_a_kind_or_a_circumstance():
         words = {
             node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)
         }
+        words |= {name for name in names for word in words if re.match(rf"{re.escape(name)}\.\w", word)}
         imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
         if here := names & (words | imported):
             found[str(path.relative_to(root))] = here

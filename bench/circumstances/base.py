@@ -8,12 +8,14 @@ figure, candidates and budgets come from here; it may replace each of them.
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from bench.candidate import Candidate, Losses, Wish
+from bench.comparable import shared
 from bench.kinds.base import Options, Shown
 from bench.kinds.base import option as option
 from bench.measures import Measure, percent
@@ -94,6 +96,10 @@ class Circumstance(Options, Shown):
             InputError: it cannot be.
         """
 
+    def warnings(self, plan: Plan) -> list[str]:
+        """Warnings before the run; equal ones of several runs are printed once."""
+        return []
+
     def cases(self, at: Fitted) -> Iterator[Case]:
         """What is changed, a case at a time.
 
@@ -148,7 +154,8 @@ class Circumstance(Options, Shown):
 
         table = curve(tables[LABELS], self.key)
         numbers = {f"accuracy.{r.case}.{r.level:g}": r.accuracy for r in table.itertuples()}
-        return numbers | {f"loss.{case}": lost for case, lost in loss(table).items()}, {self.key: table}
+        numbers |= {f"loss.{case}": lost for case, lost in loss(table).items()}
+        return numbers | {f"loss.{self.key}": float(table["loss"].mean())}, {self.key: table}
 
     @staticmethod
     def in_turn(
@@ -160,7 +167,7 @@ class Circumstance(Options, Shown):
         result: FoldResult,
         threads: int,
     ) -> None:
-        """Add what circumstances make of a fold to its result, one after the other."""
+        """Add what circumstances make of a fold to its result, one after the other; one that fails leaves the rest."""
         import pandas as pd
 
         from bench.work.fitted import Fitted
@@ -168,7 +175,11 @@ class Circumstance(Options, Shown):
         at = Fitted(cell, corpus, fold, system, result.table, threads)
         result.tables = {LABELS: at.clean()}
         for circumstance in circumstances:
-            done = circumstance.fold(at)
+            try:
+                done = circumstance.fold(at)
+            except (Exception, SystemExit):  # a system may raise anything
+                result.failed[circumstance.key] = traceback.format_exc()
+                continue
             result.metrics |= done.metrics
             result.times |= done.times
             result.batch_effects += done.batch_effects
@@ -217,7 +228,9 @@ class Circumstance(Options, Shown):
 
     @classmethod
     def holds(cls, result: Result) -> bool:
-        """Whether a run has the circumstance."""
+        """Whether a run has the circumstance, in all folds."""
+        if cls.key in result.failed:
+            return False
         return result.about.get(cls.tracked[0] if cls.tracked else cls.key, cls.absent) != cls.absent
 
     @classmethod
@@ -225,10 +238,20 @@ class Circumstance(Options, Shown):
         """Accuracy in each case, and the mean loss; its own columns alone where it counts nothing."""
         if not cls.noun:
             return cls.shown
-        names = dict.fromkeys(k for r in results for k in r.metrics if k.startswith(f"accuracy.{cls.key}."))
-        levels = sorted((name.rpartition(".")[2] for name in names), key=float)
-        columns = [percent(f"at_{n}", f"{n} {cls.noun}", f"accuracy.{cls.key}.{n}", spare=1) for n in levels]
+        curves = [table for r in results if (table := r.tables.get(cls.key)) is not None]
+        cases = dict.fromkeys(case for table in curves for case in table["case"])
+        levels = {case: {*(n for t in curves for n in t["level"][t["case"] == case])} for case in cases}
+        columns = [
+            percent(f"{case}_at_{n:g}", cls.words_of(case, n), f"accuracy.{case}.{n:g}", spare=1)
+            for case in cases
+            for n in sorted(levels[case])
+        ]
         return [*columns, percent("loss", "mean loss", f"loss.{cls.key}"), *cls.shown]
+
+    @classmethod
+    def words_of(cls, case: str, level: float) -> str:
+        """A case in words: its name if it has one, and its level."""
+        return f"{case}, " * (case != cls.key) + f"{level:g} {cls.noun or cls.key}"
 
     @classmethod
     def figure(cls, result: Result, folder: Path) -> None:
@@ -256,9 +279,10 @@ class Circumstance(Options, Shown):
     @classmethod
     def candidates(cls, result: Result, wish: Wish) -> Iterable[Candidate]:
         """The system in each case, scored by whole captures."""
+        told = shared(result, cls.alike)
         table = result.tables[LABELS]
-        for (_, level), rows in table[table["circumstance"] == cls.key].groupby(["case", "level"], sort=False):
-            yield Candidate(f"{level:g} {cls.noun or cls.key}", wish.reactions.scores(rows))
+        for (case, level), rows in table[table["circumstance"] == cls.key].groupby(["case", "level"], sort=False):
+            yield Candidate(", ".join([cls.words_of(case, level), *told]), wish.reactions.scores(rows))
 
     @classmethod
     def lends(cls, result: Result) -> dict[str, float]:

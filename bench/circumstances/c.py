@@ -86,7 +86,7 @@ class InC(Circumstance):
         return [type(self), network]
 
     def refuse(self, plan: Plan) -> None:
-        """Refuse a system that has no C, and a machine without the programs; warn where no watcher can be learned.
+        """Refuse a system that has no C, and a machine without the programs.
 
         Raises:
             InputError: either.
@@ -94,6 +94,12 @@ class InC(Circumstance):
         from bench.export.in_c import refuse
 
         refuse(plan)
+
+    def warnings(self, plan: Plan) -> list[str]:
+        """Warn where no watcher can be learned."""
+        from bench.export.in_c import warnings
+
+        return warnings(plan)
 
     def fold(self, at: Fitted) -> FoldResult:
         """Labels of the test captures by the C; bytes and instructions."""

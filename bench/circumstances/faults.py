@@ -57,6 +57,9 @@ def _of(part: str, whole: str) -> Any:
     return lambda row: f"{row[part]:.0f} of {row[whole]:.0f}" if part in row else None
 
 
+_failing = _of("failing_slices.under", "tested_slices.under")  # of captures as they are, and of damaged ones
+
+
 def _measured_by(losses: Losses) -> dict[str, str]:
     return {"faults": ",".join(losses.names)}
 
@@ -186,7 +189,7 @@ class Faults(Circumstance):
         Measure("mean_loss", "mean loss", _mean_loss),
         Measure("trained", "faults trained on", _of("faults_trained", "faults_tested"), spare=2),
         text("worst_fault", "worst fault", _worst_fault),
-        Measure("failing", "failing groups", _of("failing_slices", "tested_slices")),
+        Measure("failing", "failing groups", _failing),
     )
     costs: ClassVar[tuple[Cost, ...]] = (
         replace(
@@ -223,7 +226,7 @@ class Faults(Circumstance):
         """The loss under each fault, and where each system fails first."""
         from reports.fault_curves import fault_section
 
-        return fault_section(results, folder)
+        return fault_section(results, folder, _failing)
 
     @classmethod
     def brief(cls, results: Sequence[Result]) -> tuple[str, str] | None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 from bench.arguments import Values, items
 from bench.circumstances.base import Circumstance, option
 from bench.errors import InputError
-from bench.kinds.base import Spelling
+from bench.kinds.base import Spelling, typed_as
 from bench.measures import Cost, Measure, percent
 from bench.options import Command, Option
 
@@ -39,7 +39,11 @@ class Instants(Circumstance):
     tracked: ClassVar[tuple[str, ...]] = ("stream.start", "stream.hop_ms", "stream.after", "stream.stopping")
     word: ClassVar[str] = "time"
     columns: ClassVar[frozenset[str]] = frozenset({"instant", "confidence", "settled"})
-    alike: ClassVar[tuple[str, ...]] = ("stream.start", "stream.hop_ms", "stream.after")
+    alike: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "stream.start": ("from the {} of the capture", "onset"),
+        "stream.hop_ms": ("a decision every {} ms", "None"),
+        "stream.after": ("after {} ms", EACH),
+    }
 
     after: tuple[float, ...] = option(
         (), "touch seen before a label, such as 250ms,1s, or each for a series", type="ms"
@@ -49,6 +53,10 @@ class Instants(Circumstance):
     )
     start: str = option("onset", "start of the replay; middle skips half a capture", ("onset", "middle"))
     stopping: bool = option(False, "yes: learn on training subjects when to stop, with fits of its own", type="yes")
+
+    def __post_init__(self) -> None:
+        """Put the times in order."""
+        object.__setattr__(self, "after", tuple(sorted({*self.after})))
 
     @classmethod
     def of(cls, values: Values) -> list[Self]:
@@ -62,6 +70,8 @@ class Instants(Circumstance):
             if "hop_ms" in values:
                 raise InputError(f"hop_ms={values['hop_ms']}: after= names the times; leave one of them out")
             return super().of(values)
+        if len(times) > 1:
+            raise InputError(f"after={','.join(map(str, times))}: each stands alone; give each, or times")
         return super().of({k: v for k, v in values.items() if k != "after"})
 
     @property
@@ -73,7 +83,7 @@ class Instants(Circumstance):
 
     def options(self) -> dict[str, object]:
         """Times, hop, start, and whether stopping is learned."""
-        times = ", ".join(f"{ms:g}" for ms in self.after) or EACH
+        times = ", ".join(map(typed_as, self.after)) or EACH
         return {
             "stream.start": self.start,
             "stream.hop_ms": self.hop_ms,
@@ -83,7 +93,7 @@ class Instants(Circumstance):
 
     def changed(self) -> dict[str, str]:
         """The options as typed."""
-        times = ",".join(f"{ms:g}ms" for ms in self.after) or EACH
+        times = ",".join(f"{typed_as(ms)}ms" for ms in self.after) or EACH
         return {"after": times} | {k: v for k, v in super().changed().items() if k != "after"}
 
     def refuse(self, plan: Plan) -> None:
@@ -92,7 +102,6 @@ class Instants(Circumstance):
         Raises:
             InputError: a training part of one subject, or of subjects one of whom has all but one class.
         """
-        from bench.progress import warn
         from bench.work.replay import unlearnable
 
         self.replay.check(plan.corpus.rate_hz)
@@ -102,11 +111,21 @@ class Instants(Circumstance):
                     f"protocol={plan.cell.protocol}: fold {fold.name} learns when to stop by leaving training subjects "
                     f"out, and {why}; choose another protocol or more captures"
                 )
+
+    def warnings(self, plan: Plan) -> list[str]:
+        """Warn of times at which no capture goes on, and of captures of equal length."""
+        lines, longest = [], 1000 * max(plan.corpus.lengths) / plan.corpus.rate_hz
+        if late := [typed_as(ms) + "ms" for ms in self.after if ms > longest]:
+            lines.append(
+                f"warning: {plan.cell.data}: after={','.join(late)}: no capture lasts so long; the longest takes "
+                f"{longest:.0f} ms"
+            )
         if len(set(plan.corpus.lengths)) == 1:
-            warn(
+            lines.append(
                 f"warning: {plan.cell.data}: all captures have the same length, so features that grow with time are "
                 "trained on one duration only; early labels of these features may be wrong"
             )
+        return lines
 
     def depends(self) -> list[Code]:
         """The code of the replay."""
@@ -169,21 +188,15 @@ class Instants(Circumstance):
             ),
         )
     }
-    heading: ClassVar[str] = (
-        "Accuracy in percent, mean over subjects, against touch seen; stopping learned on training subjects"
-    )
+    heading: ClassVar[str] = "Accuracy in percent, mean over subjects, against touch seen"
     ranked: ClassVar[bool] = True
     score: ClassVar[str] = "replay_accuracy"
     shown: ClassVar[tuple[Measure, ...]] = (
         Measure("start", read="stream.start", spare=10),
-        *(
-            percent(f"at_{ms}", f"{ms} ms", f"accuracy_at_{ms}_ms", spare={2000: 6, 250: 5}.get(ms, 0))
-            for ms in SHOWN_MS
-        ),
         percent("accuracy", "whole", "replay_accuracy", ends="replay_accuracy"),
         Measure("mean_ms", "mean ms", form=".0f", spare=16),
-        percent("adaptive_accuracy", "early stop %", spare=1),
-        Measure("adaptive_ms", "at mean ms", form=".0f", spare=1),
+        percent("adaptive_accuracy", "early stop %"),
+        Measure("adaptive_ms", "at mean ms", form=".0f"),
         Measure("decide_ms", "decision ms", tuple(f"replay_ms_p{p}" for p in (50, 95, 99)), spare=14),
         Measure("decisions_per_second", "decisions per s", form=".0f", spare=15),
         Measure("system_hop_ms", "system hop ms", form=".0f", spare=17),
@@ -205,18 +218,35 @@ class Instants(Circumstance):
 
     @classmethod
     def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
-        """Columns of times that were asked for, or of round ones."""
-        names = dict.fromkeys(k for r in results for k in r.metrics if k.startswith("accuracy_at_"))
-        others = [k for k in names if k not in {f"accuracy_at_{ms}_ms" for ms in SHOWN_MS}]
-        own = [percent(k.removeprefix("accuracy_"), k.split("_")[2] + " ms", k, spare=7) for k in others]
-        return [cls.shown[0], *own, *cls.shown[1:]]
+        """Columns of the times that results have, and of early stopping where it was learned."""
+        start, *others = (m for m in cls.shown if cls._learned(results) or not m.key.startswith("adaptive"))
+        return [start, *cls.seen(results), *others]
+
+    @classmethod
+    def seen(cls, results: Sequence[Result]) -> list[Measure]:
+        """Accuracy after each time that was asked for, or after round ones."""
+        times = {k.split("_")[2] for r in results for k in r.metrics if k.startswith("accuracy_at_")}
+        spare = {"500": 0, "1000": 0, "250": 5, "2000": 6}
+        return [
+            percent(f"at_{ms}", f"{ms} ms", f"accuracy_at_{ms}_ms", spare=spare.get(ms, 7))
+            for ms in sorted(times, key=float)
+        ]
+
+    @classmethod
+    def title(cls, results: Sequence[Result]) -> str:
+        """Heading of the table, which says whether stopping was learned."""
+        return cls.heading + "; stopping learned on training subjects" * cls._learned(results)
+
+    @classmethod
+    def _learned(cls, results: Sequence[Result]) -> bool:
+        return any("adaptive_accuracy" in r for r in results)
 
     @classmethod
     def write(cls, results: Sequence[Result], folder: Path) -> list[str]:
         """Write the curves and their figure."""
         from reports.streaming import write_streaming
 
-        paths = write_streaming(results, folder)
+        paths = write_streaming(results, folder, cls.alike)
         return [f"figure and tables: {', '.join(map(str, paths))}"] if paths else []
 
     @classmethod
@@ -229,21 +259,21 @@ class Instants(Circumstance):
         """Draw accuracy against touch seen."""
         from reports.streaming import figure
 
-        figure([result], folder)
+        figure([result], folder, cls.alike)
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
         """Accuracy against touch seen, and the result of stopping at the learned threshold."""
         from reports.streaming import stream_section
 
-        return stream_section(results, folder)
+        return stream_section(results, folder, cls.alike, cls.seen)
 
     @classmethod
     def brief(cls, results: Sequence[Result]) -> tuple[str, str] | None:
         """The best system with early decisions."""
         from reports.streaming import early
 
-        return early(results)
+        return early(results, cls.alike)
 
     @classmethod
     def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
@@ -270,6 +300,6 @@ class Instants(Circumstance):
     @classmethod
     def candidates(cls, result: Result, wish: Wish) -> Iterator[Candidate]:
         """The system after each time that is soon enough."""
-        from bench.outcomes.stopping import early_candidates
+        from bench.outcomes.scored import early_candidates
 
         return early_candidates(result, wish)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from bench.circumstances.base import LABELS, Case, Circumstance, option
 from bench.errors import InputError
+from bench.measures import Measure, percent
 from bench.usual import CLEAN
 
 if TYPE_CHECKING:
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from bench.measures import Measure
     from bench.outcomes.results import FoldResult
     from bench.plan.plan import Plan
     from bench.result import Result
@@ -90,7 +90,9 @@ class Subjects(Circumstance):
     @classmethod
     def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
         """Accuracy with each number of subjects."""
-        return [column for column in super().shows(results) if column.key != "loss"]
+        begin = f"accuracy.{cls.key}."
+        numbers = {k.removeprefix(begin) for r in results for k in r.metrics if k.startswith(begin)}
+        return [percent(f"at_{n}", f"{n} {cls.noun}", begin + n, spare=1) for n in sorted(numbers, key=float)]
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> None:

@@ -238,8 +238,10 @@ def chosen(values: Values) -> Chosen:
 
 def _lacking(among: Candidates, asked: list[str], scene: Scene) -> dict[str, list[str]]:
     """Commands that measure costs which are asked for and not stored, by what they measure."""
-    wanted = [*dict.fromkeys([*asked, *["fault_loss"] * (scene.faults is not None)])]
-    wanted = [cost for cost in wanted if cost != "worst_fault" or "fault_loss" not in wanted]  # by the same command
+    lossy = [name for name, cost in costs().items() if cost.losses]
+    wanted = [*dict.fromkeys([*asked, *lossy[: scene.faults is not None]])]
+    first = {costs()[name].command: name for name in reversed(lossy) if name in wanted}  # which measures all
+    wanted = [name for name in wanted if name not in lossy or first[costs()[name].command] == name]
     return {
         f"The {costs()[cost].noun} of {several(len(commands), 'system')}": commands
         for cost, commands in missing(among.table, wanted, scene.faults).items()

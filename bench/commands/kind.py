@@ -11,7 +11,7 @@ from bench.commands.printing import output, say, show, then, writable
 from bench.errors import InputError
 from bench.options import keys, makers
 from bench.plan.cells import Cell, cells
-from bench.registry import classes
+from bench.registry import check_loaded, classes
 from bench.result import Result
 from bench.table import Table
 from bench.work.experiment import Experiment
@@ -24,7 +24,11 @@ def command(name: str, arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments or the data cannot be used; nothing was run.
     """
-    values = parse(arguments, keys(name))
+    try:
+        values = parse(arguments, keys(name))
+    except InputError:
+        check_loaded()  # the key may be one of such a package
+        raise
     spelling = makers()[name].spelling
     if spelling.live and spelling.live_keys[0].key in values:
         key = spelling.live_keys[0].key
@@ -72,7 +76,7 @@ def printed(name: str, results: list[Result], folder: Path | None = None) -> int
     maker = makers()[name]
     views = maker.kind.views(results) if maker.view is maker.kind else [(maker.view, results)]
     code = show(results, views)
-    scored = [r for r in results if r.scored]
+    scored = [r for r in results if r.scored and maker.view.holds(r)]
     if folder is not None:
         say(*maker.view.write(scored, folder))
     for view, members in views:

@@ -89,7 +89,7 @@ def contexts(results: Sequence[Result], view: type[Shown]) -> list[list[Result]]
     """The results of runs that were measured, by captures and protocol: only these may be compared."""
     groups: dict[tuple, list[Result]] = {}
     for result in results:
-        if result.scored:
+        if result.scored and view.score in result:
             groups.setdefault(alike(result, view.alike), []).append(result)
     return [*groups.values()]
 
@@ -161,7 +161,7 @@ def runs_table(results: Sequence[Result], view: type[Shown]) -> Table:
     system = text("system", read=lambda r: r.system + " (best)" * (r in marked))
     folds = Measure("folds", read=lambda r: r.folds)
     measures = view.shows(results)
-    title = view.heading
+    title = view.title(results)
     if not differing:
         data, captures_of, protocol = results[0].context
         title = f"{data}, {'all captures' if captures_of == 'all' else captures_of}, {protocol}\n{title}"

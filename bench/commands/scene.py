@@ -20,7 +20,6 @@ from bench.outcomes.groups import LEVELS, Grouping, enough, groupings, reactions
 from bench.outcomes.runs import stored, without_runs
 from bench.outcomes.store import connect
 from bench.progress import warn
-from bench.registry import classes
 from bench.result import Result
 from bench.table import Table, rows_of, write_sheet
 
@@ -90,8 +89,7 @@ def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str]]:
     every = stored(connect())
     for lacking in without_runs([every], asked):
         warn(f"warning: {lacking}: no run is stored")
-    first = next(iter(classes("kinds").values()))
-    results, notes = eligible(every, asked, first, batch=bool(setting("scene", "batch", values)))
+    results, notes = eligible(every, asked, batch=bool(setting("scene", "batch", values)))
     by_system: dict[str, list[Result]] = {}
     for r in results:
         by_system.setdefault(r["system"], []).append(r)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -16,8 +17,6 @@ from bench.export.tables import check
 from bench.export.write import files_of
 from bench.outcomes import scores
 from bench.outcomes.results import FoldResult
-from bench.plan.plan import Plan
-from bench.progress import warn
 from bench.usual import FALSE_ALARMS
 from bench.work.fitted import Fitted
 from bench.work.fold import computing
@@ -26,24 +25,31 @@ from bench.work.saved import Recogniser
 from bench.work.watch import recordings_of, usual
 from bench.work.watcher_training import learned
 
+if TYPE_CHECKING:
+    from bench.plan.plan import Plan
+
 # As large as what `bench fit` teaches, which takes three more fits; it changes no probability.
 UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), 1.0)
 
 
 def refuse(plan: Plan) -> None:
-    """Refuse a system that has no C, and a machine without the programs; warn where no watcher can be learned.
+    """Refuse a system that has no C, and a machine without the programs.
 
     Raises:
         InputError: either.
     """
-    watches = check(plan.cell.untrained)
+    check(plan.cell.untrained)
     if missing := lacking():
         raise InputError(
             f"bench chip needs {', '.join(missing)}, which are not installed; on Debian, install gcc make "
             "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
         )
-    if watches and (why := _unwatched(plan)):
-        warn(f"warning: costs of watching an endless stream are not measured: {why}")
+
+
+def warnings(plan: Plan) -> list[str]:
+    """Warn where the folds cannot teach a watcher."""
+    why = _unwatched(plan) if check(plan.cell.untrained) else ""
+    return [f"warning: costs of watching an endless stream are not measured: {why}"] if why else []
 
 
 def fold(at: Fitted, bits: int) -> FoldResult:

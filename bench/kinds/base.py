@@ -1,7 +1,7 @@
 """A kind of run, producer and consumer in one: its options, its fold, and how its results are shown and chosen by.
 
-Members that are named in ``consumers`` read what is stored. They are no part of a run's identity, so a changed caption
-keeps all stored runs. Nothing heavy is imported at the top of this file or of a kind's.
+Members that are named in ``consumers`` read what is stored, or warn. They are no part of a run's identity, so a changed
+caption keeps all stored runs. Nothing heavy is imported at the top of this file or of a kind's.
 """
 
 from __future__ import annotations
@@ -32,21 +32,16 @@ if TYPE_CHECKING:
 CONSUMERS = frozenset(
     {
         "commands",
-        "summary",
-        "text",
         "heading",
         "ranked",
         "searches",
         "shown",
         "costs",
-        "place",
         "sheets",
+        "seen",
+        "_learned",
         "alike",
-        "mark",
         "noun",
-        "words",
-        "axis",
-        "budget",
         "shows",
         "printed",
         "write",
@@ -57,12 +52,15 @@ CONSUMERS = frozenset(
         "lends",
         "lost",
         "then",
+        "title",
+        "words_of",
         "holds",
         "score",
         "unit",
         "recordings",
         "made_by",
         "views",
+        "warnings",
         "unseen",
         "held",
         "tracked",
@@ -129,7 +127,8 @@ class Shown:
         searches: True if what a search has chosen in each fold is printed.
         score: number by which results are ranked.
         costs: costs by which systems are chosen, besides those of every run.
-        alike: parameters that two results share if they may be compared.
+        alike: parameters that two results share if they may be compared: words with ``{}`` for the value, and the
+            usual value, which needs no words.
     """
 
     consumers: ClassVar[frozenset[str]] = CONSUMERS
@@ -140,12 +139,17 @@ class Shown:
     searches: ClassVar[bool] = False
     score: ClassVar[str] = "accuracy"
     costs: ClassVar[tuple[Cost, ...]] = ()
-    alike: ClassVar[tuple[str, ...]] = ()
+    alike: ClassVar[Mapping[str, tuple[str, str]]] = {}
 
     @classmethod
     def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
         """Columns of the table of some results, after system, data, subset and protocol."""
         return cls.shown
+
+    @classmethod
+    def title(cls, results: Sequence[Result]) -> str:
+        """Heading of the table of some results."""
+        return cls.heading
 
     @classmethod
     def printed(cls, results: Sequence[Result]) -> Iterator[str | Table]:
@@ -263,7 +267,7 @@ def read(one: Option, value: object) -> Any:
             raise InputError(f"{one.key}={number}: give whole numbers of at least 1")
         return number
     if isinstance(one.default, tuple):
-        return str(value)
+        one = dataclasses.replace(one, default=next(iter(one.default), False if one.type == "yes" else ""))
     return value_of(one, value)
 
 
@@ -271,7 +275,7 @@ def typed_as(value: object) -> str:
     """A value as it is typed."""
     if isinstance(value, tuple):
         return ",".join(map(typed_as, value))
-    return f"{value:g}" if isinstance(value, float) else text_of(value)
+    return text_of(value).removesuffix(".0") if isinstance(value, float) else text_of(value)
 
 
 @dataclass(frozen=True)

@@ -109,6 +109,10 @@ class Captures(Kind):
                 )
             c.refuse(plan)
 
+    def warnings(self, plan: Plan) -> list[str]:
+        """Those of its circumstances."""
+        return [line for c in self.circumstances for line in c.warnings(plan)]
+
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Predictions of the test captures and their costs; labels in each circumstance."""
         from bench.work.evaluation import evaluated
@@ -123,7 +127,7 @@ class Captures(Kind):
         from bench.outcomes import scores
         from bench.outcomes.results import costs
 
-        more = (c.fold_metrics(result, rate_hz) for c in self.circumstances)
+        more = (c.fold_metrics(result, rate_hz) for c in self.circumstances if c.key not in result.failed)
         return (
             {k: v for numbers in more for k, v in numbers.items()} | scores.accuracies(result.table) | costs([result])
         )
@@ -135,9 +139,10 @@ class Captures(Kind):
         rate_hz = plan.corpus.rate_hz
         numbers, tables, unit = measured(folds, rate_hz)
         stored, more = tables_of(folds), {}
-        for c in self.circumstances[:1]:
+        whole = [c for c in self.circumstances if not any(c.key in fold.failed for fold in folds)]
+        for c in whole[:1]:
             every = {"predictions": tables["predictions"], **stored}
-            more, made = c.all_measured(self.circumstances, every, folds, rate_hz, about["target"])
+            more, made = c.all_measured(whole, every, folds, rate_hz, about["target"])
             tables |= made
         return Result({**about, "unit": unit}, more | numbers, tables | stored)
 
@@ -215,7 +220,7 @@ class Captures(Kind):
         from reports.details import draw
 
         draw(result, folder)
-        for c in self.circumstances:
+        for c in (c for c in self.circumstances if c.holds(result)):
             c.figure(result, folder)
 
     @classmethod
@@ -267,7 +272,9 @@ class Captures(Kind):
     ) -> Iterator[Candidate]:
         """Candidates without the costs of other circumstances of the run, unless these lend them."""
         others = [c for c in cls.held([result]) if c is not mine]
-        costs = [cost for c in others for cost in c.costs if cost.command and cost.read not in c.lends(result)]
+        costs = [
+            cost for c in others for cost in c.costs if cost.command and (cost.read or cost.key) not in c.lends(result)
+        ]
         for way in ways:
             yield replace(way, stored={cost.key: "" for cost in costs} | dict(way.stored))
 

@@ -103,7 +103,10 @@ class Continuous(Kind):
     recordings: ClassVar[bool] = True
     other: ClassVar[str] = "with another background"
     meaning: ClassVar[str] = "The score is of touches in recordings, with the label at the end."
-    alike: ClassVar[tuple[str, ...]] = ("watch.background", "watch.unknown")
+    alike: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "watch.background": ("background: {}", ""),
+        "watch.unknown": ("unknown gesture: {}", ""),
+    }
     shown: ClassVar[tuple[Measure, ...]] = (
         Measure("auroc", "AUROC", form=".2f", spare=1),
         percent("rejected_unknown", "rejected unknown", spare=1),
@@ -164,14 +167,14 @@ class Continuous(Kind):
         """Draw the timeline and missed touches against false alarms."""
         from reports.watching import draw
 
-        draw(result, folder)
+        draw(result, folder, self.alike)
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
         """A figure for each group of comparable runs, and a sentence on each system."""
         from reports.watching import watch_section
 
-        return watch_section(results, folder)
+        return watch_section(results, folder, cls.alike)
 
     @classmethod
     def chosen(cls, row: Mapping[str, Any]) -> str:

@@ -12,7 +12,7 @@ import pandas as pd
 
 from bench.arguments import quoted, typed
 from bench.candidate import Candidate, Losses, Wish
-from bench.comparable import COMPARABLE, CONDITIONS, Row, context_of, facts_of, seed_number, several
+from bench.comparable import COMPARABLE, CONDITIONS, Row, alike, context_of, facts_of, seed_number, several
 from bench.errors import InputError
 from bench.measures import Interval, costs, costs_of
 from bench.outcomes.pick import People
@@ -91,9 +91,9 @@ def candidates(
     fixed = [name for name, cost in mine.items() if not cost.personal]
     every = [r for r in results if r.kind in kinds and kinds[r.kind][1].offers(r, wish)]
     shots = "".join(f" protocol=personal protocol.shots={number}" for number in asked.get("shots", []))
-    command, kind = next(iter(kinds.values()))
+    command = next(iter(kinds.values()))[0]
     command += "" if recordings else shots
-    chosen, notes = eligible(every, asked, kind, batch, command)
+    chosen, notes = eligible(every, asked, batch, command)
     lent: dict[str, dict[str, float]] = {}
     for r in chosen:
         lent.setdefault(str(r["system"]), {}).update(kinds[r.kind][1].lends(r))
@@ -247,7 +247,6 @@ def elsewhere(
 def eligible(
     results: Sequence[Result],
     asked: Mapping[str, list[str]],
-    kind: Any,
     batch: bool = False,
     command: str = "run",
 ) -> tuple[list[Result], list[str]]:
@@ -257,7 +256,6 @@ def eligible(
         results: results of some kinds of run.
         asked: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to choose among, and
             number of ``shots``; parameters of the protocol by their dotted names; or values of `COMPARABLE`.
-        kind: kind of run of these results.
         batch: True to include systems whose predictions depend on the other captures of the batch.
         command: command that makes such runs.
 
@@ -269,7 +267,7 @@ def eligible(
     complete = [r for r in kept if r.complete]
     notes: list[str] = []
     if complete and "protocol_label" not in asked:
-        complete, notes = _newest(complete, kind)
+        complete, notes = _newest(complete)
     same = {tuple(str(r[name]) for name in COMPARABLE) for r in complete}
     systems = {r["system"] for r in complete}
     failed = [r for r in kept if not r.complete and r["system"] not in systems]
@@ -309,8 +307,10 @@ def _asked(results: Sequence[Result], asked: Mapping[str, list[str]]) -> list[Re
     return selected(results, {"target": ["gesture"], **asked})
 
 
-def _newest(results: Sequence[Result], kind: Any) -> tuple[list[Result], list[str]]:
+def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
     """The results on the captures and under the protocol of the newest, and how many others are left out.
+
+    Parameters that results of a kind share are those of the newest of this kind.
 
     Raises:
         InputError: arguments of `bench choose` can tell them apart.
@@ -320,15 +320,18 @@ def _newest(results: Sequence[Result], kind: Any) -> tuple[list[Result], list[st
         raise InputError(
             f"runs on different captures or protocols cannot be compared; name one of: {'; '.join(arguments[:4])}"
         )
-    same = [*COMPARABLE, "protocol", *kind.alike]
+    kinds = {kind.tag: kind for kind in classes("kinds").values()}
     newest = max(results, key=lambda r: r["started"])
-    kept = [r for r in results if all(r.get(name) == newest.get(name) for name in same)]
+    here = [r for r in results if alike(r, ["protocol"]) == alike(newest, ["protocol"])]
+    last = {r.kind: alike(r, kinds[r.kind].alike) for r in sorted(here, key=lambda r: r["started"])}
+    kept = [r for r in here if alike(r, kinds[r.kind].alike) == last[r.kind]]
     notes = []
     if others := [r for r in results if r not in kept]:
+        apart = dict.fromkeys(filter(None, (kinds[r.kind].other for r in others)))
         versions = ", ".join(dict.fromkeys(str(r["corpus_digest"])[:8] for r in others))
         notes.append(
             f"Left out: {several(len(others), 'older run')} on other captures of {newest['data']} or under "
-            f"another version of the protocol{f', or {kind.other}' * bool(kind.other)} (corpus {versions})."
+            f"another version of the protocol{''.join(f', or {words}' for words in apart)} (corpus {versions})."
         )
     return kept, notes
 

@@ -49,6 +49,8 @@ def adopted(result: Result) -> Result:
     if kind == "stream":
         about |= {"stream.after": "each", "stream.stopping": "True"}
     numbers = {RENAMED[kind].get(name, name): value for name, value in result.metrics.items()}
+    if kind == "stress":
+        numbers |= {f"{n}.under": numbers[n] for n in ("failing_slices", "tested_slices") if n in numbers}
     return Result(about, numbers, _Adopted(result, kind), result.errors)
 
 

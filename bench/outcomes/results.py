@@ -29,6 +29,7 @@ class FoldResult:
         trials: compared trials, a row each.
         batch_effects: sentences on captures whose prediction depends on those predicted together with them.
         error: error of a fold that failed.
+        failed: traceback of each circumstance that failed, by its key; the fold has the rest.
         tables: further tables by name, such as the labels in circumstances.
         times: further milliseconds by name, one per timed decision.
         scored: tracked values of the fold, as its kind of run measures them.
@@ -45,6 +46,7 @@ class FoldResult:
     trials: pd.DataFrame | None = None
     batch_effects: list[str] = field(default_factory=list)
     error: str = ""
+    failed: dict[str, str] = field(default_factory=dict)
     tables: dict[str, pd.DataFrame] = field(default_factory=dict)
     times: dict[str, list[float]] = field(default_factory=dict)
     scored: dict[str, float] = field(default_factory=dict)
@@ -52,11 +54,8 @@ class FoldResult:
 
     @property
     def reason(self) -> str:
-        """The exception of a fold that failed, in one line: the first line after the last place in the code."""
-        lines = self.error.strip().splitlines()
-        last = max((i for i, line in enumerate(lines) if line.startswith('  File "')), default=-1)
-        line = next((line for line in lines[last + 1 :] if line and not line[0].isspace()), lines[-1])
-        return line.removeprefix("bench.errors.")
+        """The exception of a fold that failed, or of the first circumstance that did, in one line."""
+        return reason_of(self.error or next(iter(self.failed.values())))
 
     @property
     def table(self) -> pd.DataFrame:
@@ -64,6 +63,14 @@ class FoldResult:
         if self.predictions is None:
             raise ValueError(f"fold {self.name} has no predictions")
         return self.predictions
+
+
+def reason_of(error: str) -> str:
+    """The exception of a traceback in one line: the first line after the last place in the code."""
+    lines = error.strip().splitlines()
+    last = max((i for i, line in enumerate(lines) if line.startswith('  File "')), default=-1)
+    line = next((line for line in lines[last + 1 :] if line and not line[0].isspace()), lines[-1])
+    return line.removeprefix("bench.errors.")
 
 
 def table_of(results: list[FoldResult]) -> pd.DataFrame:

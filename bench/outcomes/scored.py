@@ -1,16 +1,19 @@
-"""The ways in which a run labels, for a choice: Python on captures or windows, and systems that watch."""
+"""The ways in which a run labels, for a choice: Python on captures, windows or early, and systems that watch."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
 import pandas as pd
 
-from bench.candidate import Candidate, Wish
+from bench.candidate import EARLY, Candidate, Wish
 from bench.errors import InputError
 from bench.outcomes.reactions import by_capture, by_decision
 from bench.outcomes.runs import subject_accuracy
 from bench.outcomes.scores import captures
+from bench.outcomes.stopping import standing
+from bench.paired import TOLERANCE
 from bench.result import Result
 from bench.usual import FALSE_ALARMS, NO_TOUCH
 
@@ -29,6 +32,20 @@ def plain_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
     stored = pd.Series(subject_accuracy(result), dtype=float) if reactions.plain else pd.Series(dtype=float)
     scores = stored if len(stored) else reactions.scores(by_capture(result.tables["predictions"], reactions))
     yield Candidate("capture", scores, whole=True)
+
+
+def early_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
+    """A replayed system after the last time that is soon enough, or after each; none where no time was asked for."""
+    if wish.most is None:
+        return
+    table, instants = result.tables["replay"], result.tables["instants"]["ms"].tolist()
+    decided = [*zip(instants, np.sort(table["instant"].unique()), strict=True)]  # ms, frames
+    if np.isfinite(wish.most):  # the last that is soon enough, else the first
+        decided = [one for one in decided if one[0] <= wish.most * (1 + TOLERANCE)][-1:] or decided[:1]
+    for ms, frames in decided:
+        scores = wish.reactions.scores(by_decision(standing(table, frames), wish.reactions))
+        apart, stored = (str(result["stream.hop_ms"]),), {"predict": "replay_ms_p50"}
+        yield Candidate(f"first {ms:.0f} ms", scores, stored, {"decision": ms}, apart, mark=EARLY)
 
 
 def watched_candidates(result: Result, wish: Wish, unit: str) -> Iterator[Candidate]:

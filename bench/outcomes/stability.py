@@ -27,6 +27,7 @@ ALPHA = 0.05
 SINGLE, PAIRS = "single slices", "pairs"
 FEWEST = 10  # units of a slice
 EXACT_SUBJECTS = 16
+FAMILIES = 4  # of slices, each with its own correction of p
 FLIPS = 2**EXACT_SUBJECTS
 LENGTH_BINS = 5
 
@@ -36,6 +37,9 @@ def sliced(
 ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
     """Where a system fails: numbers, and the tables ``conditions`` and ``slices``.
 
+    Each circumstance is tested as if it were the only one. ``failing_slices.<key>`` counts the groups of captures as
+    they are, and those in the circumstance; ``failing_slices`` counts all.
+
     Args:
         labels: table of the run (`bench.outcomes.curves`).
         words: a word for each case of the circumstances in which groups of captures are tested, too, by their keys.
@@ -43,9 +47,16 @@ def sliced(
     """
     labels = labels.assign(hit=labels["true"] == labels["predicted"], subject=labels["subject"].astype(str))
     units = unharmed(labels)
-    tables = {"conditions": conditions(units, target), "slices": slices(labels, words, target)}
+    parts = {
+        key: slices(labels[labels["circumstance"].isin(["", key])], {key: word}, target) for key, word in words.items()
+    } or {"": slices(units, {}, target)}
+    first, *others = parts.values()
+    every = pd.concat([first, *(part[part["fault"] != ""] for part in others)], ignore_index=True)
+    tables = {"conditions": conditions(units, target), "slices": every}
     numbers: dict[str, float] = {"chance": chance_of(units)}
-    numbers |= {f"{name}_slices": int(tables["slices"][name].sum()) for name in ("failing", "tested")}
+    for name in ("failing", "tested"):
+        numbers |= {f"{name}_slices": int(every[name].sum())}
+        numbers |= {f"{name}_slices.{key}": int(part[name].sum()) for key, part in parts.items() if key}
     worst = tables["conditions"].groupby("factor", sort=False)["accuracy"].min()
     return numbers | {f"worst.{_plain(str(factor))}": accuracy for factor, accuracy in worst.items()}, tables
 
@@ -67,7 +78,7 @@ def fault_tables(labels: pd.DataFrame, key: str) -> dict[str, pd.DataFrame]:
         labels: table of the run.
         key: circumstance of the faults.
     """
-    table = curve(labels, key).rename(columns={"case": "fault", "level": "severity"})
+    table = curve(labels, key).rename(columns={"case": "fault", "level": "severity"}).astype({"severity": int})
     units = unharmed(labels)
     names = ["fault", "severity", "amount", "captures", "accuracy", "low", "high", "loss", "broken", "mended"]
     names += [name for name in ("abstained",) if name in table]
@@ -176,8 +187,8 @@ def slices(table: pd.DataFrame, words: Mapping[str, str], target: str) -> pd.Dat
     habit. Within one subject only the binomial test against the method's accuracy is left; it speaks of that subject.
 
     ``p_corrected`` is by Benjamini and Hochberg over all slices that are ``tested``, in four families (`families`) with
-    a quarter of the error rate each, and two more for each circumstance but the first: the many pairs do not hide a
-    fault as such, and faults, most of which fail, do not let others pass. Tested are slices of at least 10 units with
+    a quarter of the error rate each: the many pairs do not hide a fault as such, and faults, most of which fail, do not
+    let others pass. Tested are slices of at least 10 units with
     counts with which p could be 0.05 or less at all (``floor``: the smallest p that the slice can have); this choice
     does not look at labels. ``failing`` is p_corrected of at most 0.05. Runs with fewer than `bench.few.TEST` subjects
     have no p.
@@ -259,10 +270,9 @@ def _tested(
     tested = (total >= FEWEST) & (floor <= ALPHA)
     corrected = np.full(len(p), np.nan)
     family = families(tests)
-    number = number_of_families(tests)
     for name in family.unique():
         if (group := tested & (family == name).to_numpy()).any():
-            corrected[group] = np.minimum(number * false_discovery_control(p[group]), 1)
+            corrected[group] = np.minimum(FAMILIES * false_discovery_control(p[group]), 1)
     return tests.assign(
         captures=total.astype(int),
         subjects=there.sum(axis=1),
@@ -278,14 +288,9 @@ def _tested(
 
 
 def families(tests: pd.DataFrame) -> pd.Series:
-    """Families of slices for correction of p: single ones and pairs, of clean captures and in each circumstance."""
+    """Families of slices for correction of p: single ones and pairs, of clean captures and in a circumstance."""
     pair = tests["kind"].astype(str).str.contains(" x ").map({True: PAIRS, False: SINGLE})
     return pair.where(tests["fault"] == "", pair + " under " + tests["circumstance"].astype(str) + "s")
-
-
-def number_of_families(tests: pd.DataFrame) -> int:
-    """Number of families; four at least, so that a run without faults is as strict as one with faults."""
-    return 2 + 2 * max(1, tests.loc[tests["fault"] != "", "circumstance"].nunique())
 
 
 def flipped(difference: np.ndarray) -> np.ndarray:

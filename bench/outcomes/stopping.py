@@ -6,19 +6,13 @@ Pure functions of the replay table, which `bench.work.replay` describes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import pandas as pd
 
-from bench.candidate import EARLY, Candidate, Wish
-from bench.outcomes.reactions import by_decision
 from bench.outcomes.scores import over_people, windows
-from bench.paired import TOLERANCE, mean_and_error, within_one_standard_error
-
-if TYPE_CHECKING:
-    from bench.result import Result
+from bench.paired import mean_and_error, within_one_standard_error
 
 THRESHOLDS = (*np.round(np.arange(0.05, 0.96, 0.05), 2).tolist(), 0.97, 0.98, 0.99, 0.995, 0.999, np.inf)
 NO_SAVING = "no saving found by deciding early"
@@ -163,17 +157,3 @@ def replay_numbers(
         numbers |= {"adaptive_ms": point["mean_ms"]} | {f"adaptive_{k}": point[k] for k in ("accuracy", "low", "high")}
         made["stopping"] = by_threshold(table, rate_hz)
     return {k: float(v) for k, v in numbers.items() if v == v}, made
-
-
-def early_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
-    """A replayed system after the last time that is soon enough, or after each; none where no time was asked for."""
-    if wish.most is None:
-        return
-    table, instants = result.tables["replay"], result.tables["instants"]["ms"].tolist()
-    decided = [*zip(instants, np.sort(table["instant"].unique()), strict=True)]  # ms, frames
-    if np.isfinite(wish.most):  # the last that is soon enough, else the first
-        decided = [one for one in decided if one[0] <= wish.most * (1 + TOLERANCE)][-1:] or decided[:1]
-    for ms, frames in decided:
-        scores = wish.reactions.scores(by_decision(standing(table, frames), wish.reactions))
-        apart = (str(result["stream.hop_ms"]), str(result["stream.after"]))
-        yield Candidate(f"first {ms:.0f} ms", scores, {"predict": "replay_ms_p50"}, {"decision": ms}, apart, mark=EARLY)

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, Task, TextCol
 from rich.text import Text
 
 from bench import progress
-from bench.outcomes.results import FoldResult
+from bench.outcomes.results import FoldResult, reason_of
 from bench.progress import Message, about, messages, seconds_left, smoothed, span
 
 NAMED = 3  # running folds that a line names
@@ -58,6 +58,9 @@ class Bar(Progress):
             self.console.print(f"{named(result.name)} failed: {result.reason}", style="red", markup=False)
         else:  # what failed at once says nothing of the others
             run.fields["seconds"].append(result.seconds)
+        for name, error in result.failed.items():
+            words = f"{named(result.name)}, {name}= failed: {reason_of(error)}"
+            self.console.print(words, style="red", markup=False, soft_wrap=True)
         if not self.console.is_terminal:
             self._estimate(messages(self.folder))
             how = "failed" if result.error else "done"

@@ -89,6 +89,10 @@ class Experiment:
             InputError: it cannot be.
         """
 
+    def warnings(self, plan: Plan) -> list[str]:
+        """Warnings before the run; equal ones of several runs are printed once."""
+        return []
+
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Do one fold, in a worker process; an exception is recorded as the fold's failure.
 

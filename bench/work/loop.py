@@ -21,6 +21,7 @@ from bench.outcomes.store import Store, connect, only_one
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, planned, usable_cores
 from bench.progress import console, warn
+from bench.registry import check_loaded
 from bench.result import Result
 from bench.work.bar import Bar
 from bench.work.experiment import Experiment
@@ -36,9 +37,9 @@ def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment], jobs: int
     """Every cell with every experiment; all is checked before the first fold starts.
 
     Raises:
-        InputError: something in the cells, the data, the experiments or the costs and columns of installed packages
-            cannot be used.
+        InputError: something in the cells, the data, the experiments or what installed packages add cannot be used.
     """
+    check_loaded()
     check_plugged()
     todo = [(plan, experiment) for plan in planned(list(cells), jobs) for experiment in experiments]
     for plan, experiment in todo:
@@ -77,7 +78,8 @@ def execute(todo: Todo, backend: Backend = HERE) -> list[Result]:
                 workers = cluster = Cluster(backend.cluster, todo, warn, folder)
                 todo = [(replace(plan, threads=cluster.threads), experiment) for plan, experiment in todo]
             with workers:
-                for line in dict.fromkeys(line for plan, _ in todo for line in warnings(plan)):
+                every = ([*warnings(plan), *experiment.warnings(plan)] for plan, experiment in todo)
+                for line in dict.fromkeys(line for lines in every for line in lines):
                     warn(line)
                 with Bar(folder) as bar, Queue(connect(writes=True), todo, workers, bar) as queue:
                     return queue.work()

@@ -22,7 +22,7 @@ from bench.outcomes.store import Store
 from bench.outcomes.tables import AGAIN, FOR_PEOPLE, file_of, read_table, uniform, write_table
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan
-from bench.result import Failure, Result, Tables
+from bench.result import FAILED, Failure, Result, Tables
 from bench.source import git_revision, source_digest, versions
 from bench.work.experiment import Experiment
 
@@ -117,6 +117,8 @@ class TrackedRun:
         self.run_id = stored.info.run_id if stored else self._create(key)
         self.started = stored.info.start_time if stored else int(time.time() * 1000)
         self.finished = stored is not None and stored.info.status == "FINISHED"
+        if stored and FAILED in stored.data.tags:
+            self.tags[FAILED] = ""
         self.machine = Machine(self.params["cpu"], self.params.get("simd", "")) if "cpu" in self.params else None
         self.done: dict[str, FoldResult] = {}
         self.others: dict[str, Machine] = {}
@@ -129,6 +131,7 @@ class TrackedRun:
                     self.others[result.name] = Machine(child.data.params["cpu"], child.data.params["simd"])
             else:  # failed, or cut off while it was written: it is run again
                 store.delete(child.info.run_id)
+        self.finished = self.finished and not self.missing
         if not self.finished:
             store.begin(self.run_id)
 
@@ -220,12 +223,16 @@ class TrackedRun:
                 (folder / "timing.json").write_text(json.dumps(timing, default=_plain))
                 chosen = {f"chosen.{k}": v for k, v in result.chosen.items()}
                 self.store.log(child, result.scored, chosen, result.history)
+                if result.failed:
+                    (folder / "traceback.txt").write_text("\n".join(result.failed.values()))
             if result.trials is not None:  # a system may tell what it chose and not among what
                 write_table(result.trials, folder / file_of("trials"))
             self.store.keep(child, folder, "fold")
-        self.store.end(child, "FAILED" if result.error else "FINISHED")
+        self.store.end(child, "FAILED" if result.error or result.failed else "FINISHED")
+        if result.error or result.failed:
+            name = ", ".join([result.name, *(f"{key}=" for key in result.failed)])
+            self.errors[name] = Failure(result.reason, self.store.where(child, "fold/traceback.txt"))
         if result.error:
-            self.errors[result.name] = Failure(result.reason, self.store.where(child, "fold/traceback.txt"))
             return
         self.done[result.name] = result
         if machine and machine != self.machine:
@@ -248,6 +255,8 @@ class TrackedRun:
         """Measure the run from its folds, draw its figures and end it."""
         results, folds = self.results(), len(self.plan.folds)
         self.tags |= _batch_effects(results)
+        if failed := dict.fromkeys(key for r in results for key in r.failed):
+            self.tags[FAILED] = ", ".join(failed)
         about = self._about("FINISHED" if len(results) == folds else "FAILED")
         result = self.experiment.result(self.plan, about, results) if results else Result(about, {}, {})
         added = {name: text for name, text in result.about.items() if name not in about}

@@ -1,5 +1,7 @@
 """The choice among candidates against hand-made ones, and which results become candidates."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +11,6 @@ from bench import measures
 from bench.amounts import quantity
 from bench.candidate import Wish
 from bench.errors import InputError
-from bench.kinds.captures import Captures
 from bench.measures import Cost, budgets
 from bench.outcomes.candidates import PLAIN, candidates, eligible
 from bench.outcomes.choice import decide, sentences
@@ -159,7 +160,7 @@ def run(system, predictions=None, tables=None, **about):
 
 
 def systems(results, asked=None, **how):
-    return sorted(systems_of(eligible(results, asked or {}, Captures, **how)[0]))
+    return sorted(systems_of(eligible(results, asked or {}, **how)[0]))
 
 
 def percents(labelled):
@@ -241,10 +242,20 @@ def test_c_is_a_candidate_with_its_own_size_and_cycles():
 
 def test_runs_on_the_newest_corpus_of_a_name_win():
     results = [run(system, corpus_digest=digest * 64) for system, digest in (("svm", "a"), ("rf", "a"), ("lda", "b"))]
-    kept, (note,) = eligible(results, {}, Captures)
+    kept, (note,) = eligible(results, {})
     assert systems_of(kept) == ["lda"] and "2 older runs" in note and "aaaaaaaa" in note
     asked = {name: [results[0][name]] for name in ("corpus_digest", "protocol_label")}  # as the page asks
     assert systems(results, asked) == ["rf", "svm"]
+
+
+def test_what_results_share_depends_on_their_kind(monkeypatch):
+    late = SimpleNamespace(tag="late", alike={"late.share": ("the last {}", "")}, other="of another share")
+    kinds = {"run": SimpleNamespace(tag="cell", alike={}, other=""), "late": late}
+    monkeypatch.setattr("bench.outcomes.candidates.classes", lambda room: kinds)
+    of = [("svm", "cell", ""), ("rf", "late", "0.5"), ("lda", "late", "0.25"), ("xgb", "cell", "")]
+    results = [run(system, **{"touchbench.kind": kind, "late.share": share}) for system, kind, share in of]
+    kept, (note,) = eligible(results, {})
+    assert sorted(systems_of(kept)) == ["lda", "svm", "xgb"] and "1 older run" in note and "of another share" in note
 
 
 def test_arguments_tell_protocols_apart():
@@ -275,7 +286,7 @@ def test_arguments_tell_protocols_apart():
 def test_a_run_with_a_failed_fold_is_named():
     results = [run("svm"), run("lda"), run("svm", status="FAILED"), run("rf", status="FAILED")]
     results.append(run("xgb", status="FAILED", corpus_digest="e" * 64))  # elsewhere
-    kept, (note,) = eligible(results, {}, Captures)
+    kept, (note,) = eligible(results, {})
     assert sorted(systems_of(kept)) == ["lda", "svm"] and "folds failed: rf." in note
     with pytest.raises(NothingTracked, match="folds failed: rf"):
         systems(results, {"system": ["rf"]})
@@ -283,9 +294,9 @@ def test_a_run_with_a_failed_fold_is_named():
 
 def test_a_system_whose_labels_depend_on_the_batch_is_a_candidate_only_if_asked_for():
     results = [run("svm"), run("centred", **{"touchbench.depends_on_batch": "true"})]
-    kept, (note,) = eligible(results, {}, Captures)
+    kept, (note,) = eligible(results, {})
     assert systems_of(kept) == ["svm"] and "centred" in note and "batch=yes" in note
-    kept, notes = eligible(results, {}, Captures, batch=True)
+    kept, notes = eligible(results, {}, batch=True)
     assert sorted(systems_of(kept)) == ["centred", "svm"] and not notes
     assert set(candidates(kept, {}, batch=True).table["system"]) == {"centred †", "svm"}
 

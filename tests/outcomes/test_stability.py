@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import binomtest
 
 from bench.outcomes.curves import curve, unharmed
-from bench.outcomes.stability import chance_of, fault_metrics, flipped, half_margins, ranks, seeds, slices
+from bench.outcomes.stability import chance_of, fault_metrics, flipped, half_margins, ranks, seeds, sliced, slices
 from tests.results import under_stress
 
 WORDS = {"under": "fault"}
@@ -120,6 +120,23 @@ def test_correction_is_benjamini_and_hochbergs_with_a_quarter_of_the_rate_each()
         assert np.allclose(part["p_corrected"].loc[p.index], np.minimum(4 * np.array(naive), 1)) and len(p) > 1
     assert found.loc[~found["tested"], "p_corrected"].isna().all()
     assert (found["failing"] == (found["p_corrected"] <= 0.05)).all() and found["failing"].any()
+
+
+def test_groups_are_tested_in_each_circumstance_as_if_it_were_the_only_one():
+    table = made_up(failing=lambda r: 0.3 if r["level"] > 2 else None).assign(hit=lambda t: t["true"] == t["predicted"])
+    noise, shift = (table[table["case"].isin(["none", fault])] for fault in ("noise", "shift"))
+    shift = shift.assign(circumstance=shift["circumstance"].replace("under", "after"))
+    both = pd.concat([noise, shift[shift["circumstance"] == "after"]], ignore_index=True)
+    words = {"under": "fault", "after": "time"}
+    numbers, tables = sliced(both, words, "gesture")
+    for key, labels in (("under", noise), ("after", shift)):
+        own, made = sliced(labels, {key: words[key]}, "gesture")
+        rows = tables["slices"][tables["slices"]["circumstance"].isin(["", words[key]])]
+        of = [each.set_index("slice").sort_index() for each in (rows, made["slices"])]
+        pd.testing.assert_frame_equal(*of)
+        for count in (f"failing_slices.{key}", f"tested_slices.{key}"):
+            assert numbers[count] == own[count] == own[count.partition(".")[0]] > 0
+    assert numbers["failing_slices"] == tables["slices"]["failing"].sum() > own["failing_slices"]
 
 
 def test_drawn_sign_flips_agree_with_a_t_test_for_many_subjects():

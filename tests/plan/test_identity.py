@@ -14,10 +14,12 @@ from bench.circumstances.c import InC
 from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
 from bench.circumstances.subjects import Subjects
+from bench.kinds.base import Shown
 from bench.kinds.captures import Captures
 from bench.kinds.recordings import Continuous
 from bench.plan.cells import cells
 from bench.plan.plan import Plan, corpus_of, folds_of
+from bench.registry import classes
 from bench.work.tracking import key_of
 from protocols import transfer
 
@@ -74,6 +76,10 @@ def caption(text):
     return re.sub(rb'(heading: ClassVar\[str\] = \(?\s*")', rb"\1Another ", text)
 
 
+def hint(text):
+    return re.sub(rb'(option\([^"]*(?:"\w*", )?")', rb"\1Another ", text)
+
+
 def line(name):
     """An edit that adds a line to a method of the only class of a file."""
 
@@ -117,12 +123,16 @@ CAPTURES = {"run", *LABELLED}
         ("bench/contract.py", code, {*KINDS}),
         # what shows and chooses
         *((f"bench/{file}.py", caption, set()) for file in FILES),
+        *((f"bench/{file}.py", hint, set()) for file in FILES if "captures" not in file),  # which has no option
         ("bench/circumstances/base.py", line("candidates"), set()),
         ("bench/kinds/captures.py", line("candidates"), set()),
         ("bench/circumstances/faults.py", line("lost"), set()),
         ("bench/outcomes/candidates.py", code, set()),
         ("bench/outcomes/losses.py", code, set()),
         ("bench/outcomes/scored.py", code, set()),
+        ("bench/outcomes/reactions.py", code, set()),
+        ("bench/candidate.py", code, set()),
+        ("bench/plan/plan.py", code, set()),
         ("bench/commands/kind.py", code, set()),
         ("bench/options.py", code, set()),
         ("reports/details.py", code, set()),
@@ -152,6 +162,11 @@ def test_a_change_of_code_makes_those_runs_stale_that_depend_on_it(file, edit, s
     before = {name: key(kind) for name, kind in KINDS.items()}
     changed(file, edit)
     assert {name for name, kind in KINDS.items() if key(kind) != before[name]} == stale
+
+
+def test_each_name_of_the_consumers_is_a_member_of_a_kind_or_a_circumstance():
+    members = {name for room in ("kinds", "circumstances") for one in classes(room).values() for name in dir(one)}
+    assert {name for one in (Shown, *classes("kinds").values()) for name in one.consumers} - members == set()
 
 
 def test_no_protocol_depends_on_help_or_on_costs(changed):
@@ -227,7 +242,7 @@ SHARED = 2
 REACHED = 3
 
 class Base:
-    consumers: ClassVar[frozenset[str]] = frozenset({"heading", "shown", "result", "drawn"})
+    consumers: ClassVar[frozenset[str]] = frozenset({"heading", "shown", "result", "drawn", "unit", "size"})
     heading: ClassVar[str]
 
 class Kind(Base):
@@ -236,7 +251,13 @@ class Kind(Base):
 
     def fold(self, corpus: Corpus):
         from produced.fitting import fit
-        return fit() + _half(1)
+        return fit() + _half(1) + self.unit()
+
+    def unit(self):
+        return 4 * _sized(self)
+
+    def size(self):
+        return 5
 
     @property
     def result(self):
@@ -245,6 +266,9 @@ class Kind(Base):
 
     def drawn(self):
         return self.result
+
+def _sized(kind):
+    return kind.size()
 
 def _half(x):
     return x / 2 + SHARED
@@ -293,7 +317,7 @@ def other(old, new):
     ("file", "edit", "stale"),
     [
         ("kind", other("Accuracy", "Right"), False),
-        ("kind", other('"drawn"})', '"drawn", "more"})'), False),
+        ("kind", other('"size"})', '"size", "more"})'), False),
         ("kind", other("return self.result", "return 1"), False),
         ("kind", other("Kind.shown = (COLOURS, count)", "Kind.shown = (count,)"), False),
         ("kind", other("range(3)", "range(4)"), False),  # a helper of a consumer
@@ -312,6 +336,8 @@ def other(old, new):
         ("kind", other("PLAIN = 1", "PLAIN = 2"), True),  # used by nobody here
         ("kind", other("SHARED = 2", "SHARED = 3"), True),  # used by both
         ("kind", other("REACHED = 3", "REACHED = 4"), True),  # used by a consumer, and by another module
+        ("kind", other("return 4", "return 5"), True),  # a consumer that the fold calls
+        ("kind", other("return 5", "return 6"), True),  # and one that a helper of it calls
         ("fitting", code, True),  # imported late by the fold
         ("scaling", code, True),  # and late by that
         ("steps", code, True),  # and by that when it is loaded

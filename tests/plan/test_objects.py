@@ -93,7 +93,7 @@ def test_what_stands_first_decides_whether_captures_or_a_table_is_read():
 def evaluated(monkeypatch):
     """Runs of systems, and their tags."""
     store = Memory()
-    monkeypatch.setattr(loop, "connect", lambda: store)
+    monkeypatch.setattr(loop, "connect", lambda writes: store)
 
     def run(*systems):
         values = SMALL | {"data.repetitions": 1, "model": list(systems)}

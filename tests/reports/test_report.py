@@ -176,7 +176,7 @@ def test_the_timeline_shows_touches_reports_and_what_was_missed():
     numbers = {"background_minutes": 1.5, "touches_found": 0.5, "false_alarms_per_hour": 40.0}
     curve = pd.DataFrame({"offset": [0.0], "missed": [0.5], "false_alarms_per_hour": [40.0]})
     one = result("$a$", "watch", numbers, {"predictions": WATCHED, "curve": curve}, synthetic="false")
-    figure = watching.watching_figure([one])
+    figure = watching.watching_figure([one], {})
     timeline, curves = figure.axes
     words = {text.get_text() for text in timeline.texts}
     assert words == {"pat", "rub (missed)", "tap → pat", "rub (false alarm)"}

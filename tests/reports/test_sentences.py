@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from bench.circumstances.faults import Faults
+from bench.circumstances.instants import Instants
 from bench.cli import main
 from reports.contexts import contexts
-from reports.fault_curves import fault_section
 from reports.new_person import WITHOUT, curve_of, curves_of, enough, gained, new_person_section
 from reports.run_groups import Group
-from reports.streaming import ALIKE, early, stream_section
 from reports.summary import told_apart
 from tests.results import evaluated, made_up, result, streamed, stressed
 
@@ -64,11 +64,10 @@ def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lo
         stressed("rf", 0.7, BOTH, subset="cover == 'none'"),
         stressed("rf", 0.7, BOTH, data="synth", synthetic="true"),
     ]
-    named = contexts(results, more="loss.")
-    (first, runs), *rest = named.items()
+    (first, runs), *rest = contexts(results, more="loss.")
     assert runs == [forest, whole] and first.endswith("only the lowest seed of each system")
     assert ["cover" in name for name, _ in rest] == [True, False] and "(synthetic)" in rest[1][0]
-    part = fault_section(results, tmp_path).parts[0]
+    part = Faults.section(results, tmp_path).parts[0]
     picture, table = part.picture, part.table
     drawn = picture.paths[1].read_text()
     assert all(f">{text}</text>" in drawn for text in ("23", "10", "5", "-", "svm (60 % clean)", "rf (70 % clean)"))
@@ -77,23 +76,32 @@ def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lo
     assert row["worst subject"] == "30.0" and table.shown()["system"].tolist() == ["rf", "svm"]
 
 
+def test_groups_with_the_same_words_are_all_kept_and_words_of_what_they_share_come_from_the_class():
+    runs = [evaluated("svm", corpus_digest=digest, **{"dim.mode": mode}) for digest in "ab" for mode in ("up", "down")]
+    same = {"dim.mode": ("pressed {}", "up")}
+    found = contexts(runs, same)
+    assert len(found) == 3 and [members for _, members in contexts(runs)] == [[runs[3]], [runs[1]]]
+    assert [words.endswith("pressed down") for words, _ in found] == [True, False, True]
+    assert found[0][0] == found[2][0] and not any("up" in words for words, _ in found)
+
+
 def test_early_decisions_by_start_and_hop(tmp_path):
     results = []
     for start, hop, system in (("onset", "None", "svm"), ("onset", "None", "rf"), ("middle", "125.0", "svm")):
         numbers = {"accuracy_at_500_ms": 0.5, "adaptive_accuracy": 0.66 if system == "svm" else 0.6}
         results.append(streamed(system, start, hop, metrics=numbers))
-    first, second = contexts(results, ALIKE, "replay_accuracy")
-    part, _ = stream_section(results, tmp_path).parts
+    first, second = (words for words, _ in contexts(results, Instants.alike, "replay_accuracy"))
+    part, _ = Instants.section(results, tmp_path).parts
     picture, table = part.picture, part.table
     assert set(table.shown()["system"]) == {"rf", "svm"} and picture.paths[0].exists() and "middle" not in first
     assert "middle" in second and "125.0 ms" in second
     row = table.shown().set_index("system").loc["svm"]
-    assert (row["250 ms"], row["500 ms"], row["adaptive"], row["after ms"]) == ("-", "50.0", "66.0", "812")
+    assert (row["500 ms"], row["adaptive"], row["after ms"]) == ("50.0", "66.0", "812") and "250 ms" not in row
     assert row["decision ms p50 / p95"] == "1.0 / 2.0"
-    _, words = early(results)
+    _, words = Instants.brief(results)
     assert re.findall(r"svm|rf|\b\d+\.\d|\d+ ms", words) == ["svm", "70.0", "66.0", "812 ms"]
-    _, late = early([streamed("svm", metrics={"adaptive_accuracy": 0.66, "adaptive_ms": 900.0})])
-    assert "66.0" not in late and "saving" in late and early([]) is None
+    _, late = Instants.brief([streamed("svm", metrics={"adaptive_accuracy": 0.66, "adaptive_ms": 900.0})])
+    assert "66.0" not in late and "saving" in late and Instants.brief([]) is None
 
 
 def test_gains_of_shots_are_paired_and_who_loses_is_named(monkeypatch):

@@ -161,7 +161,7 @@ def test_every_kind_of_run_predicts_blind(experiment, how, tmp_path, monkeypatch
 
 def test_a_prediction_that_depends_on_the_batch_is_tagged(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: FEW)
-    monkeypatch.setattr(loop, "connect", lambda: store)
+    monkeypatch.setattr(loop, "connect", lambda writes: store)
     store, path = Memory(), tmp_path / "my.py"
     path.write_text("from tests.work.test_blind import Centred as Batch, Mean as One\n")
     execute(prepared(cells({"model": f"{path}:Batch,{path}:One"}), [Captures()], 1))

@@ -1,13 +1,17 @@
 """Circumstances: what is fitted on what, what is predicted in which case, and what is measured of it."""
 
 import pickle
+from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import bench
+from bench.candidate import Wish
+from bench.circumstances.base import Case, Circumstance, option
 from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
 from bench.circumstances.subjects import Subjects
@@ -180,6 +184,7 @@ def test_metrics_are_those_of_the_table(stressed):
     assert {"fault_seconds", "fault_cpu_seconds", "refit_seconds"} <= set(measured)
     worst = max((measured["loss.noise"], "noise"), (measured["loss.early_end"], "early end"))
     said = {m.name: m.of(Result(run.about | {"faults": "noise, early_end"}, measured, {})) for m in Faults.shows([run])}
+    assert said["failing groups"] == f"{measured['failing_slices.under']} of {measured['tested_slices.under']}"
     assert said["worst fault"] == f"{worst[1]} {100 * worst[0]:.1f}"
     alone = stress((), (1,)).fold(cell_of(Level), CORPUS, FOLD, 1).tables["labels"]  # the learning curve alone
     assert not alone["circumstance"].eq("under").any() and set(alone["train_subjects"]) == {1, 3}
@@ -209,10 +214,138 @@ def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
             else:
                 pd.testing.assert_frame_equal(together.tables[name], table)
         numbers = Captures((one,)).result(PLAN, ABOUT, [alone]).metrics
-        same = [n for n in numbers if n.startswith(("accuracy", "loss", "replay_accuracy")) or n == "chance"]
+        same = [
+            n
+            for n in numbers
+            if n.startswith(("accuracy", "loss", "replay_accuracy", "failing_slices.")) or n == "chance"
+        ]
         assert len(same) > 3 and {n: measured.metrics[n] for n in same} == {n: numbers[n] for n in same}
+    names = [m.name for m in Instants.shows([measured])]
+    assert names[1:3] == ["250 ms", "whole"] and "early stop %" not in names  # no capture lasts 1000 ms
+    assert "stopping" not in Instants.title([measured])
+    learned = Result(measured.about, measured.metrics | {"adaptive_accuracy": 0.5, "adaptive_ms": 300.0}, {})
+    spare = {m.name: m.spare for m in Instants.shows([learned])}
+    assert spare["early stop %"] == spare["at mean ms"] == 0 and "stopping" in Instants.title([learned])
     assert "stopping" not in measured.tables and {"labels", "replay", "learning", "slices"} < {*measured.tables}
     assert {"fault", "time"} <= {*measured.tables["slices"]["circumstance"]}
+
+
+def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_again(monkeypatch, capsys):
+    words = ["run", *SMALL, "model=bayes", "features=jung28", "under=noise", "after=250ms"]
+    replayed, once = Instants.fold, []
+
+    def fold(self, at):
+        once.append(at.fold.name)
+        if at.fold.name == "2":
+            raise ValueError("no replay")
+        return replayed(self, at)
+
+    monkeypatch.setattr(Instants, "fold", fold)
+    assert main(words) == 1
+    said = capsys.readouterr()
+    assert said.err.count("fold 2, after= failed: ValueError: no replay") == 1 and "traceback of the first" in said.err
+    (run,) = every_result(connect())
+    assert run.complete and run["folds"] == 3 and Faults.holds(run) and not Instants.holds(run)
+    assert {"accuracy", "loss.noise"} <= {*run.metrics} and "replay_accuracy" not in run
+    assert bench.choose(data="synth").choice.table["unit"].tolist() == ["capture"]
+    assert main([*words[:-2], "after=250ms"]) == 1  # alone: another run, whose captures are labelled
+    assert capsys.readouterr().out.count("3/3") == 1
+    monkeypatch.setattr(Instants, "fold", replayed)
+    once.clear()
+    assert main(words) == 0 and "fold 2 done" in (said := capsys.readouterr().err) and "fold 1 done" not in said
+    run = next(r for r in every_result(connect()) if Faults.holds(r))
+    assert Instants.holds(run) and run["replay_accuracy"] > 0 and not run.failed
+
+
+@dataclass(frozen=True)
+class Pressed(Circumstance):
+    """Readings times a factor, in cases with names."""
+
+    key: ClassVar[str] = "pressed"
+    noun: ClassVar[str] = "times"
+    alike: ClassVar = {"pressed.hand": ("{} hand", "right")}
+
+    def cases(self, at):
+        for case in ("up", "down"):
+            for factor in (0.5, 2):
+                frames = at.corpus.frames * (factor if case == "up" else 1 / factor)
+                yield Case(case, factor, corpus=at.corpus.changed(frames=frames.astype(np.float32)))
+
+
+def test_each_named_case_and_fractional_level_is_a_column_and_a_candidate():
+    every = Captures((Faults(("noise",)), Pressed()))
+    result = every.fold(cell_of(Level), CORPUS, FOLD, 1)
+    run = every.result(PLAN, ABOUT, [result])
+    names = {f"accuracy.{case}.{level}" for case in ("up", "down") for level in ("0.5", "2")}
+    names |= {f"accuracy.noise.{severity}" for severity in range(1, 6)}
+    of = [{n for n in numbers if n.startswith("accuracy.")} for numbers in (run.metrics, every.fold_metrics(result, 1))]
+    assert of == [names, names]
+    table = run.tables["labels"].assign(hit=lambda rows: rows["true"] == rows["predicted"])
+    right = table.groupby(["case", "level"])["hit"].mean()
+    shown = {m.name: m.cell(run) for m in Pressed.shows([run])}
+    cases = [(case, level) for case in ("up", "down") for level in (0.5, 2)]
+    assert [*shown][:-1] == [f"{case}, {level:g} times" for case, level in cases]
+    assert shown == pytest.approx(
+        {f"{case}, {level:g} times": 100 * right[case, level] for case, level in cases}
+        | {"mean loss": 100 * (right["none", 0] - np.mean([right[one] for one in cases]))}
+    )
+    ways = [way.unit for way in Pressed.candidates(run, Wish(Reactions()))]
+    assert ways == [f"{case}, {level:g} times" for case, level in cases]
+    left = Result(run.about | {"pressed.hand": "left"}, run.metrics, run.tables)
+    apart = [way.unit for way in Pressed.candidates(left, Wish(Reactions()))]
+    assert apart == [f"{way}, left hand" for way in ways]
+
+
+def test_numbers_of_training_subjects_that_differ_between_folds_are_a_column():
+    """Of three folds of five subjects, one trains on four and two on three: 3.3 subjects on average."""
+    run = Result(ABOUT, {"accuracy.train_subjects.2": 0.5, "accuracy.train_subjects.3.3": 0.75}, {})
+    assert {m.name: m.of(run) for m in Subjects.shows([run])} == {"2 subjects": "50.0", "3.3 subjects": "75.0"}
+
+
+def test_times_in_another_order_are_the_same_run_and_the_same_candidates():
+    (one,), (other,) = (Instants.of({"after": text}) for text in ("200ms,1234.5678ms,100ms", "100ms,200ms,1234.5678ms"))
+    assert one == other and one.options() == other.options()
+    assert Instants.of(one.changed()) == [one]
+    (hop,) = Instants.of({"after": "each", "hop_ms": "33.3333333"})
+    assert Instants.of(hop.changed()) == [hop] and Captures((hop,)).arguments()["hop_ms"] == "33.3333333"
+    ways = []
+    for times in ((100.0, 200.0), (200.0, 300.0)):
+        kind = Captures((Instants(times),))
+        about = ABOUT | {name: str(value) for name, value in kind.options().items()}
+        run = kind.result(PLAN, about, [kind.fold(cell_of(Level), CORPUS, FOLD, 1)])
+        ways.append({(c.apart, c.unit): c.scores for c in Instants.candidates(run, Wish(Reactions(), np.inf))})
+    both = {*ways[0]} & {*ways[1]}
+    assert {unit for _, unit in both} >= {"first 200 ms"} and len(both) == 2  # and the whole capture
+    assert all(ways[0][key].equals(ways[1][key]) for key in both)
+
+
+def test_times_beyond_the_longest_capture_and_equal_lengths_are_told_once(capsys):
+    words = [*SMALL, "model=bayes,tree", "features=jung28", "after=250ms,1000s"]
+    (kind,) = Captures.of({"after": "250ms,1000s"})
+    todo = prepared(cells({"model": "bayes", "features": "jung28"}), [kind], 1)
+    assert "all captures have the same length" not in str(kind.warnings(todo[0][0]))
+    assert main(["run", *words]) == 0
+    said = capsys.readouterr().err
+    assert said.count("warning: synth: after=1000000ms: no capture lasts so long; the longest") == 1
+
+
+@dataclass(frozen=True)
+class Typed(Circumstance):
+    """Options with several values of a type."""
+
+    key: ClassVar[str] = "shares"
+
+    shares: tuple[float, ...] = option((), "shares", type="number")
+    sides: tuple[str, ...] = option(("left",), "sides", ("left", "right"))
+    ends: tuple[bool, ...] = option((), "ends", type="yes")
+
+
+def test_each_of_several_values_of_an_option_is_of_its_type():
+    (made,) = Typed.of({"shares": "0.5,0.25", "sides": "right,left", "ends": "no,yes"})
+    assert made == Typed((0.5, 0.25), ("right", "left"), (False, True)) and Typed.of(made.changed()) == [made]
+    for key, value in (("shares", "zebra"), ("shares", "0.5,-1"), ("sides", "left,up"), ("ends", "maybe")):
+        with pytest.raises(InputError, match=f"{key}={value.split(',')[-1]}: give"):
+            Typed.of({key: value})
 
 
 @pytest.mark.parametrize(
@@ -222,6 +355,7 @@ def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
         (["bits=8"], "bits= needs form="),
         (["after=0ms"], "after=0ms"),
         (["after=250ms", "hop_ms=200"], "leave one of them out"),
+        (["after=each,250ms"], "after=each,250ms: each stands alone"),
         (["under=nois"], "did you mean noise"),
         (["train_subjects=0"], "at least 1"),
         (["form=rust"], "form=rust: give c"),

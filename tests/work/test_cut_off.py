@@ -41,7 +41,7 @@ def killed_in(monkeypatch, owner, name, command):
 @pytest.fixture
 def store(monkeypatch):
     memory = Memory()
-    monkeypatch.setattr(loop, "connect", lambda: memory)
+    monkeypatch.setattr(loop, "connect", lambda writes: memory)
     return memory
 
 

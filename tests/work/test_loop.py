@@ -61,7 +61,7 @@ class Several(Workers):
 def store(monkeypatch):
     DONE.clear()
     memory = Memory()
-    monkeypatch.setattr(loop, "connect", lambda: memory)
+    monkeypatch.setattr(loop, "connect", lambda writes: memory)
     monkeypatch.setattr(loop, "Processes", Workers)
     for name in ("stop", "machines", "most"):
         monkeypatch.setattr(Workers, name, getattr(Workers, name))
@@ -118,7 +118,7 @@ def test_what_is_cut_off_goes_on_and_ends_the_same(workers, how, error, store, p
     resumed = execute(todo(plan, 0, 1))
     assert len(DONE) == 8 and len({*DONE}) == 8 and store.statuses() == ["FINISHED"] * 2
     folds = {**MEASURED}
-    monkeypatch.setattr(loop, "connect", Memory)
+    monkeypatch.setattr(loop, "connect", lambda writes: Memory())
     for number, (a, b) in enumerate(zip(resumed, execute(todo(plan, 0, 1)), strict=True)):
         assert a.tables["all"].equals(b.tables["all"]) and a.metrics == b.metrics
         assert [vars(r) | {"predictions": 0, "seconds": 0, "scored": 0} for r in folds[number]] == [
