@@ -122,7 +122,7 @@ def test_a_failing_reference_command_is_reported_and_the_others_run(tmp_path, mo
 
 
 def test_systems_stand_side_by_side_with_their_differences(tmp_path, monkeypatch):
-    people = pd.Series([80.0, 60.0, 70.0]), pd.Series([70.0, 60.0, 50.0])
+    people = pd.Series([80.0, 60.0, 70.0, 90.0, 50.0]), pd.Series([70.0, 60.0, 50.0, 80.0, 40.0])
 
     def compared(system, other, **_):
         return Compared(system, other, "", pd.DataFrame({system: people[1], other: people[0]}))
@@ -130,9 +130,9 @@ def test_systems_stand_side_by_side_with_their_differences(tmp_path, monkeypatch
     monkeypatch.setattr(bench, "results", lambda **_: pd.DataFrame({"system": ["reflex", "lda"]}))
     monkeypatch.setattr(bench, "compare", compared)
     table = reference.side_by_side(("one",))
-    # means 70 and 60; t(0.975, 2) = 4.3027; SD 10 of both, of the differences -10, 0, -20 too: half 24.84
-    assert table.loc["reflex"].tolist() == ["70.0 [45.2, 94.8]", "1", ""]
-    assert table.loc["lda"].tolist() == ["60.0 [35.2, 84.8]", "2", "-10.0 [-34.8, 14.8]"]
+    # means 70 and 60; t(0.975, 4) = 2.7764; SD 15.81 of both, 7.07 of the differences: halves 19.63 and 8.78
+    assert table.loc["reflex"].tolist() == ["70.0 [50.4, 89.6]", "1", ""]
+    assert table.loc["lda"].tolist() == ["60.0 [40.4, 79.6]", "2", "-10.0 [-18.8, -1.2]"]
 
 
 def test_the_newest_complete_run_of_each_system_is_shown(monkeypatch):
