@@ -25,6 +25,7 @@ from bench.machine import cpu_model
 from bench.scratch import home, replacing
 
 REPEATS = 2  # of each piece of work; the shorter one counts
+NEAR = 3  # workloads before a piece of work, and after it, whose median counts
 AROUND = 8  # workloads before work that is done once, and again after it
 WARM_UP = 3
 KEPT = "reference.json"
@@ -89,16 +90,17 @@ def spent(work: Callable[[], object]) -> tuple[float, float]:
 def timed(works: Iterable[Callable[[], object]]) -> Times:
     """Do each piece of work twice, with the workload between all of them, and give the shorter times."""
     references = [spent(reference) for _ in range(WARM_UP)][-1:]
-    ratios, walls = [], []
+    done = []
     for work in works:
-        done = []
+        walls, cpus = [], []
         for _ in range(REPEATS):
             wall, cpu = spent(work)
+            walls.append(wall)
+            cpus.append(cpu)
             references.append(spent(reference))
-            done.append((cpu / _middle(references[-2:]), wall))
-        ratios.append(min(ratio for ratio, _ in done))
-        walls.append(min(wall for _, wall in done))
-    return _times(ratios, walls, references)
+        done.append((min(cpus), min(walls), len(references)))
+    ratios = [cpu / _middle(references[max(0, end - NEAR - REPEATS) : end + NEAR]) for cpu, _, end in done]
+    return _times(ratios, [wall for _, wall, _ in done], references)
 
 
 def timed_once(

@@ -22,7 +22,7 @@ from bench.work.fold import computing, fitted, latency
 
 SYSTEMS = ["svm", "bayes", "lda", "rf", "et", "xgb", "tree", "softmax", "perceptron"]
 LOOPS = 4
-THREADS = 2  # for fitting
+THREADS = 1  # for fitting, as with as many jobs as cores
 ROUNDS = ("warm-up", "quiet", "loops", "quiet", "loops")
 SHOWN = ("fit_seconds", "fit_wall_seconds", "predict_ms", "predict_wall_ms")
 
