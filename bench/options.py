@@ -67,7 +67,8 @@ class Command:
 
 
 MAKERS = "run makers"  # bench run, and other commands of kinds and circumstances (`makers`)
-FOLDS = f"{MAKERS} tune choose check"
+WORK = f"{MAKERS} tune choose check"
+FOLDS = f"{WORK} report"  # commands with the keys of a run
 CHOICE = "choose report"
 OPTIONS = (
     Option(
@@ -93,12 +94,14 @@ OPTIONS = (
     Option("model.turns", "run", "count", 0, "number of mirrored or rotated copies of each training capture"),
     Option("model.person", "run", "text", "", "adapt to a person without labels", ("centre", "scale", "pool"), "+"),
     Option("model.device", "run", "text", "cpu", "device that trains networks", ("cpu", "cuda")),
-    Option("seed", f"{FOLDS} fit audit submit", "count", 0, "seed of models and feature sets; splits: protocol.seed="),
-    Option("jobs", FOLDS, "count", None, "number of worker processes; default one per core"),
-    Option("cluster", FOLDS, "text", "", "Dask scheduler that runs the folds: tcp://HOST:8786 or its file"),
+    Option("seed", f"{WORK} fit audit submit", "count", 0, "seed of models and feature sets; splits: protocol.seed="),
+    Option("jobs", WORK, "count", None, "number of worker processes; default one per core"),
+    Option("cluster", WORK, "text", "", "Dask scheduler that runs the folds: tcp://HOST:8786 or its file"),
     Option("trials", "tune", "count", 50, "combinations to try in each fold; a grid of lists is tried completely"),
     Option("budget", "tune", "number", None, "seconds after which a fold starts no new combination"),
     Option("inner", "tune choose", "text", "3", "inner folds: number of groups of training subjects, or loso"),
+    Option("run", CHOICE, "text", "", "ids of stored runs, as comparison.csv lists them"),
+    Option("latest", CHOICE, "yes", False, "yes: only the newest parameters of each model and feature set"),
     Option("scene", "choose", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
     Option("by", "choose", "text", "flash", "cost to minimise"),  # its values: `bench.measures.costs`
     Option("clock", "choose", "text", "", "clock rate of the chip, such as 64MHz; adds its cycles to decision times"),
@@ -114,6 +117,7 @@ OPTIONS = (
         "batch", "choose scene submit", "yes", False, "yes: also systems whose labels depend on other test captures"
     ),
     Option("shots", "choose", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
+    Option("why", "choose", "yes", False, "yes: also print what the choice depends on, and what is left out"),
     Option("over", "choose", "text", "", "parameter of model= to make as small as possible, or features"),
     Option("out", "scene", "text", "scene", "folder for groups.csv and the figure"),
     Option("bits", "export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
@@ -141,6 +145,13 @@ OPTIONS = (
     Option("out", "data-show", "text", "look", "folder for figures, an animation and index.html, which shows them"),
     Option("format", "data-export", "text", "cost", "file format, that of CoST.csv", ("cost",)),
     Option("out", "report", "text", "report", "folder for the page"),
+    Option(
+        "paper",
+        "report",
+        "text",
+        "accuracy",
+        "columns of paper.tex and paper.csv: accuracy and macro_f1 under each protocol; fit, predict and flash",
+    ),
     Option("against", "report", "text", "", "system that p values compare with; default the best of your own"),
     Option("task", "submit", "text", "", "haart-loso-v1, haart-early-v1 or another task of docs/leaderboard.md"),
     Option("who", "submit", "text", "", 'author of the result, such as who="A. Name, Lab"'),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from bench.comparable import MARKED, notes_on
 from bench.described import definitions
 from bench.errors import InputError, nearest
 from bench.outcomes.ranking import COLUMNS as RANKED
-from bench.outcomes.runs import every_result, grouped, stored
+from bench.outcomes.runs import every_result, grouped, of_captures, wanted
 from bench.outcomes.same_wrong import COLUMNS, agreements
 from bench.outcomes.store import Store
 from bench.result import Result
@@ -44,7 +44,11 @@ ROWS = 300  # of a table on the page; the CSV files hold all
 
 
 def write_report(
-    store: Store, folder: Path, budgets: Mapping[str, float] | None = None, against: str = ""
+    store: Store,
+    folder: Path,
+    budgets: Mapping[str, float] | None = None,
+    against: str = "",
+    asked: Mapping[str, Iterable[object]] | None = None,
 ) -> list[Path]:
     """Write ``index.html``, ``comparison.md``, ``comparison.tex``, a CSV file for each table, figures as PNG and SVG.
 
@@ -53,15 +57,16 @@ def write_report(
         folder: destination folder; it is created.
         budgets: budget of each cost (`bench.measures.costs`) of the system to choose.
         against: the system that tests compare with, in each group that has it; empty for the best one of each.
+        asked: the runs to report, as `bench.outcomes.runs.selected` takes them; empty for all.
 
     Returns:
         The files written.
 
     Raises:
-        InputError: the store holds no scored run, or none of ``against``, or the folder cannot be written.
+        InputError: no scored run is selected, or none of ``against``, or the folder cannot be written.
     """
-    results = every_result(store)
-    runs = stored(store)  # which says so where there is none
+    results = wanted(every_result(store), asked or {})
+    runs = of_captures(results)
     systems = sorted({r.system for r in runs if r.complete and r.alone})
     if against and against not in systems:
         raise InputError(f"against={against}: no complete run of this system is stored; {nearest(against, systems)}")

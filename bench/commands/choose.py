@@ -14,7 +14,7 @@ import numpy as np
 
 from bench import few, pareto
 from bench.amounts import convert, quantity
-from bench.arguments import BACKEND, Values, items, parse, typed
+from bench.arguments import BACKEND, Values, parse, typed
 from bench.candidate import Losses, Wish
 from bench.commands.printing import output, say, then
 from bench.comparable import notes_on, several
@@ -24,7 +24,7 @@ from bench.options import SMALL, keys, makers
 from bench.outcomes.candidates import Candidates, candidates, complete_on, elsewhere, missing, repeated
 from bench.outcomes.choice import Choice, decide, named, points, sentences
 from bench.outcomes.expected import Expected, expectation, expected
-from bench.outcomes.runs import every_result, plain, without_runs
+from bench.outcomes.runs import asked_of, every_result, plain, without_runs
 from bench.outcomes.store import connect
 from bench.progress import warn
 from bench.registry import classes
@@ -32,7 +32,6 @@ from bench.result import Result
 from bench.scene_file import EVERY, Scene, read_scene
 from bench.table import Table, rows_of
 
-AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 RUNNING = {*BACKEND, "inner", "seed"}  # keys that are of use with over= alone
 SHOWN = 3  # of systems and commands that a sentence names
 FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
@@ -194,7 +193,7 @@ def chosen(values: Values) -> Chosen:
         raise InputError("unit=window: losses under faults are of whole captures; leave it or the faults out")
     margin = quantity("margin", values["margin"]) if "margin" in values else None
     clock = quantity("clock", values["clock"], "MHz") if "clock" in values else None
-    asked = {k: items(k, v) for k, v in values.items() if k in AMONG or k.startswith("protocol.")}
+    asked = asked_of(values)
     if "shots" in values:
         shots = convert("shots", values["shots"], 0)
         if shots < 0:
