@@ -48,10 +48,13 @@ def report(arguments: list[str]) -> int:
     values = parse(arguments, keys("report"))
     limits = {cost.key: cost.typed(values[key]) for key, cost in budgets().items() if key in values}
     asked = asked_of(values)
+    from reports.paper import columns_of
+
+    paper = columns_of(values.get("paper", "accuracy"))
     from reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
     out = Path(values.get("out", "report"))
-    paths = write_report(connect(), out, limits, str(values.get("against", "")), asked)
+    paths = write_report(connect(), out, limits, str(values.get("against", "")), asked, paper)
     counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".png")}
     page = out / "index.html"
     what = "the selected runs" if asked else "all runs"

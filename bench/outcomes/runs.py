@@ -28,9 +28,9 @@ COLUMNS = {"where": "subset", "shots": "protocol.shots", "run": "run_id"}  # nam
 SAME = (*COMPARABLE, *SAME_SYSTEM, "features_name", "model_name")  # what makes two runs repetitions of one
 COLUMNS |= {part: f"{part}_name" for part in ROOMS}
 SELECTING = ("data", "where", "target", "protocol", "model", "features", "run", "latest")  # keys of stored runs
-SETTING = ("touchbench.kind", "touchbench.command", "data", "subset", "target", "protocol")
-SETTING = (*SETTING, "model_name", "features_name")  # what the results share of which `_latest` takes the newest
-NEWEST = ("corpus_digest", "protocol_label", "system")  # what they share with it
+OF_RUN = ("touchbench.kind", "touchbench.command")  # tags
+SETTING = (*OF_RUN, "data", "subset", "target", "protocol", "model_name", "features_name")  # of which `_latest` is
+NEWEST = ("corpus_digest", "protocol_label", "system")  # what results of a setting share with the newest of them
 Row = TypeVar("Row", bound=Mapping[str, Any])  # a result, or what has the same names
 
 
