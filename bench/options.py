@@ -176,8 +176,9 @@ OTHERS = {  # commands that make no runs of a kind
         "find the cheapest system within one standard error of the best",
         "Finds, among stored runs on the same captures, the cheapest system within one standard error of the most "
         "accurate one. This is the standard error of the paired difference over subjects. If no system fits the "
-        "budgets, it prints the lowest cost for each budget; exit code 1. Runs with failed folds, and older runs on "
-        "other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
+        "budgets, it prints the lowest cost for each budget; exit code 1. why=yes prints all reasons. Runs with failed "
+        "folds, and older runs on other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, "
+        "except "
         "for runs of bench chip, which also count instructions. over= runs systems instead: each fold chooses the "
         "smallest value on left-out training subjects. It tries the values of model.X=, or an eighth, a quarter, a "
         "half and all of the default. max_false_alarms= and max_latency= compare runs of bench watch instead, by the "
@@ -191,8 +192,11 @@ OTHERS = {  # commands that make no runs of a kind
         "write the verdict, all runs and published numbers to one page",
         "Writes index.html, which loads no other file. It shows the verdict of bench choose within the budgets, "
         "accuracy against each cost, all runs with their commands, published numbers, figures and paired statistics. "
-        "The folder also has comparison.md, comparison.tex (booktabs), CSV tables, and figures as PNG and SVG.",
-        "bench report max_flash=64kB max_decision=500ms",
+        "The folder also has comparison.md, comparison.tex (booktabs), CSV tables, and figures as PNG and SVG. "
+        "paper.tex and paper.csv have systems as rows and protocols side by side. The keys of bench run, run= and "
+        "latest=yes select the stored runs.",
+        "bench report max_flash=64kB max_decision=500ms\n"
+        "bench report data=haart protocol=loso,challenge,kfold latest=yes paper=accuracy,flash",
     ),
     "data": Command(
         "your captures",
@@ -332,7 +336,7 @@ OTHERS = {  # commands that make no runs of a kind
         "Prints one line per system of the baseline: same, worse, better, changed (labels), slower, larger, or not "
         "run. Runs everything that the current code has not run yet. Exit code 1 if a system is not the same. better "
         "also counts, because a leak makes a system better. A paired bootstrap over subjects tests accuracy. 0.2 % of "
-        "the labels may change, and sizes may grow by 10 %.",
+        "the labels may change, and sizes may grow by 10 %. Keys of bench run select systems of the baseline.",
         "bench check update=yes data=haart model=svm,rf features=jung54\nbench check junit=check.xml slower=3",
     ),
     "completion": Command(

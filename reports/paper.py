@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import mean
@@ -76,6 +77,9 @@ def _paper(data: tuple[str, str], protocols: Mapping[str, list[Result]], asked: 
     people = {name: by_subject(results)[0] for name, results in protocols.items()}
     mixed = {name for name, results in protocols.items() if any(facts_of(r).mixes_subjects for r in results)}
     first, *others = sorted(protocols, key=lambda name: (name in mixed, -people[name].shape[1], name))
+    brief = {name: re.split(r"[,(]", name)[0].strip() for name in protocols}
+    heads = brief if len({*brief.values()}) == len(brief) else {name: name for name in protocols}
+    heads = {name: head + f" {MIXED_MARK}" * (name in mixed) for name, head in heads.items()}
     costs = [measure for measure in run_columns() if measure.key in [COSTS[name] for name in asked if name in COSTS]]
     rows: dict[str, dict[str, Any]] = {}
     columns: list[Measure] = []
@@ -84,38 +88,39 @@ def _paper(data: tuple[str, str], protocols: Mapping[str, list[Result]], asked: 
         for system, scores in people[name].iterrows():
             seeds = [r for r in protocols[name] if r.system == system]
             row = rows.setdefault(str(system), {"system": str(system)})
-            row |= {f"{name}: accuracy": scores.mean(), f"{name}: SD": scores.std(ddof=1)}
-            row |= {f"{name}: macro_f1": mean(r["macro_f1"] for r in seeds)}
+            row |= {f"{heads[name]}: accuracy": scores.mean(), f"{heads[name]}: SD": scores.std(ddof=1)}
+            row |= {f"{heads[name]}: macro_f1": mean(r["macro_f1"] for r in seeds)}
             if name == first:
                 for key in (str(cost.read or cost.key) for cost in costs):
                     row[key] = mean(r.get(key, float("nan")) for r in seeds)
     table = [*rows.values()]  # by accuracy, as `by_subject` has them
-    for name in (first, *others):
-        words = f"{name} {MIXED_MARK}" if name in mixed else name
-        compared = {i: row[f"{name}: accuracy"] for i, row in enumerate(table) if f"{name}: accuracy" in row}
+    for words in (heads[name] for name in (first, *others)):
+        compared = {i: row[f"{words}: accuracy"] for i, row in enumerate(table) if f"{words}: accuracy" in row}
         compared = {i: accuracy for i, accuracy in compared.items() if not table[i]["system"].endswith(MARK)}
         if "accuracy" in asked:
-            keys = (f"{name}: accuracy", f"{name}: SD")
+            keys = (f"{words}: accuracy", f"{words}: SD")
             columns.append(Measure(keys[0], words, keys, join=" ± "))
             best.append(max(compared, key=compared.__getitem__) if len(compared) > 1 else None)
         if "macro_f1" in asked:
-            columns.append(percent(f"{name}: macro_f1", f"{words}, macro-F1"))
+            columns.append(percent(f"{words}: macro_f1", f"{words}, macro-F1"))
             best.append(None)
     notes = ["The captures are generated and say nothing about people."] * ("(synthetic)" in data[0])
+    notes += [f"Protocols: {'; '.join((first, *others))}."]
     notes += ["Accuracy is the mean over people ± SD, in percent."] * ("accuracy" in asked)
     notes += ["Macro-F1 is over all captures, in percent."] * ("macro_f1" in asked)
-    notes += [f"Times and flash are those under {first}."] * bool(costs)
+    notes += [f"Times and flash are those under {heads[first]}."] * bool(costs)
     notes += [f"{MIXED_MARK} {MIXED}"] * bool(mixed)
     notes += dict.fromkeys(f"{note.rstrip('.')}." for row in table for note in notes_on(row["system"], data[0]))
     return Paper(data, Table([text("system"), *columns, *costs], table), [None, *best, *([None] * len(costs))], notes)
 
 
 def sheet(made: Sequence[Paper]) -> pd.DataFrame:
-    """The numbers of all tables, for a CSV file; a protocol that mixes people says so in its column ``note``."""
-    parts = [
-        paper.table.frame().assign(data=paper.data[0], subset=paper.data[1], note=" ".join(paper.notes))
-        for paper in made
-    ]
+    """The numbers of all tables, for a CSV file."""
+    parts = []
+    for paper in made:
+        mixed = [note for note in paper.notes if note.startswith(MIXED_MARK)]
+        notes = [" ".join([*mixed, *notes_on(row["system"], paper.data[0])]) for row in paper.table.rows]
+        parts.append(paper.table.frame().assign(data=paper.data[0], subset=paper.data[1], note=notes))
     every = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
     head = ["data", "subset", "system"]
     return every.reindex(columns=[*head, *every.columns.difference([*head, "note"], sort=False), "note"])

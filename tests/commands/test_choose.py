@@ -61,7 +61,7 @@ def test_budgets_nothing_that_fits_and_other_processors(store, capsys):
 )
 @pytest.mark.parametrize("flash", [6.0, 30.0])
 def test_eight_lines_follow_the_table_and_why_prints_the_rest(limits, flash, store, capsys):
-    """Of many people and a protocol that mixes them, with a failed run; nothing fits the budgets, or one system does."""
+    """Of a protocol that mixes people, with a failed run; nothing fits the budgets, or a system does."""
     for i, cost in enumerate((flash, 2 * flash, 3 * flash)):
         about = typed_run(f"m{i}") | {"mixes_subjects": "true"}
         tracked_run(store, f"m{i}", made_up(8, seed=i), cost=cost, **about)

@@ -98,7 +98,11 @@ def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
     assert lines[0]["LOSO"] == r"\textbf{75.0 $\pm$ 10.0}" and r"10-fold $^\ddagger$" in lines[0]
     assert r"$^\ddagger$ Training and test captures come from the same subjects" in caption and "generated" in caption
     table = sheet([one]).set_index("system")
-    assert table.loc["a", "LOSO: SD"] == pytest.approx(seeds.std(ddof=1)) and "‡" in table.loc["a", "note"]
+    assert (
+        table.loc["a", "LOSO: SD"] == pytest.approx(seeds.std(ddof=1))
+        and "10-fold ‡: accuracy" in table
+        and "‡" in table.loc["a", "note"]
+    )
 
 
 @pytest.mark.parametrize("wrong", ["f1", "fit", "accuracy,"])
