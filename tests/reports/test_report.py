@@ -355,7 +355,7 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
         assert answer.choice.table["system"][answer.choice.chosen] == system in answer.lines[0]
         words = [f"max_{k}={v:g}" + "kB" * (k == "flash") for k, v in budget.items()]
         assert answer.command == " ".join(["bench choose data=synth where=all target=gesture protocol=loso", *words])
-        assert main(answer.command.split()[1:]) == 0
+        assert main([*answer.command.split()[1:], "why=yes"]) == 0
         printed = capsys.readouterr().out
         assert all(line in printed for line in answer.lines)
     answer = verdict(results, {"flash": 100.0})
