@@ -22,11 +22,10 @@ from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
 from bench.measures import over_people
 from bench.options import keys, makers
-from bench.outcomes.runs import frame_of, grouped, selected, stored, without_runs
+from bench.outcomes.runs import SELECTING, asked_of, frame_of, grouped, selected, stored, wanted
 from bench.outcomes.store import connect
 from bench.plan.cells import cells, corpus_variants
 from bench.plan.plan import Plan, captures_of, planned
-from bench.progress import warn
 from bench.result import COUNTS, Result
 from bench.table import Table
 from bench.work.fit import Fitted
@@ -255,7 +254,7 @@ def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
     With ``over``, runs are made as ``bench choose over=`` makes them; see `run` for what they give.
 
     Args:
-        values: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`, to choose among;
+        values: the runs to choose among, as `results` selects them;
             ``by`` (the cost to keep low, default ``flash``); budgets ``max_flash``, ``max_ram``, ``max_predict``,
             ``max_decision``, ``max_cycles``; ``max_false_alarms`` (per hour of background) and ``max_latency``
             (median, such as ``"1s"``), which compare runs of `watch` alone; ``clock`` of the target, such as
@@ -296,8 +295,9 @@ def results(of: str = "", full: bool = False, against: str = "", **values: objec
             system, and by ``<task>/<name>`` the labels of every capture.
         full: one row per run with every tag, parameter and metric, as MLflow has them: accuracies are fractions there.
         against: system that p values compare with, in the groups that have it; default the best one of each.
-        values: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to keep. With ``model``
-            or ``features``, reference results are left out.
+        values: the runs to keep: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`,
+            ``run`` (their ids), ``latest`` (True: of each model and feature set, only the newest parameters and
+            captures). With ``model``, ``features``, ``run`` or ``latest``, reference results are left out.
 
     Returns:
         One row per run and way to score it, as `reports.comparison.comparison` makes them; ``runs`` as of `Results`.
@@ -307,19 +307,13 @@ def results(of: str = "", full: bool = False, against: str = "", **values: objec
     """
     if of:
         return _reference(of, values | ({"full": full} if full else {}))
-    typed = _values(values, _choose.AMONG)
-    every = stored(connect())
-    among = {key: items(key, value) for key, value in typed.items()}
-    for lacking in without_runs([every], among):
-        warn(f"warning: {lacking}: no run is stored")
-    runs = selected(every, among)
-    if not runs:
-        raise InputError("no run is stored for these values; make one with bench.run")
+    typed = _values(values, SELECTING)
+    runs = wanted(stored(connect()), asked_of(typed))
     if full:
         return frame_of(runs)
     if against and against not in (systems := sorted({r.system for r in runs})):
         raise InputError(f"against={against}: no run of this system is stored; {nearest(against, systems)}")
-    table = comparison(grouped(runs), published(), not {"model", "features"} & set(typed), against)
+    table = comparison(grouped(runs), published(), not {"model", "features", "run", "latest"} & set(typed), against)
     return _with(Results(table), runs)
 
 
@@ -331,7 +325,7 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
             ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or ``protocol`` among
             these, only matching runs are searched.
         other: the system to compare it with.
-        values: ``data``, ``where``, ``target`` and ``protocol`` of both.
+        values: the runs of both, as `results` selects them.
 
     Returns:
         ``difference`` (first less second, mean over subjects, in points), its 95 % t-interval ``low`` and ``high``,
@@ -341,12 +335,12 @@ def compare(system: str | Mapping[str, object], other: str | Mapping[str, object
     Raises:
         InputError: a system has no complete run, or the two were not run on the same data, subset and protocol.
     """
-    on = _values(values, ON)
-    every = stored(connect())
+    asked = asked_of(_values(values, SELECTING))
+    every = selected(stored(connect()), asked)
     sides = []
     for one in (system, other):
         typed = {} if isinstance(one, str) else _values(one, KEYS)
-        among = {key: items(key, value) for key, value in (on | typed).items() if key in ON}
+        among = {key: items(key, value) for key, value in typed.items() if key in ON}
         name = one if isinstance(one, str) else _system({k: v for k, v in typed.items() if k not in ON})
         groups = {group: selected(members, among) for group, members in grouped(every).items()}
         sides.append((name, {group: members for group, members in groups.items() if members}))

@@ -67,7 +67,8 @@ class Command:
 
 
 MAKERS = "run makers"  # bench run, and other commands of kinds and circumstances (`makers`)
-FOLDS = f"{MAKERS} tune choose check"
+WORK = f"{MAKERS} tune choose check"
+FOLDS = f"{WORK} report"  # commands with the keys of a run
 CHOICE = "choose report"
 OPTIONS = (
     Option(
@@ -93,12 +94,14 @@ OPTIONS = (
     Option("model.turns", "run", "count", 0, "number of mirrored or rotated copies of each training capture"),
     Option("model.person", "run", "text", "", "adapt to a person without labels", ("centre", "scale", "pool"), "+"),
     Option("model.device", "run", "text", "cpu", "device that trains networks", ("cpu", "cuda")),
-    Option("seed", f"{FOLDS} fit audit submit", "count", 0, "seed of models and feature sets; splits: protocol.seed="),
-    Option("jobs", FOLDS, "count", None, "number of worker processes; default one per core"),
-    Option("cluster", FOLDS, "text", "", "Dask scheduler that runs the folds: tcp://HOST:8786 or its file"),
+    Option("seed", f"{WORK} fit audit submit", "count", 0, "seed of models and feature sets; splits: protocol.seed="),
+    Option("jobs", WORK, "count", None, "number of worker processes; default one per core"),
+    Option("cluster", WORK, "text", "", "Dask scheduler that runs the folds: tcp://HOST:8786 or its file"),
     Option("trials", "tune", "count", 50, "combinations to try in each fold; a grid of lists is tried completely"),
     Option("budget", "tune", "number", None, "seconds after which a fold starts no new combination"),
     Option("inner", "tune choose", "text", "3", "inner folds: number of groups of training subjects, or loso"),
+    Option("run", CHOICE, "text", "", "ids of stored runs, as comparison.csv lists them"),
+    Option("latest", CHOICE, "yes", False, "yes: only the newest parameters of each model and feature set"),
     Option("scene", "choose", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
     Option("by", "choose", "text", "flash", "cost to minimise"),  # its values: `bench.measures.costs`
     Option("clock", "choose", "text", "", "clock rate of the chip, such as 64MHz; adds its cycles to decision times"),
@@ -114,6 +117,7 @@ OPTIONS = (
         "batch", "choose scene submit", "yes", False, "yes: also systems whose labels depend on other test captures"
     ),
     Option("shots", "choose", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
+    Option("why", "choose", "yes", False, "yes: also print what the choice depends on, and what is left out"),
     Option("over", "choose", "text", "", "parameter of model= to make as small as possible, or features"),
     Option("out", "scene", "text", "scene", "folder for groups.csv and the figure"),
     Option("bits", "export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
@@ -141,6 +145,13 @@ OPTIONS = (
     Option("out", "data-show", "text", "look", "folder for figures, an animation and index.html, which shows them"),
     Option("format", "data-export", "text", "cost", "file format, that of CoST.csv", ("cost",)),
     Option("out", "report", "text", "report", "folder for the page"),
+    Option(
+        "paper",
+        "report",
+        "text",
+        "accuracy",
+        "columns of paper.tex and paper.csv: accuracy and macro_f1 under each protocol; fit, predict and flash",
+    ),
     Option("against", "report", "text", "", "system that p values compare with; default the best of your own"),
     Option("task", "submit", "text", "", "haart-loso-v1, haart-early-v1 or another task of docs/leaderboard.md"),
     Option("who", "submit", "text", "", 'author of the result, such as who="A. Name, Lab"'),
@@ -165,8 +176,9 @@ OTHERS = {  # commands that make no runs of a kind
         "find the cheapest system within one standard error of the best",
         "Finds, among stored runs on the same captures, the cheapest system within one standard error of the most "
         "accurate one. This is the standard error of the paired difference over subjects. If no system fits the "
-        "budgets, it prints the lowest cost for each budget; exit code 1. Runs with failed folds, and older runs on "
-        "other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
+        "budgets, it prints the lowest cost for each budget; exit code 1. why=yes prints all reasons. Runs with failed "
+        "folds, and older runs on other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, "
+        "except "
         "for runs of bench chip, which also count instructions. over= runs systems instead: each fold chooses the "
         "smallest value on left-out training subjects. It tries the values of model.X=, or an eighth, a quarter, a "
         "half and all of the default. max_false_alarms= and max_latency= compare runs of bench watch instead, by the "
@@ -180,8 +192,11 @@ OTHERS = {  # commands that make no runs of a kind
         "write the verdict, all runs and published numbers to one page",
         "Writes index.html, which loads no other file. It shows the verdict of bench choose within the budgets, "
         "accuracy against each cost, all runs with their commands, published numbers, figures and paired statistics. "
-        "The folder also has comparison.md, comparison.tex (booktabs), CSV tables, and figures as PNG and SVG.",
-        "bench report max_flash=64kB max_decision=500ms",
+        "The folder also has comparison.md, comparison.tex (booktabs), CSV tables, and figures as PNG and SVG. "
+        "paper.tex and paper.csv have systems as rows and protocols side by side. The keys of bench run, run= and "
+        "latest=yes select the stored runs.",
+        "bench report max_flash=64kB max_decision=500ms\n"
+        "bench report data=haart protocol=loso,challenge,kfold latest=yes paper=accuracy,flash",
     ),
     "data": Command(
         "your captures",
@@ -321,7 +336,7 @@ OTHERS = {  # commands that make no runs of a kind
         "Prints one line per system of the baseline: same, worse, better, changed (labels), slower, larger, or not "
         "run. Runs everything that the current code has not run yet. Exit code 1 if a system is not the same. better "
         "also counts, because a leak makes a system better. A paired bootstrap over subjects tests accuracy. 0.2 % of "
-        "the labels may change, and sizes may grow by 10 %.",
+        "the labels may change, and sizes may grow by 10 %. Keys of bench run select systems of the baseline.",
         "bench check update=yes data=haart model=svm,rf features=jung54\nbench check junit=check.xml slower=3",
     ),
     "completion": Command(

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARK, notes_on
+from bench.comparable import MARK, MIXED_MARK, notes_on
 from bench.described import definitions
 from bench.errors import InputError
 from bench.measures import Interval, columns, framed, run_columns
+from bench.outcomes.runs import of_captures
 from bench.table import rows_of
 from reports.numbers import busy
+from reports.paper import Paper, columns_of, papers
 
 TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
 NEEDED = ("system", *TOGETHER, "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes")
@@ -30,12 +33,14 @@ ESCAPED = {
     "·": r"$\cdot$",
     "±": r"$\pm$",
     MARK: r"$^\dagger$",
+    MIXED_MARK: r"$^\ddagger$",
     "\N{MULTIPLICATION SIGN}": r"$\times$",
 } | {sign: rf"\{sign}" for sign in "&%$#_{}"}
 HEAD = r"% One table for each corpus, subset, protocol and unit. Needs \usepackage{booktabs}." + "\n"
+SIDE_BY_SIDE = r"% One table for each corpus and subset. Needs \usepackage{booktabs}." + "\n"
 
 
-def latex(table: pd.DataFrame) -> str:
+def latex(table: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
     """Tables that compare systems, each with a caption that names corpus, protocol and unit.
 
     Args:
@@ -43,6 +48,9 @@ def latex(table: pd.DataFrame) -> str:
             percent. Rows on the same captures, under the same protocol and in the same unit share one table;
             reference results have their own. Choose
             systems with `bench.results` rather than in its table: p is corrected for all systems of that.
+        paper: columns of a table with systems as rows and protocols side by side: ``accuracy`` (mean over people ± SD)
+            and ``macro_f1`` under each protocol, ``fit``, ``predict`` and ``flash`` of each system. Protocols that mix
+            people are marked. Empty for a table of each protocol.
 
     Returns:
         Text for a document that loads booktabs.
@@ -52,11 +60,33 @@ def latex(table: pd.DataFrame) -> str:
     """
     if not isinstance(table, pd.DataFrame):
         raise InputError(f"bench.latex: give the table of bench.results(), not {type(table).__name__}")
+    if paper:
+        if not getattr(table, "runs", None):
+            raise InputError("bench.latex: paper= needs what bench.results() returns for stored runs, as it is")
+        return side_by_side(papers(of_captures(table.runs), columns_of(paper)))
     if lacking := [name for name in NEEDED if name not in table]:
         raise InputError(f"bench.latex: no column {', '.join(lacking[:3])}; give what bench.results() returns")
     same = [name for name in (*TOGETHER, "group", "source") if name in table]
     parts = [part for _, part in table.groupby(same, sort=False)]
     return HEAD + "".join(f"\n{_one(part, i)}" for i, part in enumerate(parts, 1))
+
+
+def side_by_side(made: Sequence[Paper]) -> str:
+    """The tables of a paper; the most accurate system under each protocol is bold."""
+    return SIDE_BY_SIDE + "".join(f"\n{_side_by_side(one, i)}" for i, one in enumerate(made, 1))
+
+
+def _side_by_side(one: Paper, position: int) -> str:
+    cells = one.table.shown().map(escaped)
+    for column, row in enumerate(one.best):
+        if row is not None:
+            cells.iloc[row, column] = rf"\textbf{{{cells.iloc[row, column]}}}"
+    data, subset = one.data
+    where = "all captures" if subset == "all" else f"captures with {subset}"
+    words = [f"Recognition of touch on {data}, {where}.", *one.notes]
+    if defined := definitions(str(row["system"]) for row in one.table.rows):
+        words += ["Classifiers, with these parameters unless the name states others:", *defined]
+    return _written(cells.rename(columns=escaped), escaped(" ".join(words)), f"tab:touchbench-paper-{position}")
 
 
 def escaped(text: object) -> str:
@@ -83,14 +113,19 @@ def _one(part: pd.DataFrame, position: int) -> str:
     compared = ~part["system"].astype(str).str.endswith(MARK) & ~_shipped(part)
     best = compared & (part["accuracy"] == part["accuracy"][compared].max()) & (len(part) > 1)
     cells["accuracy"] = cells["accuracy"].mask(best, r"\textbf{" + cells["accuracy"] + "}")
+    return _written(cells, _caption(part), f"tab:touchbench-{position}")
+
+
+def _written(cells: pd.DataFrame, caption: str, label: str) -> str:
+    """A table of LaTeX cells."""
     return (
         cells.replace("-", "--")
         .style.hide(axis="index")
         .to_latex(
             hrules=True,
             column_format="l" + "r" * (len(cells.columns) - 1),
-            caption=_caption(part),
-            label=f"tab:touchbench-{position}",
+            caption=caption,
+            label=label,
             position_float="centering",
         )
         .replace("\\centering\n", "\\centering\\small\\setlength{\\tabcolsep}{4pt}\n", 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from bench.comparable import MARKED, notes_on
 from bench.described import definitions
 from bench.errors import InputError, nearest
 from bench.outcomes.ranking import COLUMNS as RANKED
-from bench.outcomes.runs import every_result, grouped, stored
+from bench.outcomes.runs import every_result, grouped, of_captures, wanted
 from bench.outcomes.same_wrong import COLUMNS, agreements
 from bench.outcomes.store import Store
 from bench.result import Result
@@ -27,9 +27,10 @@ from reports.budgets import budget_tables, by_budget
 from reports.candidates import Considered, considered, marks
 from reports.comparison import comparison, published, shown
 from reports.figures import save
-from reports.latex import latex
+from reports.latex import latex, side_by_side
 from reports.layout import markdown, page
 from reports.numbers import busy, listed, noted
+from reports.paper import papers, sheet
 from reports.papers import published_section
 from reports.provenance import provenance, software
 from reports.reproduction import against as beside_papers
@@ -44,24 +45,31 @@ ROWS = 300  # of a table on the page; the CSV files hold all
 
 
 def write_report(
-    store: Store, folder: Path, budgets: Mapping[str, float] | None = None, against: str = ""
+    store: Store,
+    folder: Path,
+    budgets: Mapping[str, float] | None = None,
+    against: str = "",
+    asked: Mapping[str, Iterable[object]] | None = None,
+    paper: Sequence[str] = ("accuracy",),
 ) -> list[Path]:
-    """Write ``index.html``, ``comparison.md``, ``comparison.tex``, a CSV file for each table, figures as PNG and SVG.
+    """Write ``index.html``, ``comparison.md``, LaTeX tables, a CSV file for each table, figures as PNG and SVG.
 
     Args:
         store: store of the runs.
         folder: destination folder; it is created.
         budgets: budget of each cost (`bench.measures.costs`) of the system to choose.
         against: the system that tests compare with, in each group that has it; empty for the best one of each.
+        asked: the runs to report, as `bench.outcomes.runs.selected` takes them; empty for all.
+        paper: columns of ``paper.tex`` and ``paper.csv`` (`reports.paper.columns_of`).
 
     Returns:
         The files written.
 
     Raises:
-        InputError: the store holds no scored run, or none of ``against``, or the folder cannot be written.
+        InputError: no scored run is selected, or none of ``against``, or the folder cannot be written.
     """
-    results = every_result(store)
-    runs = stored(store)  # which says so where there is none
+    results = wanted(every_result(store), asked or {})
+    runs = of_captures(results)
     systems = sorted({r.system for r in runs if r.complete and r.alone})
     if against and against not in systems:
         raise InputError(f"against={against}: no complete run of this system is stored; {nearest(against, systems)}")
@@ -69,7 +77,7 @@ def write_report(
         folder.mkdir(parents=True, exist_ok=True)
         sweep(folder, ".")
         with tempfile.TemporaryDirectory(prefix=f".{owner()}", dir=folder) as beside:
-            written = _write(Path(beside), runs, results, budgets or {}, against)
+            written = _write(Path(beside), runs, results, budgets or {}, against, paper)
             (folder / "figures").mkdir(exist_ok=True)
             for name in written:  # a report that is stopped while it is made leaves the earlier one as it was
                 os.replace(Path(beside) / name, folder / name)
@@ -82,19 +90,34 @@ def write_report(
 
 
 def _write(
-    folder: Path, runs: list[Result], results: list[Result], budgets: Mapping[str, float], against: str
+    folder: Path,
+    runs: list[Result],
+    results: list[Result],
+    budgets: Mapping[str, float],
+    against: str,
+    paper: Sequence[str],
 ) -> list[Path]:
     """Write a report into an empty folder; its files, the page last, relative to the folder."""
     (folder / "figures").mkdir()
     values, tables = assemble(runs, results, folder / "figures", budgets, against)
+    tables = {name: table for name, table in tables.items() if runs or len(table)}
+    made = papers(runs, paper)
+    tables |= {"paper": sheet(made)} if made else {}
     for name, table in tables.items():
         write_sheet(table, folder / f"{name}.csv")
     (folder / "comparison.md").write_text(markdown("report.jinja", **values), encoding="utf-8")
-    every = pd.concat([tables[name] for name in ("comparison", "reference") if name in tables])
-    (folder / "comparison.tex").write_text(latex(every), encoding="utf-8")
+    if runs:
+        every = pd.concat([tables[name] for name in ("comparison", "reference") if name in tables])
+        (folder / "comparison.tex").write_text(latex(every), encoding="utf-8")
+        (folder / "paper.tex").write_text(side_by_side(made), encoding="utf-8")
     (folder / "index.html").write_text(page("report.jinja", **values), encoding="utf-8")
     drawn = sorted(path.relative_to(folder) for path in (folder / "figures").iterdir())
-    texts = [*(f"{name}.csv" for name in tables), "comparison.md", "comparison.tex", "index.html"]
+    texts = [
+        *(f"{name}.csv" for name in tables),
+        *["comparison.tex", "paper.tex"][: 2 * bool(runs)],
+        "comparison.md",
+        "index.html",
+    ]
     return [*drawn, *map(Path, texts)]
 
 
@@ -131,8 +154,12 @@ def assemble(
         "comparison": compared[compared["source"] == "store"],
         "budgets": by_budget(candidates, alone),
         "published": beside_papers(papers, runs),
-        "statistics": pd.concat([g.rows.assign(group=name) for name, g in parts.items()], ignore_index=True),
-        "pairs": pd.concat([g.pairs.assign(group=name) for name, g in parts.items()], ignore_index=True),
+        "statistics": pd.concat(
+            [pd.DataFrame(), *(g.rows.assign(group=name) for name, g in parts.items())], ignore_index=True
+        ),
+        "pairs": pd.concat(
+            [pd.DataFrame(), *(g.pairs.assign(group=name) for name, g in parts.items())], ignore_index=True
+        ),
         "ranking": pd.concat(
             [pd.DataFrame(columns=[*RANKED, "group"]), *(o.found.table.assign(group=o.title) for o in over)]
         ),
@@ -143,8 +170,8 @@ def assemble(
     tables = {name: noted(table, data_of, people_of) for name, table in (sheets(results) | tables).items()}
     tables["provenance"] = provenance(grouped(results))
     values = {
-        "title": f"Which system to choose: {_corpora(runs)}",
-        "synthetic": any(r["synthetic"] == "true" for r in runs),
+        "title": f"Which system to choose: {_corpora(runs or results)}",
+        "synthetic": any(r["synthetic"] == "true" for r in results),
         "failed": sorted({r.system for r in runs if r["folds_failed"] > 0}),
         "on_batch": sorted({r.system for r in runs if not r.alone}),
         "marked": MARKED,
@@ -160,7 +187,7 @@ def assemble(
             for figure, caption in [speed_chart(answer.title, points, answer.costs, answer.budgets, left)]
         ],
         "budgets": budget_tables(tables["budgets"]),
-        "runs": runs_section(tables["comparison"], [*largest, *left_out]),
+        "runs": runs_section(tables["comparison"], [*largest, *left_out]) if runs else None,
         "reference": runs_section(shipped, [*largest, *left_out])["table"] if len(shipped) else None,
         "counts": (len(runs), len({r.system for r in runs})),
         "briefs": briefs(told(results), parts),
@@ -174,7 +201,7 @@ def assemble(
         ],
         "same_wrong": [same_wrong_section(a) for a in agreed],
         "few": few.INTERVAL,
-        "provenance": provenance_section(runs, tables["provenance"]),
+        "provenance": provenance_section(runs or results, tables["provenance"]),
     }
     return values, tables
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 
 from bench.amounts import convert
-from bench.arguments import BACKEND, Backend, backend_of, parse, setting
+from bench.arguments import BACKEND, PARTS, Backend, backend_of, parse, setting
 from bench.arguments import KEYS as RUN_KEYS
 from bench.commands.kind import evaluated
 from bench.commands.printing import failures, say
@@ -15,7 +16,7 @@ from bench.errors import InputError
 from bench.options import keys, options
 from bench.outcomes import gate
 from bench.outcomes.baseline import Measured, read, text
-from bench.outcomes.runs import stored
+from bench.outcomes.runs import SELECTING, asked_of, selected, stored
 from bench.outcomes.store import connect
 from bench.plan.cells import Cell, cells
 from bench.scratch import replacing
@@ -35,17 +36,21 @@ def check(arguments: list[str]) -> int:
     limits = {k: float(str(convert(k, values.get(k, options("check")[k].default), 1.0))) for k in LIMITS}
     if not 0 < limits["error"] < 100 or not limits["slower"] > 0:
         raise InputError("error= is a percentage and slower= a factor above 0; give for example error=1 slower=2")
-    added = [f"{k}={v}" for k, v in values.items() if k not in {*BACKEND, *OWN, *LIMITS}]
+    of_runs = {k: v for k, v in values.items() if k not in {*BACKEND, *OWN, *LIMITS}}
+    added = [f"{k}={v}" for k, v in of_runs.items()]
     path, report = Path(str(how["baseline"])), str(how["junit"])
     if how["update"]:
         if not how["run"]:
             raise InputError("run=no and update=yes exclude each other, because an update needs runs; leave run= out")
         return _update(path, added, backend_of(values), limits)
-    if added:
-        raise InputError(f"{added[0]} adds systems, which needs update=yes; leave it out to compare with the baseline")
-    baseline = read(path, understood)
+    if new := [f"{k}={v}" for k, v in of_runs.items() if k not in SELECTING and not k.startswith("protocol.")]:
+        raise InputError(f"{new[0]} adds systems, which needs update=yes; leave it out to compare with the baseline")
+    asked = asked_of(of_runs)
+    baseline = [then for then in read(path, understood) if not asked or _cells([then.run], asked, then)]
+    if not baseline:
+        raise InputError(f"baseline={path} holds no system with {' '.join(added)}; leave a key out")
     if how["run"]:
-        current, _ = _run([then.run for then in baseline], backend_of(values))
+        current, _ = _run([then.run for then in baseline], backend_of(values), asked)
     else:
         current = _stored(baseline)
     verdicts = gate.compare(baseline, current, **limits)
@@ -70,16 +75,34 @@ def understood(run: str) -> list[Cell]:
     return cells(parse(shlex.split(run), RUN_KEYS))
 
 
-def _run(runs: list[str], backend: Backend) -> tuple[list[Measured], int]:
-    """Run what is not tracked yet; complete runs of the code, versions and threads as they are, and the exit code."""
+def _cells(runs: list[str], asked: Mapping[str, list], then: Measured | None = None) -> list[tuple[Cell, str]]:
+    """The selected cells of ``bench run`` arguments, with these; each once.
+
+    Args:
+        runs: arguments.
+        asked: values as `bench.outcomes.runs.selected` takes them.
+        then: the system whose cells are wanted; None for all.
+    """
     planned: dict[str, tuple[Cell, str]] = {}
     for run in dict.fromkeys(runs):
         for cell in understood(run):
-            planned.setdefault(repr(cell), (cell, run))
-    results = evaluated([cell for cell, _ in planned.values()], backend)
+            row = {"data": cell.data, "subset": cell.where or "all", "target": cell.target}
+            row |= {"protocol": str(cell.protocol), "system": cell.system()}
+            parts = {part.room: part for part in cell.parts}
+            named = {f"{key}_name": parts[room].name if room in parts else "" for key, room in PARTS.items()}
+            named |= {f"protocol.{k}": str(v) for k, v in cell.protocol.parameters.items()}
+            if selected([row | named], asked) and (then is None or row.items() <= then.names.items()):
+                planned.setdefault(repr(cell), (cell, run))
+    return [*planned.values()]
+
+
+def _run(runs: list[str], backend: Backend, asked: Mapping[str, list] | None = None) -> tuple[list[Measured], int]:
+    """Run what is not tracked yet; complete runs of the code, versions and threads as they are, and the exit code."""
+    planned = _cells(runs, asked or {})
+    results = evaluated([cell for cell, _ in planned], backend)
     code = failures(results)
     complete: dict[tuple[str, ...], Measured] = {}
-    for result, (_, run) in zip(results, planned.values(), strict=True):
+    for result, (_, run) in zip(results, planned, strict=True):
         if result.complete:
             measured = gate.measured(result, run)
             complete.setdefault(tuple(measured.names.values()), measured)

@@ -14,17 +14,17 @@ import numpy as np
 
 from bench import few, pareto
 from bench.amounts import convert, quantity
-from bench.arguments import BACKEND, Values, items, parse, typed
+from bench.arguments import BACKEND, Values, parse, typed
 from bench.candidate import Losses, Wish
 from bench.commands.printing import output, say, then
-from bench.comparable import notes_on, several
+from bench.comparable import MARKED, notes_on, several
 from bench.errors import InputError, nearest
 from bench.measures import Cost, Measure, Row, budgets, costs, costs_of, text
 from bench.options import SMALL, keys, makers
 from bench.outcomes.candidates import Candidates, candidates, complete_on, elsewhere, missing, repeated
-from bench.outcomes.choice import Choice, decide, named, points, sentences
+from bench.outcomes.choice import Choice, decide, details, named, points, prices, scope, verdict
 from bench.outcomes.expected import Expected, expectation, expected
-from bench.outcomes.runs import every_result, plain, without_runs
+from bench.outcomes.runs import asked_of, every_result, plain, without_runs
 from bench.outcomes.store import connect
 from bench.progress import warn
 from bench.registry import classes
@@ -32,9 +32,9 @@ from bench.result import Result
 from bench.scene_file import EVERY, Scene, read_scene
 from bench.table import Table, rows_of
 
-AMONG = ("data", "where", "target", "protocol", "model", "features")  # of tracked runs
 RUNNING = {*BACKEND, "inner", "seed"}  # keys that are of use with over= alone
 SHOWN = 3  # of systems and commands that a sentence names
+BRIEF = 5  # sentences without why=yes, beside those on what else there is and what to type next
 FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
 
 
@@ -54,6 +54,7 @@ class Chosen:
         lacking: commands that measure what is not stored, by what they measure, in words.
         growth: sentence on more training people, empty if no learning curve is stored.
         notes: sentences on the board of the scene.
+        why: True to print all sentences.
     """
 
     choice: Choice
@@ -67,6 +68,7 @@ class Chosen:
     lacking: Mapping[str, list[str]] = field(default_factory=dict)
     growth: str = ""
     notes: list[str] = field(default_factory=list)
+    why: bool = False
 
     @property
     def system(self) -> str | None:
@@ -88,12 +90,43 @@ class Chosen:
         return "\n".join([f"{self.among.context}:", *self.lines()])
 
     def lines(self) -> list[str]:
-        """The choice and its reason, or the binding budget and a remedy."""
-        subjects, table = self.among.subjects.shape[1], self.among.table
-        lines = sentences(self.choice, self.by, self.margin, subjects, self.among.mixed)
+        """The choice, its reason and what to expect, or the binding budgets and a remedy; all with ``why``."""
+        brief, every = self._brief(), self._every()
+        lines = every if self.why else brief
+        more = 0 if self.why else sum(line not in brief for line in every)
+        lines = [*lines, *([f"{several(more, 'more sentence')} with why=yes."] if more else [])]
+        if self.choice.chosen is None:
+            lines.append(f"Try a small system that is accurate on real touch: bench {_command(self.watched)} {SMALL}")
+        return lines
+
+    @property
+    def _verdict(self) -> list[str]:
+        """The choice, what its kind of run tells of it, and the reason."""
+        first, *reason = verdict(self.choice, self.by, self.margin, self.among.subjects.shape[1])
+        chosen = self.choice.chosen
+        told = "" if chosen is None else self.kind.chosen(self.among.table.loc[chosen].to_dict())
+        return [first, *([told] if told else []), *reason]
+
+    @property
+    def _scope(self) -> list[str]:
+        return [] if self.choice.chosen is None else scope(self.among.subjects.shape[1], self.among.mixed)
+
+    def _brief(self) -> list[str]:
+        """At most `BRIEF` sentences."""
+        if self.system is None:
+            lacking = [f"{what} is not stored. To measure it: {first}." for what, (first, *_) in self.lacking.items()]
+            return [*self._verdict, *prices(self.choice, binding=True), *lacking[:1]][:BRIEF]
+        expect = expectation(self.expected, self.among, self.choice.chosen)[:1]
+        notes = notes_on(self.system, str(self.among.first["data"]))
+        notes += [MARKED] * any(MARKED in notes_on(str(name), "") for name in self.among.table["system"])
+        footnotes = dict.fromkeys(f"{note.rstrip('.')}." for note in notes)
+        return [*self._verdict, *expect, *self._scope, *footnotes][:BRIEF]
+
+    def _every(self) -> list[str]:
+        """All sentences but the remedy."""
+        table = self.among.table
+        lines = [*self._verdict, *details(self.choice, self.by, self.among.subjects.shape[1]), *self._scope]
         lines += [*expectation(self.expected, self.among, self.choice.chosen), *([self.growth] if self.growth else [])]
-        if self.choice.chosen is not None and (told := self.kind.chosen(table.loc[self.choice.chosen].to_dict())):
-            lines.insert(1, told)
         if self.clock is not None:
             timed = f"for {table['cycles'].notna().sum()} of {several(len(table), 'system')}"
             lines.append(f"Decision time is touch before the decision, plus cycles at {self.clock:g} MHz {timed}.")
@@ -106,8 +139,6 @@ class Chosen:
         for what, commands in self.lacking.items():
             more = f"; and {len(commands) - SHOWN} more" if len(commands) > SHOWN else ""
             lines.append(f"{what} is not stored. To measure it: {'; '.join(commands[:SHOWN])}{more}.")
-        if self.choice.chosen is None:
-            lines.append(f"Try a small system that is accurate on real touch: bench {_command(self.watched)} {SMALL}")
         return lines
 
     __repr__ = __str__
@@ -194,7 +225,7 @@ def chosen(values: Values) -> Chosen:
         raise InputError("unit=window: losses under faults are of whole captures; leave it or the faults out")
     margin = quantity("margin", values["margin"]) if "margin" in values else None
     clock = quantity("clock", values["clock"], "MHz") if "clock" in values else None
-    asked = {k: items(k, v) for k, v in values.items() if k in AMONG or k.startswith("protocol.")}
+    asked = asked_of(values)
     if "shots" in values:
         shots = convert("shots", values["shots"], 0)
         if shots < 0:
@@ -233,7 +264,8 @@ def chosen(values: Values) -> Chosen:
     if choice.chosen is not None and not growth and "scene" in values:
         lacking |= _curve(among, choice.chosen)
     notes = scene.board.sentences(values) if scene.board else []
-    return Chosen(choice, among, by, limits, margin, clock, scene, one, lacking, growth, notes)
+    why = _one_of("why", values, ("no", "yes")) == "yes"
+    return Chosen(choice, among, by, limits, margin, clock, scene, one, lacking, growth, notes, why)
 
 
 def _lacking(among: Candidates, asked: list[str], scene: Scene) -> dict[str, list[str]]:

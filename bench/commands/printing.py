@@ -149,7 +149,9 @@ def _title(result: Result) -> str:
 
 
 def runs_table(results: Sequence[Result], view: type[Shown]) -> Table:
-    """A table of results: what they share stands above it, what differs in columns."""
+    """A table of results, the most accurate first: what they share stands above it, what differs in columns."""
+    places = {key: i for i, key in enumerate(dict.fromkeys(alike(r, view.alike) for r in results))}
+    results = sorted(results, key=lambda r: (places[alike(r, view.alike)], -known_score(r, view)))
     marked = best(results, view) if view.ranked else []
     subset = lambda r: r["subset"] + (f", {r['target']}" if r["target"] != "gesture" else "")  # noqa: E731
     context = [
@@ -172,6 +174,12 @@ def runs_table(results: Sequence[Result], view: type[Shown]) -> Table:
         title += "".join(f"; {too_few(people)}" for people in few)
     bold = [i for i, r in enumerate(results) if r in marked]
     return Table([system, *differing, *measures, folds], results, title, bold)
+
+
+def known_score(result: Result, view: type[Shown]) -> float:
+    """The number by which a result is ranked; minus infinity where it has none."""
+    score = known(result.get(view.score))
+    return float("-inf") if score is None else float(score)
 
 
 def choices_table(result: Result) -> Table:

@@ -15,6 +15,7 @@ from bench.commands.printing import then
 from bench.errors import InputError
 from bench.measures import budgets
 from bench.options import keys
+from bench.outcomes.runs import asked_of
 from bench.outcomes.store import connect, store_uri
 
 HERE = "127.0.0.1"
@@ -46,13 +47,18 @@ def report(arguments: list[str]) -> int:
     """
     values = parse(arguments, keys("report"))
     limits = {cost.key: cost.typed(values[key]) for key, cost in budgets().items() if key in values}
+    asked = asked_of(values)
+    from reports.paper import columns_of
+
+    paper = columns_of(values.get("paper", "accuracy"))
     from reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
     out = Path(values.get("out", "report"))
-    paths = write_report(connect(), out, limits, str(values.get("against", "")))
+    paths = write_report(connect(), out, limits, str(values.get("against", "")), asked, paper)
     counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".png")}
     page = out / "index.html"
-    print(f"{page}: all runs; in the same folder .md, .tex, {counts['.csv']} CSV files and {counts['.png']} figures")
+    what = "the selected runs" if asked else "all runs"
+    print(f"{page}: {what}; in the same folder .md, .tex, {counts['.csv']} CSV files and {counts['.png']} figures")
     print(f"open: {page.resolve().as_uri()}")
     then("bench ui")
     return 0

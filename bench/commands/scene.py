@@ -8,8 +8,7 @@ from statistics import mean
 import pandas as pd
 
 from bench import few
-from bench.arguments import Values, items, parse, setting
-from bench.commands.choose import AMONG
+from bench.arguments import Values, parse, setting
 from bench.commands.printing import output, say, then, unwritable, writable
 from bench.comparable import MIXED, facts_of
 from bench.errors import InputError
@@ -17,7 +16,7 @@ from bench.measures import Measure, text
 from bench.options import keys
 from bench.outcomes.candidates import eligible
 from bench.outcomes.groups import LEVELS, Grouping, enough, groupings, reactions
-from bench.outcomes.runs import stored, without_runs
+from bench.outcomes.runs import asked_of, stored, without_runs
 from bench.outcomes.store import connect
 from bench.progress import warn
 from bench.result import Result
@@ -85,7 +84,7 @@ def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str]]:
     """
     if dotted := [k for k in values if "." in k and not k.startswith("protocol.")]:
         raise InputError(f"{dotted[0]}= runs a system, and bench scene reads stored runs; leave {dotted[0]}= out")
-    asked = {k: items(k, v) for k, v in values.items() if k in AMONG or k.startswith("protocol.")}
+    asked = asked_of(values)
     every = stored(connect())
     for lacking in without_runs([every], asked):
         warn(f"warning: {lacking}: no run is stored")

@@ -18,6 +18,7 @@ from bench.result import Result
 if TYPE_CHECKING:
     from models.search.space import How, Tuning
 
+STORED = ("by", "margin", "shots", "unit", "clock", "batch", "scene", "why", "run", "latest")  # keys of stored runs
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are typed
 
 
@@ -27,7 +28,7 @@ def smallest(values: Values) -> list[Result]:
     Raises:
         InputError: a key is for choosing among tracked runs, or a value cannot be used.
     """
-    if wrong := {"by", "margin", "shots", "unit", "clock", "batch", "scene", *budgets()} & set(values):
+    if wrong := {*STORED, *budgets()} & set(values):
         raise InputError(f"{wrong.pop()}= chooses among stored runs and over= makes runs; leave one of them out")
     over, inner = str(values["over"]), str(values.get("inner", "3"))
     rest = {k: v for k, v in values.items() if k not in ("over", "inner", f"model.{over}")}

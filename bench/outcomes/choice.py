@@ -162,22 +162,26 @@ def named(row: Mapping[Any, Any]) -> str:
 def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixed: bool = False) -> list[str]:
     """The choice, its reason, the cost of the next better system and of each budget, and its scope.
 
+    Arguments are those of `verdict` and `scope`.
+    """
+    lines = [*verdict(choice, by, margin, subjects), *details(choice, by, subjects)]
+    return lines if choice.chosen is None else [*lines, *scope(subjects, mixed)]
+
+
+def verdict(choice: Choice, by: str, margin: float | None, subjects: int) -> list[str]:
+    """The choice and its reason; the first sentence alone if nothing can be chosen.
+
     Args:
         choice: result of `decide`.
         by: the cost to minimise.
         margin: points of accuracy that do not matter, or None.
         subjects: number of them.
-        mixed: True if training and test captures share subjects.
     """
-    rows, cost = dict(zip(choice.table.index, rows_of(choice.table), strict=True)), costs()[by]
-    limits = [_limited(limit, rows, choice.best) for limit in choice.budgets]
+    rows, cost = _rows(choice), costs()[by]
     if choice.chosen is None or choice.best is None:
         if choice.unranked:
-            return [
-                f"Nothing can be chosen: the {cost.noun} of every system that fits is unknown ({cost.unknown}).",
-                *limits,
-            ]
-        return ["Nothing fits the budgets.", *limits]
+            return [f"Nothing can be chosen: the {cost.noun} of every system that fits is unknown ({cost.unknown})."]
+        return ["Nothing fits the budgets."]
     chosen, best = rows[choice.chosen], rows[choice.best]
     lines = [f"Choose {named(chosen)}: {chosen['accuracy']:.1f} % with {cost.amount(chosen[by])} {cost.words}."]
     fits = "that fits" + (f" and has a known {cost.noun}" if choice.unranked else "")
@@ -187,14 +191,22 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
         near, none_near, proof = f"{near} to", f"{none_near} (p < 0.05)", ", p < 0.05"
     if choice.chosen == choice.best or subjects < 2:
         cheaper = f", and no cheaper one {none_near}" if subjects > 1 else ""
-        lines.append(f"No system {fits} is more accurate{cheaper}.")
-    else:
-        of_best = named(best).replace(" (", ", ").removesuffix(")") + f", {best['accuracy']:.1f} %"
-        lines += [
-            f"It is the cheapest system {near} the best one {fits} ({of_best}{proof}).",
+        return [*lines, f"No system {fits} is more accurate{cheaper}."]
+    of_best = named(best).replace(" (", ", ").removesuffix(")") + f", {best['accuracy']:.1f} %"
+    return [*lines, f"It is the cheapest system {near} the best one {fits} ({of_best}{proof})."]
+
+
+def details(choice: Choice, by: str, subjects: int) -> list[str]:
+    """What the choice loses to the best system, the next better system, systems of unknown cost, and each budget."""
+    if choice.chosen is None:
+        return prices(choice)
+    rows, cost, lines = _rows(choice), costs()[by], []
+    chosen = rows[choice.chosen]
+    if choice.chosen != choice.best and subjects > 1:
+        lines.append(
             f"It loses {points(chosen['loss'], chosen['error'])} points (mean ± standard error over {subjects} "
-            "subjects).",
-        ]
+            "subjects)."
+        )
     if choice.costlier is not None:
         better = rows[choice.costlier]
         more, less = cost.apart(better[by], chosen[by])
@@ -209,12 +221,34 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
             f"{several(len(choice.unranked), 'system')} cannot be chosen, because the {cost.noun} is unknown "
             f"({cost.unknown}). The most accurate of these is {named(first)}, {first['accuracy']:.1f} %."
         )
-    lines += limits
-    if words := few.too_few(subjects):
-        lines.append(f"{words}. The order may differ for other people.")
-    if mixed:
-        lines.append(MIXED)
-    return lines
+    return [*lines, *prices(choice)]
+
+
+def prices(choice: Choice, binding: bool = False) -> list[str]:
+    """What each budget costs, or where nothing fits, how far the systems are from it.
+
+    Args:
+        choice: result of `decide`.
+        binding: True to leave out budgets that rule out no system.
+    """
+    rows = _rows(choice)
+    kept = [limit for limit in choice.budgets if limit.over or limit.unknown or not binding]
+    return [_limited(limit, rows, choice.best) for limit in kept]
+
+
+def scope(subjects: int, mixed: bool) -> list[str]:
+    """The limits of the conclusion.
+
+    Args:
+        subjects: number of them.
+        mixed: True if training and test captures share subjects.
+    """
+    words = few.too_few(subjects)
+    return [f"{words}. The order may differ for other people."] * bool(words) + [MIXED] * mixed
+
+
+def _rows(choice: Choice) -> dict[int, Row]:
+    return dict(zip(choice.table.index, rows_of(choice.table), strict=True))
 
 
 def _limited(limit: Budget, rows: Mapping[int, Row], best: int | None) -> str:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Never, TypeVar
 
 import pandas as pd
 
+from bench.amounts import convert
+from bench.arguments import Values, items
 from bench.comparable import COMPARABLE, SAME_SYSTEM, context_of
 from bench.errors import InputError
 from bench.outcomes.earlier import TAGS, adopted
 from bench.outcomes.store import Store
 from bench.outcomes.tables import AGAIN, read_table
+from bench.progress import warn
 from bench.registry import KEYS as PARTS
 from bench.registry import classes, names
 from bench.result import Result, Tables
@@ -21,9 +24,14 @@ if TYPE_CHECKING:
     from mlflow.entities import Run
 
 ROOMS = {key: room for room, key in PARTS.items() if room != "corpora"}  # of the key of a part
-COLUMNS = {"where": "subset", "shots": "protocol.shots"}  # of a result, where it is not called as it is asked for
+COLUMNS = {"where": "subset", "shots": "protocol.shots", "run": "run_id"}  # names in a result of other keys
 SAME = (*COMPARABLE, *SAME_SYSTEM, "features_name", "model_name")  # what makes two runs repetitions of one
 COLUMNS |= {part: f"{part}_name" for part in ROOMS}
+SELECTING = ("data", "where", "target", "protocol", "model", "features", "run", "latest")  # keys of stored runs
+OF_RUN = ("touchbench.kind", "touchbench.command")  # tags
+SETTING = (*OF_RUN, "data", "subset", "target", "protocol", "model_name", "features_name")  # of which `_latest` is
+NEWEST = ("corpus_digest", "protocol_label", "system")  # what results of a setting share with the newest of them
+Row = TypeVar("Row", bound=Mapping[str, Any])  # a result, or what has the same names
 
 
 class NothingTracked(InputError):
@@ -69,10 +77,18 @@ def stored(store: Store) -> list[Result]:
     Raises:
         NothingTracked: there is none.
     """
-    (command, first), *_ = classes("kinds").items()
-    if not (results := plain(r for r in every_result(store) if r.kind == first.tag)):
-        raise NothingTracked(f"no scored run is stored here; make one first, for example: bench {command} model=svm")
-    return results
+    return of_captures(every_result(store)) or _none_stored()
+
+
+def of_captures(results: Iterable[Result]) -> list[Result]:
+    """The results of `plain` of the first kind, of captures."""
+    first, *_ = classes("kinds").values()
+    return plain(r for r in results if r.kind == first.tag)
+
+
+def _none_stored() -> Never:
+    command, *_ = classes("kinds")
+    raise NothingTracked(f"no scored run is stored here; make one first, for example: bench {command} model=svm")
 
 
 def plain(results: Iterable[Result]) -> list[Result]:
@@ -89,17 +105,52 @@ def plain(results: Iterable[Result]) -> list[Result]:
     return sorted(best.values(), key=lambda r: r["started"])
 
 
-def selected(results: Sequence[Result], asked: Mapping[str, Iterable[object]]) -> list[Result]:
+def asked_of(values: Values) -> dict[str, list]:
+    """The typed keys that select stored runs, with their values, as `selected` takes them.
+
+    Raises:
+        InputError: a parameter of a model or feature set, which selects nothing, or a value that cannot be used.
+    """
+    for key in values:
+        if "." in key and not key.startswith("protocol."):
+            raise InputError(f"{key}= is a parameter of new runs; leave it out to select stored runs")
+    asked = {k: items(k, v) for k, v in values.items() if k in SELECTING or k.startswith("protocol.")}
+    if "latest" in asked and not convert("latest", values["latest"], False):
+        del asked["latest"]
+    return asked
+
+
+def wanted(results: Sequence[Result], asked: Mapping[str, Iterable[object]]) -> list[Result]:
+    """The selected results, with a warning for each value without a run.
+
+    Raises:
+        NothingTracked: none is selected.
+    """
+    if not results:
+        _none_stored()
+    for part in without_runs([results], asked):
+        warn(f"warning: {part}: no run is stored")
+    kept = selected(results, asked)
+    if not kept:
+        words = " ".join(f"{k}={','.join(map(str, v))}" for k, v in asked.items() if k != "latest")
+        raise NothingTracked(f"no run is stored for {words}; leave a key out, or make such a run with bench run")
+    return kept
+
+
+def selected(results: Sequence[Row], asked: Mapping[str, Iterable[object]]) -> list[Row]:
     """The results that have one of the values of each key.
 
     A part of a file goes by ``file.py:Name`` from wherever it is asked for, and by the name that tables show.
 
     Args:
         results: results.
-        asked: values of ``data``, ``where``, ``target``, ``protocol``, ``features``, ``model``, or of a name in them.
+        asked: values of ``data``, ``where``, ``target``, ``protocol``, ``features``, ``model``, ``run``, or of a name
+            in them. With ``latest``, of each model and feature set only the runs with the newest parameters are kept.
     """
     kept = [*results]
     for key, values in asked.items():
+        if key == "latest":
+            continue
         name = COLUMNS.get(key, key)
         if key in ROOMS:
             wanted = {goes_by for value in values for goes_by in (str(value), _absolute(str(value)))}
@@ -107,12 +158,23 @@ def selected(results: Sequence[Result], asked: Mapping[str, Iterable[object]]) -
         else:
             texts = {str(v) for v in values}
             kept = [r for r in kept if r.get(name) in texts]
-    return kept
+    return _latest(kept) if "latest" in asked else kept
+
+
+def _latest(results: Sequence[Row]) -> list[Row]:
+    """The newest parameters and captures of each model and feature set, with all seeds; complete runs come first."""
+
+    def named(r: Row, names: Iterable[str]) -> tuple[str, ...]:
+        return tuple(str(r.get(name)) for name in names)
+
+    ordered = sorted(results, key=lambda r: (r["status"] == "FINISHED", r["started"]))
+    newest = {named(r, SETTING): named(r, NEWEST) for r in ordered}
+    return [r for r in results if named(r, NEWEST) == newest[named(r, SETTING)]]
 
 
 def without_runs(results: Iterable[Sequence[Result]], asked: Mapping[str, Iterable[object]]) -> list[str]:
-    """The requested models and feature sets without a result among any, as ``key=value``."""
-    parts = [(key, value) for key in ("features", "model") for value in asked.get(key, ())]
+    """The requested models, feature sets and runs without a result among any, as ``key=value``."""
+    parts = [(key, value) for key in ("features", "model", "run") for value in asked.get(key, ())]
     every = [*results]
     return [f"{key}={v}" for key, v in parts if not any(selected(each, {key: [v]}) for each in every)]
 

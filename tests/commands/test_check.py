@@ -20,6 +20,8 @@ from tests.outcomes.test_gate import measured
         (["update=true", "run=false"], "run=no"),
         (["baseline=damaged.json"], "damaged.json"),
         (["baseline=none.json"], "update=yes"),
+        (["model=rf"], "holds no system with model=rf"),
+        (["model.C=8"], "update=yes"),
     ],
 )
 def test_bad_input_is_one_line(wrong, fact, capsys):
@@ -133,3 +135,12 @@ def test_the_systems_are_what_the_baseline_says(capsys):
     code = main(["check", f"baseline={BASELINE}", "slower=10"])
     assert code == 0, capsys.readouterr().out
     assert all(measured.synthetic for measured in read(BASELINE))
+
+
+def test_keys_select_systems_of_the_baseline(capsys):
+    small = ["features=jung28", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "jobs=1"]
+    assert main(["check", "baseline=b.json", "update=yes", "model=tree,bayes", *small]) == 0
+    capsys.readouterr()
+    assert main(["check", "baseline=b.json", "slower=1000", "model=bayes", "data=synth"]) == 0
+    out = capsys.readouterr().out
+    assert "bayes · jung28" in out and "tree" not in out and "1 of 1 systems are the same" in out

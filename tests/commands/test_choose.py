@@ -20,6 +20,12 @@ from bench.options import SMALL
 from bench.plan.cells import cells
 from tests.reports.store import made_up, stressed, tracked_run, watched
 
+
+def typed_run(model):
+    """The tags of a run that was typed."""
+    return {"touchbench.command": "run", "touchbench.arguments": json.dumps({"data": "synth", "model": model})}
+
+
 FEW = ["data.subjects=4", "data.repetitions=2", "data.variants=normal"]
 
 
@@ -51,6 +57,32 @@ def test_budgets_nothing_that_fits_and_other_processors(store, capsys):
 
 
 @pytest.mark.parametrize(
+    "limits", [["by=flash"], ["max_flash=20kB", "max_ram=1MB", "max_decision=9s", "max_predict=9s"]]
+)
+@pytest.mark.parametrize("flash", [6.0, 30.0])
+def test_eight_lines_follow_the_table_and_why_prints_the_rest(limits, flash, store, capsys):
+    """Of a protocol that mixes people, with a failed run; nothing fits the budgets, or a system does."""
+    for i, cost in enumerate((flash, 2 * flash, 3 * flash)):
+        about = typed_run(f"m{i}") | {"mixes_subjects": "true"}
+        tracked_run(store, f"m{i}", made_up(8, seed=i), cost=cost, **about)
+    tracked_run(store, "failed", made_up(8), failed=1)
+
+    def below(*more):
+        main(["choose", "data=synth", *limits, *more])
+        return capsys.readouterr().out.rpartition("┘")[2].strip().splitlines()
+
+    brief, every = below(), below("why=yes")
+    assert len(brief) <= 8 < len(every) and brief[-1].startswith(("next: bench fit", "Try a small system"))
+    (more,) = [line for line in brief if "with why=yes." in line]
+    assert int(more.split()[0]) == len([line for line in every if line not in brief])
+    assert (
+        {*brief} - {more} <= {*every}
+        and any(line.startswith(("Expect ", "The lowest")) for line in brief[1:])
+        or ("rules out 3 of 3 systems" in brief[1])
+    )
+
+
+@pytest.mark.parametrize(
     "wrong",
     ["by=price", "unit=frame", "batch=maybe", "clock=64", "max_ram=32", "margin=0", "shots=x", "shots=-1", "jobs=2"]
     + ["model.frames=3", "seed=1", "protocol.draws=2"],
@@ -70,7 +102,7 @@ def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(st
     watched(store, "other", [1.0, 1.0, 1.0], alarms=1.0, latency=0.5, **{"watch.background": "quiet"})
     watched(store, "small", [0.8, 0.9, 0.7], alarms=1.0, latency=1.2, **{"watch.false_alarms": "2.0"})
     watched(store, "strange", [1.0, 1.0, 1.0], alarms=1.0, latency=0.5, **{"watch.unknown": "pat"})
-    choice = bench.choose(max_false_alarms=5, max_latency="1s")
+    choice = bench.choose(max_false_alarms=5, max_latency="1s", why=True)
     table = choice.choice.table.set_index(["system", "unit"])
     assert len(table) == 4 and choice.system == "small"  # other recordings and whole captures are left out
     cheap = table.loc[("small", "touches in recordings")]
@@ -141,7 +173,7 @@ def test_a_scene_scores_reactions_and_asks_for_losses_and_the_worst_person(store
     table["circumstance"] = table["case"].map({"none": "", "noise": "under"})
     stressed_run = stressed(store, "svm", 1.0, {"noise": 0.0})
     kept(store, stressed_run, labels=table.assign(fold=table["subject"], train_subjects=2))
-    result = bench.choose(data="haart", scene=str(tmp_path / "robot.toml"))
+    result = bench.choose(data="haart", scene=str(tmp_path / "robot.toml"), why=True)
     rows = result.choice.table.set_index("system")
     costs = {}
     for row in tables["svm"].to_dict("records"):
@@ -198,7 +230,7 @@ def test_a_scene_of_an_endless_stream_scores_the_last_label(store, tmp_path):
         },
     )
     assert "in recordings is not stored. To measure it: bench watch data=haart model=lda." in str(
-        bench.choose(scene=str(tmp_path / "robot.toml"))
+        bench.choose(scene=str(tmp_path / "robot.toml"), why=True)
     )
 
 

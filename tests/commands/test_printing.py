@@ -18,6 +18,7 @@ from bench.measures import Measure
 from bench.options import keys
 from bench.table import Table
 from tests.conftest import SMALL, predictions, runs
+from tests.results import evaluated, result, with_hits
 
 
 def drawn(columns, rows, width):
@@ -105,6 +106,17 @@ def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys)
     text, name = capsys.readouterr().out, top["system"]
     assert f"│ {name} † " in text and f"{name} † (best)" not in text and "(best)" in text
     assert MARKED in text.splitlines()
+
+
+def test_rows_are_sorted_by_accuracy_within_captures_and_protocol():
+    hits = {"worse": 10, "better": 18, "middle": 14}
+    runs = [
+        evaluated(name, with_hits([n] * 3), protocol_label=p) for p in ("LOSO", "kfold") for name, n in hits.items()
+    ]
+    failed = result("none", metrics={"folds": 0}, failed=3, protocol_label="LOSO")
+    table = printing.runs_table([failed, *runs], Captures)
+    names = [row["system"].removesuffix(" (best)") for row in table.texts]
+    assert names == ["better", "middle", "worse", "none", "better", "middle", "worse"]
 
 
 VALUES = r"""variant == 'rough'; a == 'it"s'; x == '$HOME'; plain; two words; a == '`ls`'; wow!; \; x == 'a!b'"""

@@ -7,7 +7,17 @@ import pandas as pd
 import pytest
 
 from bench.errors import InputError
-from bench.outcomes.runs import NothingTracked, by_subject, every_result, grouped, plain, stored
+from bench.outcomes.runs import (
+    NothingTracked,
+    asked_of,
+    by_subject,
+    every_result,
+    grouped,
+    plain,
+    selected,
+    stored,
+    wanted,
+)
 from bench.outcomes.tables import file_of, write_table
 from bench.result import COUNTS, SMALL
 from tests.reports.store import keep
@@ -152,3 +162,26 @@ def test_accuracy_by_subject_is_of_complete_results_of_all_subjects():
         "synth (synthetic), all, LOSO (2 subjects)",
         "synth (synthetic), all, LOSO (1 subjects)",
     ]
+
+
+def test_keys_select_runs_and_latest_the_newest_parameters(store):
+    """All seeds of the newest parameters; searches, other protocols and other kinds are settings of their own."""
+    trial = keep(store, evaluated("svm[C=1] · jung54", made_up(3), model_name="svm"))
+    seeds = [keep(store, evaluated("svm · jung54", made_up(3), model_name="svm", seed=seed)) for seed in (0, 1)]
+    tuned = keep(store, evaluated("tuned svm", made_up(3), model_name="svm", **{"touchbench.command": "tune"}))
+    kfold = keep(store, evaluated("svm[C=1] · jung54", made_up(3), model_name="svm", protocol="kfold"))
+    failed = keep(store, evaluated("svm[C=9] · jung54", made_up(3), model_name="svm", failed=1))
+    other = keep(store, watched("svm[C=1]", [0.5, 1.0], alarms=2.0, latency=0.5, model_name="svm"))
+    every = every_result(store)
+
+    def ids(**values):
+        return [r["run_id"] for r in selected(every, asked_of(values))]
+
+    assert ids(latest="yes") == [*seeds, tuned, kfold, other]
+    assert ids(latest="no") == ids() == [trial, *seeds, tuned, kfold, failed, other]
+    assert ids(data="haart") == [other] and ids(protocol=["kfold"], model="svm") == [kfold]
+    assert ids(run=f"{trial},{kfold}") == [trial, kfold] and ids(run=trial, latest=True) == [trial]
+    with pytest.raises(NothingTracked, match="data=haar;"):
+        wanted(every, asked_of({"data": "haar"}))
+    with pytest.raises(InputError, match="model.C="):
+        asked_of({"model.C": "1"})

@@ -10,8 +10,11 @@ import pandas as pd
 import pytest
 
 from bench.comparable import MARK
+from bench.errors import InputError
 from bench.measures import Cost, Measure, run_columns
-from reports.latex import escaped, latex
+from reports.latex import escaped, latex, side_by_side
+from reports.paper import columns_of, papers, sheet
+from tests.results import evaluated, with_hits
 
 
 def row(system, accuracy, **more):
@@ -71,6 +74,41 @@ def test_the_caption_defines_each_classifier_once_with_its_parameters():
     ((caption, _),) = tables_of(latex(pd.DataFrame(rows)))
     assert caption.count("svm:") == 1 and "C=512, gamma=0.125, kernel=rbf, scaling=range" in caption
     assert "bayes:" not in caption and "reflex:" not in caption
+
+
+def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
+    hits = {"LOSO": {"a": [10, 14, 18, 12], "b": [16, 16, 12, 16]}, "10-fold": {"a": [20, 18, 20, 20]}}
+    mixed = {"mixes_subjects": "true"}
+    runs = [
+        evaluated(system, with_hits(row), protocol_label=name, cost=2.0, **(mixed if name == "10-fold" else {}))
+        for name, rows in hits.items()
+        for system, row in rows.items()
+    ]
+    runs += [evaluated("a", with_hits([12, 16, 16, 14]), protocol_label="LOSO", seed=1), evaluated("c", failed=1)]
+    (one,) = papers(runs, ["accuracy", "macro_f1", "fit", "flash"])
+    seeds = 5 * (np.array(hits["LOSO"]["a"]) + [12, 16, 16, 14]) / 2  # percent of 20 captures
+    rows = {row["system"]: row for row in one.table.texts}
+    assert [*rows] == ["b", "a"] and one.table.headings == [
+        *("system", "LOSO", "LOSO, macro-F1", "10-fold ‡", "10-fold ‡, macro-F1", "fit s", "flash kB")
+    ]
+    assert rows["a"]["LOSO"] == f"{seeds.mean():.1f} ± {seeds.std(ddof=1):.1f}" and rows["b"]["LOSO"] == "75.0 ± 10.0"
+    assert rows["b"]["10-fold ‡"] == "-" and rows["b"]["flash kB"] == "8" and rows["b"]["fit s"] == "6.00"
+    assert rows["a"]["LOSO, macro-F1"] == f"{50 * (runs[0]['macro_f1'] + runs[3]['macro_f1']):.1f}"
+    ((caption, lines),) = tables_of(side_by_side([one]))
+    assert lines[0]["LOSO"] == r"\textbf{75.0 $\pm$ 10.0}" and r"10-fold $^\ddagger$" in lines[0]
+    assert r"$^\ddagger$ Training and test captures come from the same subjects" in caption and "generated" in caption
+    table = sheet([one]).set_index("system")
+    assert (
+        table.loc["a", "LOSO: SD"] == pytest.approx(seeds.std(ddof=1))
+        and "10-fold ‡: accuracy" in table
+        and "‡" in table.loc["a", "note"]
+    )
+
+
+@pytest.mark.parametrize("wrong", ["f1", "fit", "accuracy,"])
+def test_columns_of_a_paper_that_cannot_be(wrong):
+    with pytest.raises(InputError, match=f"paper={wrong.split(',')[-1]}"):
+        columns_of(wrong)
 
 
 def test_text_is_escaped_and_control_characters_are_gone():

@@ -171,6 +171,21 @@ def test_continuous_touch_on_the_page(quick, store):
     assert "raises 40.0 false alarms per hour" in words and "latency is 1.00 s" in words
 
 
+def test_without_runs_on_captures_the_report_has_those_on_recordings(quick, store):
+    keep(store, watched("svm", [0.5] * 6, alarms=40.0, latency=1.0))
+    written = page.write_report(store, Path("report"))
+    words = " ".join(html.unescape(Path("report/index.html").read_text()).split())
+    assert 'id="continuous-touch"' in words and 'id="verdict"' not in words and 'id="runs"' not in words
+    assert Path("report/index.html") in written and not Path("report/comparison.csv").exists()
+
+
+def test_keys_select_what_is_reported(quick, store):
+    trial, kept = (tracked_run(store, f"{name} · touch", made_up(6)) for name in ("tree", "svm"))
+    page.write_report(store, Path("report"), asked={"run": [kept]})
+    assert pd.read_csv("report/comparison.csv")["run_id"].tolist() == [kept] and trial != kept
+    assert trial not in Path("report/index.html").read_text()
+
+
 def test_the_timeline_shows_touches_reports_and_what_was_missed():
     assert watching.frame_rate(WATCHED, 1.5) == 50  # 90 s of background
     numbers = {"background_minutes": 1.5, "touches_found": 0.5, "false_alarms_per_hour": 40.0}
@@ -340,7 +355,7 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
         assert answer.choice.table["system"][answer.choice.chosen] == system in answer.lines[0]
         words = [f"max_{k}={v:g}" + "kB" * (k == "flash") for k, v in budget.items()]
         assert answer.command == " ".join(["bench choose data=synth where=all target=gesture protocol=loso", *words])
-        assert main(answer.command.split()[1:]) == 0
+        assert main([*answer.command.split()[1:], "why=yes"]) == 0
         printed = capsys.readouterr().out
         assert all(line in printed for line in answer.lines)
     answer = verdict(results, {"flash": 100.0})
