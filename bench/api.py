@@ -13,7 +13,7 @@ from bench.commands import audit as _audit
 from bench.commands import choose as _choose
 from bench.commands import data as _data
 from bench.commands import fit as _fit
-from bench.commands import scene as _scene
+from bench.commands import groups as _groups
 from bench.commands import tune as _tune
 from bench.commands.kind import made
 from bench.commands.smallest import smallest
@@ -271,8 +271,8 @@ def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
     return results_of(smallest(typed)) if "over" in typed else _choose.chosen(typed)
 
 
-def scene(**values: object) -> pd.DataFrame:
-    """Groups of gestures that a stored system can tell apart, as ``bench scene`` finds them.
+def groups(**values: object) -> pd.DataFrame:
+    """Groups of gestures that a stored system can tell apart, as ``bench groups`` finds them.
 
     Args:
         values: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`, among whose runs the
@@ -285,7 +285,7 @@ def scene(**values: object) -> pd.DataFrame:
     Raises:
         InputError: something in the values cannot be used, or no run is stored for them.
     """
-    return _scene.grouped(_values(values, keys("scene")))[0]
+    return _groups.grouped(_values(values, keys("groups")))[0]
 
 
 def results(of: str = "", full: bool = False, against: str = "", **values: object) -> Results | pd.DataFrame:

@@ -72,19 +72,19 @@ CHOICE = "choose report"
 OPTIONS = (
     Option(
         "data",
-        f"{FOLDS} scene fit extract",
+        f"{FOLDS} groups fit extract",
         "text",
         "synth",
         "synth (generated captures) or an imported corpus, several joined by +",
     ),
-    Option("where", f"{FOLDS} scene fit extract", "text", "", "captures to use, such as where=\"variant == 'rough'\""),
-    Option("target", f"{FOLDS} scene fit", "text", "gesture", "columns that define the class, such as gesture+variant"),
-    Option("protocol", f"{FOLDS} scene", "text", "loso", "{protocols}"),
+    Option("where", f"{FOLDS} groups fit extract", "text", "", "captures to use, such as where=\"variant == 'rough'\""),
+    Option("target", f"{FOLDS} groups fit", "text", "gesture", "columns that define the class, such as gesture+variant"),
+    Option("protocol", f"{FOLDS} groups", "text", "loso", "{protocols}"),
     Option(
-        "model", f"{FOLDS} scene fit audit submit", "text", "svm", "{models}; names with a year are published systems"
+        "model", f"{FOLDS} groups fit audit submit", "text", "svm", "{models}; names with a year are published systems"
     ),
     Option(
-        "features", f"{FOLDS} scene fit audit submit extract", "text", "jung54", "{features}; not used by all models"
+        "features", f"{FOLDS} groups fit audit submit extract", "text", "jung54", "{features}; not used by all models"
     ),
     Option("model.window", "run", "number", None, "seconds per window; a model of whole captures then uses windows"),
     Option("model.repair", "run", "text", "", "sensor damage to correct", ("stuck", "dead", "offset"), "+"),
@@ -111,11 +111,11 @@ OPTIONS = (
     ),
     Option("unit", "choose", "text", "capture", "unit of accuracy", ("capture", "window")),
     Option(
-        "batch", "choose scene submit", "yes", False, "yes: also systems whose labels depend on other test captures"
+        "batch", "choose groups submit", "yes", False, "yes: also systems whose labels depend on other test captures"
     ),
     Option("shots", "choose", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
     Option("over", "choose", "text", "", "parameter of model= to make as small as possible, or features"),
-    Option("out", "scene", "text", "scene", "folder for groups.csv and the figure"),
+    Option("out", "groups", "text", "groups", "folder for groups.csv and the figure"),
     Option("bits", "export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
     Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
     Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams"),
@@ -210,7 +210,7 @@ OTHERS = {  # commands that make no runs of a kind
         "bench extract data=synth features=jung54 out=features.parquet",
         "data=NAME features=NAME out=FILE [where=CONDITION]",
     ),
-    "systems": Command(
+    "papers": Command(
         "compare",
         "list published numbers and the commands that reproduce them",
         "Lists every published number with the command that reproduces it, or the reason why there is none.",
@@ -235,14 +235,14 @@ OTHERS = {  # commands that make no runs of a kind
         "bench tune data=haart protocol=loso model=svm features=jung54 trials=50\n"
         "bench tune data=haart protocol=challenge model=rf,xgb features=ta273",
     ),
-    "scene": Command(
+    "groups": Command(
         "compare",
         "find groups of gestures that can be told apart",
         "Merges gestures into fewer and fewer groups, the most confused groups first, and prints the accuracy with "
         "each number of groups. It uses stored predictions: of model= and features=, or else of the most accurate "
         "system. The groups of each subject are chosen on the other subjects. Prints the table [reactions] of a scene "
         "file for 90, 95 and 99 % accuracy. Writes groups.csv and a dendrogram as PNG and SVG.",
-        "bench scene data=haart protocol=loso\nbench scene data=haart protocol=loso model=svm features=jung54",
+        "bench groups data=haart protocol=loso\nbench groups data=haart protocol=loso model=svm features=jung54",
     ),
     "ui": Command(
         "compare",
@@ -371,7 +371,7 @@ def commands() -> dict[str, Command]:
     """All commands by name, in the order of the overview."""
     made = {name: maker.spelling.command for name, maker in makers().items()}
     first = {name: command for name, command in made.items() if command.group == OTHERS["demo"].group}
-    before = [*OTHERS][: [*OTHERS].index("scene")]
+    before = [*OTHERS][: [*OTHERS].index("groups")]
     return {"demo": OTHERS["demo"], **first, **{name: OTHERS[name] for name in before}, **made, **OTHERS}
 
 

@@ -110,7 +110,7 @@ def test_a_bad_line_is_one_line_that_names_the_key_and_writes_nothing(arguments,
     assert made == {"folder", "taken", "file", "pipe"} and Path("file").read_text() == "mine"
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["systems"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["papers"]])
 def test_output_that_is_closed_is_no_error(arguments):
     done = subprocess.run([*BENCH, *arguments], stderr=subprocess.PIPE, preexec_fn=lambda: os.close(1))
     assert (done.returncode, done.stderr) == (0, b"")

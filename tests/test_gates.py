@@ -261,7 +261,7 @@ def test_a_wrong_kind_or_circumstance_is_refused_in_one_line(plug, capsys, group
     assert (
         main(["gone"]) == 2 and f"touchbench.{group}" in capsys.readouterr().err
     )  # it may be a command of that package
-    assert [main(words) for words in (["--help"], ["run", "--help"], ["systems"])] == [0, 0, 0]  # which make no runs
+    assert [main(words) for words in (["--help"], ["run", "--help"], ["papers"])] == [0, 0, 0]  # which make no runs
     assert capsys.readouterr().err.count(f"warning: the entry point gone in touchbench.{group}") == 1  # not in help
 
 

@@ -9,7 +9,7 @@ import pytest
 from bench.arguments import KEYS, parse
 from bench.cli import main
 from bench.commands import tune
-from bench.commands.systems import command
+from bench.commands.papers import command
 from bench.corpora.library import open_corpus
 from bench.options import keys
 from bench.plan.cells import cells
@@ -82,13 +82,13 @@ def test_values_are_judged_together(monkeypatch, line):
 )
 def test_mistakes_are_one_line_and_exit_code_2(line, part, capsys):
     words = shlex.split(line)
-    assert main([*words, *([] if words[0] in ("systems", "extract") else SMALL)]) == 2
+    assert main([*words, *([] if words[0] in ("papers", "extract") else SMALL)]) == 2
     error = capsys.readouterr().err
     assert part in error and error.startswith("bench: ") and error.count("\n") == 1
 
 
 def test_every_published_number_has_its_command_or_a_reason(capsys):
-    assert main(["systems"]) == 0
+    assert main(["papers"]) == 0
     lines = capsys.readouterr().out.splitlines()
     rows = published()
     assert len(rows) >= 65

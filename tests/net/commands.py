@@ -36,7 +36,7 @@ LDA = [*SYNTH[:-1], "model=lda", "features=touch", "model.window=0.5"]
 TREE = ["model=tree", "features=jung28"]
 STEPS = {  # each list in a copy of the store
     "help": [["--help"], *([name, "--help"] for name in commands())],
-    "systems": [["systems"]],
+    "papers": [["papers"]],
     "choose": [
         ["choose"],
         ["choose", *ON],
@@ -68,7 +68,7 @@ STEPS = {  # each list in a copy of the store
         ["choose", *DAY, "scene=stream.toml"],
         ["choose", "data=synth", "scene=toy"],
     ],
-    "scene": [["scene", *ON], ["scene", "data=synth", "out=other"], ["scene", *ON, *TREE], ["scene", *ON, "batch=yes"]],
+    "groups": [["groups", *ON], ["groups", "data=synth", "out=other"], ["groups", *ON, *TREE], ["groups", *ON, "batch=yes"]],
     "report": [["report", "max_flash=64kB", "max_worst_person=90"]],
     "audit": [["audit", "model=tree", "features=jung28"], ["audit", "model=mine.py:Batch"]],
     "check": [
@@ -98,7 +98,7 @@ FILES = {  # golden files of what commands write, by the step that writes them
     "report": ["report/comparison.csv", "report/pairs.csv", "report/provenance.csv", "report/ranking.csv"]
     + ["report/same_wrong_label.csv", "report/statistics.csv", "report/comparison.md", "report/comparison.tex"]
     + ["report/index.html"],
-    "scene": ["scene/groups.csv"],
+    "groups": ["groups/groups.csv"],
     "data": ["f.csv", "look/index.html"],
     "check": ["check.xml"],
     "leaderboard": ["board.html"],
@@ -189,7 +189,7 @@ WRONG = [  # commands that are refused
     ["choose", *PEOPLE, *TREE, "over=level", "by=ram"],
     ["choose", "scene=nowhere.toml"],
     *(["choose", *ON, f"scene={name}.toml"] for name in LINES),
-    ["scene", "data=people", "protocol=losso"],
+    ["groups", "data=people", "protocol=losso"],
     ["report", "max_flash=64"],
     ["report", "max_latency=1s"],
     ["check", "baseline=nowhere.json"],
@@ -200,7 +200,7 @@ WRONG = [  # commands that are refused
     ["submit", "task=haart-loso-v1", "out=sent", *TREE],
     ["leaderboard", "nowhere"],
     ["leaderboard", "rerun=nobody"],
-    ["systems", "all"],
+    ["papers", "all"],
     ["audit", "model=svm,nobody"],
     ["data", "sow"],
     ["data", "show", "nowhere"],
