@@ -175,13 +175,12 @@ def __getattr__(name: str) -> Callable[..., Results]:
     if name not in (known := makers()):
         raise AttributeError(f"module 'bench.api' has no attribute {name!r}")
     own = [option for option in known[name].options() if option.key != "out"]
-    silent = {option.key for option in known[name].spelling.live_keys}
 
     def make(**values: object) -> Results:
-        return results_of(made(name, _values(values, keys(name) - silent)))
+        return results_of(made(name, _values(values, keys(name))))
 
     make.__name__ = make.__qualname__ = name
-    lines = [f"    {option.key}: {option.help}." for option in own if option.key not in silent]
+    lines = [f"    {option.key}: {option.help}." for option in own]
     text = known[name].spelling.command.text
     make.__doc__ = "\n".join([text, "", "Takes the keys of `run`, and:", *lines, "", "Gives a row per run."])
     return make

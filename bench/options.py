@@ -78,7 +78,9 @@ OPTIONS = (
         "synth (generated captures) or an imported corpus, several joined by +",
     ),
     Option("where", f"{FOLDS} groups fit extract", "text", "", "captures to use, such as where=\"variant == 'rough'\""),
-    Option("target", f"{FOLDS} groups fit", "text", "gesture", "columns that define the class, such as gesture+variant"),
+    Option(
+        "target", f"{FOLDS} groups fit", "text", "gesture", "columns that define the class, such as gesture+variant"
+    ),
     Option("protocol", f"{FOLDS} groups", "text", "loso", "{protocols}"),
     Option(
         "model", f"{FOLDS} groups fit audit submit", "text", "svm", "{models}; names with a year are published systems"
@@ -119,6 +121,8 @@ OPTIONS = (
     Option("bits", "export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
     Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
     Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams"),
+    Option("hop_ms", "live", "number", 125, "classification of captures: milliseconds between decisions"),
+    Option("events", "live", "yes", True, "no: classify captures instead of watching an endless stream"),
     Option("out", "fit", "text", "", "folder for a copy of the model; new or empty"),
     Option("out", "predict", "text", "", "CSV file that is safe in spreadsheets; default: print the table"),
     Option("out", "adapt", "text", "", "folder for the adapted model; new or empty"),
@@ -255,7 +259,7 @@ OTHERS = {  # commands that make no runs of a kind
         "ship",
         "train one system on all captures and save it as an MLflow model",
         "Prints the address of the model in the store. Use it in mlflow.pyfunc.load_model, mlflow models serve, bench "
-        "predict, bench export and bench stream source=-. Each key has one value.",
+        "predict, bench export and bench live. Each key has one value.",
         "bench fit data=haart model=svm features=jung54 out=svm\nmlflow models serve -m svm --env-manager local",
     ),
     "predict": Command(
@@ -267,6 +271,17 @@ OTHERS = {  # commands that make no runs of a kind
         "bench predict models:/m-0123456789abcdef new.csv out=labels.csv",
         "MODEL FILE [key=value ...]",
         "fit",
+    ),
+    "live": Command(
+        "ship",
+        "classify frames from standard input with a saved model",
+        "Reads one frame per line: values in row-major order, separated by commas or blanks, at most 32 characters "
+        "each. If the model can watch an endless stream, each news of a touch (reported, changed, ended) prints ms, "
+        "news, label and confidence. Otherwise, or with events=no, an empty line ends a capture, and each decision "
+        "prints capture, ms, label, confidence and settled. settled is yes once waiting would gain too little. "
+        f"MODEL is as for bench predict. {TRUSTED}",
+        "sensor | bench live models:/m-0123456789abcdef",
+        "MODEL [events=no] [hop_ms=125]",
     ),
     "adapt": Command(
         "ship",
@@ -357,7 +372,6 @@ class Maker:
             option, alias = fields[key]
             name = alias if alias and self.view is not self.kind else key
             yield replace(option, key=name, default=spelling.given.get(name, option.default))
-        yield from spelling.live_keys
         if spelling.out[0]:
             yield Option("out", "", "text", *spelling.out)
 

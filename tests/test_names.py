@@ -106,7 +106,11 @@ def found(back):
     import_corpus("recording", Path("day.csv"), {"name": "day", "grid": "4x4", "rate_hz": str(RATE)})
     system = {"model": ["lda", "tree"], "features": "touch", "jobs": 1}
     tables = {"run": bench.run(data="arm", **system), "stress": bench.stress(data="arm", faults="noise", **system)}
-    tables |= {"watch": bench.watch(data="day", **system), "results": bench.results(), "groups": bench.groups(data="arm")}
+    tables |= {
+        "watch": bench.watch(data="day", **system),
+        "results": bench.results(),
+        "groups": bench.groups(data="arm"),
+    }
     for data, scene in (("arm", "scene"), ("day", "stream")):
         tables[scene] = bench.choose(data=data, scene=f"{scene}.toml", by="flash").choice.table
     every = {name: numbers(table, back) for name, table in tables.items()}

@@ -67,8 +67,7 @@ def _keys(command: str) -> set[str]:
     """Keys of a stored command besides `ALWAYS`; none of them says where to compute or to write."""
     if command not in makers():
         return SEARCHES.get(command, set())
-    maker = makers()[command]
-    return {option.key for option in maker.options()} - {"out", *(option.key for option in maker.spelling.live_keys)}
+    return {option.key for option in makers()[command].options()} - {"out"}
 
 
 def _made_by(task: Task, command: str, keys: Sequence[str]) -> bool:

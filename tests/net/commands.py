@@ -68,7 +68,12 @@ STEPS = {  # each list in a copy of the store
         ["choose", *DAY, "scene=stream.toml"],
         ["choose", "data=synth", "scene=toy"],
     ],
-    "groups": [["groups", *ON], ["groups", "data=synth", "out=other"], ["groups", *ON, *TREE], ["groups", *ON, "batch=yes"]],
+    "groups": [
+        ["groups", *ON],
+        ["groups", "data=synth", "out=other"],
+        ["groups", *ON, *TREE],
+        ["groups", *ON, "batch=yes"],
+    ],
     "report": [["report", "max_flash=64kB", "max_worst_person=90"]],
     "audit": [["audit", "model=tree", "features=jung28"], ["audit", "model=mine.py:Batch"]],
     "check": [
@@ -162,7 +167,7 @@ WRONG = [  # commands that are refused
     ["stress", *PEOPLE, *TREE, "train_subjects=9", "faults=none"],
     ["stream", *PEOPLE, *TREE, "hop_ms=-1"],
     ["stream", *PEOPLE, *TREE, "start=end"],
-    ["stream", "source=-"],
+    ["live"],
     ["watch", *DAY, *TREE, "background=quiet"],
     ["watch", *DAY, *TREE, "unknown=purr"],
     ["watch", *DAY, *TREE, "where=subject == '1'"],
