@@ -16,7 +16,6 @@ from bench.commands import fit as _fit
 from bench.commands import groups as _groups
 from bench.commands import tune as _tune
 from bench.commands.kind import made
-from bench.commands.smallest import smallest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
@@ -207,8 +206,8 @@ def tune(**values: object) -> Results:
 
     Args:
         values: keys of `run`; values of ``model__X`` to try; ``trials`` (combinations in each fold, default 50),
-            ``budget`` (seconds of searching in a fold) and ``inner`` (groups of training subjects that judge, default
-            3, or ``loso``).
+            ``seconds`` (of searching in a fold) and ``inner`` (groups of training subjects that judge, default 3, or
+            ``loso``). ``smallest`` (a parameter, or ``features``) looks for its smallest value that suffices.
 
     Returns:
         The columns of `run`.
@@ -248,10 +247,8 @@ def audit(**values: object) -> pd.DataFrame:
     return pd.DataFrame([{"system": cell.system(), **asdict(v)} for cell, verdicts in audits for v in verdicts])
 
 
-def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
+def choose(**values: object) -> _choose.Chosen:
     """Choose the cheapest stored system within one standard error of the best, as ``bench choose`` does.
-
-    With ``over``, runs are made as ``bench choose over=`` makes them; see `run` for what they give.
 
     Args:
         values: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`, to choose among;
@@ -260,14 +257,12 @@ def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
             (median, such as ``"1s"``), which compare runs of `watch` alone; ``clock`` of the target, such as
             ``64MHz``, at which measured cycles count for ``max_decision``; ``margin`` (tolerated loss of accuracy in
             points); ``unit`` (``capture`` or ``window``); ``batch`` (``yes`` to include systems whose labels depend on
-            the batch); ``shots`` (labelled captures of a new person); ``over`` (a parameter, or ``features``) with
-            ``inner`` and the other keys of `run`.
+            the batch); ``shots`` (labelled captures of a new person).
 
     Raises:
         InputError: something in the values cannot be used, or nothing is tracked for them.
     """
-    typed = _values(values, keys("choose"))
-    return results_of(smallest(typed)) if "over" in typed else _choose.chosen(typed)
+    return _choose.chosen(_values(values, keys("choose")))
 
 
 def groups(**values: object) -> pd.DataFrame:

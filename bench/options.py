@@ -67,27 +67,22 @@ class Command:
 
 
 MAKERS = "run makers"  # bench run, and other commands of kinds and circumstances (`makers`)
-FOLDS = f"{MAKERS} tune choose check"
+FOLDS = f"{MAKERS} tune check"
+ON = f"{FOLDS} choose groups"  # commands that run folds or read their runs
 CHOICE = "choose report"
 OPTIONS = (
     Option(
         "data",
-        f"{FOLDS} groups fit extract",
+        f"{ON} fit extract",
         "text",
         "synth",
         "synth (generated captures) or an imported corpus, several joined by +",
     ),
-    Option("where", f"{FOLDS} groups fit extract", "text", "", "captures to use, such as where=\"variant == 'rough'\""),
-    Option(
-        "target", f"{FOLDS} groups fit", "text", "gesture", "columns that define the class, such as gesture+variant"
-    ),
-    Option("protocol", f"{FOLDS} groups", "text", "loso", "{protocols}"),
-    Option(
-        "model", f"{FOLDS} groups fit audit submit", "text", "svm", "{models}; names with a year are published systems"
-    ),
-    Option(
-        "features", f"{FOLDS} groups fit audit submit extract", "text", "jung54", "{features}; not used by all models"
-    ),
+    Option("where", f"{ON} fit extract", "text", "", "captures to use, such as where=\"variant == 'rough'\""),
+    Option("target", f"{ON} fit", "text", "gesture", "columns that define the class, such as gesture+variant"),
+    Option("protocol", f"{ON}", "text", "loso", "{protocols}"),
+    Option("model", f"{ON} fit audit submit", "text", "svm", "{models}; names with a year are published systems"),
+    Option("features", f"{ON} fit audit submit extract", "text", "jung54", "{features}; not used by all models"),
     Option("model.window", "run", "number", None, "seconds per window; a model of whole captures then uses windows"),
     Option("model.repair", "run", "text", "", "sensor damage to correct", ("stuck", "dead", "offset"), "+"),
     Option("model.scale", "run", "text", "", "divide by the largest reading so far, or take logs", ("peak", "log")),
@@ -99,8 +94,9 @@ OPTIONS = (
     Option("jobs", FOLDS, "count", None, "number of worker processes; default one per core"),
     Option("cluster", FOLDS, "text", "", "Dask scheduler that runs the folds: tcp://HOST:8786 or its file"),
     Option("trials", "tune", "count", 50, "combinations to try in each fold; a grid of lists is tried completely"),
-    Option("budget", "tune", "number", None, "seconds after which a fold starts no new combination"),
-    Option("inner", "tune choose", "text", "3", "inner folds: number of groups of training subjects, or loso"),
+    Option("seconds", "tune", "number", None, "seconds after which a fold starts no new combination"),
+    Option("smallest", "tune", "text", "", "parameter of model= to make as small as possible, or features"),
+    Option("inner", "tune", "text", "3", "inner folds: number of groups of training subjects, or loso"),
     Option("scene", "choose", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
     Option("by", "choose", "text", "flash", "cost to minimise"),  # its values: `bench.measures.costs`
     Option("clock", "choose", "text", "", "clock rate of the chip, such as 64MHz; adds its cycles to decision times"),
@@ -116,7 +112,6 @@ OPTIONS = (
         "batch", "choose groups submit", "yes", False, "yes: also systems whose labels depend on other test captures"
     ),
     Option("shots", "choose", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
-    Option("over", "choose", "text", "", "parameter of model= to make as small as possible, or features"),
     Option("out", "groups", "text", "groups", "folder for groups.csv and the figure"),
     Option("bits", "export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
     Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
@@ -130,7 +125,7 @@ OPTIONS = (
     Option("out", "export", "text", "", "folder for the C files; new or empty"),
     Option("baseline", "check", "text", "reports/baseline.json", "baseline file"),
     Option("update", "check", "yes", False, "yes: write the baseline again; keys of bench run add systems"),
-    Option("run", "check", "yes", True, "no: run nothing, compare the newest stored runs"),
+    Option("stored", "check", "yes", False, "yes: run nothing, compare the newest stored runs"),
     Option("error", "check", "number", 1, "error rate in percent of all tests of accuracy and labels together"),
     Option("slower", "check", "number", 2, "largest factor of computing time, relative to a reference workload"),
     Option("junit", "check", "text", "", "JUnit file for a CI server, such as check.xml"),
@@ -171,13 +166,10 @@ OTHERS = {  # commands that make no runs of a kind
         "accurate one. This is the standard error of the paired difference over subjects. If no system fits the "
         "budgets, it prints the lowest cost for each budget; exit code 1. Runs with failed folds, and older runs on "
         "other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, except "
-        "for runs of bench chip, which also count instructions. over= runs systems instead: each fold chooses the "
-        "smallest value on left-out training subjects. It tries the values of model.X=, or an eighth, a quarter, a "
-        "half and all of the default. max_false_alarms= and max_latency= compare runs of bench watch instead, by the "
-        "share of touches whose label is correct at the end.",
+        "for runs of bench chip, which also count instructions. max_false_alarms= and max_latency= compare runs of "
+        "bench watch instead, by the share of touches whose label is correct at the end.",
         "bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB\n"
-        f"bench choose data=haart protocol=loso max_false_alarms={FALSE_ALARMS:g} max_latency=1s\n"
-        "bench choose data=haart protocol=loso model=cnn85 over=frames",
+        f"bench choose data=haart protocol=loso max_false_alarms={FALSE_ALARMS:g} max_latency=1s",
     ),
     "report": Command(
         "start here",
@@ -234,10 +226,13 @@ OTHERS = {  # commands that make no runs of a kind
         "search the parameters of systems inside each training part",
         "Like bench run, but searches the parameters of each model in every training part, on inner folds of whole "
         "subjects. model.C=8,32,128 lists values; without lists, it searches the ranges that the model declares. "
-        "Prints and stores the chosen values of each fold and every combination. An interrupted search continues where "
-        "it stopped.",
+        "Prints and stores the chosen values of each fold and every combination. smallest=X chooses the smallest value "
+        "of the parameter X within one standard error of the best one, and runs the unchanged system beside it. It "
+        "tries the values of model.X=, or an eighth, a quarter, a half and all of the default. An interrupted search "
+        "continues where it stopped.",
         "bench tune data=haart protocol=loso model=svm features=jung54 trials=50\n"
-        "bench tune data=haart protocol=challenge model=rf,xgb features=ta273",
+        "bench tune data=haart protocol=challenge model=rf,xgb features=ta273\n"
+        "bench tune data=haart protocol=loso model=cnn85 smallest=frames",
     ),
     "groups": Command(
         "compare",

@@ -20,7 +20,7 @@ from bench.outcomes.store import connect
 from bench.plan.cells import Cell, cells
 from bench.scratch import replacing
 
-OWN = ("baseline", "update", "run", "junit")  # keys that are not of the runs
+OWN = ("baseline", "update", "stored", "junit")  # keys that are not of the runs
 LIMITS = ("error", "slower")
 
 
@@ -38,16 +38,16 @@ def check(arguments: list[str]) -> int:
     added = [f"{k}={v}" for k, v in values.items() if k not in {*BACKEND, *OWN, *LIMITS}]
     path, report = Path(str(how["baseline"])), str(how["junit"])
     if how["update"]:
-        if not how["run"]:
-            raise InputError("run=no and update=yes exclude each other, because an update needs runs; leave run= out")
+        if how["stored"]:
+            raise InputError("stored=yes and update=yes exclude each other: an update needs runs; leave stored= out")
         return _update(path, added, backend_of(values), limits)
     if added:
         raise InputError(f"{added[0]} adds systems, which needs update=yes; leave it out to compare with the baseline")
     baseline = read(path, understood)
-    if how["run"]:
-        current, _ = _run([then.run for then in baseline], backend_of(values))
-    else:
+    if how["stored"]:
         current = _stored(baseline)
+    else:
+        current, _ = _run([then.run for then in baseline], backend_of(values))
     verdicts = gate.compare(baseline, current, **limits)
     say(*(verdict.line for verdict in verdicts))
     if report:

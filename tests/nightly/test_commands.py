@@ -28,7 +28,7 @@ OWN = {
     "run": {},
     "stress": {"faults": ["noise", "shift,rotation", "all"], "train_subjects": ["1"]},
     "stream": {"hop_ms": ["100", "500"], "start": ["onset", "middle"]},
-    "tune": {"trials": ["2"], "inner": ["2"], "budget": ["1"]},
+    "tune": {"trials": ["2"], "inner": ["2"], "seconds": ["1"]},
     "fit": {"out": ["m"]},
     "choose": {"by": ["flash", "ram"], "max_flash": ["1kB"], "margin": ["1"]},
     "extract": {"out": ["f.csv", "f.parquet"]},
