@@ -180,7 +180,7 @@ OTHERS = {  # commands that make no runs of a kind
         "bench report max_flash=64kB max_decision=500ms",
     ),
     "data": Command(
-        "your captures",
+        "start here",
         "list, import, show, verify and export corpora",
         "Without an action, lists the corpora with counts, digest, source and licence. import reads the Corpus of "
         "Social Touch, HAART (zip or folder), CuddleBot (folder or archive) or a table. align=, frames= and crop= "
@@ -251,7 +251,7 @@ OTHERS = {  # commands that make no runs of a kind
         module="report",
     ),
     "fit": Command(
-        "ship",
+        "start here",
         "train one system on all captures and save it as an MLflow model",
         "Prints the address of the model in the store. Use it in mlflow.pyfunc.load_model, mlflow models serve, bench "
         "predict, bench export and bench live. Each key has one value.",
@@ -290,7 +290,7 @@ OTHERS = {  # commands that make no runs of a kind
         "fit",
     ),
     "export": Command(
-        "ship",
+        "start here",
         "write a saved model as C99 for a microcontroller",
         "Writes touch.h, touch.c, tables.h and a Makefile. The C needs no heap and no library except math.h. make and "
         "make check build for this machine, make chip for a Cortex-M4F (FLASH=256K RAM=32K). make flash and make count "
@@ -414,13 +414,17 @@ def keys(command: str) -> set[str]:
 
 
 def overview() -> str:
-    """All commands, those to begin with first."""
+    """The commands to begin with, each with its summary, and the names of the others."""
+    groups: dict[str, list[str]] = {}
     every = commands()
-    lines = ["bench: which recogniser of touch gestures should I ship?"]
-    for group in dict.fromkeys(command.group for command in every.values()):
-        members = [(name, command) for name, command in every.items() if command.group == group]
-        lines += ["", f"{group}:", *(f"  bench {name:12}{command.summary}" for name, command in members)]
-    return "\n".join([*lines, "", "bench COMMAND --help lists the options of a command."])
+    for name, command in every.items():
+        groups.setdefault(command.group, []).append(name)
+    (first, members), *others = groups.items()
+    lines = ["bench: which recogniser of touch gestures should I ship?", "", f"{first}:"]
+    lines += [f"  bench {name:10}{every[name].summary}" for name in members]
+    lines += ["", "other commands:"]
+    lines += [f"  {group:16}{', '.join(names)}" for group, names in others]
+    return "\n".join([*lines, "", "bench COMMAND --help explains a command and lists its options."])
 
 
 def help_of(name: str) -> str:

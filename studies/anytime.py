@@ -2,9 +2,9 @@
 
     python studies/anytime.py data=haart protocol=loso seconds=1,2,5,10,30
 
-runs `bench run model=auto` once per number of seconds, each a search of its own in every training part, and writes a table and a
-figure to ``out=``. The other keys are those of `bench run`. ``trials.csv`` of a run lists its trials, with the fronts
-of accuracy and each cost.
+runs `bench run model=auto` once per number of seconds, each a search of its own in every training part, and writes a
+table and a figure to ``out=``. The other keys are those of `bench run`. ``trials.csv`` of a run lists its trials, with
+the fronts of accuracy and each cost.
 """
 
 import sys

@@ -4,6 +4,7 @@ import pytest
 
 import bench
 from bench.cli import main
+from bench.options import commands, overview
 
 SCENE = ["choose", "scene=robot.toml"]
 
@@ -29,6 +30,11 @@ def test_a_former_name_is_one_line_with_the_new_one(arguments, now, tmp_path, mo
     assert main(arguments) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert now in line and len(line) <= 300
+
+
+def test_the_overview_is_one_screen():
+    assert len(overview().splitlines()) <= 24 and overview().count("\n  bench ") == 7
+    assert all(f" {name}" in overview() for name in commands())
 
 
 def test_the_api_gives_new_names_too():

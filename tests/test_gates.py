@@ -236,7 +236,7 @@ def test_a_new_kind_of_run_is_one_file_and_appears_everywhere(plug, monkeypatch)
     assert len(source.splitlines()) <= 80
     plug("[touchbench.kinds]\nhalves = halves:Halves\n", source, "halves")
     monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
-    assert "share= " in help_of("halves") and "score late captures" in overview() and "max_tested=" in help_of("choose")
+    assert "share= " in help_of("halves") and "halves" in overview() and "max_tested=" in help_of("choose")
     code, printed = done(["halves", *SMALL, "model=tree", "features=jung28", "share=0.25"])
     assert code == 0 and "Accuracy in percent on late captures" in printed
     _, (run,) = runs("halves")

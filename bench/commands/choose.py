@@ -309,9 +309,9 @@ def table_of(result: Chosen) -> Table:
     limits = [f"{costs()[k].title} {costs()[k].limit} {costs()[k].amount(v)}" for k, v in result.budgets.items()]
     score = "score" if result.scene.reactions.weighted else "accuracy"
     asked = {result.by, *result.budgets, *(k for k, c in costs().items() if c.losses and result.scene.faults)}
-    shown = [cost for cost in costs_of(result.watched).values() if not (cost.losses or cost.mirrored)]
+    shown = [cost for cost in costs_of(result.watched).values() if not (cost.losses or cost.section[0] == "people")]
     shown.sort(key=lambda cost: cost.runs != "recordings")
-    shown += [cost for cost in costs().values() if (cost.losses or cost.mirrored) and cost.key in asked]
+    shown += [cost for cost in costs().values() if cost.key in asked and cost not in shown]
 
     def column(cost: Cost) -> Measure:
         spare = 0 if cost.key == result.by or cost.key in result.budgets else cost.last

@@ -26,7 +26,7 @@ severity = 3
 loss = 60
 worst = 80
 [people]
-worst = 5
+worst_person = 5
 worst_tenth = 5
 """,
     "new.toml": 'margin = 10\n[people]\nshots = 1\n[reactions]\ncalm = ["stroke", "rub"]\n',
@@ -46,7 +46,7 @@ STEPS = {  # each list in a copy of the store
         ["choose", *ON, "unit=window"],
         ["choose", *ON, "batch=yes", "features=jung28"],
         ["choose", *ON, "by=fault_loss", "max_worst_fault=60"],
-        ["choose", *ON, "by=worst_person", "max_worst_tenth=70"],
+        ["choose", *ON, "by=worst_person", "min_worst_tenth=30"],
         ["choose", *ON, "by=cycles"],
         ["choose", *NEW, "shots=1"],
         ["choose", *NEW, "protocol.shots=0"],
@@ -74,7 +74,7 @@ STEPS = {  # each list in a copy of the store
         ["groups", *ON, *TREE],
         ["groups", *ON, "batch=yes"],
     ],
-    "report": [["report", "max_flash=64kB", "max_worst_person=90"]],
+    "report": [["report", "max_flash=64kB", "min_worst_person=10"]],
     "audit": [["audit", "model=tree", "features=jung28"], ["audit", "model=mine.py:Batch"]],
     "check": [
         ["check", "update=yes", *PEOPLE, "model=tree,bayes", "features=jung28", "baseline=b.json"],
@@ -124,7 +124,7 @@ LINES = {  # of scene files, each a mistake, by its name
     "f": "[faults]\nseverity = 9",
     "g": "[people]\nshots = 1\n[stream]\nfalse_alarms = 5",
     "h": '[stream]\nlatency = "1"',
-    "i": "[people]\nworst = 101",
+    "i": "[people]\nworst_person = 101",
     "j": '[reactions]\ncalm = ["rub"]\nalert = ["rub"]',
     "k": "[costs]\ncalm = 3",
     "l": '[reactions]\ncalm = ["rub"]\n[costs]\ncalm = { calm = 3 }',
