@@ -1,11 +1,15 @@
 """Names of the version before: each is refused in one line that gives the name of today."""
 
+import re
+from pathlib import Path
+
 import pytest
 
 import bench
 from bench.cli import main
 from bench.options import commands, overview
 
+ROOT = Path(__file__).parent.parent
 SCENE = ["choose", "scene=robot.toml"]
 
 
@@ -35,6 +39,14 @@ def test_a_former_name_is_one_line_with_the_new_one(arguments, now, tmp_path, mo
 def test_the_overview_is_one_screen():
     assert len(overview().splitlines()) <= 24 and overview().count("\n  bench ") == 7
     assert all(f" {name}" in overview() for name in commands())
+
+
+def test_no_page_and_no_output_uses_a_former_name():
+    pages = [ROOT / "README.md", ROOT / "SECURITY.md", *ROOT.glob("docs/**/*.md"), *ROOT.glob("docs/*.ipynb")]
+    printed = [path for path in ROOT.glob("tests/net/golden/**/*.*") if path.name != "refusals.txt"]
+    former = r"bench[ .](?:scene|systems)\b|stream source=|choose [^`\n]*over=|model\.budget=|max_worst_[pt]\w+=|run=no"
+    found = {path.name: words for path in [*pages, *printed] if (words := re.findall(former, path.read_text()))}
+    assert len(printed) > 30 and not found
 
 
 def test_the_api_gives_new_names_too():
