@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import importlib
 
-API = ("audit", "choose", "compare", "corpus", "fit", "latex", "look", "plans", "results", "run", "scene")
+API = ("audit", "choose", "compare", "corpus", "fit", "groups", "latex", "look", "plans", "results", "run")
 API += ("tune",)
 VALUES = {"Corpus": "bench.corpora.corpus", "InputError": "bench.errors", "fault": "bench.corpora.faults"}
 __all__ = [*API, *VALUES]
@@ -23,7 +23,10 @@ __all__ = [*API, *VALUES]
 
 def __getattr__(name: str) -> object:
     if name.startswith("_") or (name not in __all__ and name not in _makers()):
-        raise AttributeError(f"module 'bench' has no attribute {name!r}")
+        from bench.errors import FORMER
+
+        now = f"; it is now called {FORMER[name][0]}" if name in FORMER else ""
+        raise AttributeError(f"module 'bench' has no attribute {name!r}{now}")
     from bench.registry import check_rooms
 
     check_rooms()

@@ -13,10 +13,9 @@ from bench.commands import audit as _audit
 from bench.commands import choose as _choose
 from bench.commands import data as _data
 from bench.commands import fit as _fit
-from bench.commands import scene as _scene
+from bench.commands import groups as _groups
 from bench.commands import tune as _tune
 from bench.commands.kind import made
-from bench.commands.smallest import smallest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
@@ -174,13 +173,12 @@ def __getattr__(name: str) -> Callable[..., Results]:
     if name not in (known := makers()):
         raise AttributeError(f"module 'bench.api' has no attribute {name!r}")
     own = [option for option in known[name].options() if option.key != "out"]
-    silent = {option.key for option in known[name].spelling.live_keys}
 
     def make(**values: object) -> Results:
-        return results_of(made(name, _values(values, keys(name) - silent)))
+        return results_of(made(name, _values(values, keys(name))))
 
     make.__name__ = make.__qualname__ = name
-    lines = [f"    {option.key}: {option.help}." for option in own if option.key not in silent]
+    lines = [f"    {option.key}: {option.help}." for option in own]
     text = known[name].spelling.command.text
     make.__doc__ = "\n".join([text, "", "Takes the keys of `run`, and:", *lines, "", "Gives a row per run."])
     return make
@@ -207,8 +205,8 @@ def tune(**values: object) -> Results:
 
     Args:
         values: keys of `run`; values of ``model__X`` to try; ``trials`` (combinations in each fold, default 50),
-            ``budget`` (seconds of searching in a fold) and ``inner`` (groups of training subjects that judge, default
-            3, or ``loso``).
+            ``seconds`` (of searching in a fold) and ``inner`` (groups of training subjects that judge, default 3, or
+            ``loso``). ``smallest`` (a parameter, or ``features``) looks for its smallest value that suffices.
 
     Returns:
         The columns of `run`.
@@ -248,10 +246,8 @@ def audit(**values: object) -> pd.DataFrame:
     return pd.DataFrame([{"system": cell.system(), **asdict(v)} for cell, verdicts in audits for v in verdicts])
 
 
-def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
+def choose(**values: object) -> _choose.Chosen:
     """Choose the cheapest stored system within one standard error of the best, as ``bench choose`` does.
-
-    With ``over``, runs are made as ``bench choose over=`` makes them; see `run` for what they give.
 
     Args:
         values: the runs to choose among, as `results` selects them;
@@ -260,18 +256,16 @@ def choose(**values: object) -> _choose.Chosen | pd.DataFrame:
             (median, such as ``"1s"``), which compare runs of `watch` alone; ``clock`` of the target, such as
             ``64MHz``, at which measured cycles count for ``max_decision``; ``margin`` (tolerated loss of accuracy in
             points); ``unit`` (``capture`` or ``window``); ``batch`` (``yes`` to include systems whose labels depend on
-            the batch); ``shots`` (labelled captures of a new person); ``over`` (a parameter, or ``features``) with
-            ``inner`` and the other keys of `run`.
+            the batch); ``shots`` (labelled captures of a new person).
 
     Raises:
         InputError: something in the values cannot be used, or nothing is tracked for them.
     """
-    typed = _values(values, keys("choose"))
-    return results_of(smallest(typed)) if "over" in typed else _choose.chosen(typed)
+    return _choose.chosen(_values(values, keys("choose")))
 
 
-def scene(**values: object) -> pd.DataFrame:
-    """Groups of gestures that a stored system can tell apart, as ``bench scene`` finds them.
+def groups(**values: object) -> pd.DataFrame:
+    """Groups of gestures that a stored system can tell apart, as ``bench groups`` finds them.
 
     Args:
         values: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`, among whose runs the
@@ -284,7 +278,7 @@ def scene(**values: object) -> pd.DataFrame:
     Raises:
         InputError: something in the values cannot be used, or no run is stored for them.
     """
-    return _scene.grouped(_values(values, keys("scene")))[0]
+    return _groups.grouped(_values(values, keys("groups")))[0]
 
 
 def results(of: str = "", full: bool = False, against: str = "", **values: object) -> Results | pd.DataFrame:

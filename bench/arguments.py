@@ -16,6 +16,7 @@ from bench.options import OPTIONS, Option, options
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
 KEYS = {o.key for o in OPTIONS if "run" in o.commands.split() and "." not in o.key}  # of the cells of bench run
 BACKEND = {"jobs", "cluster"}  # where folds are done, which changes no result
+MOVED = {"source": "bench live MODEL", "over": "bench tune smallest="}  # keys of the version before: commands of today
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 
 
@@ -69,6 +70,8 @@ def check_key(key: str, known: Collection[str]) -> None:
     Raises:
         InputError: it is not known, or must not be dotted.
     """
+    if key in MOVED and key not in known:
+        raise InputError(f"no key is called {key!r}; it is now {MOVED[key]}")
     if key.split(".")[0] not in known or ("." in key and key.split(".")[0] not in (*PARTS, "data")):
         raise InputError(f"no key is called {key!r}; {nearest(key, known)}")
 

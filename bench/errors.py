@@ -5,6 +5,16 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+FORMER = {  # names of the version before, which this one still answers: the name of today, and what differs
+    "scene": ("groups", ""),
+    "systems": ("papers", ""),
+    "budget": ("seconds", ""),
+    "run": ("stored", ": stored=yes for run=no"),
+    "worst": ("worst_person", ""),
+    "max_worst_person": ("min_worst_person", ", the least accuracy: 100 less the old number"),
+    "max_worst_tenth": ("min_worst_tenth", ", the least accuracy: 100 less the old number"),
+}
+
 
 class InputError(Exception):
     """Invalid user input; the message is one line: what, where, what to do."""
@@ -27,8 +37,11 @@ class ClusterError(Exception):
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """The end of an error message: the likeliest names first, then all of them."""
+    """The end of an error message: what a former name is called now, or the likeliest names, then all of them."""
     known = sorted(known)
+    now, change = FORMER.get(word, ("", ""))
+    if now in known:
+        return f"it is now called {now}{change}"
     close = difflib.get_close_matches(word, known, n=3, cutoff=0.6)
     hint = f"did you mean {' or '.join(close)}? " if close else ""
     return f"{hint}known: {', '.join(known) or 'none'}"

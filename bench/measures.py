@@ -196,8 +196,8 @@ class People(Protocol):
     ``drawn`` holds the numbers of the subjects in each drawing, int [drawings, people].
     """
 
-    def error(self, drawn: np.ndarray, count: int) -> np.ndarray:
-        """100 less the mean of the lowest ``count`` scores in percent, float [drawings, candidates]."""
+    def lowest(self, drawn: np.ndarray, count: int) -> np.ndarray:
+        """Mean of the lowest ``count`` scores in percent, float [drawings, candidates]."""
 
     def loss(self, drawn: np.ndarray) -> np.ndarray:
         """Mean points lost under each fault at each severity, float [drawings, candidates, circumstances]."""
@@ -231,7 +231,6 @@ class Cost(Measure):
         linear: True for a linear axis in figures.
         zero: True if 0 is a budget.
         line: section and key of its budget in a scene file.
-        mirrored: True if that line is the least score instead: 100 less this.
         column: True for a column of the tables of runs.
         spare: number of `Measure`; by default a cost is left out before other columns.
         last: place among the columns of a choice that a narrow terminal leaves out, the highest first.
@@ -255,7 +254,6 @@ class Cost(Measure):
     linear: bool = False
     zero: bool = False
     line: tuple[str, str] = ("", "")
-    mirrored: bool = False
     column: bool = True
     last: int = 6
 
@@ -325,7 +323,10 @@ class Cost(Measure):
         Raises:
             InputError: it is no amount of this cost.
         """
-        return quantity(self.budget, given, self.unit, self.zero)
+        value = quantity(self.budget, given, self.unit, self.zero)
+        if self.unit == "%" and value > 100:
+            raise InputError(f"{self.budget}={given}: give a number from 0 to 100")
+        return value
 
     def argument(self, value: float) -> str:
         """A budget as it is typed."""
@@ -355,7 +356,7 @@ class Cost(Measure):
 
 
 _PERSON = {"unit": "%", "unknown": "a person has no score", "linear": True, "zero": True, "column": False}
-_PERSON |= {"mirrored": True, "last": 0}
+_PERSON |= {"better": "high", "last": 0}
 OF_SYSTEMS = (  # costs of every run
     Cost(
         "flash",
@@ -405,21 +406,21 @@ OF_SYSTEMS = (  # costs of every run
 OF_PEOPLE = (
     Cost(
         "worst_person",
-        noun="error of the worst person",
-        words="wrong for the worst person",
-        axis="% of captures wrong for the worst person",
-        help="largest error of the worst person, in percent",
-        among=lambda people, drawn: people.error(drawn, 1),
-        line=("people", "worst"),
+        noun="accuracy of the worst person",
+        words="correct for the worst person",
+        axis="% of captures correct for the worst person",
+        help="lowest accuracy of the worst person, in percent",
+        among=lambda people, drawn: people.lowest(drawn, 1),
+        line=("people", "worst_person"),
         **_PERSON,
     ),
     Cost(
         "worst_tenth",
-        noun="error of the worst tenth of people",
-        words="wrong for the worst tenth of people",
-        axis="% of captures wrong for the worst tenth of people",
-        help="largest error of the worst tenth of people, in percent",
-        among=lambda people, drawn: people.error(drawn, -(-drawn.shape[1] // 10)),
+        noun="accuracy of the worst tenth of people",
+        words="correct for the worst tenth of people",
+        axis="% of captures correct for the worst tenth of people",
+        help="lowest mean accuracy of the worst tenth of people, in percent",
+        among=lambda people, drawn: people.lowest(drawn, -(-drawn.shape[1] // 10)),
         line=("people", "worst_tenth"),
         **_PERSON,
     ),

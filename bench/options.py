@@ -67,26 +67,22 @@ class Command:
 
 
 MAKERS = "run makers"  # bench run, and other commands of kinds and circumstances (`makers`)
-WORK = f"{MAKERS} tune choose check"
-FOLDS = f"{WORK} report"  # commands with the keys of a run
+WORK = f"{MAKERS} tune check"
+FOLDS = f"{WORK} choose groups report"  # commands with the keys of a run
 CHOICE = "choose report"
 OPTIONS = (
     Option(
         "data",
-        f"{FOLDS} scene fit extract",
+        f"{FOLDS} fit extract",
         "text",
         "synth",
         "synth (generated captures) or an imported corpus, several joined by +",
     ),
-    Option("where", f"{FOLDS} scene fit extract", "text", "", "captures to use, such as where=\"variant == 'rough'\""),
-    Option("target", f"{FOLDS} scene fit", "text", "gesture", "columns that define the class, such as gesture+variant"),
-    Option("protocol", f"{FOLDS} scene", "text", "loso", "{protocols}"),
-    Option(
-        "model", f"{FOLDS} scene fit audit submit", "text", "svm", "{models}; names with a year are published systems"
-    ),
-    Option(
-        "features", f"{FOLDS} scene fit audit submit extract", "text", "jung54", "{features}; not used by all models"
-    ),
+    Option("where", f"{FOLDS} fit extract", "text", "", "captures to use, such as where=\"variant == 'rough'\""),
+    Option("target", f"{FOLDS} fit", "text", "gesture", "columns that define the class, such as gesture+variant"),
+    Option("protocol", f"{FOLDS}", "text", "loso", "{protocols}"),
+    Option("model", f"{FOLDS} fit audit submit", "text", "svm", "{models}; names with a year are published systems"),
+    Option("features", f"{FOLDS} fit audit submit extract", "text", "jung54", "{features}; not used by all models"),
     Option("model.window", "run", "number", None, "seconds per window; a model of whole captures then uses windows"),
     Option("model.repair", "run", "text", "", "sensor damage to correct", ("stuck", "dead", "offset"), "+"),
     Option("model.scale", "run", "text", "", "divide by the largest reading so far, or take logs", ("peak", "log")),
@@ -98,8 +94,9 @@ OPTIONS = (
     Option("jobs", WORK, "count", None, "number of worker processes; default one per core"),
     Option("cluster", WORK, "text", "", "Dask scheduler that runs the folds: tcp://HOST:8786 or its file"),
     Option("trials", "tune", "count", 50, "combinations to try in each fold; a grid of lists is tried completely"),
-    Option("budget", "tune", "number", None, "seconds after which a fold starts no new combination"),
-    Option("inner", "tune choose", "text", "3", "inner folds: number of groups of training subjects, or loso"),
+    Option("seconds", "tune", "number", None, "seconds after which a fold starts no new combination"),
+    Option("smallest", "tune", "text", "", "parameter of model= to make as small as possible, or features"),
+    Option("inner", "tune", "text", "3", "inner folds: number of groups of training subjects, or loso"),
     Option("run", CHOICE, "text", "", "ids of stored runs, as comparison.csv lists them"),
     Option("latest", CHOICE, "yes", False, "yes: only the newest parameters of each model and feature set"),
     Option("scene", "choose", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
@@ -114,15 +111,16 @@ OPTIONS = (
     ),
     Option("unit", "choose", "text", "capture", "unit of accuracy", ("capture", "window")),
     Option(
-        "batch", "choose scene submit", "yes", False, "yes: also systems whose labels depend on other test captures"
+        "batch", "choose groups submit", "yes", False, "yes: also systems whose labels depend on other test captures"
     ),
     Option("shots", "choose", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
     Option("why", "choose", "yes", False, "yes: also print what the choice depends on, and what is left out"),
-    Option("over", "choose", "text", "", "parameter of model= to make as small as possible, or features"),
-    Option("out", "scene", "text", "scene", "folder for groups.csv and the figure"),
+    Option("out", "groups", "text", "groups", "folder for groups.csv and the figure"),
     Option("bits", "export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
     Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
     Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams"),
+    Option("hop_ms", "live", "number", 125, "classification of captures: milliseconds between decisions"),
+    Option("events", "live", "yes", True, "no: classify captures instead of watching an endless stream"),
     Option("out", "fit", "text", "", "folder for a copy of the model; new or empty"),
     Option("out", "predict", "text", "", "CSV file that is safe in spreadsheets; default: print the table"),
     Option("out", "adapt", "text", "", "folder for the adapted model; new or empty"),
@@ -130,7 +128,7 @@ OPTIONS = (
     Option("out", "export", "text", "", "folder for the C files; new or empty"),
     Option("baseline", "check", "text", "reports/baseline.json", "baseline file"),
     Option("update", "check", "yes", False, "yes: write the baseline again; keys of bench run add systems"),
-    Option("run", "check", "yes", True, "no: run nothing, compare the newest stored runs"),
+    Option("stored", "check", "yes", False, "yes: run nothing, compare the newest stored runs"),
     Option("error", "check", "number", 1, "error rate in percent of all tests of accuracy and labels together"),
     Option("slower", "check", "number", 2, "largest factor of computing time, relative to a reference workload"),
     Option("junit", "check", "text", "", "JUnit file for a CI server, such as check.xml"),
@@ -178,14 +176,10 @@ OTHERS = {  # commands that make no runs of a kind
         "accurate one. This is the standard error of the paired difference over subjects. If no system fits the "
         "budgets, it prints the lowest cost for each budget; exit code 1. why=yes prints all reasons. Runs with failed "
         "folds, and older runs on other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, "
-        "except "
-        "for runs of bench chip, which also count instructions. over= runs systems instead: each fold chooses the "
-        "smallest value on left-out training subjects. It tries the values of model.X=, or an eighth, a quarter, a "
-        "half and all of the default. max_false_alarms= and max_latency= compare runs of bench watch instead, by the "
-        "share of touches whose label is correct at the end.",
+        "except for runs of bench chip, which also count instructions. max_false_alarms= and max_latency= compare runs "
+        "of bench watch instead, by the share of touches whose label is correct at the end.",
         "bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB\n"
-        f"bench choose data=haart protocol=loso max_false_alarms={FALSE_ALARMS:g} max_latency=1s\n"
-        "bench choose data=haart protocol=loso model=cnn85 over=frames",
+        f"bench choose data=haart protocol=loso max_false_alarms={FALSE_ALARMS:g} max_latency=1s",
     ),
     "report": Command(
         "start here",
@@ -199,7 +193,7 @@ OTHERS = {  # commands that make no runs of a kind
         "bench report data=haart protocol=loso,challenge,kfold latest=yes paper=accuracy,flash",
     ),
     "data": Command(
-        "your captures",
+        "start here",
         "list, import, show, verify and export corpora",
         "Without an action, lists the corpora with counts, digest, source and licence. import reads the Corpus of "
         "Social Touch, HAART (zip or folder), CuddleBot (folder or archive) or a table. align=, frames= and crop= "
@@ -225,7 +219,7 @@ OTHERS = {  # commands that make no runs of a kind
         "bench extract data=synth features=jung54 out=features.parquet",
         "data=NAME features=NAME out=FILE [where=CONDITION]",
     ),
-    "systems": Command(
+    "papers": Command(
         "compare",
         "list published numbers and the commands that reproduce them",
         "Lists every published number with the command that reproduces it, or the reason why there is none.",
@@ -245,19 +239,22 @@ OTHERS = {  # commands that make no runs of a kind
         "search the parameters of systems inside each training part",
         "Like bench run, but searches the parameters of each model in every training part, on inner folds of whole "
         "subjects. model.C=8,32,128 lists values; without lists, it searches the ranges that the model declares. "
-        "Prints and stores the chosen values of each fold and every combination. An interrupted search continues where "
-        "it stopped.",
+        "Prints and stores the chosen values of each fold and every combination. smallest=X chooses the smallest value "
+        "of the parameter X within one standard error of the best one, and runs the unchanged system beside it. It "
+        "tries the values of model.X=, or an eighth, a quarter, a half and all of the default. An interrupted search "
+        "continues where it stopped.",
         "bench tune data=haart protocol=loso model=svm features=jung54 trials=50\n"
-        "bench tune data=haart protocol=challenge model=rf,xgb features=ta273",
+        "bench tune data=haart protocol=challenge model=rf,xgb features=ta273\n"
+        "bench tune data=haart protocol=loso model=cnn85 smallest=frames",
     ),
-    "scene": Command(
+    "groups": Command(
         "compare",
         "find groups of gestures that can be told apart",
         "Merges gestures into fewer and fewer groups, the most confused groups first, and prints the accuracy with "
         "each number of groups. It uses stored predictions: of model= and features=, or else of the most accurate "
         "system. The groups of each subject are chosen on the other subjects. Prints the table [reactions] of a scene "
         "file for 90, 95 and 99 % accuracy. Writes groups.csv and a dendrogram as PNG and SVG.",
-        "bench scene data=haart protocol=loso\nbench scene data=haart protocol=loso model=svm features=jung54",
+        "bench groups data=haart protocol=loso\nbench groups data=haart protocol=loso model=svm features=jung54",
     ),
     "ui": Command(
         "compare",
@@ -267,10 +264,10 @@ OTHERS = {  # commands that make no runs of a kind
         module="report",
     ),
     "fit": Command(
-        "ship",
+        "start here",
         "train one system on all captures and save it as an MLflow model",
         "Prints the address of the model in the store. Use it in mlflow.pyfunc.load_model, mlflow models serve, bench "
-        "predict, bench export and bench stream source=-. Each key has one value.",
+        "predict, bench export and bench live. Each key has one value.",
         "bench fit data=haart model=svm features=jung54 out=svm\nmlflow models serve -m svm --env-manager local",
     ),
     "predict": Command(
@@ -282,6 +279,17 @@ OTHERS = {  # commands that make no runs of a kind
         "bench predict models:/m-0123456789abcdef new.csv out=labels.csv",
         "MODEL FILE [key=value ...]",
         "fit",
+    ),
+    "live": Command(
+        "ship",
+        "classify frames from standard input with a saved model",
+        "Reads one frame per line: values in row-major order, separated by commas or blanks, at most 32 characters "
+        "each. If the model can watch an endless stream, each news of a touch (reported, changed, ended) prints ms, "
+        "news, label and confidence. Otherwise, or with events=no, an empty line ends a capture, and each decision "
+        "prints capture, ms, label, confidence and settled. settled is yes once waiting would gain too little. "
+        f"MODEL is as for bench predict. {TRUSTED}",
+        "sensor | bench live models:/m-0123456789abcdef",
+        "MODEL [events=no] [hop_ms=125]",
     ),
     "adapt": Command(
         "ship",
@@ -295,7 +303,7 @@ OTHERS = {  # commands that make no runs of a kind
         "fit",
     ),
     "export": Command(
-        "ship",
+        "start here",
         "write a saved model as C99 for a microcontroller",
         "Writes touch.h, touch.c, tables.h and a Makefile. The C needs no heap and no library except math.h. make and "
         "make check build for this machine, make chip for a Cortex-M4F (FLASH=256K RAM=32K). make flash and make count "
@@ -372,7 +380,6 @@ class Maker:
             option, alias = fields[key]
             name = alias if alias and self.view is not self.kind else key
             yield replace(option, key=name, default=spelling.given.get(name, option.default))
-        yield from spelling.live_keys
         if spelling.out[0]:
             yield Option("out", "", "text", *spelling.out)
 
@@ -386,7 +393,7 @@ def commands() -> dict[str, Command]:
     """All commands by name, in the order of the overview."""
     made = {name: maker.spelling.command for name, maker in makers().items()}
     first = {name: command for name, command in made.items() if command.group == OTHERS["demo"].group}
-    before = [*OTHERS][: [*OTHERS].index("scene")]
+    before = [*OTHERS][: [*OTHERS].index("groups")]
     return {"demo": OTHERS["demo"], **first, **{name: OTHERS[name] for name in before}, **made, **OTHERS}
 
 
@@ -420,13 +427,17 @@ def keys(command: str) -> set[str]:
 
 
 def overview() -> str:
-    """All commands, those to begin with first."""
+    """The commands to begin with, each with its summary, and the names of the others."""
+    groups: dict[str, list[str]] = {}
     every = commands()
-    lines = ["bench: which recogniser of touch gestures should I ship?"]
-    for group in dict.fromkeys(command.group for command in every.values()):
-        members = [(name, command) for name, command in every.items() if command.group == group]
-        lines += ["", f"{group}:", *(f"  bench {name:12}{command.summary}" for name, command in members)]
-    return "\n".join([*lines, "", "bench COMMAND --help lists the options of a command."])
+    for name, command in every.items():
+        groups.setdefault(command.group, []).append(name)
+    (first, members), *others = groups.items()
+    lines = ["bench: which recogniser of touch gestures should I ship?", "", f"{first}:"]
+    lines += [f"  bench {name:10}{every[name].summary}" for name in members]
+    lines += ["", "other commands:"]
+    lines += [f"  {group:16}{', '.join(names)}" for group, names in others]
+    return "\n".join([*lines, "", "bench COMMAND --help explains a command and lists its options."])
 
 
 def help_of(name: str) -> str:

@@ -171,10 +171,6 @@ def scene_of(table: Mapping[str, object]) -> Scene:
     for name, given in sections.items():
         for k in given:
             _check_amount(f"[{name}] {k} = {given[k]}", limits[name].get(k), OTHER[name].get(k, ""), values)
-    for name, given in sections.items():
-        for k, cost in limits[name].items():
-            if cost.mirrored and k in given:
-                values[cost.budget] = f"{100 - _number(f'[{name}] {k}', given[k], 0, 100):g}"  # of an error
     unmeasured = [k for k, cost in limits["budget"].items() if not cost.watched] + ["clock"]
     if unwatched := [k for k in unmeasured if k in sections["budget"] and sections["stream"]]:
         raise InputError(f"[budget] {unwatched[0]}: bench watch does not measure it; leave it or [stream] out")
@@ -202,7 +198,7 @@ def _of_board(budget: Mapping[str, object]) -> Board | None:
 def _check_amount(line: str, cost: Cost | None, key: str, values: Mapping[str, str]) -> None:
     """Refuse a number or a unit that `bench choose` would refuse, by the name of its line."""
     try:
-        if cost is not None and not cost.mirrored:
+        if cost is not None:
             cost.typed(values[cost.budget])
         elif key in ("clock", "margin"):
             quantity(key, values[key], "MHz" if key == "clock" else "")

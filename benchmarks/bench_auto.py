@@ -68,7 +68,7 @@ def by_auto(corpus: object, train: np.ndarray, test: np.ndarray, budget: float) 
     from models.sizes import sizes
 
     X = corpus[train]
-    system = Auto(budget=budget).fit(X, X.gestures)
+    system = Auto(seconds=budget).fit(X, X.gestures)
     spent = system.search_seconds_ + system.fit_seconds_[0]  # a study that was kept is not searched again
     taxels = corpus.grid[0] * corpus.grid[1]
     return system.predict(corpus[test]), spent, sizes(system, taxels, int(corpus.lengths.max()))["flash_bytes"]

@@ -1,4 +1,4 @@
-"""The picture of ``bench scene``: gestures merged into groups, and the accuracy with each number of groups."""
+"""The picture of ``bench groups``: gestures merged into groups, and the accuracy with each number of groups."""
 
 from __future__ import annotations
 

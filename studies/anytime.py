@@ -1,10 +1,10 @@
-"""What more seconds of search buy: accuracy of `auto` on held-out subjects against its budget.
+"""What more seconds of search buy: accuracy of `auto` on held-out subjects against them.
 
-    python studies/anytime.py data=haart protocol=loso budget=1,2,5,10,30
+    python studies/anytime.py data=haart protocol=loso seconds=1,2,5,10,30
 
-runs `bench run model=auto` once per budget, each a search of its own in every training part, and writes a table and a
-figure to ``out=``. The other keys are those of `bench run`. ``trials.csv`` of a run lists its trials, with the fronts
-of accuracy and each cost.
+runs `bench run model=auto` once per number of seconds, each a search of its own in every training part, and writes a
+table and a figure to ``out=``. The other keys are those of `bench run`. ``trials.csv`` of a run lists its trials, with
+the fronts of accuracy and each cost.
 """
 
 import sys
@@ -18,9 +18,9 @@ from reports.figures import new_figure, save
 
 
 def drawn(table: pd.DataFrame, out: Path) -> None:
-    """Accuracy with its interval over subjects, and flash of what the search ends with, against its budget."""
+    """Accuracy with its interval over subjects, and flash of what the search ends with, against them."""
     figure, axes = new_figure((9.0, 3.6), (1, 2), between=(0.9, 0.9))
-    seconds = table["budget"]
+    seconds = table["seconds"]
     axes[0][0].fill_between(seconds, table["low"], table["high"], color="tab:red", alpha=0.2, lw=0)
     axes[0][0].plot(seconds, table["accuracy"], "o-", color="tab:red")
     axes[0][0].set_ylabel("accuracy on held-out subjects, %")
@@ -35,16 +35,16 @@ def drawn(table: pd.DataFrame, out: Path) -> None:
 
 
 def main(words: list[str]) -> pd.DataFrame:
-    """Run every budget, write the table and the figure, return the table."""
-    values = parse(words, KEYS | {"budget", "out"})
+    """Run every search, write the table and the figure, return the table."""
+    values = parse(words, KEYS | {"seconds", "out"})
     out = Path(values.pop("out", "anytime"))
-    budgets = items("budget", values.pop("budget", "1,2,5,10,30,60"))
+    numbers = items("seconds", values.pop("seconds", "1,2,5,10,30,60"))
     if values.setdefault("model", "auto") != "auto":
-        raise bench.InputError(f"model={values['model']}: only auto has a budget; leave it out")
-    tables = [bench.run(**values, **{"model.budget": seconds}).assign(budget=float(seconds)) for seconds in budgets]
-    table = pd.concat(tables, ignore_index=True).sort_values("budget", ignore_index=True)
-    if table["budget"].duplicated().any():
-        raise bench.InputError("give one value of each key but budget=")
+        raise bench.InputError(f"model={values['model']}: only auto takes seconds; leave it out")
+    tables = [bench.run(**values, **{"model.seconds": seconds}).assign(seconds=float(seconds)) for seconds in numbers]
+    table = pd.concat(tables, ignore_index=True).sort_values("seconds", ignore_index=True)
+    if table["seconds"].duplicated().any():
+        raise bench.InputError("give one value of each key but seconds=")
     out.mkdir(parents=True, exist_ok=True)
     table.to_csv(out / "anytime.csv", index=False)
     drawn(table, out)
@@ -53,6 +53,6 @@ def main(words: list[str]) -> pd.DataFrame:
 
 if __name__ == "__main__":
     try:
-        print(main(sys.argv[1:])[["budget", "accuracy", "low", "high", "flash_bytes", "folds"]].to_string(index=False))
+        print(main(sys.argv[1:])[["seconds", "accuracy", "low", "high", "flash_bytes", "folds"]].to_string(index=False))
     except bench.InputError as error:
         sys.exit(str(error))

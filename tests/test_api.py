@@ -92,7 +92,7 @@ def test_results_and_run_show_what_is_tracked(in_net, capsys):
     choice = bench.choose(max_flash="64kB", **on)
     assert choice.system == "tree · jung28" and "0.156 kB" in str(choice)
     assert bench.choose(max_flash="1B", model="bayes", **on).system is None
-    assert isinstance(bench.choose(model="bayes", features="jung28", over="features", inner=2, **TINY), pd.DataFrame)
+    assert len(bench.tune(model="bayes", features="jung28", smallest="features", inner=2, **TINY)) == 2
 
 
 def hits_of(store, name, hits, **tags):

@@ -50,9 +50,9 @@ BAD = [  # arguments, and what the line names
     (["stream", "hop_ms=1"], "hop_ms=1"),
     *(([name, "data.subjects=4", "out=file/x"], "file/x") for name in ("stress", "stream")),
     (["stream", "data.subjects=2"], "one subject"),
-    (["stream", "source=-"], "model="),
-    (["stream", "source=-", "model=nothing"], "nothing"),
-    (["stream", "source=-", "model=x", "data=haart"], "data="),
+    (["live"], "bench live MODEL"),
+    (["live", "nothing"], "nothing"),
+    (["live", "nothing", "data=haart"], "'data'"),
     (["chip", "bits=7"], "bits=7"),
     (["choose", "by=3"], "by=3"),
     (["choose", "max_flash=0"], "max_flash=0"),
@@ -110,7 +110,7 @@ def test_a_bad_line_is_one_line_that_names_the_key_and_writes_nothing(arguments,
     assert made == {"folder", "taken", "file", "pipe"} and Path("file").read_text() == "mine"
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["systems"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["papers"]])
 def test_output_that_is_closed_is_no_error(arguments):
     done = subprocess.run([*BENCH, *arguments], stderr=subprocess.PIPE, preexec_fn=lambda: os.close(1))
     assert (done.returncode, done.stderr) == (0, b"")

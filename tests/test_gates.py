@@ -236,7 +236,7 @@ def test_a_new_kind_of_run_is_one_file_and_appears_everywhere(plug, monkeypatch)
     assert len(source.splitlines()) <= 80
     plug("[touchbench.kinds]\nhalves = halves:Halves\n", source, "halves")
     monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
-    assert "share= " in help_of("halves") and "score late captures" in overview() and "max_tested=" in help_of("choose")
+    assert "share= " in help_of("halves") and "halves" in overview() and "max_tested=" in help_of("choose")
     code, printed = done(["halves", *SMALL, "model=tree", "features=jung28", "share=0.25"])
     assert code == 0 and "Accuracy in percent on late captures" in printed
     _, (run,) = runs("halves")
@@ -261,7 +261,7 @@ def test_a_wrong_kind_or_circumstance_is_refused_in_one_line(plug, capsys, group
     assert (
         main(["gone"]) == 2 and f"touchbench.{group}" in capsys.readouterr().err
     )  # it may be a command of that package
-    assert [main(words) for words in (["--help"], ["run", "--help"], ["systems"])] == [0, 0, 0]  # which make no runs
+    assert [main(words) for words in (["--help"], ["run", "--help"], ["papers"])] == [0, 0, 0]  # which make no runs
     assert capsys.readouterr().err.count(f"warning: the entry point gone in touchbench.{group}") == 1  # not in help
 
 

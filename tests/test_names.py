@@ -93,7 +93,7 @@ def drawn(text):
 
 
 def measured(gestures, people):
-    """What run, stress, watch, choose, scene, results and report give under these names."""
+    """What run, stress, watch, choose, groups, results and report give under these names."""
     back = dict(zip(people, PEOPLE, strict=True)) | dict(zip(gestures, GESTURES, strict=True))
     write(gestures, people)
     with pytest.MonkeyPatch.context() as patch:
@@ -106,7 +106,11 @@ def found(back):
     import_corpus("recording", Path("day.csv"), {"name": "day", "grid": "4x4", "rate_hz": str(RATE)})
     system = {"model": ["lda", "tree"], "features": "touch", "jobs": 1}
     tables = {"run": bench.run(data="arm", **system), "stress": bench.stress(data="arm", faults="noise", **system)}
-    tables |= {"watch": bench.watch(data="day", **system), "results": bench.results(), "scene": bench.scene(data="arm")}
+    tables |= {
+        "watch": bench.watch(data="day", **system),
+        "results": bench.results(),
+        "groups": bench.groups(data="arm"),
+    }
     for data, scene in (("arm", "scene"), ("day", "stream")):
         tables[scene] = bench.choose(data=data, scene=f"{scene}.toml", by="flash").choice.table
     every = {name: numbers(table, back) for name, table in tables.items()}

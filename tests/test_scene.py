@@ -26,7 +26,7 @@ names = ["noise"]
 severity = 2
 loss = 7
 [people]
-worst = 60
+worst_person = 60
 worst_tenth = 70.5
 """
 
@@ -42,8 +42,8 @@ def test_lines_are_keys_of_choose(tmp_path):
         "clock": "150MHz",
         "max_decision": "1s",
         "max_fault_loss": "7",
-        "max_worst_person": "40",
-        "max_worst_tenth": "29.5",
+        "min_worst_person": "60",
+        "min_worst_tenth": "70.5",
     }
     assert {*scene.values} <= keys("choose") and scene.faults == Losses(("noise",), 2)
     assert scene.faults.circumstances == [("noise", 1), ("noise", 2)]
@@ -86,7 +86,7 @@ def test_shipped_scenes_and_boards_can_be_read():
         ("[costs]\nscratch = { calm = true }", "give a number from 0"),
         ("[faults]\nnames = ['nose']", "did you mean noise"),
         ("[faults]\nseverity = 6", "from 1 to 5"),
-        ("[people]\nworst = 101", "from 0 to 100"),
+        ("[people]\nworst_person = 101", "from 0 to 100"),
         ("[budget]\nflash = 256", r"\[budget\] flash = 256: give a number above 0"),
         ("[budget]\nboard = 'pico'\nshare = 0", "share above 0"),
         ("[budget]\ndecision = '1s'\n[stream]\nlatency = '1s'", r"\[budget\] decision: bench watch"),
@@ -97,8 +97,8 @@ def test_shipped_scenes_and_boards_can_be_read():
         ("[costs]\nscratch = { calm = 1000001 }", "from 0 to 1000000"),
         ("[costs]\nsilence = nan", "from 0 to 1000000"),
         ("[costs]\nsilence = -" + "9" * 400, r"costs silence: a whole number is too large"),
-        ("[people]\nworst = " + "9" * 5000, "is not TOML: Exceeds the limit"),
-        ("[people]\nworst = 0x" + "F" * 9000, "people worst: a whole number is too large"),
+        ("[people]\nworst_person = " + "9" * 5000, "is not TOML: Exceeds the limit"),
+        ("[people]\nworst_person = 0x" + "F" * 9000, "people worst_person: a whole number is too large"),
         ("by = " + "[" * 500 + "]" * 500, "nested more deeply"),
         ("by." + "a." * 3000 + "a = 1", "nested more deeply"),
     ],

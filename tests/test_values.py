@@ -53,8 +53,11 @@ def test_costs_have_their_budgets_units_and_lines():
     run |= {"observed_ms": 100, "peak_rss_bytes": 7, "chip_most_instructions": 1_224_240, "latency_s_p50": 0.25}
     amounts = {"flash": 2.5, "ram": 0.512, "predict": 1.5, "decision": 300, "cycles": 1224.24, "latency": 250}
     assert {name: cost.cell(run) for name, cost in every.items() if not cost.personal} == amounts
-    assert {c.budget for c in every.values()} == {f"max_{name}" for name in every}
-    assert every["worst_person"].section == ("people", "worst") and every["ram"].section == ("budget", "ram")
+    least = {"worst_person", "worst_tenth"}
+    assert {c.budget for c in every.values()} == {f"{'min' if name in least else 'max'}_{name}" for name in every}
+    with pytest.raises(InputError, match="min_worst_person=101: give a number from 0 to 100"):
+        every["worst_person"].typed("101")
+    assert every["worst_person"].section == ("people", "worst_person") and every["ram"].section == ("budget", "ram")
     assert every["fault_loss"].typed("0") == 0
     for key, given_amount in (("flash", "3ms"), ("ram", "0kB"), ("latency", "1"), ("false_alarms", "0")):
         with pytest.raises(InputError, match=f"max_{key}="):

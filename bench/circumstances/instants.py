@@ -12,7 +12,7 @@ from bench.circumstances.base import Circumstance, option
 from bench.errors import InputError
 from bench.kinds.base import Spelling, typed_as
 from bench.measures import Cost, Measure, percent
-from bench.options import Command, Option
+from bench.options import Command
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -162,30 +162,16 @@ class Instants(Circumstance):
         "stream": Spelling(
             Command(
                 "compare",
-                "replay captures in time, or classify frames from standard input",
+                "replay captures in time: accuracy against milliseconds of touch",
                 "Replays captures and measures accuracy against milliseconds of touch, and computing time per "
                 "decision. Adaptive stopping decides as soon as the expected gain from waiting is small, as learned on "
-                "training subjects. It is bench run with after=each stopping=yes. source=- reads one frame per line: "
-                "values in row-major order, separated by commas or blanks, at most 32 characters each. If the model "
-                "can watch an endless stream, each news of a touch (reported, changed, ended) prints ms, news, label "
-                "and confidence. Otherwise, or with events=no, an empty line ends a capture, and each decision prints "
-                "capture, ms, label, confidence and settled. settled is yes once waiting would gain too little. MODEL "
-                "is a model that bench fit saved.",
+                "training subjects. It is bench run with after=each stopping=yes.",
                 "bench stream data=haart protocol=loso model=svm,rf features=jung54\n"
-                "bench stream data=haart model=svm start=onset,middle hop_ms=125\n"
-                "sensor | bench stream source=- model=models:/m-0123456789abcdef",
-                "[key=value ...]\nsource=- model=MODEL [events=no] [hop_ms=125]",
+                "bench stream data=haart model=svm start=onset,middle hop_ms=125",
             ),
             keys=("hop_ms", "start"),
             given={"after": EACH, "stopping": "yes"},
             out=("report", "folder for streaming.csv, stopping.csv and figures"),
-            live="bench.work.live:live",
-            live_keys=(
-                Option("source", "", "text", "", "- classifies frames from standard input"),
-                Option(
-                    "events", "", "yes", True, "source=-: report touches of an endless stream; no: classify captures"
-                ),
-            ),
         )
     }
     heading: ClassVar[str] = "Accuracy in percent, mean over subjects, against touch seen"

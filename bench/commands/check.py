@@ -21,7 +21,7 @@ from bench.outcomes.store import connect
 from bench.plan.cells import Cell, cells
 from bench.scratch import replacing
 
-OWN = ("baseline", "update", "run", "junit")  # keys that are not of the runs
+OWN = ("baseline", "update", "stored", "junit")  # keys that are not of the runs
 LIMITS = ("error", "slower")
 
 
@@ -40,8 +40,8 @@ def check(arguments: list[str]) -> int:
     added = [f"{k}={v}" for k, v in of_runs.items()]
     path, report = Path(str(how["baseline"])), str(how["junit"])
     if how["update"]:
-        if not how["run"]:
-            raise InputError("run=no and update=yes exclude each other, because an update needs runs; leave run= out")
+        if how["stored"]:
+            raise InputError("stored=yes and update=yes exclude each other: an update needs runs; leave stored= out")
         return _update(path, added, backend_of(values), limits)
     if new := [f"{k}={v}" for k, v in of_runs.items() if k not in SELECTING and not k.startswith("protocol.")]:
         raise InputError(f"{new[0]} adds systems, which needs update=yes; leave it out to compare with the baseline")
@@ -49,10 +49,10 @@ def check(arguments: list[str]) -> int:
     baseline = [then for then in read(path, understood) if not asked or _cells([then.run], asked, then)]
     if not baseline:
         raise InputError(f"baseline={path} holds no system with {' '.join(added)}; leave a key out")
-    if how["run"]:
-        current, _ = _run([then.run for then in baseline], backend_of(values), asked)
-    else:
+    if how["stored"]:
         current = _stored(baseline)
+    else:
+        current, _ = _run([then.run for then in baseline], backend_of(values), asked)
     verdicts = gate.compare(baseline, current, **limits)
     say(*(verdict.line for verdict in verdicts))
     if report:

@@ -1,6 +1,6 @@
 """The command ``bench choose``: the cheapest system that is within one standard error of the best one.
 
-It reads tracked runs; with ``over=`` it makes runs, see `bench.commands.smallest`.
+It reads tracked runs.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from bench import few, pareto
 from bench.amounts import convert, quantity
-from bench.arguments import BACKEND, Values, parse, typed
+from bench.arguments import Values, parse, typed
 from bench.candidate import Losses, Wish
 from bench.commands.printing import output, say, then
 from bench.comparable import MARKED, notes_on, several
@@ -32,7 +32,6 @@ from bench.result import Result
 from bench.scene_file import EVERY, Scene, read_scene
 from bench.table import Table, rows_of
 
-RUNNING = {*BACKEND, "inner", "seed"}  # keys that are of use with over= alone
 SHOWN = 3  # of systems and commands that a sentence names
 BRIEF = 5  # sentences without why=yes, beside those on what else there is and what to type next
 FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
@@ -192,11 +191,6 @@ def choose(arguments: list[str]) -> int:
         InputError: something in the arguments cannot be used, or no run is tracked for them.
     """
     values = parse(arguments, keys("choose"))
-    if "over" in values:
-        from bench.commands.kind import printed
-        from bench.commands.smallest import smallest  # all that runs folds, which choosing among runs does not need
-
-        return printed("run", smallest(values))
     result = chosen(values)
     _print(result)
     return 0 if result.system else 1
@@ -208,8 +202,8 @@ def chosen(values: Values) -> Chosen:
     Raises:
         InputError: something in the values cannot be used, or no run is tracked for them.
     """
-    if running := [k for k in values if k in RUNNING or ("." in k and not k.startswith("protocol."))]:
-        raise InputError(f"{running[0]}= needs over=, which runs systems; leave {running[0]}= out or add over=")
+    if dotted := [k for k in values if "." in k and not k.startswith("protocol.")]:
+        raise InputError(f"{dotted[0]}= runs a system, and bench choose reads stored runs; leave {dotted[0]}= out")
     scene = read_scene(str(values["scene"])) if "scene" in values else Scene()
     values = {**scene.values, **values}
     by, unit = _one_of("by", values, costs()), _one_of("unit", values, ("capture", "window"))
@@ -347,9 +341,9 @@ def table_of(result: Chosen) -> Table:
     limits = [f"{costs()[k].title} {costs()[k].limit} {costs()[k].amount(v)}" for k, v in result.budgets.items()]
     score = "score" if result.scene.reactions.weighted else "accuracy"
     asked = {result.by, *result.budgets, *(k for k, c in costs().items() if c.losses and result.scene.faults)}
-    shown = [cost for cost in costs_of(result.watched).values() if not (cost.losses or cost.mirrored)]
+    shown = [cost for cost in costs_of(result.watched).values() if not (cost.losses or cost.section[0] == "people")]
     shown.sort(key=lambda cost: cost.runs != "recordings")
-    shown += [cost for cost in costs().values() if (cost.losses or cost.mirrored) and cost.key in asked]
+    shown += [cost for cost in costs().values() if cost.key in asked and cost not in shown]
 
     def column(cost: Cost) -> Measure:
         spare = 0 if cost.key == result.by or cost.key in result.budgets else cost.last

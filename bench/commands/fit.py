@@ -74,7 +74,7 @@ def predict(arguments: list[str]) -> int:
         write_sheet(table, beside, "%.6g")
     counts = ", ".join(f"{count} {label}" for label, count in table["label"].value_counts().items())
     print(f"{out}: {len(table)} captures classified: {counts}")
-    then(f"sensor | bench stream source=- model={quoted(model)}")
+    then(f"sensor | bench live {quoted(model)}")
     return 0
 
 

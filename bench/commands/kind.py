@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from pathlib import Path
 
 from bench.arguments import Backend, Values, backend_of, parse
@@ -29,13 +27,6 @@ def command(name: str, arguments: list[str]) -> int:
     except InputError:
         check_loaded()  # the key may be one of such a package
         raise
-    spelling = makers()[name].spelling
-    if spelling.live and spelling.live_keys[0].key in values:
-        key = spelling.live_keys[0].key
-        if sys.stdin is None:
-            raise InputError(f"{key}={values[key]}: standard input is closed; send frames to it")
-        module, _, function = spelling.live.partition(":")
-        return getattr(importlib.import_module(module), function)(values)
     todo, out = planned(name, values)
     folder = writable(Path(out)) if out else None
     return printed(name, execute(todo, backend_of(values)), folder)

@@ -1,4 +1,4 @@
-"""``bench choose over=``: runs whose every fold chooses the smallest value of one parameter on training subjects."""
+"""``bench tune smallest=``: runs whose every fold chooses the smallest value of one parameter on training subjects."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from bench.amounts import convert
 from bench.arguments import Values, backend_of, items
 from bench.commands.kind import evaluated
 from bench.errors import InputError, nearest
-from bench.measures import budgets
 from bench.plan.cells import Cell, cells
 from bench.registry import parameters
 from bench.result import Result
@@ -18,7 +17,6 @@ from bench.result import Result
 if TYPE_CHECKING:
     from models.search.space import How, Tuning
 
-STORED = ("by", "margin", "shots", "unit", "clock", "batch", "scene", "why", "run", "latest")  # keys of stored runs
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are typed
 
 
@@ -26,12 +24,12 @@ def smallest(values: Values) -> list[Result]:
     """Run each system with the smallest value that suffices, chosen in every fold, beside the unchanged system.
 
     Raises:
-        InputError: a key is for choosing among tracked runs, or a value cannot be used.
+        InputError: a value cannot be used, or a key ends a search, which this one does not need.
     """
-    if wrong := {*STORED, *budgets()} & set(values):
-        raise InputError(f"{wrong.pop()}= chooses among stored runs and over= makes runs; leave one of them out")
-    over, inner = str(values["over"]), str(values.get("inner", "3"))
-    rest = {k: v for k, v in values.items() if k not in ("over", "inner", f"model.{over}")}
+    if wrong := [key for key in ("trials", "seconds") if key in values]:
+        raise InputError(f"{wrong[0]}= ends a search, and smallest= tries every value; leave one of them out")
+    over, inner = str(values["smallest"]), str(values.get("inner", "3"))
+    rest = {k: v for k, v in values.items() if k not in ("smallest", "inner", f"model.{over}")}
     pairs = [
         (replace(cell, tuning=_tuning(cell, over, values.get(f"model.{over}"), inner)), cell) for cell in cells(rest)
     ]
@@ -42,23 +40,23 @@ def _tuning(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
     """How a search picks the smallest value; all parameters but that one stay as they are."""
     model, usual = cell.model.short, parameters(cell.model.factory)
     if contract.searches(cell.untrained):
-        raise InputError(f"model={model} searches by itself; choose over= of a model that does not")
+        raise InputError(f"model={model} searches by itself; give smallest= of a model that does not")
     space = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
     seed = cell.seed if "seed" in cell.model.parameters else 0
     how: How = {"inner": inner, "objective": "smallest", "over": over, "seed": seed}
     if over == "features":
         if not cell.features:
-            raise InputError(f"over=features: model={model} uses no feature set; give over= one of its parameters")
+            raise InputError(f"smallest=features: model={model} uses no feature set; give one of its parameters")
         return {"space": {**space}, **how}
     default = usual.get(over)
     if over == "seed" or over not in usual:
-        raise InputError(f"over={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}")
+        raise InputError(f"smallest={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}")
     if isinstance(default, bool) or not isinstance(default, int | float):
-        raise InputError(f"over={over}: not a number, so it has no sizes; give over= a numeric parameter")
+        raise InputError(f"smallest={over}: not a number, so it has no sizes; give a numeric parameter")
     if listed is None:
         sizes = {type(default)(default * share) for share in SHARES} - {0}
     else:
         sizes = {convert(f"model.{over}", text, default) for text in items(f"model.{over}", listed)}
     if not sizes:
-        raise InputError(f"over={over}: its default is {default}; give values, such as model.{over}=1,2")
+        raise InputError(f"smallest={over}: its default is {default}; give values, such as model.{over}=1,2")
     return {"space": {**space, over: sorted(sizes)}, **how}

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, cast
 
 from bench import contract
 from bench.amounts import convert, text_of
-from bench.arguments import Values, backend_of, items, parse
+from bench.arguments import Values, backend_of, items, number, parse
 from bench.commands.kind import evaluated, printed
+from bench.commands.smallest import smallest
 from bench.errors import InputError, nearest
 from bench.options import keys
 from bench.plan.cells import Cell, cells
@@ -19,7 +20,7 @@ from models.recipe import besides
 if TYPE_CHECKING:
     from models.search.space import How, Space, Tuning
 
-OPTIONS: How = {"trials": 50, "inner": "3", "budget": float("inf")}
+OPTIONS: How = {"trials": 50, "inner": "3"}
 
 
 def tune(arguments: list[str]) -> int:
@@ -35,16 +36,21 @@ def searched(values: Values) -> list[Result]:
     """The cells of some values, each a search.
 
     Listed values of a model's parameters are tried. Where no parameter has several, the ranges that the model declares
-    are searched, and single values are kept.
+    are searched, and single values are kept. ``smallest`` of a parameter looks for its smallest value instead.
 
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
+    if "smallest" in values:
+        return smallest(values)
     how = cast("How", {k: convert(k, values[k], default) for k, default in OPTIONS.items() if k in values})
+    if "seconds" in values:
+        how["budget"] = number("seconds", values["seconds"])
     params = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
     if "seed" in params:
         raise InputError(f"model.seed={params['seed']}: give seed= instead, which also sets the seed of the search")
-    rest = {k: v for k, v in values.items() if not k.startswith("model.") and k != "seed" and k not in OPTIONS}
+    own = {*OPTIONS, "seconds", "seed"}
+    rest = {k: v for k, v in values.items() if not k.startswith("model.") and k not in own}
     untuned = cells(rest)
     names = {name for cell in untuned for name in _parameters(cell)}
     for name in params:

@@ -105,8 +105,7 @@ class Spelling:
         keys: its options, besides those of ``bench run``.
         given: options that it gives where they are not typed.
         out: folder of ``out=``, with its help; empty if the command writes nothing.
-        live: ``module:function`` that does the command instead where one of ``live_keys`` is typed.
-        live_keys: options of that function.
+        live: unused, as is ``live_keys``; without them, the key of every stored run would change.
     """
 
     command: Command

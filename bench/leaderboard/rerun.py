@@ -8,18 +8,19 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.arguments import PARTS, parse
+from bench.arguments import PARTS, check_key, parse
 from bench.corpora.read.limits import quoted
 from bench.errors import InputError
 from bench.leaderboard import answers, submissions
 from bench.leaderboard.submissions import Submission
 from bench.leaderboard.tasks import RUN, Task
 from bench.options import makers
+from bench.outcomes.earlier import command_now
 from bench.plan.cells import cells
 from bench.result import Result
 
 ALWAYS = {"data", "seed", *PARTS}
-SEARCHES = {"tune": {"trials", "inner", "budget"}, "choose": {"over", "inner"}}  # with their keys
+SEARCHES = {"tune": {"trials", "inner", "seconds", "smallest"}}  # with their keys
 FIXED = ("data", "protocol")  # parts that a search does not change
 
 
@@ -46,13 +47,16 @@ def command_of(one: Submission) -> list[str]:
     """
     task, typed = one.task, one.metadata.get("command", "")
     try:
-        bench, kind, *arguments = shlex.split(typed)
+        bench, then, *words = shlex.split(typed)
     except ValueError:
-        bench, kind, arguments = "", "", []
+        bench, then, words = "", "", []
+    kind, arguments = command_now(then, parse(words, None))
     own = _keys(kind)
-    if bench != "bench" or not _made_by(task, kind, [word.partition("=")[0] for word in arguments]):
+    if bench != "bench" or not _made_by(task, kind, [*arguments]):
         raise InputError(f"its command {quoted(typed)} is not a bench {task.command}; only bench can repeat it")
-    values = parse(arguments, ALWAYS | own) | {"data": task.data}
+    for key in arguments:
+        check_key(key, ALWAYS | own)
+    values = arguments | {"data": task.data}
     values = {key: _with_path(one, value) if ".py:" in value else value for key, value in values.items()}
     searched = kind in SEARCHES  # whose values of parameters between commas are no systems
     systems = cells({k: v for k, v in values.items() if k not in own and (not searched or k.split(".")[0] in FIXED)})
@@ -67,8 +71,7 @@ def _keys(command: str) -> set[str]:
     """Keys of a stored command besides `ALWAYS`; none of them says where to compute or to write."""
     if command not in makers():
         return SEARCHES.get(command, set())
-    maker = makers()[command]
-    return {option.key for option in maker.options()} - {"out", *(option.key for option in maker.spelling.live_keys)}
+    return {option.key for option in makers()[command].options()} - {"out"}
 
 
 def _made_by(task: Task, command: str, keys: Sequence[str]) -> bool:

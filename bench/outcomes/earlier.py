@@ -1,12 +1,13 @@
 """Runs of earlier versions, read as runs of this one: their tags, numbers and tables under today's names.
 
-In version 1 of the stored form, a run under faults, a replay and a run in C were kinds of their own. Each is read here
-as a run on captures in one circumstance, without the labels of the captures as they are. Its times are of the wall
-clock, and keep that name.
+Tags name the command and the keys of a search as the first version did. In version 1 of the stored form, a run under
+faults, a replay and a run in C were kinds of their own. Each is read here as a run on captures in one circumstance,
+without the labels of the captures as they are. Its times are of the wall clock, and keep that name.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Mapping
 
@@ -41,6 +42,10 @@ ABOUT = ("data", "subset", "protocol", "system", "seed")  # their first columns
 def adopted(result: Result) -> Result:
     """A run as this version has it: the same, or one of an earlier version under today's names."""
     kind = result.kind
+    if arguments := result.get("touchbench.arguments"):
+        command, typed = command_now(result.get("touchbench.command", ""), json.loads(arguments))
+        now = {"touchbench.command": command, "touchbench.arguments": json.dumps(typed)}
+        result = Result(result.about | now, result.metrics, result.tables, result.errors)
     if "quiet_ms" not in result.metrics:
         result = Result(result.about, by_the_wall(result.metrics), result.tables, result.errors)
     if kind not in TAGS:
@@ -52,6 +57,14 @@ def adopted(result: Result) -> Result:
     if kind == "stress":
         numbers |= {f"{n}.under": numbers[n] for n in ("failing_slices", "tested_slices") if n in numbers}
     return Result(about, numbers, _Adopted(result, kind), result.errors)
+
+
+def command_now(command: str, arguments: Mapping[str, str]) -> tuple[str, dict[str, str]]:
+    """A tracked command and its arguments as they are typed today."""
+    names = {"over": "smallest", "budget": "seconds"} if command in ("choose", "tune") else {}
+    names |= {"model.budget": "model.seconds"} if arguments.get("model") == "auto" else {}
+    now = {names.get(key, key): value for key, value in arguments.items()}
+    return ("tune" if command == "choose" else command), now
 
 
 def by_the_wall(numbers: Mapping[str, float]) -> dict[str, float]:

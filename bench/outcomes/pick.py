@@ -46,10 +46,10 @@ class People:
             return np.full((len(drawn), len(self.scores)), np.nan)
         return among(self, drawn)
 
-    def error(self, drawn: np.ndarray, count: int) -> np.ndarray:
-        """100 less the mean of the lowest ``count`` scores in percent, float [drawings, candidates]."""
+    def lowest(self, drawn: np.ndarray, count: int) -> np.ndarray:
+        """Mean of the lowest ``count`` scores in percent, float [drawings, candidates]."""
         lowest = np.sort(self.scores[:, drawn], axis=2)  # NaN comes last
-        return np.where(np.isnan(lowest[:, :, -1]), np.nan, 100 - lowest[:, :, :count].mean(axis=2)).T
+        return np.where(np.isnan(lowest[:, :, -1]), np.nan, lowest[:, :, :count].mean(axis=2)).T
 
     def loss(self, drawn: np.ndarray) -> np.ndarray:
         """Mean points lost under each fault at each severity, float [drawings, candidates, circumstances]."""

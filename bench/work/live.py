@@ -12,12 +12,10 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 import pandas as pd
 
-from bench.amounts import convert
-from bench.arguments import number
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.limits import quoted
 from bench.corpora.read.sensor_values import checked, highest_of
-from bench.errors import InputError, nearest
+from bench.errors import InputError
 from bench.outcomes.stopping import NO_SAVING
 from bench.work.replay import GROWTH
 
@@ -25,30 +23,25 @@ if TYPE_CHECKING:
     from bench.work.saved import Recogniser
     from bench.work.watcher import Watcher
 
-HOP_MS = 125.0  # 8 decisions a second; the systems in the literature make 6 to 9
-OPTIONS = ("source", "model", "hop_ms", "events")
 CHARACTERS = 32  # most of a number; a line has at most as many for each channel, its end included
 NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
-def live(values: dict[str, str]) -> int:
+def decide(model: str, hop_ms: float, events: bool) -> int:
     """Decide on frames from standard input until it ends.
+
+    Args:
+        model: address or folder of a saved model.
+        hop_ms: time between decisions on a capture.
+        events: False to classify captures with a model that can watch an endless stream.
 
     Raises:
         InputError: an argument, or a line that is not a frame; the decisions before it are out already.
     """
-    for key in values:
-        if key not in OPTIONS:
-            raise InputError(f"source={values['source']}: {key}= is no option here; {nearest(key, OPTIONS)}")
-    if values["source"] != "-":
-        raise InputError(f"source={values['source']}: give source=- to read standard input")
-    if "model" not in values:
-        raise InputError("source=- needs model=, the address or folder that bench fit printed")
     from bench.work.saved import load
 
-    hop_ms = number("hop_ms", values.get("hop_ms", str(HOP_MS)))
-    recogniser = load(values["model"])
-    if recogniser.watcher is not None and convert("events", values.get("events", "yes"), True):
+    recogniser = load(model)
+    if recogniser.watcher is not None and events:
         return watched(recogniser, recogniser.watcher)
     frame_ms = 1000 / recogniser.rate_hz
     if hop_ms < frame_ms:

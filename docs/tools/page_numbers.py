@@ -242,7 +242,7 @@ def captures(found: list[Any]) -> list[float]:
 
 
 def groups(found: list[Any], number: str) -> list[float]:
-    """A row of ``bench scene``: accuracy, its interval, that of the largest group, subjects with the same groups."""
+    """A row of ``bench groups``: accuracy, its interval, that of the largest group, subjects with the same groups."""
     row = found[-1].set_index("groups").loc[int(number)]
     return values(row, ("accuracy", "low", "high", "largest", "same"))
 
@@ -250,7 +250,7 @@ def groups(found: list[Any], number: str) -> list[float]:
 COMMANDS: dict[str, Callable[..., Any]] = {
     "run": bench.run,
     "choose": bench.choose,
-    "scene": bench.scene,
+    "groups": bench.groups,
     "chip": lambda **values: bench.chip(**values).full,
     "leaderboard": leaderboard,
     "data": bench.look,

@@ -50,12 +50,12 @@ class Auto(ClassifierMixin, BaseEstimator):
 
     The budget is all of that: features that are not kept yet, trials, the last fits. A trial that cannot end in what
     is left, after the last fits, is not begun. Where not even the features of all captures can be computed, as many as
-    there is time for are used. With ``budget=inf`` nothing depends on time, unless ``max_predict`` is asked for.
+    there is time for are used. With ``seconds=inf`` nothing depends on time, unless ``max_predict`` is asked for.
 
     Args:
-        budget: seconds of the whole fit. Progress depends on the machine; see ``chosen_``.
-        trials: number of trials; None for as many as the budget allows. For a run that can be repeated give trials and
-            ``budget=inf``.
+        seconds: time of the whole fit. Progress depends on the machine; see ``chosen_``.
+        trials: number of trials; None for as many as the time allows. For a run that can be repeated give trials and
+            ``seconds=inf``.
         inner: groups of training subjects that judge, or ``loso``.
         members: most systems that decide together.
         max_flash: limit of stored bytes, with 32 bits a number, such as ``64kB``; empty for none.
@@ -79,7 +79,7 @@ class Auto(ClassifierMixin, BaseEstimator):
 
     def __init__(
         self,
-        budget: float = 60.0,
+        seconds: float = 60.0,
         trials: int | None = None,
         inner: str = "3",
         members: int = 5,
@@ -89,7 +89,7 @@ class Auto(ClassifierMixin, BaseEstimator):
         max_decision: str = "",
         seed: int = 0,
     ) -> None:
-        self.budget = budget
+        self.seconds = seconds
         self.trials = trials
         self.inner = inner
         self.members = members
@@ -105,7 +105,9 @@ class Auto(ClassifierMixin, BaseEstimator):
         Raises:
             InputError: one of them.
         """
-        check_search(self.inner, self.trials, self.budget, endless=True)
+        if not self.seconds > 0:
+            raise InputError(f"model.seconds={self.seconds:g}: give a number of seconds above 0")
+        check_search(self.inner, self.trials, self.seconds, endless=True)
         if self.members < 1:
             raise InputError(f"model.members={self.members}: give at least 1")
         self._limits(), self._touch()
@@ -158,7 +160,7 @@ class Auto(ClassifierMixin, BaseEstimator):
             {m: {f"{m}.{k}": values for k, values in space.items()} for m, space in portfolio.SPACES.items()},
             self.seed,
             np.inf if self.trials is None else self.trials,
-            self.budget,
+            self.seconds,
             began,
             self._limits(),
         )
@@ -187,13 +189,13 @@ class Auto(ClassifierMixin, BaseEstimator):
     def study_key(self) -> dict[str, object]:
         """Influences on trials besides captures and labels; not their number, so that a study can grow."""
         limits = [self.max_flash, self.max_ram, self.max_predict, self.max_decision]
-        return {"search": [identity(Auto), self.inner, self.seed, self.budget, *limits]}
+        return {"search": [identity(Auto), self.inner, self.seed, self.seconds, *limits]}
 
     def _affordable(self, X: Corpus, y: np.ndarray) -> slice | np.ndarray:
         """All captures, or as many of each class and subject as there is time to compute the features of."""
         first = portfolio.complete(portfolio.FIRST[0])
         needed = Inner(X, y, [], self._touch(), self.seed).tabling(first)
-        every = max(1, int(np.ceil(needed / (TABLES * self.budget))))
+        every = max(1, int(np.ceil(needed / (TABLES * self.seconds))))
         order = np.lexsort((X.subjects.astype(str), y.astype(str)))
         while every > 1:
             part = np.sort(order[::every])
@@ -206,7 +208,7 @@ class Auto(ClassifierMixin, BaseEstimator):
 
     def _step(self, inner: Inner, study: Study) -> Tried | None:
         """Judge the next trial, or skip it; None where there is no time, or none that is new and fits into it."""
-        spare = SPARE * self.budget if np.isfinite(self.budget) else 0.0
+        spare = SPARE * self.seconds if np.isfinite(self.seconds) else 0.0
         left = study.left - spare - self._last_fits(inner, study.left)
         trial = self._next(study, inner) if left > 0 else None
         if trial is None or [t.state for t in self.tried_[len(portfolio.FIRST) :]][-SKIPS:] == ["skipped"] * SKIPS:

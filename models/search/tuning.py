@@ -293,7 +293,7 @@ def _table(tried: list[Tried]) -> pd.DataFrame:
 def tuned(
     name: str, factory: Callable, features: dict[str, TransformerMixin] | None, shown: str, tuning: Tuning
 ) -> Search:
-    """The search of `bench tune` and `bench choose over=`.
+    """The search of `bench tune` and `bench tune smallest=`.
 
     Args:
         name: name of the model.

@@ -17,7 +17,7 @@ from tests.outcomes.test_gate import measured
     [
         (["error=0"], "error="),
         (["slower=nan"], "slower="),
-        (["update=true", "run=false"], "run=no"),
+        (["update=true", "stored=true"], "stored=yes"),
         (["baseline=damaged.json"], "damaged.json"),
         (["baseline=none.json"], "update=yes"),
         (["model=rf"], "holds no system with model=rf"),

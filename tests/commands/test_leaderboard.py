@@ -403,6 +403,7 @@ def test_commands_that_are_repeated():
     for command, words in {
         "bench run data=cost protocol=challenge model=svm seed=1": ["run", "data=haart", "protocol=challenge"],
         "bench tune protocol=challenge model.C=1,2 trials=3": ["tune", "model.C=1,2", "trials=3", "data=haart"],
+        "bench choose protocol=challenge model=rf over=trees": ["tune", "smallest=trees"],  # a former name
         "bench run protocol=challenge model=mine.py:Mine": ["run", f"model={Path('mine.py').absolute()}:Mine"],
     }.items():
         assert set(words) <= set(rerun.command_of(submissions.read(folder_of("mine", command=command, note=note))))

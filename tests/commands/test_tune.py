@@ -1,4 +1,4 @@
-"""The commands tune, systems and extract, searches in bench run, and other targets than the gesture."""
+"""The commands tune, papers and extract, searches in bench run, and other targets than the gesture."""
 
 import shlex
 
@@ -9,8 +9,9 @@ import pytest
 from bench.arguments import KEYS, parse
 from bench.cli import main
 from bench.commands import tune
-from bench.commands.systems import command
+from bench.commands.papers import command
 from bench.corpora.library import open_corpus
+from bench.errors import InputError
 from bench.options import keys
 from bench.plan.cells import cells
 from bench.plan.plan import planned
@@ -72,7 +73,7 @@ def test_values_are_judged_together(monkeypatch, line):
         ("tune model=rf model.seed=1,2", "seed="),
         ("tune model=zhou2016_gm_lstm model.frames=16,32 model.average=20", "model.average=20:"),
         (f"tune model=zhou2016_gm_lstm model.frames=16,32 {TWO[0]} {TWO[1]} inner=2", "epoch"),  # of one subject
-        ("choose model=cnn85 over=frames model.hop=20", "model.hop=20:"),
+        ("tune model=cnn85 smallest=frames model.hop=20", "model.hop=20:"),
         ("run features=gaus features.families=sd+sad", "features.families=sd+sad:"),
         ('run model=jung2014_svm where=\'subject in ["1", "2"]\'', "there is 1"),
         ("run target=subject protocol=loso", "subject 1"),
@@ -82,13 +83,13 @@ def test_values_are_judged_together(monkeypatch, line):
 )
 def test_mistakes_are_one_line_and_exit_code_2(line, part, capsys):
     words = shlex.split(line)
-    assert main([*words, *([] if words[0] in ("systems", "extract") else SMALL)]) == 2
+    assert main([*words, *([] if words[0] in ("papers", "extract") else SMALL)]) == 2
     error = capsys.readouterr().err
     assert part in error and error.startswith("bench: ") and error.count("\n") == 1
 
 
 def test_every_published_number_has_its_command_or_a_reason(capsys):
-    assert main(["systems"]) == 0
+    assert main(["papers"]) == 0
     lines = capsys.readouterr().out.splitlines()
     rows = published()
     assert len(rows) >= 65
@@ -122,3 +123,31 @@ def test_another_target_than_the_gesture():
     table = predictions(client, parent)
     assert (table["true"] == table["gesture"] + " " + table["variant"]).all() and table["true"].nunique() > 20
     assert {c for c in table if c.startswith("p_")} == {"p_" + t for t in set(table["true"])}
+
+
+def test_the_smallest_value_of_a_parameter_and_the_fewest_features(capsys):
+    small = ["data.subjects=4", "data.repetitions=1", "data.variants=normal", "protocol=groupkfold", "protocol.folds=2"]
+    small += ["inner=2", "model=bayes", "features=jung28"]
+    assert main(["tune", "smallest=ridge", "model.ridge=1,0.01", *small]) == 0
+    out = capsys.readouterr().out
+    assert "ridge=0.01|1.0" in out and "objective" not in out and "bayes · jung28" in out
+    assert main(["tune", "smallest=features", *small]) == 0
+    assert "best of jung28" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("values", "fact"),
+    [
+        ({"model": "rf", "smallest": "tree"}, "trees"),
+        ({"model": "svm", "smallest": "kernel"}, "smallest=kernel"),
+        ({"model": "rf", "smallest": "seed"}, "smallest=seed"),
+        ({"model": "cnn85", "smallest": "width", "model.width": "20,40"}, "model.width=20"),
+        ({"model": "cnn85", "smallest": "features"}, "cnn85"),
+        ({"model": "jung2017_tree", "smallest": "features"}, "jung2017_tree"),
+        ({"model": "rf", "smallest": "trees", "seconds": "60"}, "seconds="),
+        ({"model": "rf", "smallest": "trees", "trials": "5"}, "trials="),
+    ],
+)
+def test_a_smallest_value_that_cannot_be_looked_for_is_refused(values, fact):
+    with pytest.raises(InputError, match=fact):
+        tune.searched({"data": "synth", **values})

@@ -137,7 +137,7 @@ def test_the_program_prints_what_bench_stream_prints(saves, tmp_path, monkeypatc
     shorter = [i for i in range(len(corpus)) if corpus.lengths[i] < corpus.lengths.max()][:5]
     text = lines_of(corpus, shorter)
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(text.encode())))
-    assert main(["stream", "source=-", "model=rec"]) == 0
+    assert main(["live", "rec"]) == 0
     outputs = printed(["c/touch"], text), capsys.readouterr().out
     mine, theirs = ([line.split(",") for line in out.splitlines()] for out in outputs)
     assert [row[:3] + row[4:] for row in mine] == [row[:3] + row[4:] for row in theirs]

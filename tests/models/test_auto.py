@@ -57,7 +57,7 @@ def stored(corpus, folder):
 
 
 def searched(corpus, trials=5, **kwargs):
-    return Auto(budget=float("inf"), trials=trials, inner="2", **kwargs).fit(corpus, corpus.gestures)
+    return Auto(seconds=float("inf"), trials=trials, inner="2", **kwargs).fit(corpus, corpus.gestures)
 
 
 def inner_of(corpus, touch=None):
@@ -190,7 +190,7 @@ def test_the_budget_is_the_whole_fit_and_more_of_it_tries_the_same_first(quick, 
     searches = []
     for budget in (0.5, 1.5, 6.0):
         clock = ticking(monkeypatch, 0.02)
-        search = Auto(budget=budget, inner="2", trials=12).fit(corpus, corpus.gestures)
+        search = Auto(seconds=budget, inner="2", trials=12).fit(corpus, corpus.gestures)
         assert max(clock.now, search.search_seconds_ + search.fit_seconds_[0]) <= max(1.1 * budget, budget + 1)
         searches.append([t.trial for t in search.tried_ if t.state in ("complete", "pruned")])
     _, shorter, longer = searches
@@ -200,7 +200,7 @@ def test_the_budget_is_the_whole_fit_and_more_of_it_tries_the_same_first(quick, 
 def test_where_time_is_short_fewer_captures_are_used(quick, monkeypatch, tmp_path):
     corpus = stored(noisy(subjects=6, gestures=("pat", "rub")), tmp_path / "corpus")
     monkeypatch.setattr(Inner, "_probed", lambda self, name: 10 / int(corpus.lengths.sum()))
-    search = Auto(budget=5.0, inner="2", trials=1).fit(corpus, corpus.gestures)
+    search = Auto(seconds=5.0, inner="2", trials=1).fit(corpus, corpus.gestures)
     part = corpus[search.part_]
     assert search.chosen_["captures"] == len(part) == int(np.ceil(len(corpus) / 5))
     assert set(part.gestures) == set(corpus.gestures) and len(set(part.subjects)) >= 2
@@ -210,7 +210,7 @@ def test_where_time_is_short_fewer_captures_are_used(quick, monkeypatch, tmp_pat
 
 def test_where_there_is_no_time_something_decides_within_the_limits(quick, monkeypatch):
     corpus = noisy()
-    fit = lambda budget=1.0, **limits: Auto(budget=budget, inner="2", **limits).fit(corpus, corpus.gestures)  # noqa: E731
+    fit = lambda budget=1.0, **limits: Auto(seconds=budget, inner="2", **limits).fit(corpus, corpus.gestures)  # noqa: E731
     monkeypatch.setattr(Auto, "_expected", lambda self, inner, trial: 1e9)
     monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], {"model": "lda", "columns": 0.25}])
     free = fit()
@@ -307,7 +307,8 @@ def test_what_comes_first_can_be_built_and_drawn(number):
     ("wrong", "fact"),
     [
         ({"trials": 0}, "trials=0:"),
-        ({"budget": float("inf")}, "no end"),
+        ({"seconds": float("inf")}, "no end"),
+        ({"seconds": 0.0}, "model.seconds=0:"),
         ({"max_flash": "64"}, "max_flash=64:"),
         ({"max_decision": "1kB"}, "max_decision=1kB:"),
         ({"max_decision": "5ms"}, "max_decision=5ms.* 100 Hz"),

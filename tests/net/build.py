@@ -116,7 +116,7 @@ RUNS = {  # commands that fill the store, by the name of what they print
         ["run", *PEOPLE, "model=lda", "features=jung28", "protocol=transfer", "protocol.source=three"],
     ],
     "tune": [["tune", *PEOPLE, "model=tree", "features=jung28", "model.level=1,9", "inner=2"]],
-    "over": [["choose", *PEOPLE, "model=tree", "features=jung28", "over=level", "model.level=1,3", "inner=2"]],
+    "smallest": [["tune", *PEOPLE, "model=tree", "features=jung28", "smallest=level", "model.level=1,3", "inner=2"]],
     "stress": [
         ["stress", *PEOPLE, "model=tree,bayes", "features=jung28", "faults=noise,dead_taxels", "train_subjects=1,2"],
         ["stress", *SYNTH, "model=rf", "model.trees=5", "features=jung28", "seed=0,1", "faults=noise", "out=seeds"],

@@ -28,12 +28,12 @@ OWN = {
     "run": {},
     "stress": {"faults": ["noise", "shift,rotation", "all"], "train_subjects": ["1"]},
     "stream": {"hop_ms": ["100", "500"], "start": ["onset", "middle"]},
-    "tune": {"trials": ["2"], "inner": ["2"], "budget": ["1"]},
+    "tune": {"trials": ["2"], "inner": ["2"], "seconds": ["1"]},
     "fit": {"out": ["m"]},
     "choose": {"by": ["flash", "ram"], "max_flash": ["1kB"], "margin": ["1"]},
     "extract": {"out": ["f.csv", "f.parquet"]},
     "report": {"out": ["r"]},
-    "check": {"baseline": ["b.json"], "run": ["false"]},
+    "check": {"baseline": ["b.json"], "stored": ["yes"]},
     "data": {"name": ["n"], "grid": ["2x2"], "rate_hz": ["10"], "full_scale": ["255"], "format": ["cost"]},
 }
 DATA = ["", "import table x.csv", "import cost x", "export synth o.csv", "show synth", "verify synth", "no"]

@@ -28,8 +28,8 @@ def costs_of(people, drawn):
         "flash": people.fixed["flash"],
         "fault_loss": np.array([losses[c].mean() for c in range(len(scores))]),
         "worst_fault": np.array([max(f.mean() for f in losses[c]) for c in range(len(scores))]),
-        "worst_person": np.array([100 - min(row) for row in scores]),
-        "worst_tenth": np.array([100 - min(row) for row in scores]),  # of fewer than eleven people
+        "worst_person": np.array([min(row) for row in scores]),
+        "worst_tenth": np.array([min(row) for row in scores]),  # of fewer than eleven people
         "false_alarms": alarms / hours,
     }
 
@@ -43,7 +43,7 @@ def by_decide(people, drawn, by, budgets, margin):
 @pytest.mark.parametrize("margin", [None, 4.0])
 @pytest.mark.parametrize(
     ("by", "budgets"),
-    [("flash", {}), ("flash", {"worst_person": 30.0, "fault_loss": 8.0}), ("worst_fault", {"false_alarms": 3.0})],
+    [("flash", {}), ("flash", {"worst_person": 70.0, "fault_loss": 8.0}), ("worst_fault", {"false_alarms": 3.0})],
 )
 def test_every_drawing_is_decided_as_if_it_were_alone(margin, by, budgets):
     different = set()
@@ -64,13 +64,13 @@ def test_every_drawing_is_decided_as_if_it_were_alone(margin, by, budgets):
 def test_each_person_is_left_out_of_the_choice_and_of_nothing_else():
     for seed in range(8):
         people = people_of(seed)
-        everyone = by_decide(people, np.arange(6), "flash", {"worst_person": 40.0}, None)
+        everyone = by_decide(people, np.arange(6), "flash", {"worst_person": 60.0}, None)
         if everyone is None:
             continue
-        one = expected(people, everyone, "flash", {"worst_person": 40.0}, None)
+        one = expected(people, everyone, "flash", {"worst_person": 60.0}, None)
         for person in range(6):
             others = [k for k in range(6) if k != person]
-            chosen = by_decide(people, others, "flash", {"worst_person": 40.0}, None)
+            chosen = by_decide(people, others, "flash", {"worst_person": 60.0}, None)
             assert one.without[person] == (-1 if chosen is None else chosen)
             assert (
                 np.isnan(one.scores[person]) if chosen is None else one.scores[person] == people.scores[chosen, person]
@@ -85,7 +85,7 @@ def test_scores_of_the_person_left_out_change_nothing_in_the_choice_for_this_per
     people = people_of(3)
     other = People(people.scores.copy(), people.losses.copy(), people.alarms.copy(), people.fixed)
     other.scores[:, 2], other.losses[:, :, 2], other.alarms[0][:, 2] = 0, 99, 999
-    budgets = {"fault_loss": 9.0, "worst_person": 45.0, "false_alarms": 9.0}
+    budgets = {"fault_loss": 9.0, "worst_person": 55.0, "false_alarms": 9.0}
     one, two = (expected(each, 0, "flash", budgets, None) for each in (people, other))
     assert one.without[2] == two.without[2] >= 0 and one.without.tolist() != two.without.tolist()
 

@@ -17,6 +17,7 @@ from bench.comparable import BATCH, CONDITIONS, MARK
 from bench.errors import InputError
 from bench.kinds.captures import Captures
 from bench.leaderboard.tasks import HAART
+from bench.measures import costs
 from bench.outcomes.runs import grouped, stored
 from bench.outcomes.store import connect
 from bench.result import PLAIN
@@ -348,12 +349,12 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
         about = {"touchbench.command": "run", "touchbench.arguments": arguments}
         results.append(evaluated(system, made_up(8, skill=0.3 + 0.25 * i, seed=i), cost=10.0**i, **about))
         keep(store, results[-1])
-    worst = {"flash": 100.0, "worst_person": 100.0}
+    worst = {"flash": 100.0, "worst_person": 0.0}
     cases = (({}, "ta2015_rf[trees=9]"), ({"flash": 100.0}, "rf"), ({"flash": 10.0}, "svm"), (worst, "rf"))
     for budget, system in cases:
         answer = verdict(results, budget)
         assert answer.choice.table["system"][answer.choice.chosen] == system in answer.lines[0]
-        words = [f"max_{k}={v:g}" + "kB" * (k == "flash") for k, v in budget.items()]
+        words = [costs()[k].argument(v) for k, v in budget.items()]
         assert answer.command == " ".join(["bench choose data=synth where=all target=gesture protocol=loso", *words])
         assert main([*answer.command.split()[1:], "why=yes"]) == 0
         printed = capsys.readouterr().out
@@ -361,7 +362,7 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
     answer = verdict(results, {"flash": 100.0})
     models = {r.system: r["model_name"] for r in results}
     points = candidates.marks(answer, models, {*published()["system"]}).set_index("name")
-    least = 100 - min(answer.among.subjects.loc[answer.choice.chosen])
+    least = min(answer.among.subjects.loc[answer.choice.chosen])
     assert points.loc[points["chosen"], "worst_person"].tolist() == pytest.approx([least])
     assert points[["chosen", "out", "kind", "flash"]].T.to_dict("list") == {
         "svm": [False, False, "other", 4.0],

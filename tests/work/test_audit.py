@@ -18,7 +18,7 @@ from tests.work.fakes import Level
 
 FEW = {"epochs": 1, "pretraining": 1, "runs": 1}  # parameters by name, to train for a moment
 FEWER = {
-    "auto": {"budget": float("inf"), "trials": 1, "members": 1},
+    "auto": {"seconds": float("inf"), "trials": 1, "members": 1},
     "perceptron": {"updates": 50},
     "reflex": {"copies": 1},
     "ren2023_transformer": {"frames": 16},

@@ -48,12 +48,12 @@ def recogniser(stopping=None):
 
 @pytest.fixture
 def streamed(monkeypatch, capsys):
-    """A function from a system and lines to exit code, printed rows and errors of ``bench stream source=-``."""
+    """A function from a system and lines to exit code, printed rows and errors of ``bench live``."""
 
     def run(recogniser, lines, hop_ms):
         monkeypatch.setattr("bench.work.saved.load", lambda _: recogniser)
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO("\n".join(lines).encode())))
-        code = main(["stream", "source=-", "model=m", f"hop_ms={hop_ms}"])
+        code = main(["live", "m", f"hop_ms={hop_ms}"])
         text = capsys.readouterr()
         head, *rows = (line.split(",") for line in text.out.splitlines())
         assert head == ["capture", "ms", "label", "confidence", "settled"]
@@ -106,7 +106,7 @@ def test_decisions_come_while_frames_come_and_control_c_ends_it(tmp_path):
 
     mlflow.pyfunc.save_model(str(tmp_path / "model"), **recogniser().model([], np.zeros((2, 2, 3))))
     process = subprocess.Popen(
-        [*BENCH, "stream", "source=-", f"model={tmp_path / 'model'}", "hop_ms=20"],
+        [*BENCH, "live", str(tmp_path / "model"), "hop_ms=20"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

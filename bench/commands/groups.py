@@ -1,4 +1,4 @@
-"""The command ``bench scene``: groups of gestures that can be told apart, from stored predictions."""
+"""The command ``bench groups``: groups of gestures that can be told apart, from stored predictions."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ COLUMNS = (
 )
 
 
-def scene(arguments: list[str]) -> int:
+def groups(arguments: list[str]) -> int:
     """Print accuracy against the number of groups, with a table ``[reactions]`` for 90, 95 and 99 %, and draw it.
 
     Raises:
         InputError: something in the arguments cannot be used, or no run is stored for them.
     """
-    values = parse(arguments, keys("scene"))
+    values = parse(arguments, keys("groups"))
     table, title, notes = grouped(values)
-    out = writable(Path(str(values.get("out", "scene"))))
+    out = writable(Path(str(values.get("out", "groups"))))
     found = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
     Table(COLUMNS, found, f"{title}; accuracy is the mean over subjects with its 95 % t-interval").print(output())
     say(
@@ -83,12 +83,12 @@ def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str]]:
         InputError: something in the values cannot be used, or no run is stored for them.
     """
     if dotted := [k for k in values if "." in k and not k.startswith("protocol.")]:
-        raise InputError(f"{dotted[0]}= runs a system, and bench scene reads stored runs; leave {dotted[0]}= out")
+        raise InputError(f"{dotted[0]}= runs a system, and bench groups reads stored runs; leave {dotted[0]}= out")
     asked = asked_of(values)
     every = stored(connect())
     for lacking in without_runs([every], asked):
         warn(f"warning: {lacking}: no run is stored")
-    results, notes = eligible(every, asked, batch=bool(setting("scene", "batch", values)))
+    results, notes = eligible(every, asked, batch=bool(setting("groups", "batch", values)))
     by_system: dict[str, list[Result]] = {}
     for r in results:
         by_system.setdefault(r["system"], []).append(r)

@@ -1,4 +1,4 @@
-"""The command ``bench systems``: every published number and the command that repeats it here."""
+"""The command ``bench papers``: every published number and the command that repeats it here."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Published = Any  # a row of published.csv, with an attribute per column
 UNREAD = {"abstract-only", "unknown", "not-a-target"}
 
 
-def systems(arguments: list[str]) -> int:
+def papers(arguments: list[str]) -> int:
     """Print id, published accuracy and command of every row of ``published.csv``, paper by paper.
 
     Raises:
         InputError: there are arguments.
     """
     if arguments:
-        raise InputError(f"bench systems takes no arguments, not {arguments[0]!r}; leave it out")
+        raise InputError(f"bench papers takes no arguments, not {arguments[0]!r}; leave it out")
     rows = published()
     rows = rows.assign(command=[command(row) for row in rows.itertuples()])
     for reference, part in rows.groupby("reference", sort=False):
