@@ -23,10 +23,10 @@ ROOM = files("reports")
 def page(template: str, title: str, **values: object) -> str:
     """A template as one HTML page: styles and figures are in it, nothing is loaded from anywhere.
 
-    Its contents stand behind the first section.
+    Its contents stand behind the first section, unless its sections are closed.
     """
     body = _filled(template, "html", values | {"title": title})
-    heads = re.findall(r'<h2 id="(.*?)">(.*?)</h2>', body)
+    heads = re.findall(r'^<h2 id="(.*?)">(.*?)</h2>', body, re.MULTILINE)
     if len(heads) > 2:
         links = "".join(f'<li><a href="#{name}">{text}</a></li>' for name, text in heads)
         second = f'<h2 id="{heads[1][0]}">'
