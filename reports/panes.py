@@ -122,7 +122,10 @@ def systems(answer: Considered, group: Group, data: str) -> Table:
         Measure("accuracy", "accuracy % [95 %]", ends="accuracy"),
         Measure("difference", form="+.1f"),
         text("test"),
-        *(Measure(name, f"{costs()[name].title} {costs()[name].unit}".strip(), form=three) for name in leading(answer)),
+        *(
+            Measure(name, costs()[name].heading or f"{name} {costs()[name].unit}".strip(), form=three)
+            for name in leading(answer)
+        ),
     ]
     bold = np.flatnonzero(table.index == chosen).tolist()
     remarks = [notes_on(str(row["system"]), data) for row in rows]

@@ -94,6 +94,7 @@ def _panel(ax: Axes, points: pd.DataFrame, cost: Cost, budget: float | None, inc
         ax.locator_params("x", nbins=6)
     else:
         log_ticks(ax.xaxis, (1, 2, 5) if right < 200 * low else (1,))
+        ax.minorticks_off()
     if budget is not None:
         ax.axvspan(budget, right if cost.better == "low" else low, color="0.94", zorder=0)
         ax.axvline(budget, color=BUDGET, linewidth=1.3, linestyle="--", zorder=1)
