@@ -190,7 +190,7 @@ def _pane(
 ) -> Pane:
     """What the page shows first of a group; its charts are written into a folder."""
     mixed = any(facts_of(r).mixes_subjects for r in results)
-    about = "people of training and test are the same" if mixed else "tests new people"
+    about = "tests people of the training set" if mixed else "tests new people"
     if not isinstance(answer, Considered) or not len(group.subjects):
         return Pane(label, about, answer)
     charts, points = [], marks(answer, models, known)

@@ -25,6 +25,7 @@ MARKS = {  # of a candidate: marker, face, edge
 LOOKS = {"C"}  # marks of candidates that have a look of their own
 CHOICE, BUDGET = "#2e8b57", "#b85c00"
 NAMED = 16  # points of a chart that all have a name beside it
+WHOLE = {"clip_on": False}  # all marks are within the axes
 PANEL = 2.2, 5.6  # narrowest and widest panel in inches
 WIDTH, HEIGHT = 7.8, 2.7  # inches of a chart beside the answer, with names, and of its axes
 Drawn = tuple[Figure, str] | None
@@ -111,11 +112,25 @@ def _panel(ax: Axes, points: pd.DataFrame, cost: Cost, budget: float | None, inc
     for i, point in enumerate(points.itertuples()):
         marker, face, edges = MARKS[point.kind]
         pale = 0.35 if point.out else 1
-        ax.plot([x[i]] * 2, [y[i] - ends[0][i], y[i] + ends[1][i]], color="0.6", linewidth=0.8, alpha=pale, zorder=1)
-        style = {"markersize": 6, "markerfacecolor": face, "markeredgecolor": edges, "alpha": pale}
+        ax.plot(
+            [x[i]] * 2,
+            [y[i] - ends[0][i], y[i] + ends[1][i]],
+            color="0.6",
+            linewidth=0.8,
+            alpha=pale,
+            zorder=1,
+            **WHOLE,
+        )
+        style = {"markersize": 6, "markerfacecolor": face, "markeredgecolor": edges, "alpha": pale, **WHOLE}
         ax.plot(x[i], y[i], marker, zorder=3, gid=TITLE + _about(point, cost), **style)
         if point.chosen:
-            ring = {"markersize": 13, "markerfacecolor": "none", "markeredgewidth": 2, "markeredgecolor": CHOICE}
+            ring = {
+                "markersize": 13,
+                "markerfacecolor": "none",
+                "markeredgewidth": 2,
+                "markeredgecolor": CHOICE,
+                **WHOLE,
+            }
             ax.plot(x[i], y[i], "o", zorder=2.5, **ring)
     kept = np.flatnonzero(points["label"])
     gap = (top - bottom) * LINE / inches[1]
