@@ -15,7 +15,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_eval_con
 from jinja2.nodes import EvalContext
 from markupsafe import Markup, escape
 
-from reports.figures import Picture
+from reports.figures import SYNTHETIC, Picture
 
 ROOM = files("reports")
 
@@ -116,7 +116,8 @@ def inline_svg(picture: Picture, number: int) -> Markup:
         text, nested = re.subn(r"<g>((?:(?!</?g[ >]).)*)</g>", r"\1", text)
     width = re.match(r'<svg[^>]*? width="([\d.]+)pt"', text)
     style = f' style="--inches: {float(width[1]) / 72:.2f}"' if width else ""
-    about = picture.caption.partition(". ")[0].removesuffix(".")
+    first, *more = picture.caption.removesuffix(".").split(". ")
+    about = ". ".join([first, *(sentence for sentence in more if SYNTHETIC in sentence)])
     label = f'<svg role="img" aria-label="{escape(about)}."{style} '
     return Markup(text.replace("<svg ", label, 1).strip())
 
