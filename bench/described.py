@@ -81,15 +81,20 @@ def described(room: str, name: str) -> Described:
     return Described(name, _line(first).rstrip("."), [p if LISTED.search(p) else _line(p) for p in more], kept)
 
 
-def classifiers() -> list[str]:
-    """Names of the classifiers that go with any feature set: the harness passes them one."""
-    return [name for name in names("models") if required(load("models", name)) == ["features"]]
+def classifiers(among: Iterable[str] | None = None) -> list[str]:
+    """Names of the classifiers that go with any feature set: the harness passes them one.
+
+    Args:
+        among: names of models, of which no other is loaded; None for all.
+    """
+    kept = names("models") if among is None else [name for name in names("models") if name in {*among}]
+    return [name for name in kept if required(load("models", name)) == ["features"]]
 
 
 def definitions(systems: Iterable[str]) -> list[str]:
     """A sentence for each classifier on features among systems as tables name them, such as ``svm[C=8] · jung54``."""
     first = {re.split(r"[\[ ]", system)[0] for system in systems if "·" in system}
-    return [described("models", name).definition for name in classifiers() if name in first]
+    return [described("models", name).definition for name in classifiers(first)]
 
 
 def help_of_parts(arguments: Sequence[str]) -> str:

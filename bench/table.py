@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 WORDS = 34  # columns of a terminal for text, before it takes more lines rather than the place of another column
+PAGE = 9  # columns of a table on the page
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # begins a formula in a spreadsheet, at the start of a cell
 
 
@@ -35,6 +36,7 @@ class Table:
         groups: heading of each row, shared with its neighbours.
         away: True for each row that is hidden until its switch is on.
         switch: the words of that switch.
+        drawn: key of the measure whose intervals the page draws in its rows; empty for none.
     """
 
     columns: Sequence[Measure]
@@ -45,6 +47,7 @@ class Table:
     groups: list[str] = field(default_factory=list)
     away: list[bool] = field(default_factory=list)
     switch: str = ""
+    drawn: str = ""
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -60,6 +63,24 @@ class Table:
     def headings(self) -> list[str]:
         """Headings of the shown columns."""
         return [*self.texts[0]] if self.texts else [measure.name for measure in self.columns]
+
+    @cached_property
+    def blocks(self) -> list[list[str]]:
+        """The headings in blocks of at most `PAGE`, about equally many each; every block begins with the first one."""
+        first, *rest = self.headings
+        number = max(1, -(-len(rest) // (PAGE - 1)))
+        size = -(-len(rest) // number)
+        return [[first, *rest[size * i : size * (i + 1)]] for i in range(number)]
+
+    @cached_property
+    def bars(self) -> list[tuple[float, float, float]]:
+        """Lower end, value and upper end of each row's drawn interval, in percent of what all of them cover."""
+        measure = next(measure for measure in self.columns if measure.key == self.drawn)
+        cells = [measure.cell(row) for row in self.rows]
+        ends = [(c.low, c.value, c.high) if isinstance(c, Interval) else (c,) * 3 for c in cells]
+        low, high = min(e[0] for e in ends), max(e[2] for e in ends)
+        scale = 92 / ((high - low) or 1)  # the dot at an end is not cut off
+        return [(4 + scale * (a - low), 4 + scale * (b - low), 4 + scale * (c - low)) for a, b, c in ends]
 
     @cached_property
     def code(self) -> set[str]:

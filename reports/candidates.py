@@ -95,7 +95,7 @@ def considered(
     systems = among.table["system"].unique()
     lines += dict.fromkeys(note for system in systems for note in notes_on(str(system), str(first["data"])))
     if len(systems) == 1:
-        lines.insert(0, f"Only {systems[0]} has a run here, so there is no other system to compare.")
+        lines.insert(1, f"Only {systems[0]} has a run here, so there is no other system to compare.")
     words = _command(among.table, first, every)
     limits = [costs()[name].argument(value) for name, value in budgets.items()]
     command = " ".join([words, *limits]) if words else ""

@@ -38,7 +38,15 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
     margins, between = (edge, 0.2, edge, 0.75), (edge + 0.2, edge + 0.4)
     figure, axes = new_figure(size, (1, 2) if beside else (2, 1), margins, between, title)
     for ax, shown, words in zip(axes.flat, (values, share), ("captures", "% of the true gesture"), strict=True):
-        ax.pcolormesh(np.arange(len(names) + 1) - 0.5, np.arange(k + 1) - 0.5, share, cmap="Blues", vmin=0, vmax=100)
+        ax.pcolormesh(
+            np.arange(len(names) + 1) - 0.5,
+            np.arange(k + 1) - 0.5,
+            share,
+            cmap="Blues",
+            vmin=0,
+            vmax=100,
+            clip_on=False,
+        )
         ax.set(aspect="equal", ylim=(k - 0.5, -0.5), xlabel="predicted", ylabel="true", title=words)
         ax.set_xticks(np.arange(len(names)), names, rotation=90)
         ax.set_yticks(np.arange(k), plain(counts.index))

@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARKED, notes_on
+from bench.comparable import MARKED, facts_of, notes_on
 from bench.described import definitions
 from bench.errors import InputError, nearest
+from bench.measures import costs
 from bench.outcomes.ranking import COLUMNS as RANKED
 from bench.outcomes.runs import every_result, grouped, of_captures, wanted
 from bench.outcomes.same_wrong import COLUMNS, agreements
@@ -24,22 +25,24 @@ from bench.scratch import owner, sweep
 from bench.table import of_text, rows_of, write_sheet
 from reports import over_corpora
 from reports.budgets import budget_tables, by_budget
-from reports.candidates import Considered, considered, marks
+from reports.candidates import Answer, Considered, considered, marks
 from reports.comparison import comparison, published, shown
 from reports.figures import save
 from reports.latex import latex, side_by_side
 from reports.layout import markdown, page
 from reports.numbers import busy, listed, noted
+from reports.panes import Chart, Pane, labels, systems
 from reports.paper import papers, sheet
 from reports.papers import published_section
+from reports.part import Part, Section
 from reports.provenance import provenance, software
 from reports.reproduction import against as beside_papers
-from reports.run_groups import GROUPS, group_of, largest_groups, slug
+from reports.run_groups import GROUPS, Group, group_of, largest_groups, slug
 from reports.same_wrong import same_wrong_section
 from reports.sections import briefs as told
-from reports.sections import sections, sheets
-from reports.speed import speed_chart
-from reports.summary import briefs
+from reports.sections import joined, sections, sheets, unmeasured
+from reports.speed import cost_chart
+from reports.summary import PEOPLE, briefs
 
 ROWS = 300  # of a table on the page; the CSV files hold all
 
@@ -175,24 +178,20 @@ def assemble(
         "failed": sorted({r.system for r in runs if r["folds_failed"] > 0}),
         "on_batch": sorted({r.system for r in runs if not r.alone}),
         "marked": MARKED,
-        "answers": answers,
+        "panes": [
+            _pane(label, answer, members, parts[name], models, known, folder, files[name])
+            for label, answer, (name, members) in zip(labels(largest), answers, largest.items(), strict=True)
+        ],
         "largest": GROUPS,
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
-        "speed": [
-            save(figure, folder, f"{files[answer.title]}-speed", answer.title, caption)
-            for answer in candidates
-            if len(answer.among.table) > 1
-            for points in [marks(answer, models, known)]
-            for left in [len(answer.among.table) - len(points)]
-            for figure, caption in [speed_chart(answer.title, points, answer.costs, answer.budgets, left)]
-        ],
         "budgets": budget_tables(tables["budgets"]),
         "runs": runs_section(tables["comparison"], [*largest, *left_out]) if runs else None,
         "reference": runs_section(shipped, [*largest, *left_out])["table"] if len(shipped) else None,
         "counts": (len(runs), len({r.system for r in runs})),
-        "briefs": briefs(told(results), parts),
+        "briefs": dict(briefs(told(results), parts)),
         "published": published_section(tables["published"]),
-        "sections": sections(results, folder),
+        "sections": joined([*sections(results, folder), *_people(parts)]),
+        "unmeasured": unmeasured(results, _arguments(answers)),
         "groups": parts,
         "over": [
             (o, save(figure, folder, f"{i}-over-several-corpora", o.title, caption))
@@ -204,6 +203,42 @@ def assemble(
         "provenance": provenance_section(runs or results, tables["provenance"]),
     }
     return values, tables
+
+
+def _pane(
+    label: str,
+    answer: Answer,
+    results: Sequence[Result],
+    group: Group,
+    models: Mapping[str, str],
+    known: Collection[str],
+    folder: Path,
+    file: str,
+) -> Pane:
+    """What the page shows first of a group; its charts are written into a folder."""
+    mixed = any(facts_of(r).mixes_subjects for r in results)
+    about = "tests people of the training set" if mixed else "tests new people"
+    if not isinstance(answer, Considered) or not len(group.subjects):
+        return Pane(label, about, answer)
+    charts, points = [], marks(answer, models, known)
+    left = len(answer.among.table) - len(points)
+    for name in answer.costs if len(answer.among.table) > 1 else []:
+        if chart := cost_chart(answer.title, points, costs()[name], answer.budgets.get(name), left):
+            picture = save(chart[0], folder, f"{file}-speed-{slug(name)}", answer.title, chart[1])
+            charts.append(Chart(costs()[name].title, picture))
+    return Pane(label, about, answer, systems(answer, group, str(results[0]["data"])), charts)
+
+
+def _people(groups: Mapping[str, Group]) -> list[Section]:
+    """The accuracy of each person, in each group."""
+    drawn = [Part(picture=group.pictures["subjects"]) for group in groups.values() if "subjects" in group.pictures]
+    return [Section(PEOPLE, drawn)] if drawn else []
+
+
+def _arguments(answers: Sequence[Answer]) -> str:
+    """Arguments of the run of the first chosen system; empty if it was not typed."""
+    choices = [answer.choice for answer in answers if isinstance(answer, Considered)]
+    return next((str(c.table.loc[c.chosen, "arguments"]) for c in choices if c.chosen is not None), "")
 
 
 def _corpora(results: Sequence[Result]) -> str:

@@ -83,7 +83,6 @@ COLUMNS = (
     Measure("ours", "ours % [95 %]", ends="ours"),
     text("verdict", read=_verdict),
     Measure("difference", form="+.1f"),
-    Measure("ours_sd", "our SD"),
     Measure("subjects", form=".0f"),
     text("seed", read=lambda row: row["seed"] or None),
     text("features", read=_features),

@@ -9,7 +9,9 @@ from typing import Any
 
 import pandas as pd
 
+from bench.arguments import typed
 from bench.comparable import notes_on
+from bench.outcomes.candidates import repeated
 from bench.registry import classes
 from bench.result import Result
 from reports.part import Part, Section
@@ -27,6 +29,27 @@ def sections(results: Sequence[Result], folder: Path) -> list[Section]:
     """The sections of the page; figures are written into a folder."""
     every = (view.section(members, folder) for view, members in shown(results))
     return [replace(section, parts=[*map(_noted, section.parts)]) for section in every if section]
+
+
+def unmeasured(results: Sequence[Result], arguments: str) -> list[tuple[str, str]]:
+    """Commands that would measure what no result has, each with its summary.
+
+    Args:
+        results: results of all kinds.
+        arguments: arguments of a run, as tracked, which the commands repeat.
+    """
+    held = {view for view, _ in shown(results)}
+    made = (one for kind in classes("kinds").values() for one in kind.made_by().items())
+    words = repeated(arguments, impersonal=True)
+    return [(typed(name, words), spelling.command.summary) for name, (_, view, spelling) in made if view not in held]
+
+
+def joined(sections: Sequence[Section]) -> list[Section]:
+    """Sections with one heading as one."""
+    parts: dict[str, list[Part]] = {}
+    for section in sections:
+        parts.setdefault(section.heading, []).extend(section.parts)
+    return [Section(heading, each) for heading, each in parts.items()]
 
 
 def _noted(part: Part) -> Part:

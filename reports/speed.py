@@ -1,18 +1,17 @@
-"""The chart of the page: accuracy against each cost, with the Pareto front, the choice and the budgets."""
+"""The chart of the page: accuracy against one cost, with the Pareto front, the choice and the budget."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.measures import Cost, costs
+from bench.measures import Cost
 from bench.pareto import staircase
-from reports.figures import LINE, TEXT, TITLE, WIDEST, bars, log_ticks, new_figure, plain, spread, width_of
+from reports.figures import LINE, TEXT, TITLE, bars, log_ticks, new_figure, plain, spread, width_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,38 +25,32 @@ MARKS = {  # of a candidate: marker, face, edge
 LOOKS = {"C"}  # marks of candidates that have a look of their own
 CHOICE, BUDGET = "#2e8b57", "#b85c00"
 NAMED = 16  # points of a chart that all have a name beside it
-PANEL = 2.2, 4.5  # narrowest and widest panel in inches
+WHOLE = {"clip_on": False}  # all marks are within the axes
+PANEL = 2.2, 5.6  # narrowest and widest panel in inches
+WIDTH, HEIGHT = 7.8, 2.7  # inches of a chart beside the answer, with names, and of its axes
+Drawn = tuple[Figure, str] | None
 
 
-def speed_chart(
-    group: str, points: pd.DataFrame, names: list[str], budgets: Mapping[str, float], left: int = 0
-) -> tuple[Figure, str]:
-    """A panel for each cost, on a log axis except for shares of captures; and the caption.
+def cost_chart(group: str, points: pd.DataFrame, cost: Cost, budget: float | None = None, left: int = 0) -> Drawn:
+    """Accuracy against one cost, on a log axis except for shares of captures, and the caption; None if it is unknown.
 
     Args:
         group: captures and protocol, in words.
         points: table of `reports.candidates.marks`.
-        names: names of costs; unknown ones have no panel.
-        budgets: budget of each cost.
+        cost: the cost.
+        budget: its budget.
         left: number of systems that are not drawn.
     """
-    known: dict[str, pd.DataFrame] = {}
-    for name in names:
-        part = points[(points[name] > 0) | points[name].notna() & costs()[name].linear]
-        if len(part):
-            known[name] = _with_names(part.sort_values("accuracy", kind="stable"), costs()[name])
-    room = width_of(name for part in known.values() for name in part["label"]) + 0.3
-    columns = 2 if len(known) > 1 and (WIDEST - 1.2) / 2 - room >= PANEL[0] else 1
-    width = np.clip((WIDEST - 0.6 * columns) / columns - room, *PANEL)
-    high = max(2.6, LINE * min(len(points), NAMED) + 0.2)
-    rows = max(1, -(-len(known) // columns))
-    size = (columns * (width + room + 0.6), (high + 0.95) * rows + 0.4)
-    figure, axes = new_figure(size, (rows, columns), (0.6, room, 0.65, 0.7), (0.6 + room, 0.95), group)
-    for ax, (name, part) in zip(axes.flat, known.items(), strict=False):
-        _panel(ax, part, costs()[name], budgets.get(name), (width, high))
-    for ax in [*axes.flat][len(known) :]:
-        ax.set_axis_off()
-    return figure, _caption(points, budgets, left)
+    part = points[(points[cost.key] > 0) | points[cost.key].notna() & cost.linear]
+    if not len(part):
+        return None
+    part = _with_names(part.sort_values("accuracy", kind="stable"), cost)
+    room = width_of(part["label"]) + 0.3
+    width = np.clip(WIDTH - 0.6 - room, *PANEL)
+    high = max(HEIGHT, LINE * min(len(points), NAMED) + 0.2)
+    figure, axes = new_figure((width + room + 0.6, high + 0.95), (1, 1), (0.6, room, 0.55, 0.4), title=group)
+    _panel(axes[0, 0], part, cost, budget, (width, high))
+    return figure, _caption(part, budget is not None, left)
 
 
 def _with_names(points: pd.DataFrame, cost: Cost) -> pd.DataFrame:
@@ -69,7 +62,7 @@ def _with_names(points: pd.DataFrame, cost: Cost) -> pd.DataFrame:
     return points.assign(best=best, label=names.where(shown, ""))
 
 
-def _caption(points: pd.DataFrame, budgets: Mapping[str, float], left: int) -> str:
+def _caption(points: pd.DataFrame, budget: bool, left: int) -> str:
     """What is drawn, in sentences."""
     marks = {
         "published": "Filled circles: published systems run here.",
@@ -78,12 +71,12 @@ def _caption(points: pd.DataFrame, budgets: Mapping[str, float], left: int) -> s
         "C": "Triangles: measured in C.",
     }
     sentences = [
-        "Accuracy, mean over subjects with 95 % t-intervals, against each cost.",
+        "Accuracy, mean over subjects with 95 % t-intervals, seeds averaged.",
         *(text for kind, text in marks.items() if (points["kind"] == kind).any()),
         "The line and the bold names show the Pareto front: no other system is both cheaper and more accurate.",
     ]
     sentences += ["Ring: the choice."] * bool(points["chosen"].any())
-    sentences += ["Dashed line: the budget."] * bool(budgets)
+    sentences += ["Dashed line: the budget."] * budget
     sentences += ["Pale: ruled out by a budget."] * bool(points["out"].any())
     if len(points) > NAMED:
         sentences.append("Only systems on a Pareto front and the choice have names here; the SVG names every mark.")
@@ -102,6 +95,7 @@ def _panel(ax: Axes, points: pd.DataFrame, cost: Cost, budget: float | None, inc
         ax.locator_params("x", nbins=6)
     else:
         log_ticks(ax.xaxis, (1, 2, 5) if right < 200 * low else (1,))
+        ax.minorticks_off()
     if budget is not None:
         ax.axvspan(budget, right if cost.better == "low" else low, color="0.94", zorder=0)
         ax.axvline(budget, color=BUDGET, linewidth=1.3, linestyle="--", zorder=1)
@@ -118,11 +112,25 @@ def _panel(ax: Axes, points: pd.DataFrame, cost: Cost, budget: float | None, inc
     for i, point in enumerate(points.itertuples()):
         marker, face, edges = MARKS[point.kind]
         pale = 0.35 if point.out else 1
-        ax.plot([x[i]] * 2, [y[i] - ends[0][i], y[i] + ends[1][i]], color="0.6", linewidth=0.8, alpha=pale, zorder=1)
-        style = {"markersize": 6, "markerfacecolor": face, "markeredgecolor": edges, "alpha": pale}
+        ax.plot(
+            [x[i]] * 2,
+            [y[i] - ends[0][i], y[i] + ends[1][i]],
+            color="0.6",
+            linewidth=0.8,
+            alpha=pale,
+            zorder=1,
+            **WHOLE,
+        )
+        style = {"markersize": 6, "markerfacecolor": face, "markeredgecolor": edges, "alpha": pale, **WHOLE}
         ax.plot(x[i], y[i], marker, zorder=3, gid=TITLE + _about(point, cost), **style)
         if point.chosen:
-            ring = {"markersize": 13, "markerfacecolor": "none", "markeredgewidth": 2, "markeredgecolor": CHOICE}
+            ring = {
+                "markersize": 13,
+                "markerfacecolor": "none",
+                "markeredgewidth": 2,
+                "markeredgecolor": CHOICE,
+                **WHOLE,
+            }
             ax.plot(x[i], y[i], "o", zorder=2.5, **ring)
     kept = np.flatnonzero(points["label"])
     gap = (top - bottom) * LINE / inches[1]

@@ -19,6 +19,7 @@ DOCS = Path(__file__).parent.parent
 sys.path.insert(0, str(DOCS.parent))
 
 import bench  # noqa: E402
+from bench.measures import costs  # noqa: E402
 from bench.outcomes import statistics  # noqa: E402
 from bench.outcomes.runs import by_subject, every_result, grouped, stored  # noqa: E402
 from bench.outcomes.store import connect  # noqa: E402
@@ -147,8 +148,10 @@ def chart(data: str, budget: float, path: Path) -> None:
     answer = candidates.considered(title, results, alone, {"flash": budget})
     models = {r.system: str(r["model_name"]) for r in every}
     points = candidates.marks(answer, models, {*published()["system"]})
-    figure, _ = speed.speed_chart(answer.title, points, ["flash"], answer.budgets)
-    done(figure, path, "(synthetic)" in answer.title)
+    drawn = speed.cost_chart(answer.title, points, costs()["flash"], budget)
+    if drawn is None:
+        raise SystemExit(f"{data}: the flash of no system is known; run one whose size can be counted")
+    done(drawn[0], path, "(synthetic)" in answer.title)
 
 
 def loso(results: list[Result], data: str) -> tuple[str, list[Result]]:

@@ -20,6 +20,21 @@ async function opened(browser, found, width, scheme) {
   return page;
 }
 
+function front() {  // in the page, before anything is opened
+  const bottom = e => e.getBoundingClientRect().bottom + scrollY;
+  const pane = document.querySelector(".tabs > .pane");
+  return {
+    closed: document.querySelectorAll("details[open]").length === 0,
+    systems: bottom(pane.querySelector(".systems tbody")),
+    panes: [...document.querySelectorAll("main > .tabs > .pane")].map(e => e.offsetParent !== null),
+    sideways: document.documentElement.scrollWidth - innerWidth,
+  };
+}
+
+function open() {
+  for (const e of document.querySelectorAll("details")) e.open = true;
+}
+
 function measured() {  // in the page
   const inView = e => { const r = e.getBoundingClientRect(); return r.width > 0 && r.left >= 0 && r.right <= innerWidth; };
   const table = document.querySelector(".switched table");
@@ -34,8 +49,8 @@ function measured() {  // in the page
     sideways: document.documentElement.scrollWidth - innerWidth,
     verdicts: cells.map(inView),
     titles: [...document.querySelectorAll("figure svg title")].map(title => title.textContent),
-    sizes: [...new Set([...[...document.querySelectorAll("svg text")].map(size), ...small].map(s => Math.round(s * 5) / 5))],
-    first: document.querySelector("h2").getBoundingClientRect().top,
+    sizes: [...new Set([...[...document.querySelectorAll("svg text")].filter(e => e.getBoundingClientRect().width).map(size), ...small].map(s => Math.round(s * 5) / 5))],
+    first: document.querySelector(".answer .first").getBoundingClientRect().top + scrollY,
   };
 }
 
@@ -46,7 +61,12 @@ async function keys(page) {
     for (let i = 0; i < 200 && !await at(selector); i++) await page.keyboard.press("Tab");
     return at(selector);
   };
-  const found = {rows: [await shown()]};
+  await page.focus("#t-1");
+  await page.keyboard.press("ArrowRight");
+  const found = {second: await page.evaluate(front)};
+  await page.keyboard.press("ArrowLeft");
+  await page.evaluate(open);
+  found.rows = [await shown()];
   found.switch = await reach(".switched input");
   for (let i = 0; i < 2; i++) {
     await page.keyboard.press("Space");
@@ -57,15 +77,17 @@ async function keys(page) {
 
 (async () => {
   const browser = await puppeteer.launch({executablePath: chromium, args: ["--no-sandbox", "--disable-gpu"]});
-  const found = {console: [], requests: [], views: {}, violations: {}};
+  const found = {console: [], requests: [], fronts: {}, views: {}, violations: {}};
   try {
     for (const scheme of ["light", "dark"]) for (const width of [1200, 390]) {
       const page = await opened(browser, found, width, scheme), name = `${scheme} ${width}`;
+      found.fronts[name] = await page.evaluate(front);
+      if (scheme === "light" && width === 1200) found.keys = await keys(page);
+      await page.evaluate(open);
       found.views[name] = await page.evaluate(measured);
       await page.evaluate(axe.source);
       const result = await page.evaluate(() => axe.run(document, {resultTypes: ["violations"]}));
       found.violations[name] = result.violations.map(v => [v.id, v.nodes.length, v.nodes[0].html.slice(0, 200)]);
-      if (scheme === "light" && width === 1200) found.keys = await keys(page);
       await page.close();
     }
     const page = await opened(browser, found, 1200, "dark");

@@ -69,7 +69,7 @@ def seen(folder):
 @pytest.mark.skipif(bool(LACKING), reason=LACKING or "-")
 class TestPage:
     def test_it_is_small_and_loads_nothing(self, folder, seen):
-        assert (folder / "index.html").stat().st_size < 2e6
+        assert (folder / "index.html").stat().st_size < 3e5
         assert seen["console"] == [] and seen["requests"] == []
 
     def test_it_has_no_fault_that_axe_finds(self, seen):
@@ -85,8 +85,15 @@ class TestPage:
             assert all(12.5 < size < 13.5 for size in view["sizes"]), (name, view["sizes"])
             assert all(any(title.startswith(f"{system}: ") for title in view["titles"]) for system in NAMES), name
 
-    def test_the_verdict_is_what_one_sees_first(self, seen):
-        assert all(view["first"] < 300 for view in seen["views"].values())
+    def test_the_front_is_one_screen_and_all_else_is_closed(self, seen):
+        assert all(view["first"] < (600 if "390" in name else 300) for name, view in seen["views"].items())
+        for name, front in seen["fronts"].items():
+            assert front["closed"] and front["sideways"] <= 0, name
+            assert front["panes"][0] and not any(front["panes"][1:]), name
+            assert front["systems"] < 960 or "390" in name, name
+
+    def test_tabs_work_by_keyboard(self, seen):
+        assert [i for i, shown in enumerate(seen["keys"]["second"]["panes"]) if shown] == [1]
 
     def test_the_switch_works_by_keyboard(self, seen):
         keys = seen["keys"]

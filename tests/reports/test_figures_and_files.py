@@ -3,6 +3,7 @@
 import base64
 import csv
 import re
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -11,9 +12,11 @@ import pytest
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import survey
 from bench.errors import InputError
+from bench.measures import costs
 from bench.pareto import staircase
 from bench.table import write_sheet
 from reports import corpus_page, details, figures, speed
+from reports.layout import inline_svg
 from reports.provenance import command
 from tests.conftest import random_corpus
 from tests.reports.store import made_up
@@ -40,8 +43,10 @@ def test_the_chart_marks_the_choice_budgets_and_what_they_rule_out(tmp_path):
     points = points.assign(accuracy=[90.0, *np.linspace(50, 80, 20)], low=[80.0, *[45.0] * 20], high=99.0)
     points = points.assign(flash=range(1, 22), worst_person=[0.0, *range(10, 30)], ram=np.nan)
     points.loc[0, "chosen"], points.loc[20, "out"] = True, True
-    figure, caption = speed.speed_chart("g", points, ["flash", "ram", "worst_person"], {"flash": 20.5}, left=3)
-    flash, worst = [ax for ax in figure.axes if ax.axison]
+    figure, caption = speed.cost_chart("g", points, costs()["flash"], 20.5, left=3)
+    other, plain = speed.cost_chart("g", points, costs()["worst_person"])
+    (flash,), (worst,) = figure.axes, other.axes
+    assert speed.cost_chart("g", points, costs()["ram"]) is None and "Dashed" not in plain
     assert (flash.get_xscale(), worst.get_xscale()) == ("log", "linear") and worst.get_xlim()[0] < 0
     assert flash.get_ylim()[0] < 45 and flash.get_ylim()[1] > 99  # no interval is cut off
     assert {t.get_text() for t in flash.texts} == {"choice: a<b", "budget 20.5 kB"}  # the only one on the front
@@ -49,9 +54,36 @@ def test_the_chart_marks_the_choice_budgets_and_what_they_rule_out(tmp_path):
     assert all(words in caption for words in ("Ring", "Dashed", "Pale", "3 less accurate"))
     figures.save(figure, tmp_path, "c", "g", caption)
     titles = re.findall("<title>(.*?)</title>", (tmp_path / "c.svg").read_text())
-    assert len(titles) == 2 * 21 and "a&lt;b: 90.0 [80.0, 99.0] %, 1 kB; v" in titles
-    few = speed.speed_chart("g", points[:16], ["flash"], {})[0].axes[0]
+    assert len(titles) == 21 and "a&lt;b: 90.0 [80.0, 99.0] %, 1 kB; v" in titles
+    few = speed.cost_chart("g", points[:16], costs()["flash"])[0].axes[0]
     assert len(few.texts) == 16
+
+
+def test_a_drawing_in_a_page_is_the_same_in_fewer_words(tmp_path):
+    """Marks, texts and their places, by a plain parse of both."""
+    points = pd.DataFrame({"name": ["a", "b"], "kind": "other", "verdict": "v", "chosen": False, "out": False})
+    points = points.assign(accuracy=[60.0, 70.04], low=[50.0, 60.0], high=80.0, flash=[1.04, 20.0])
+    figure, caption = speed.cost_chart("g", points, costs()["flash"])
+    picture = figures.save(figure, tmp_path, "c", "g", caption)
+    before = ElementTree.fromstring(picture.paths[1].read_text())
+    text = str(inline_svg(picture, 3))
+    after = ElementTree.fromstring(text)
+
+    def seen(root):
+        tags = [(element.tag.rpartition("}")[2], element) for element in root.iter()]
+        words = [(tag, "".join(e.itertext()).strip()) for tag, e in tags if tag in ("text", "title")]
+        places = [float(e.get(k)) for tag, e in tags if tag in ("use", "text") for k in "xy" if e.get(k)]
+        return (
+            [w for w in words if "matplotlib" not in w[1].lower()],
+            len([t for t, _ in tags if t in ("path", "use")]),
+            places,
+        )
+
+    (words, marks, places), (same_words, same_marks, same_places) = seen(before), seen(after)
+    assert same_words == words and same_marks == marks and same_places == pytest.approx(places, abs=0.1)
+    assert {i for i in re.findall(r' id="([^"]+)"', text)} >= {*re.findall(r'(?:url\(|href=")#([^)"]+)', text)}
+    assert all(i.startswith("f3-") for i in re.findall(r' id="([^"]+)"', text))
+    assert len(text) < 0.5 * picture.paths[1].stat().st_size
 
 
 def test_calibration_by_a_plain_loop():

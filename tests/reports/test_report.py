@@ -18,12 +18,15 @@ from bench.errors import InputError
 from bench.kinds.captures import Captures
 from bench.leaderboard.tasks import HAART
 from bench.measures import costs
+from bench.outcomes import statistics
 from bench.outcomes.runs import grouped, stored
 from bench.outcomes.store import connect
 from bench.result import PLAIN
-from reports import candidates, page, watching
+from reports import candidates, page, panes, watching
 from reports.comparison import comparison, published, shown
 from reports.pair import compared
+from reports.run_groups import Group
+from reports.sections import unmeasured
 from tests.reports.store import keep, tracked_run
 from tests.results import WATCHED, evaluated, made_up, result, streamed, stressed, watched, with_hits
 
@@ -147,19 +150,58 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(folder):
 
 def test_every_part_of_the_page_is_there(folder):
     text = (folder / "index.html").read_text(encoding="utf-8")
-    heads = [*re.findall(r'<h2 id="([^"]+)"', text)]
-    wanted = (
-        "verdict accuracy-and-cost other-budgets runs main-results published-numbers early-decisions faults people "
-    )
-    wanted += "statistics gestures provenance"
-    assert heads == wanted.split() and text.index("<nav") > text.index(f'id="{heads[0]}"')
+    closed = [*re.findall(r'<details id="([^"]+)"><summary><h2>', text)]
+    wanted = "other-budgets early-decisions faults people gestures not-measured published-numbers reference-results "
+    assert closed == (wanted + "runs statistics provenance").split() and text.count("<h2") == len(closed)
+    assert "<details open" not in text and "<nav" not in text
     files = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
-    kinds = {Path(f).stem.rsplit("-", 1)[1] for f in files if f.endswith(".svg")}
-    assert kinds == {"speed", "subjects", "gestures", "confusion", "calibration", "1"}
+    assert {*re.findall(r"speed-flash|subjects\.|gestures|confusion|calibration", str(files))} == {
+        *("speed-flash", "subjects.", "gestures", "confusion", "calibration")
+    }
     assert "0-stress-1" in str(files) and "0-stream-1" in str(files)
     warnings = " ".join(re.findall(r'<p class="warning">(.*?)</p>', text, re.DOTALL))
     assert all(fact in warnings for fact in ("(synthetic)", "gaus2015_rf", f"batchy {MARK}"))
     assert MARK not in text[text.index('class="answer"') :].split("</div>")[0]
+
+
+def test_the_front_of_the_page(folder):
+    """A tab for each protocol, the answer, a chart of each cost and the systems by accuracy; no table is too wide."""
+    text = (folder / "index.html").read_text(encoding="utf-8")
+    front = text[: text.index('<details id="other-budgets"')]
+    tabs = re.findall(r'<label for="t-\d">(.*?)<small>(.*?)</small>', front)
+    assert len(tabs) == 3 and {about for _, about in tabs} == {"tests new people"}
+    assert len(re.findall(r' name="t" id="t-\d" checked', front)) == 1
+    first = front[: front.index('<label for="t-2"')]
+    assert '<p class="first"' in first and "<strong>" in first
+    assert "<code>bench choose " in first and first.count('<div class="charts">') == 1
+    rows = re.findall(r'<tr(?: class="chosen")?><th scope="row">(.*?)[<(].*?<td>([\d.]+) \[', first, re.DOTALL)
+    assert [float(a) for _, a in rows] == sorted((float(a) for _, a in rows), reverse=True)
+    assert {name.strip() for name, _ in rows} == {"mine · touch", "svm · jung54", "hughes2017_cnn", "told"}
+    widths = [head.count("<th ") for head in re.findall("<thead>.*?</thead>", text, re.DOTALL)]
+    assert max(widths) <= 9 and len(widths) > 8
+
+
+def test_the_table_of_systems_by_hand(store):
+    """Of eight people, each loses a capture of 20 with b (p = 2 / 2 ** 8), and every other one with c (2 / 2 ** 4)."""
+    hits = {"a": [15] * 8, "b": [14] * 8, "c": [14, 15] * 4}
+    runs = [evaluated(name, with_hits(each), cost=1.0 + i) for i, (name, each) in enumerate(hits.items())]
+    (name, members), *_ = grouped(runs).items()
+    subjects = pd.DataFrame({k: [5.0 * h for h in each] for k, each in hits.items()}).T
+    group = Group(subjects, rows=statistics.against_best(subjects))
+    table = panes.systems(verdict(runs, {}), group, "synth")
+    assert [row["system"].removesuffix(" (chosen)") for row in table.texts] == ["a", "c", "b"]
+    assert [row["difference"] for row in table.texts] == ["-", "-2.5", "-5.0"]
+    assert [row["test"] for row in table.texts] == ["", "not significant", ""]
+    assert [row["flash kB"] for row in table.texts] == ["4", "12", "8"] and table.bars[0] == pytest.approx((96,) * 3)
+    few = Group(subjects.iloc[:, :5], rows=statistics.against_best(subjects.iloc[:, :5]))
+    assert {row["test"] for row in panes.systems(verdict(runs, {}), few, "synth").texts} == {"", "too few subjects"}
+
+
+def test_commands_for_what_is_not_measured_repeat_the_chosen_run():
+    runs = [evaluated("svm"), stressed("svm", 0.6, {"noise": 0.1})]
+    lines = dict(unmeasured(runs, '{"data": "haart", "protocol": "loso", "model": "svm", "jobs": "2"}'))
+    assert "bench stream data=haart protocol=loso model=svm" in lines and "bench watch " in " ".join(lines)
+    assert not [line for line in lines if line.startswith(("bench run", "bench stress"))]
 
 
 def test_continuous_touch_on_the_page(quick, store):
@@ -167,7 +209,7 @@ def test_continuous_touch_on_the_page(quick, store):
     keep(store, watched(HOSTILE, [0.5] * 3, alarms=40.0, latency=1.0))
     page.write_report(store, Path("report"))
     words = " ".join(html.unescape(Path("report/index.html").read_text()).split())
-    assert 'id="continuous-touch"' in words and Path("report/figures/0-watch-1.png").exists()
+    assert '<details id="continuous-touch">' in words and Path("report/figures/0-watch-1.png").exists()
     assert f"LOSO (10 subjects), 2 touches in 2 minutes of background: {HOSTILE} finds 90.0 percent" in words
     assert "raises 40.0 false alarms per hour" in words and "latency is 1.00 s" in words
 
