@@ -61,7 +61,9 @@ def test_every_step_is_the_choice_of_bench_choose(store, monkeypatch):
             assert budgets or cost == "decision" or typed({costs()[cost]: beyond}).chosen is None
     ((_, shown),) = budget_tables(table)
     assert shown.texts[0]["budget"] == "from 4 kB on" and shown.groups[0] == "flash"
-    units = {noun: cells["budget"].split()[2] for noun, cells in zip(shown.groups, shown.texts, strict=True)}
+    units = {
+        noun: re.search(r"\d (\S+)", cells["budget"])[1] for noun, cells in zip(shown.groups, shown.texts, strict=True)
+    }
     expected = {"flash": "kB", "RAM": "kB", "computing time": "ms", "decision time": "ms"}
     assert units == expected | {"accuracy of the worst person": "%"}
     monkeypatch.setattr("reports.budgets.steps", lambda *_: [(2.5, -1)])
