@@ -36,7 +36,7 @@ class Pane:
 
     Attributes:
         label: protocol, or captures and protocol where these differ between groups.
-        about: whether the tested people are new.
+        about: words on whether the tested people are new.
         answer: the choice.
         table: its systems, most accurate first; None without candidates.
         charts: a chart for each cost.

@@ -29,7 +29,7 @@ class Paper:
         data: corpus and subset in words.
         table: a row per system, the most accurate under the first protocol first; protocols for new people come first.
         best: for each column, the row of its most accurate system; None for columns without one.
-        notes: what the numbers are, in sentences.
+        notes: sentences on what the numbers are.
     """
 
     data: tuple[str, str]

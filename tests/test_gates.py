@@ -37,13 +37,14 @@ ENERGY = Cost(
 AMONG = Cost(
     "worst_half",
     unit="%",
-    noun="error of the worse half of people",
-    words="wrong for the worse half",
-    axis="% wrong for the worse half of people",
-    help="largest error of the worse half of people",
+    noun="accuracy of the worse half of people",
+    words="correct for the worse half",
+    axis="% correct for the worse half of people",
+    help="least accuracy of the worse half of people",
+    better="high",
     column=False,
     zero=True,
-    among=lambda people, drawn: people.error(drawn, drawn.shape[1] // 2),
+    among=lambda people, drawn: people.lowest(drawn, drawn.shape[1] // 2),
 )
 HEAT = Cost("heat", ends="heat", unit="K", column=False)
 BATTERY = Cost("battery", unit="h", noun="battery life", better="high", help="least battery life")
@@ -100,7 +101,7 @@ def test_of_some_costs_more_is_better(entered):
     loose, tight = (decide(among.table, among.subjects, "battery", {"battery": h}, None) for h in (40.0, 80.0))
     assert loose.chosen == tight.chosen == 1 and tight.budgets[0].over == 1 and loose.budgets[0].over == 0
     assert tight.table["verdict"].to_dict() == {1: "chosen", 0: "ruled out: battery 40 h < 80 h"}
-    said = str(Chosen(loose, among, "battery", {"battery": 40.0}, None))
+    said = str(Chosen(loose, among, "battery", {"battery": 40.0}, None, why=True))
     assert "Choose b: 55.0 % with 80 h" in said and "score and battery life: a (by b)." in said
 
 
@@ -121,8 +122,8 @@ def test_a_new_cost_and_a_new_column_appear_everywhere(entered):
     assert "ruled out: battery 40 h < 50 h" in printed and "battery at least 50 h" in printed
     printed = done(["choose", "by=battery", "min_battery=90"])[1]
     assert "highest battery first" in printed and "The highest battery life is 80 h" in printed
-    code, printed = done(["choose", "max_worst_half=0"])
-    assert code == 1 and "for error of the worse half of people rules out 2 of 2 systems" in printed
+    code, printed = done(["choose", "min_worst_half=100"])
+    assert code == 1 and "for accuracy of the worse half of people rules out 2 of 2 systems" in printed
 
     Path("robot.toml").write_text("by = 'energy'\n[budget]\nenergy = 2\nbattery = 30\n")
     code, printed = done(["choose", "scene=robot.toml"])
@@ -219,7 +220,7 @@ def test_a_new_circumstance_is_one_file_and_appears_everywhere(plug, monkeypatch
     assert done(["run", *SMALL, "model=tree", "features=jung28", "each=0"])[0] == 2
     table = bench.choose(data="synth").choice.table
     assert {"1 captures of each class", "2 captures of each class", "capture"} == {*table["unit"]}
-    printed = done(["choose", "max_each_loss=0"])[1]
+    printed = done(["choose", "max_each_loss=0", "why=yes"])[1]
     assert "loss to few captures" in printed and done(["choose", "max_each_loss=100"])[0] == 0
     Path("robot.toml").write_text("[budget]\neach_loss = 100\n")
     assert done(["choose", "scene=robot.toml"])[0] == 0

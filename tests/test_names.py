@@ -73,6 +73,8 @@ def numbers(table, back):
     """The columns of a table by position, without times; of texts only names, as the old ones."""
 
     def cell(value, named):
+        if isinstance(value, tuple):
+            return tuple(cell(one, True) for one in value)
         text = isinstance(value, str)
         return None if pd.isna(value) or (text and not named) else back.get(value, value) if text else value
 

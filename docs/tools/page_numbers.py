@@ -224,11 +224,11 @@ def reference(found: list[Any], task: str, name: str, *columns: str) -> list[flo
 
 
 def choice(found: list[Any], chosen: str, other: str) -> list[float]:
-    """Accuracy and flash of the chosen system, accuracy of another, loss ± its standard error, flash of the other."""
+    """Accuracy and flash of the chosen system, accuracy of another."""
     table = found[-1].choice.table.set_index("system")
     assert found[-1].system == chosen, found[-1]
     one, best = table.loc[chosen], table.loc[other]
-    return [one["accuracy"], one["flash"], best["accuracy"], one["loss"], one["error"], best["flash"]]
+    return [one["accuracy"], one["flash"], best["accuracy"]]
 
 
 def in_c(found: list[Any], *columns: str) -> list[float]:

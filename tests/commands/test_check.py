@@ -102,7 +102,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     (case,) = ElementTree.parse("out/check.xml").getroot()
     (line,) = [line for line in out.splitlines() if " labels changed" in line]
     assert case.find("failure").get("message") == line and not line.startswith("same")
-    assert main([*gate, "run=false"]) == 1  # the newest tracked run is the faulty one
+    assert main([*gate, "stored=yes"]) == 1  # the newest tracked run is the faulty one
 
     copied(fails="raise RuntimeError('no')")
     assert main(gate) == 1
