@@ -105,15 +105,12 @@ class Spelling:
         keys: its options, besides those of ``bench run``.
         given: options that it gives where they are not typed.
         out: folder of ``out=``, with its help; empty if the command writes nothing.
-        live: unused, as is ``live_keys``; without them, the key of every stored run would change.
     """
 
     command: Command
     keys: tuple[str, ...] = ()
     given: Mapping[str, str] = dataclasses.field(default_factory=dict)
     out: tuple[str, str] = ("", "")
-    live: str = ""
-    live_keys: tuple[Option, ...] = ()
 
 
 class Shown:

@@ -1,4 +1,4 @@
-/* Frames from standard input, a line each, a blank line ends a capture; a line per decision, as bench stream source=-.
+/* Frames from standard input, a line each, a blank line ends a capture; a line per decision, as bench live.
    touch -w watches an endless stream, if there is a watcher: a line whenever an event is reported, renamed or over. */
 
 #include <stdio.h>
