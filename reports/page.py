@@ -187,7 +187,7 @@ def assemble(
         "budgets": budget_tables(tables["budgets"]),
         "runs": runs_section(tables["comparison"], [*largest, *left_out]) if runs else None,
         "reference": runs_section(shipped, [*largest, *left_out])["table"] if len(shipped) else None,
-        "counts": (len(runs), len({r.system for r in runs})),
+        "counts": (len(runs or results), len({r.system for r in runs or results})),
         "briefs": dict(briefs(told(results), parts)),
         "published": published_section(tables["published"]),
         "sections": joined([*sections(results, folder), *_people(parts)]),
