@@ -21,7 +21,7 @@ RENAMED = {  # numbers, by kind of run
     "stress": {},
     "stream": {
         **{f"accuracy{end}": f"replay_accuracy{end}" for end in ("", "_low", "_high")},
-        **{f"decide_ms_p{p}": f"replay_ms_p{p}" for p in (50, 95, 99)},
+        **{f"decide_wall_ms_p{p}": f"replay_wall_ms_p{p}" for p in (50, 95, 99)},
     },
     "chip": {"accuracy": "c_accuracy", "python_accuracy": "accuracy"},
 }

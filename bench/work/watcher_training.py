@@ -81,9 +81,8 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
 
 def best(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
     """The first row of `bias_table` that is nearly the best; see `learned`."""
-    excess = (settings["alarms"] + 1) / settings["hours"].replace(
-        0, np.nan
-    ) - false_alarms  # unknown without background
+    hours = settings["hours"].replace(0, np.nan)  # without background, rates are unknown
+    excess = (settings["alarms"] + 1) / hours - false_alarms
     worth = settings["found"] - PRICE * excess.fillna(0).clip(lower=0)
     return settings[worth >= worth.max() - NEARLY].iloc[0]
 

@@ -102,3 +102,5 @@ def test_times_of_an_earlier_version_are_of_the_wall_clock(earlier):
             names = {name for name in run.metrics if re.match("(fit|adapt|predict|decide|replay)_.*(ms|seconds)", name)}
             assert names and all("wall" in name or "cpu" in name for name in names)
             assert "decision_ms" not in run.metrics
+            replayed = run.about.get(PLAIN) == "stream"
+            assert replayed == ("replay_wall_ms_p50" in names) and not (replayed and "decide_wall_ms_p50" in names)
