@@ -27,9 +27,6 @@ def __getattr__(name: str) -> object:
 
         now = f"; it is now called {FORMER[name][0]}" if name in FORMER else ""
         raise AttributeError(f"module 'bench' has no attribute {name!r}{now}")
-    from bench.registry import check_rooms
-
-    check_rooms()
     return getattr(importlib.import_module(VALUES.get(name, "bench.api")), name)
 
 

@@ -25,13 +25,13 @@ from bench.outcomes.runs import SELECTING, asked_of, frame_of, grouped, selected
 from bench.outcomes.store import connect
 from bench.plan.cells import cells, corpus_variants
 from bench.plan.plan import Plan, captures_of, planned
+from bench.reports.comparison import comparison, published
+from bench.reports.latex import latex as latex
+from bench.reports.leaderboard import OWN, reference, scores_of
+from bench.reports.pair import Compared, compared
 from bench.result import COUNTS, Result
 from bench.table import Table
 from bench.work.fit import Fitted
-from reports.comparison import comparison, published
-from reports.latex import latex as latex
-from reports.leaderboard import OWN, reference, scores_of
-from reports.pair import Compared, compared
 
 SHOWN = (  # columns that matter, by name
     "task system accuracy low high behind subject_sd macro_f1 adaptive_accuracy adaptive_ms flash_bytes predict_ms_p50 "
@@ -294,7 +294,8 @@ def results(of: str = "", full: bool = False, against: str = "", **values: objec
             captures). With ``model``, ``features``, ``run`` or ``latest``, reference results are left out.
 
     Returns:
-        One row per run and way to score it, as `reports.comparison.comparison` makes them; ``runs`` as of `Results`.
+        One row per run and way to score it, as `bench.reports.comparison.comparison` makes them; ``runs`` as of
+        `Results`.
 
     Raises:
         InputError: nothing is tracked for them.

@@ -10,7 +10,7 @@ import sys
 
 from bench.errors import ClusterError, HiddenError, InputError, StoreError, nearest
 from bench.options import commands, help_of, makers, options, overview
-from bench.registry import KEYS, broken, check_loaded, check_rooms
+from bench.registry import KEYS, broken, check_loaded
 from bench.scratch import scratch
 
 LONGEST = 300  # characters of a message
@@ -66,7 +66,6 @@ def _done(arguments: list[str]) -> int:
 
         print(f"touchbench {version('touchbench')}")
         return 0
-    check_rooms()
     name, *rest = arguments
     if name not in (known := commands()):
         check_loaded()  # it may be a command of such a package

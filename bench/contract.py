@@ -28,9 +28,9 @@ from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError, PredictionError, nearest
+from bench.features.base import FeatureSet
+from bench.models.search.space import Space
 from bench.registry import required
-from features.base import FeatureSet
-from models.search.space import Space
 
 SUM = 1e-3  # by which probabilities of a capture may miss a sum of 1: they may be float32, or printed and read
 TABLES = {"sklearn", "xgboost", "lightgbm", "catboost", "imblearn"}  # packages whose estimators learn from tables
@@ -155,7 +155,7 @@ members: Hook[list[System]] = Hook("members", [])
 """Fitted systems that decide together."""
 
 learnt_numbers: Hook[int | None] = Hook("parameters_", None)
-"""Numbers that it has learnt, of a system or a feature set; `models.sizes` counts those of a system without."""
+"""Numbers that it has learnt, of a system or a feature set; `bench.models.sizes` counts those of a system without."""
 
 constants: Hook[int] = Hook("constants_", 0)
 """Numbers that it must keep besides what it has learnt."""
@@ -532,7 +532,7 @@ def _code(value: object) -> TypeGuard[type | FunctionType]:
 def _library(kind: Any) -> str | None:
     """The installed distribution that a class is of, by its package's name; None for touchbench's and one's own."""
     name = kind.__module__.split(".")[0]
-    if name in ("bench", "features", "models", "protocols", "__main__") or name not in sys.modules:
+    if name in ("bench", "__main__") or name not in sys.modules:
         return None
     name = {"sklearn": "scikit-learn"}.get(name, name)
     try:

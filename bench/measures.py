@@ -534,8 +534,8 @@ def framed(measure: Measure) -> Measure:
 def run_columns() -> list[Measure]:
     """Columns of the tables of evaluations: of the terminal, the page, LaTeX and comparison.csv.
 
-    A new column is an entry here. `reports.comparison.views` gives the rows, one for each way to score a run; a number
-    that the run tracks is read by its name.
+    A new column is an entry here. `bench.reports.comparison.views` gives the rows, one for each way to score a run; a
+    number that the run tracks is read by its name.
     """
     page, csv, every = ("page",), ("csv",), OUTPUTS
 

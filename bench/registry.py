@@ -1,7 +1,7 @@
 """The parts by name: built-in ones, those of installed packages (entry points ``touchbench.<room>``), and files.
 
-A room names its parts as text (``models.classic.svm:svm``), so nothing of it is imported before it is used, and this
-module knows no room but by name.
+A room names its parts as text (``bench.models.classic.svm:svm``), so nothing of it is imported before it is used, and
+this module knows no room but by name.
 """
 
 from __future__ import annotations
@@ -19,36 +19,14 @@ from typing import Any
 
 from bench.errors import InputError, nearest
 
-ROOMS = {"corpora": "bench.corpora", "features": "features", "models": "models", "protocols": "protocols"}
-ROOMS |= {"kinds": "bench.kinds", "circumstances": "bench.circumstances"}
+ROOMS = {room: f"bench.{room}" for room in ("corpora", "features", "models", "protocols", "kinds", "circumstances")}
 FILE_MODULE = "touchbench_file_"  # what modules of files are called
 KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}  # of parts of a cell
 
 
-def check_rooms() -> None:
-    """Find out whether a stranger's folder hides one of touchbench's own.
-
-    ``features``, ``models``, ``protocols`` and ``reports`` are names that others use too; what stands first on the
-    path is imported.
-
-    Raises:
-        InputError: one of them is somebody else's.
-    """
-    for name in ("features", "models", "protocols", "reports"):
-        module = sys.modules.get(name)
-        spec = module.__spec__ if module else importlib.util.find_spec(name)
-        if spec is None:  # a saved system carries its own code, and no reports
-            continue
-        folders = list(spec.submodule_search_locations or []) or [spec.origin or ""]
-        if place_of(name) not in [Path(folder).resolve() for folder in folders] and place_of(name).is_dir():
-            raise InputError(
-                f"{folders[0]} hides touchbench's own package {name!r}; rename it, or work in another folder"
-            )
-
-
 def place_of(package: str) -> Path:
     """The folder of one of touchbench's own packages."""
-    return Path(__file__).resolve().parent.parent / package
+    return Path(str(importlib.import_module(package).__file__)).parent
 
 
 @cache
@@ -160,6 +138,8 @@ def _from_file(argument: str, path: Path, attribute: str) -> Callable:
             raise InputError(f"{argument}: {path} is no Python file; give file.py:Name")
         module = importlib.util.module_from_spec(spec)
         sys.modules[module_name] = module
+        if str(path.parent) not in sys.path:  # as Python has it for a script
+            sys.path.insert(0, str(path.parent))
         try:
             spec.loader.exec_module(module)
         except Exception as e:  # a file of the user's may raise anything
@@ -170,6 +150,12 @@ def _from_file(argument: str, path: Path, attribute: str) -> Callable:
         here = [n for n, v in vars(module).items() if callable(v) and getattr(v, "__module__", "") == module_name]
         raise InputError(f"{argument}: {path.name} has no {attribute!r}; {nearest(attribute, here)}")
     return getattr(module, attribute)
+
+
+def lies_beside(path: str | None, folders: Iterable[Path]) -> bool:
+    """Whether a file lies in one of the folders, or below; packages that are installed there do not count."""
+    place = Path(path or "")
+    return "site-packages" not in place.parts and any(folder in place.parents for folder in folders)
 
 
 def parameters(part: Callable) -> dict[str, object]:

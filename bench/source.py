@@ -18,10 +18,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
 
-from bench.registry import FILE_MODULE
+from bench.registry import FILE_MODULE, lies_beside
 
 Code = ModuleType | Callable  # a module, class or function
-ROOMS = {"bench", "features", "models", "protocols"}
+ROOMS = {"bench"}
 # Modules that find, move and keep things and change no number; a change in them is no other result.
 INDIFFERENT = {
     "bench.arguments",
@@ -42,7 +42,7 @@ INDIFFERENT = {
     "bench.scratch",
     "bench.source",
     "bench.work.experiment",
-    "features.cache",
+    "bench.features.cache",
 }
 
 
@@ -118,11 +118,11 @@ def source_digest(*parts: Code) -> str:
 
 
 def _lies_in(name: str, folders: set[Path]) -> bool:
-    """Whether a module is a file in one of some folders: what a user's file imports from beside it."""
+    """Whether a module, or a late import, is what a user's file imports from beside it."""
     path = getattr(sys.modules.get(name), "__file__", None)
-    if folders and name not in sys.modules and "." not in name:  # imported late
-        path = getattr(importlib.util.find_spec(name), "origin", None)
-    return path is not None and Path(path).parent in folders
+    if folders and name not in sys.modules:
+        path = getattr(importlib.util.find_spec(name.partition(".")[0]), "origin", None)
+    return lies_beside(path, folders)
 
 
 def _origin(value: object) -> tuple[str, str]:

@@ -3,7 +3,7 @@
 Each outer fold is a process of its own with one thread. FLAML and AutoGluon are given the table of `touch` and
 `jung54` of whole captures, computed beforehand, and three groups of training subjects to judge by, the groups that
 `auto` has. `auto` is given captures of a stored corpus whose tables of whole captures are kept; windows it computes
-itself, within its budget. Bytes in flash are counted for `auto` (`models.sizes`); of the others the pickled size.
+itself, within its budget. Bytes in flash are counted for `auto` (`bench.models.sizes`); of the others the pickled size.
 
     pip install -e '.[automl]'
     python benchmarks/bench_auto.py haart loso 10,30,60 auto,flaml,autogluon 2 results.csv
@@ -46,7 +46,7 @@ def outer_folds(corpus: object, protocol: str) -> list[tuple[np.ndarray, np.ndar
 
 def groups_of(subjects: np.ndarray) -> np.ndarray:
     """Which of three groups each capture's subject is in, as `auto` deals them."""
-    from models.search.inner_folds import inner_folds
+    from bench.models.search.inner_folds import inner_folds
 
     groups = np.zeros(len(subjects), dtype=int)
     for number, (_, test) in enumerate(inner_folds(subjects.astype(str), "3")):
@@ -56,16 +56,16 @@ def groups_of(subjects: np.ndarray) -> np.ndarray:
 
 def tables(corpus: object) -> pd.DataFrame:
     """Features of whole captures."""
-    from features.jung54 import Jung54
-    from features.touch import TouchFeatures
+    from bench.features.jung54 import Jung54
+    from bench.features.touch import TouchFeatures
 
     return pd.concat([TouchFeatures().fit_transform(corpus), Jung54().fit_transform(corpus)], axis=1)
 
 
 def by_auto(corpus: object, train: np.ndarray, test: np.ndarray, budget: float) -> tuple[np.ndarray, float, int]:
     """Labels, seconds of the fit, and bytes in flash."""
-    from models.search.auto import Auto
-    from models.sizes import sizes
+    from bench.models.search.auto import Auto
+    from bench.models.sizes import sizes
 
     X = corpus[train]
     system = Auto(seconds=budget).fit(X, X.gestures)

@@ -21,13 +21,13 @@ from threadpoolctl import threadpool_limits
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
-from features.balli import Balli
-from features.gaus import Gaus
-from features.hughes36 import Hughes36
-from features.jung28 import Jung28
-from features.jung54 import Jung54
-from features.ta273 import Ta273
-from features.wingerden45 import Wingerden45
+from bench.features.balli import Balli
+from bench.features.gaus import Gaus
+from bench.features.hughes36 import Hughes36
+from bench.features.jung28 import Jung28
+from bench.features.jung54 import Jung54
+from bench.features.ta273 import Ta273
+from bench.features.wingerden45 import Wingerden45
 
 SETS = (Jung28(), Jung54(), Wingerden45(), Ta273(), Balli(0), Gaus(), Hughes36())
 

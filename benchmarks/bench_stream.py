@@ -15,11 +15,11 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.library import open_corpus
+from bench.models.search.inner_folds import inner_folds
 from bench.outcomes.scores import classes_of
 from bench.plan.cells import cells
 from bench.plan.plan import folds_of
 from bench.work.replay import Calibration, Replay, decision_latency, replayed
-from models.search.inner_folds import inner_folds
 
 
 def arrays(table: pd.DataFrame, rate_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -22,14 +22,14 @@ from torch.utils.data import DataLoader, TensorDataset
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
-from models.nets.cnn85 import CNN85, SelectiveSGD
-from models.nets.hughes2017 import COST, Hughes2017, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
-from models.nets.ren2023 import Ren2023Transformer
-from models.nets.taxel_major import taxel_major
-from models.nets.time_blocks import TimeConv3d
-from models.nets.training import Optimiser, Schedule, Sequences, train
-from models.nets.window import WindowNet
-from models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
+from bench.models.nets.cnn85 import CNN85, SelectiveSGD
+from bench.models.nets.hughes2017 import COST, Hughes2017, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
+from bench.models.nets.ren2023 import Ren2023Transformer
+from bench.models.nets.taxel_major import taxel_major
+from bench.models.nets.time_blocks import TimeConv3d
+from bench.models.nets.training import Optimiser, Schedule, Sequences, train
+from bench.models.nets.window import WindowNet
+from bench.models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 
 SGD = partial(torch.optim.SGD, lr=0.05, momentum=0.9)
 RMSPROP = partial(torch.optim.RMSprop, lr=1e-4)

@@ -12,9 +12,9 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
 from bench.corpora.skins import brought
-from features.touch import TouchFeatures
-from models.classic.lda import lda
-from protocols.subjects import LOSO
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import lda
+from bench.protocols.subjects import LOSO
 
 
 def there_and_back(corpus: Corpus, rate_hz: float, grid: tuple[int, int], full_scale: float) -> Corpus:

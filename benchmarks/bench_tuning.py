@@ -17,12 +17,12 @@ import pandas as pd
 from joblib import Parallel, delayed
 
 from bench.corpora.library import open_corpus
-from features.jung54 import Jung54
-from models.classic.jung2014 import PENALTIES
-from models.classic.jung2017 import WIDTHS, jung2017_svm_rbf
-from models.classic.svm import svm
-from models.search import study
-from protocols.subjects import LOSO
+from bench.features.jung54 import Jung54
+from bench.models.classic.jung2014 import PENALTIES
+from bench.models.classic.jung2017 import WIDTHS, jung2017_svm_rbf
+from bench.models.classic.svm import svm
+from bench.models.search import study
+from bench.protocols.subjects import LOSO
 
 
 def one(corpus: object, inner: str, worse: float, train: np.ndarray, test: np.ndarray) -> dict:

@@ -20,8 +20,8 @@ from bench_training import SYSTEMS, haart_like
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
-from models.nets.hughes2017 import COST, Hughes2017, Hughes2017CNN
-from models.nets.training import probabilities
+from bench.models.nets.hughes2017 import COST, Hughes2017, Hughes2017CNN
+from bench.models.nets.training import probabilities
 
 ROUNDS = 300
 

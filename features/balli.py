@@ -10,9 +10,9 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from features.base import FLAT, FeatureSet
-from features.selection import select
-from features.signals import Touch, table, weighted
+from bench.features.base import FLAT, FeatureSet
+from bench.features.selection import select
+from bench.features.signals import Touch, table, weighted
 
 SIGNALS = (
     *("mean_pressure", "centroid_row", "centroid_column", "max_pressure", "max_row", "max_column", "polar_moment"),

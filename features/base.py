@@ -11,7 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import COPY, Corpus, origin
 from bench.errors import InputError
-from features.cache import of_corpus
+from bench.features.cache import of_corpus
 
 FLAT = 1e-9  # what moves by less than this share of its largest magnitude is constant but for rounding,
 NOTHING = 1e-15  # and so is what moves by less than this

@@ -18,9 +18,9 @@ from sklearn.base import BaseEstimator
 
 from bench.corpora.corpus import Corpus, origin
 from bench.corpora.folder import Damaged, open_folder, stamp
+from bench.features.signals import blocks
 from bench.scratch import home, owner
 from bench.source import source_digest
-from features.signals import blocks
 
 PIECES = ("of capture", "piece")  # columns of a kept table that tell its rows, where steps were taken
 

@@ -10,8 +10,8 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from features.base import FeatureSet
-from features.signals import Touch, table, taxel_names
+from bench.features.base import FeatureSet
+from bench.features.signals import Touch, table, taxel_names
 
 FAMILIES = ("sd", "bmh", "msd", "smmhh", "lbptop")
 RANGES = ("none", "touch", "high")

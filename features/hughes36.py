@@ -13,9 +13,9 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError
-from features.base import FeatureSet
-from features.hmm import GaussianHMMs
-from features.signals import Touch, blocks, table
+from bench.features.base import FeatureSet
+from bench.features.hmm import GaussianHMMs
+from bench.features.signals import Touch, blocks, table
 
 HIDDEN = (200, 100, 50, 25, 10)
 FRAMES_TO_ENCODE = 100_000

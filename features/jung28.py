@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from features.base import FeatureSet, one_of
-from features.signals import Touch, table
+from bench.features.base import FeatureSet, one_of
+from bench.features.signals import Touch, table
 
 PEAKS = {"crossings": "f22_peaks_mean_plus_sd", "maxima": "f22_peaks"}  # name of feature 22
 

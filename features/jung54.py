@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from features.base import FeatureSet, one_of
-from features.jung28 import PEAKS, first_columns, first_names
-from features.signals import Touch, table, weighted
+from bench.features.base import FeatureSet, one_of
+from bench.features.jung28 import PEAKS, first_columns, first_names
+from bench.features.signals import Touch, table, weighted
 
 BINS = 8
 LATER = (  # names of features 29-43

@@ -10,7 +10,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from features.base import FeatureSet, constant
+from bench.features.base import FeatureSet, constant
 
 LDA_RIDGE = 1e-3  # of standardised columns
 FOLDS = 5

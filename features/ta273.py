@@ -9,8 +9,8 @@ import pandas as pd
 from scipy.fft import dct, rfft
 
 from bench.corpora.corpus import Corpus
-from features.base import FeatureSet, one_of
-from features.signals import Touch, blocks, table, taxel_names
+from bench.features.base import FeatureSet, one_of
+from bench.features.signals import Touch, blocks, table, taxel_names
 
 BINS = 16
 LEVELS = 16

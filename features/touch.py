@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus, storage
-from features.base import FeatureSet
+from bench.features.base import FeatureSet
 
 EPS = 1e-4  # of full scale, inside logarithms
 QUANTILES = (5, 25, 50, 75, 95)

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from features.base import FeatureSet
-from features.jung28 import PEAKS, crossings, first_columns, first_names
-from features.jung54 import BINS, LATER, derivatives, spatial_peaks
-from features.signals import Touch, table
+from bench.features.base import FeatureSet
+from bench.features.jung28 import PEAKS, crossings, first_columns, first_names
+from bench.features.jung54 import BINS, LATER, derivatives, spatial_peaks
+from bench.features.signals import Touch, table
 
 
 class Wingerden45(FeatureSet):

@@ -12,8 +12,8 @@ from sklearn.utils.metaestimators import available_if
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from models.nets.window import WindowNet
-from models.series import Series
+from bench.models.nets.window import WindowNet
+from bench.models.series import Series
 
 if TYPE_CHECKING:
     from torch import nn

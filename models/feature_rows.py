@@ -1,4 +1,4 @@
-"""Rows of features, labelled by their capture and by which copy of it they are of (`features.base.labels`)."""
+"""Rows of features, labelled by their capture and by which copy of it they are of (`bench.features.base.labels`)."""
 
 from __future__ import annotations
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from features.base import constant
-from models.classic.lda import Discriminants
-from models.classic.perceptron import Perceptron
-from models.feature_rows import undamaged
-from models.most_probable import MostProbable
+from bench.features.base import constant
+from bench.models.classic.lda import Discriminants
+from bench.models.classic.perceptron import Perceptron
+from bench.models.feature_rows import undamaged
+from bench.models.most_probable import MostProbable
 
 UNUSUAL = 2.5  # SDs of undamaged training rows
 
@@ -23,10 +23,11 @@ class Guarded(MostProbable):
 
     The more features of a row lie further than 2.5 SDs from the mean of the undamaged training rows, the more the
     network counts: nothing where none does, all from a share of ``doubt`` on. Rows of damaged copies are told by their
-    index, as `models.classic.lda.Discriminants` reads it. Where there are none, the network learns from the same rows.
+    index, as `bench.models.classic.lda.Discriminants` reads it. Where there are none, the network learns from the same
+    rows.
 
     Args:
-        windows: number of windows, see `models.classic.lda.Discriminants`.
+        windows: number of windows, see `bench.models.classic.lda.Discriminants`.
         units: number of units in the network's hidden layer.
         doubt: share of the features.
         seed: random seed of the network.

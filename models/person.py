@@ -13,8 +13,8 @@ from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from features.base import constant
-from models.feature_rows import captures_of, undamaged
+from bench.features.base import constant
+from bench.models.feature_rows import captures_of, undamaged
 
 WAYS = ("centre", "scale", "pool")
 WEIGHT = 10  # of a row of the person beside one of training; docs/notes/people.md

@@ -9,9 +9,9 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from models.classic.bayes import GaussianBayes
-from models.classic.lda import Discriminants
-from models.out_of_distribution import Guarded
+from bench.models.classic.bayes import GaussianBayes
+from bench.models.classic.lda import Discriminants
+from bench.models.out_of_distribution import Guarded
 
 BITS = (32, 8)
 

@@ -19,13 +19,13 @@ from bench.corpora.corpus import COPY, Corpus, origin, storage
 from bench.corpora.faults import all_faults
 from bench.corpora.steps import Faulted, Repair, Scale, Step, Turned, Windows
 from bench.errors import InputError
+from bench.features.base import FeatureSet, labels
+from bench.features.cache import PIECES, after
 from bench.memory import ensure
+from bench.models.most_probable import MostProbable
+from bench.models.person import WAYS, PersonScaler, pooled
+from bench.models.quantised import BITS, can_be, in_bits
 from bench.registry import parameters as defaults_of
-from features.base import FeatureSet, labels
-from features.cache import PIECES, after
-from models.most_probable import MostProbable
-from models.person import WAYS, PersonScaler, pooled
-from models.quantised import BITS, can_be, in_bits
 
 LONGEST_S = 3600.0  # of a window
 
@@ -51,9 +51,9 @@ class Recipe(MostProbable):
         faults: faults for copies of the training captures only; ``all`` stands for every fault.
         copies: damaged copies of each training capture, if there are faults.
         turns: further copies of each training capture, on a grid that is mirrored or turned.
-        person: adaptation of a classifier on features to one person (`models.person.WAYS`): ``centre`` and ``scale``
-            features by their own, and ``pool``, which keeps the training rows and is fitted anew to them and the
-            person's, each of which counts ten times.
+        person: adaptation of a classifier on features to one person (`bench.models.person.WAYS`): ``centre`` and
+            ``scale`` features by their own, and ``pool``, which keeps the training rows and is fitted anew to them and
+            the person's, each of which counts ten times.
         bits: bits of a learnt weight in prediction: 32, or 8 as `bench export` stores them.
     """
 
@@ -259,12 +259,12 @@ def _plain(first: object) -> bool:
 
 
 def rows_of(stored: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:
-    """Rows of some stored captures, labelled as `features.base.FeatureSet.transform` does, and which one each is of.
+    """Rows of some stored captures, labelled as `FeatureSet.transform` does, and which one each is of.
 
     No frame is touched, so no copy is damaged again.
 
     Args:
-        stored: rows of all captures, those of one capture together, with `features.cache.PIECES`.
+        stored: rows of all captures, those of one capture together, with `bench.features.cache.PIECES`.
         index: positions in the stored corpus.
     """
     of, piece = (stored[name].to_numpy() for name in PIECES)

@@ -14,12 +14,12 @@ from sklearn.utils.metaestimators import available_if
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import Windows
 from bench.errors import InputError
-from features.base import FeatureSet
-from features.touch import TouchFeatures
-from models.classic.lda import lda
-from models.most_probable import MostProbable
-from models.out_of_distribution import Guarded
-from models.recipe import Recipe
+from bench.features.base import FeatureSet
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import lda
+from bench.models.most_probable import MostProbable
+from bench.models.out_of_distribution import Guarded
+from bench.models.recipe import Recipe
 
 EARLY_COPIES = 3  # for the discriminants of short windows
 EARLY_DAMAGED = 0.1  # how much each counts
@@ -32,15 +32,15 @@ class Reflex(MostProbable):
     1. *Repair*: taxels that are stuck or dead are found in the capture's own past and filled from their neighbours.
     2. *Windows* of 1 s, one every half second. What is shorter than a second is cut into windows of 0.5 s, one every
        quarter of a second.
-    3. *Features*: `features.touch`, rates and shares that mean the same on every grid and at every rate.
-    4. *Discriminants* (`models.classic.lda`), learnt from undamaged windows. What is particular to a capture counts as
-       much again as what varies within it, since two or more windows decide on most captures.
-    5. *Doubt* (`models.out_of_distribution`): a window some of whose features lie beyond 2.5 SDs of training is judged
-       by a network of 18 units (`classic.perceptron`) instead, wholly from 3 % of them on. It has learnt from every
-       capture as it is and in eight damaged copies, each by a fault and a severity drawn at random, a copy counting as
-       much as the capture. Faults cost little where there are none, as few features of sound captures are unusual.
-    6. The short windows have discriminants alone, learnt from three copies as well, each of which counts a tenth.
-    7. A capture's probabilities are the mean over its windows.
+    3. *Features*: `bench.features.touch`, rates and shares that mean the same on every grid and at every rate.
+    4. *Discriminants* (`bench.models.classic.lda`), learnt from undamaged windows. What is particular to a capture
+       counts as much again as what varies within it, since two or more windows decide on most captures.
+    5. *Doubt* (`bench.models.out_of_distribution`): a window some of whose features lie beyond 2.5 SDs of training is
+       judged by a network of 18 units (`classic.perceptron`) instead, wholly from 3 % of them on. It has learnt from
+       every capture as it is and in eight damaged copies, each by a fault and a severity drawn at random, a copy
+       counting as much as the capture. Faults cost little where there are none, as few features of sound captures are
+    unusual. 6. The short windows have discriminants alone, learnt from three copies as well, each of which counts a
+    tenth. 7. A capture's probabilities are the mean over its windows.
 
     Every number above was chosen on the training part of HAART's challenge split, leaving out its subjects one by one,
     or is round, but for the 18 units, which fit into 64 kB with all else: docs/notes/systems.md tells what was tried.
@@ -50,11 +50,11 @@ class Reflex(MostProbable):
         early: seconds of the shorter window for captures shorter than a window.
         units: number of units of the network.
         doubt: share of unusual features from which on the network decides alone.
-        repair: repairs, see `models.recipe.Recipe`.
-        faults: faults, see `models.recipe.Recipe`; ``none`` for none.
+        repair: repairs, see `bench.models.recipe.Recipe`.
+        faults: faults, see `bench.models.recipe.Recipe`; ``none`` for none.
         copies: damaged copies of each training capture.
         seed: random seed of the network; the damage is always the same.
-        bits: bits of a learnt weight, see `models.recipe.Recipe`.
+        bits: bits of a learnt weight, see `bench.models.recipe.Recipe`.
     """
 
     window: float = 1.0

@@ -18,9 +18,9 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from models.most_probable import MostProbable
-from models.search.inner_folds import inner_folds
-from models.series import CHANNELS, SHORTEST, Series
+from bench.models.most_probable import MostProbable
+from bench.models.search.inner_folds import inner_folds
+from bench.models.series import CHANNELS, SHORTEST, Series
 
 KERNELS = {"minirocket": 10_000, "multirocket_hydra": 6_250}  # as published
 SAMPLE = 2**26  # numbers in the sample of training captures that biases are drawn from

@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.preprocessing import StandardScaler
 
 from bench.corpora.corpus import Corpus
-from features.signals import Touch, blocks
+from bench.features.signals import Touch, blocks
 
 CHANNELS = ("signals", "taxels", "both")
 CONTACT = 0.05  # of full scale, above which a taxel is touched

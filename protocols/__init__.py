@@ -4,11 +4,11 @@ What the harness may ask of one stands in `bench.plan.splits`.
 """
 
 PARTS = {
-    "loso": "protocols.subjects:LOSO",
-    "groupkfold": "protocols.subjects:SubjectKFold",
-    "challenge": "protocols.challenge:Challenge",
-    "personal": "protocols.personal:Personal",
-    "transfer": "protocols.transfer:Transfer",
-    "kfold": "protocols.captures:CaptureKFold",
-    "holdout": "protocols.captures:Holdout",
+    "loso": "bench.protocols.subjects:LOSO",
+    "groupkfold": "bench.protocols.subjects:SubjectKFold",
+    "challenge": "bench.protocols.challenge:Challenge",
+    "personal": "bench.protocols.personal:Personal",
+    "transfer": "bench.protocols.transfer:Transfer",
+    "kfold": "bench.protocols.captures:CaptureKFold",
+    "holdout": "bench.protocols.captures:Holdout",
 }

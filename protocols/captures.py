@@ -8,7 +8,7 @@ from sklearn.model_selection import StratifiedKFold, StratifiedShuffleSplit
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from protocols.subjects import Folds
+from bench.protocols.subjects import Folds
 
 
 class CaptureKFold:

@@ -4,7 +4,7 @@ import numpy as np
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from protocols.subjects import Folds, natural_order
+from bench.protocols.subjects import Folds, natural_order
 
 
 class Challenge:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from protocols.subjects import LOSO, Folds, natural_order
+from bench.protocols.subjects import LOSO, Folds, natural_order
 
 Pairs = list[tuple[np.ndarray, np.ndarray]]  # positions of the calibration, and of the captures tested after it
 

@@ -13,9 +13,9 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus, open_joined
 from bench.corpora.skins import OWN, SOURCE
 from bench.errors import InputError, nearest
+from bench.protocols.personal import WEIGHT, Pairs, Personal
+from bench.protocols.subjects import Folds
 from bench.registry import parameters
-from protocols.personal import WEIGHT, Pairs, Personal
-from protocols.subjects import Folds
 
 
 class Transfer(Personal):
@@ -24,7 +24,7 @@ class Transfer(Personal):
     Both are brought to what both skins can give (`bench.corpora.skins`): shares of full scale, the lower of their rates
     and, each way, the fewer of their taxels. A finer one that is trained on would teach what the coarser cannot show,
     and the other way round. With ``shots`` or ``unlabelled`` each tested person calibrates, as in
-    `protocols.personal.Personal`.
+    `bench.protocols.personal.Personal`.
 
     Args:
         source: name of the corpus that is trained on; ``synth`` may be followed by parameters, as in

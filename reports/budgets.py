@@ -15,9 +15,9 @@ from bench.measures import Measure, Row, costs, known, text
 from bench.outcomes.candidates import PLAIN, Candidates, candidates
 from bench.outcomes.choice import named
 from bench.outcomes.steps import steps
+from bench.reports.candidates import BY, Considered
 from bench.result import Result
 from bench.table import Table, rows_of
-from reports.candidates import BY, Considered
 
 COLUMNS = ["group", "cost", "unit", "least", "choice", "accuracy", BY]
 NOTHING = "nothing fits"

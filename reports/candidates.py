@@ -20,10 +20,10 @@ from bench.outcomes.choice import Choice, decide, named, sentences
 from bench.outcomes.expected import expectation, expected
 from bench.pareto import staircase
 from bench.registry import classes
+from bench.reports.speed import LOOKS
 from bench.result import Result
 from bench.scene_file import EVERY
 from bench.table import rows_of
-from reports.speed import LOOKS
 
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
 MOST = 40  # candidates that the chart draws, besides those of a front

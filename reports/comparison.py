@@ -13,9 +13,9 @@ from bench.leaderboard.submissions import Submission
 from bench.measures import Cost, Measure, Row, columns, framed, run_columns, text
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
+from bench.reports.reference_rows import beside
 from bench.result import Result
 from bench.table import Table, rows_of
-from reports.reference_rows import beside
 
 SAME = ["data", "subset_key", "target_key", "protocol_key", "system"]  # of published.csv, and without _key of a run
 # Metrics' prefix: what a row labels, how its windows are combined, and the units of published numbers beside it.
@@ -30,7 +30,7 @@ TESTED = ("difference", "p_holm")
 
 def published() -> pd.DataFrame:
     """The numbers of the papers, one row each; ``*_key`` columns are in the words that runs are tracked with."""
-    with (files("reports") / "published.csv").open() as f:
+    with (files("bench.reports") / "published.csv").open() as f:
         return pd.read_csv(f, dtype={"system": str}, keep_default_na=True).fillna({"system": ""})
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import DURATIONS, PRESSURE, Survey
 from bench.errors import InputError
+from bench.reports.figures import SYNTHETIC, Picture, mark, new_figure, plain, save, short
+from bench.reports.layout import page
 from bench.table import Table, of_text
-from reports.figures import SYNTHETIC, Picture, mark, new_figure, plain, save, short
-from reports.layout import page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench.outcomes.groups import LEVELS, Grouping
-from reports.figures import LINE, Picture, bars, new_figure, plain, save, width_of
+from bench.reports.figures import LINE, Picture, bars, new_figure, plain, save, width_of
 
 CAPTION = (
     "Gestures merged into groups; each joint lies at the accuracy with so many groups. Below: the same accuracy with "

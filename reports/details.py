@@ -1,6 +1,6 @@
 """Figures of single runs, from their predictions: confusions, gestures, calibration.
 
-Each comes with its caption; `reports.figures.save` writes it.
+Each comes with its caption; `bench.reports.figures.save` writes it.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.outcomes import scores
+from bench.reports.figures import LINE, MARKERS, WIDEST, bars, new_figure, plain, save, width_of
 from bench.result import Result
-from reports.figures import LINE, MARKERS, WIDEST, bars, new_figure, plain, save, width_of
 
 BINS = 10
 WRITTEN = 20  # classes up to which the numbers fit into their cells
@@ -61,7 +61,7 @@ def gesture_figure(tables: dict[str, pd.DataFrame], group: str) -> tuple[Figure,
     """Percent of each gesture that is labelled correctly, with intervals over subjects, for some systems.
 
     Args:
-        tables: `reports.bootstrap.recall_interval` by system.
+        tables: `bench.reports.bootstrap.recall_interval` by system.
         group: captures and protocol, in words.
     """
     classes = list(next(iter(tables.values())).index)

@@ -13,12 +13,12 @@ import pandas as pd
 from bench.comparable import Row, several
 from bench.measures import Measure, percent, text
 from bench.outcomes.curves import clean_accuracy
+from bench.reports.contexts import context_words, contexts
+from bench.reports.figures import save
+from bench.reports.part import Part, Section
+from bench.reports.stability_figures import heat_map
 from bench.result import Result
 from bench.table import Table
-from reports.contexts import context_words, contexts
-from reports.figures import save
-from reports.part import Part, Section
-from reports.stability_figures import heat_map
 
 FAULTS = "Faults"  # heading
 FAILING = (  # columns of the table of systems under faults

@@ -14,9 +14,9 @@ from bench.described import definitions
 from bench.errors import InputError
 from bench.measures import Interval, columns, framed, run_columns
 from bench.outcomes.runs import of_captures
+from bench.reports.numbers import busy
+from bench.reports.paper import Paper, columns_of, papers
 from bench.table import rows_of
-from reports.numbers import busy
-from reports.paper import Paper, columns_of, papers
 
 TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
 NEEDED = ("system", *TOGETHER, "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes")

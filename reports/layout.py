@@ -15,9 +15,9 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_eval_con
 from jinja2.nodes import EvalContext
 from markupsafe import Markup, escape
 
-from reports.figures import SYNTHETIC, Picture
+from bench.reports.figures import SYNTHETIC, Picture
 
-ROOM = files("reports")
+ROOM = files("bench.reports")
 
 
 def page(template: str, title: str, **values: object) -> str:

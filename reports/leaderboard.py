@@ -13,9 +13,9 @@ from bench.leaderboard.tasks import TASKS
 from bench.measures import Cell, Interval, Measure, Row, known, text, whole
 from bench.outcomes.ranking import ranking
 from bench.outcomes.scores import per_subject
+from bench.reports.layout import page
+from bench.reports.over_corpora import OverCorpora, section
 from bench.table import Table, rows_of
-from reports.layout import page
-from reports.over_corpora import OverCorpora, section
 
 OWN = "reference"  # name of the results that come with touchbench
 WORST = "worst fault: "

@@ -14,11 +14,11 @@ from bench.comparable import notes_on
 from bench.measures import Measure, Row, text
 from bench.outcomes.runs import subject_accuracy
 from bench.paired import interval
+from bench.reports.contexts import scarce
+from bench.reports.figures import MARKERS, bars, new_figure, save
+from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.table import Table, rows_of
-from reports.contexts import scarce
-from reports.figures import MARKERS, bars, new_figure, save
-from reports.part import Part, Section
 
 WITHOUT = "no labels"  # where half of the person's captures are known without them
 SAME = ("data", "corpus_digest", "subset", "target", "protocol_name", "protocol.source", "protocol.classes")

@@ -14,10 +14,10 @@ from bench.measures import Cell, Interval, Measure, Row, known, p_value, text
 from bench.outcomes import statistics
 from bench.outcomes.ranking import Ranking, distinct, ranking
 from bench.outcomes.runs import by_subject
+from bench.reports.figures import LINE, bars, new_figure, plain, width_of
+from bench.reports.numbers import listed
 from bench.result import Result
 from bench.table import Table, rows_of
-from reports.figures import LINE, bars, new_figure, plain, width_of
-from reports.numbers import listed
 
 NAMED = 20  # systems that a sentence names
 CAPTION = (

@@ -20,29 +20,29 @@ from bench.outcomes.ranking import COLUMNS as RANKED
 from bench.outcomes.runs import every_result, grouped, of_captures, wanted
 from bench.outcomes.same_wrong import COLUMNS, agreements
 from bench.outcomes.store import Store
+from bench.reports import over_corpora
+from bench.reports.budgets import budget_tables, by_budget
+from bench.reports.candidates import Answer, Considered, considered, marks
+from bench.reports.comparison import comparison, published, shown
+from bench.reports.figures import save
+from bench.reports.latex import latex, side_by_side
+from bench.reports.layout import markdown, page
+from bench.reports.numbers import busy, listed, noted
+from bench.reports.panes import Chart, Pane, labels, systems
+from bench.reports.paper import papers, sheet
+from bench.reports.papers import published_section
+from bench.reports.part import Part, Section
+from bench.reports.provenance import provenance, software
+from bench.reports.reproduction import against as beside_papers
+from bench.reports.run_groups import GROUPS, Group, group_of, largest_groups, slug
+from bench.reports.same_wrong import same_wrong_section
+from bench.reports.sections import briefs as told
+from bench.reports.sections import joined, sections, sheets, unmeasured
+from bench.reports.speed import cost_chart
+from bench.reports.summary import PEOPLE, briefs
 from bench.result import Result
 from bench.scratch import owner, sweep
 from bench.table import of_text, rows_of, write_sheet
-from reports import over_corpora
-from reports.budgets import budget_tables, by_budget
-from reports.candidates import Answer, Considered, considered, marks
-from reports.comparison import comparison, published, shown
-from reports.figures import save
-from reports.latex import latex, side_by_side
-from reports.layout import markdown, page
-from reports.numbers import busy, listed, noted
-from reports.panes import Chart, Pane, labels, systems
-from reports.paper import papers, sheet
-from reports.papers import published_section
-from reports.part import Part, Section
-from reports.provenance import provenance, software
-from reports.reproduction import against as beside_papers
-from reports.run_groups import GROUPS, Group, group_of, largest_groups, slug
-from reports.same_wrong import same_wrong_section
-from reports.sections import briefs as told
-from reports.sections import joined, sections, sheets, unmeasured
-from reports.speed import cost_chart
-from reports.summary import PEOPLE, briefs
 
 ROWS = 300  # of a table on the page; the CSV files hold all
 
@@ -63,7 +63,7 @@ def write_report(
         budgets: budget of each cost (`bench.measures.costs`) of the system to choose.
         against: the system that tests compare with, in each group that has it; empty for the best one of each.
         asked: the runs to report, as `bench.outcomes.runs.selected` takes them; empty for all.
-        paper: columns of ``paper.tex`` and ``paper.csv`` (`reports.paper.columns_of`).
+        paper: columns of ``paper.tex`` and ``paper.csv`` (`bench.reports.paper.columns_of`).
 
     Returns:
         The files written.
@@ -249,7 +249,7 @@ def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
     """Every tracked run and unit, as far as the page has room, and the groups with few subjects.
 
     Args:
-        table: table of `reports.comparison.comparison`.
+        table: table of `bench.reports.comparison.comparison`.
         order: order of the groups.
     """
     table = table.sort_values("group", key=lambda names: names.map(order.index), kind="stable")

@@ -13,8 +13,8 @@ from bench.errors import InputError, nearest
 from bench.measures import Measure, p_value
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
+from bench.reports.reference_rows import REFERENCE
 from bench.result import Result
-from reports.reference_rows import REFERENCE
 
 P = Measure("p", form=p_value)
 

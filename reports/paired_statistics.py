@@ -10,8 +10,8 @@ from bench import few
 from bench.comparable import notes_on
 from bench.measures import Measure, p_value, text
 from bench.outcomes import statistics
+from bench.reports.figures import LINE, new_figure, plain, width_of
 from bench.table import Table, of_text, rows_of
-from reports.figures import LINE, new_figure, plain, width_of
 
 COLUMNS = (  # of `bench.outcomes.statistics.against_best`
     text("system"),

@@ -13,11 +13,11 @@ from bench.comparable import MIXED, notes_on
 from bench.measures import Measure, costs, known, text, three
 from bench.outcomes.choice import named
 from bench.outcomes.statistics import interval
+from bench.reports.candidates import Answer, Considered
+from bench.reports.figures import Picture
+from bench.reports.run_groups import Group
 from bench.result import Result
 from bench.table import Table, rows_of
-from reports.candidates import Answer, Considered
-from reports.figures import Picture
-from reports.run_groups import Group
 
 COSTS = 3  # of the answer and of the table; the chart has all
 SENTENCES = 2  # of the answer; the others are closed

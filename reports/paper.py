@@ -1,4 +1,4 @@
-"""The table of a paper: systems as rows, protocols side by side; `reports.latex` writes it as LaTeX."""
+"""The table of a paper: systems as rows, protocols side by side; `bench.reports.latex` writes it as LaTeX."""
 
 from __future__ import annotations
 

@@ -6,8 +6,8 @@ import pandas as pd
 
 from bench import few
 from bench.measures import NONE, Measure, Row, known, text
+from bench.reports.numbers import listed
 from bench.table import Table, rows_of
-from reports.numbers import listed
 
 NAMES = {"cost": "CoST", "haart": "HAART"}
 SHARED = ["data", "subset", "protocol", "words"]  # of published numbers that stand together
@@ -25,7 +25,7 @@ def published_section(beside: pd.DataFrame) -> dict[str, object]:
     """Every published number beside ours; numbers on corpora that nothing is tracked on wait behind a switch.
 
     Args:
-        beside: table of `reports.reproduction.against`.
+        beside: table of `bench.reports.reproduction.against`.
 
     Returns:
         The table; the verdicts, each with how often it was given; how many rest on few subjects; whether HAART is here.

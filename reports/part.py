@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bench.reports.figures import Picture
     from bench.table import Table
-    from reports.figures import Picture
 
 
 @dataclass(frozen=True)

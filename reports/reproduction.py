@@ -17,9 +17,9 @@ from bench import few
 from bench.comparable import Row, facts_of, seed_number
 from bench.outcomes import scores, statistics
 from bench.outcomes.runs import subject_accuracy
+from bench.reports.bootstrap import macro_interval
+from bench.reports.comparison import SAME
 from bench.result import Result
-from reports.bootstrap import macro_interval
-from reports.comparison import SAME
 
 # unit_key of published.csv: prefix and name of the metric that is tracked for it.
 UNITS = {
@@ -45,7 +45,7 @@ def against(papers: pd.DataFrame, results: Sequence[Result]) -> pd.DataFrame:
     there is none.
 
     Args:
-        papers: `reports.comparison.published`.
+        papers: `bench.reports.comparison.published`.
         results: results of ``bench run``; predictions are read for units whose interval is not tracked.
     """
     real, systems = [r for r in results if r["synthetic"] != "true"], {*papers["system"]}
@@ -70,7 +70,7 @@ def against(papers: pd.DataFrame, results: Sequence[Result]) -> pd.DataFrame:
 
 def corrections() -> pd.DataFrame:
     """Corrections by id of ``published.csv``: the number in CNN85's Table 4, its SD, and a remark on the claim."""
-    with (files("reports") / "corrections.csv").open() as f:
+    with (files("bench.reports") / "corrections.csv").open() as f:
         return pd.read_csv(f, index_col="id")
 
 

@@ -14,11 +14,11 @@ from bench import few as fewest
 from bench.comparable import facts_of, seed_number
 from bench.outcomes import scores, statistics
 from bench.outcomes.runs import by_subject
+from bench.reports import details, paired_statistics
+from bench.reports.bootstrap import recall_interval
+from bench.reports.figures import Picture, save
 from bench.result import Result
 from bench.table import Table
-from reports import details, paired_statistics
-from reports.bootstrap import recall_interval
-from reports.figures import Picture, save
 
 GROUPS = 3  # captures-and-protocol groups that get a verdict, statistics and figures
 SYSTEMS = 2  # systems of a group whose predictions are read and drawn

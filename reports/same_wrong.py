@@ -14,8 +14,8 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.library import imported, open_corpus
 from bench.errors import InputError
 from bench.outcomes.same_wrong import COLUMNS, PROBABILITY, Agreement
+from bench.reports.corpus_page import FILMED, ROOT, place
 from bench.table import of_text
-from reports.corpus_page import FILMED, ROOT, place
 
 SHOWN, ROOM = 60, 375_000  # captures of a group, and bytes of their images before they are encoded
 POINTS, HIGH = 120, 30  # of a curve: points, and height of its drawing

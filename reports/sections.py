@@ -13,8 +13,8 @@ from bench.arguments import typed
 from bench.comparable import notes_on
 from bench.outcomes.candidates import repeated
 from bench.registry import classes
+from bench.reports.part import Part, Section
 from bench.result import Result
-from reports.part import Part, Section
 
 
 def shown(results: Sequence[Result]) -> Iterator[tuple[Any, list[Result]]]:

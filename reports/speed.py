@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from bench.measures import Cost
 from bench.pareto import staircase
-from reports.figures import LINE, TEXT, TITLE, bars, log_ticks, new_figure, plain, spread, width_of
+from bench.reports.figures import LINE, TEXT, TITLE, bars, log_ticks, new_figure, plain, spread, width_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +36,7 @@ def cost_chart(group: str, points: pd.DataFrame, cost: Cost, budget: float | Non
 
     Args:
         group: captures and protocol, in words.
-        points: table of `reports.candidates.marks`.
+        points: table of `bench.reports.candidates.marks`.
         cost: the cost.
         budget: its budget.
         left: number of systems that are not drawn.

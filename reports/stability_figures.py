@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from bench.outcomes.curves import clean_accuracy
 from bench.outcomes.stability import learning
-from reports.figures import DASHES, MARKERS, bars
+from bench.reports.figures import DASHES, MARKERS, bars
 
 if TYPE_CHECKING:
     from bench.result import Result

@@ -15,12 +15,12 @@ from bench.measures import Measure, percent, text
 from bench.outcomes import scores
 from bench.outcomes.curves import joined, unharmed
 from bench.outcomes.stability import ALPHA, FAMILIES, families, learning, ranks, seeds
+from bench.reports import stability_figures as figures
+from bench.reports.layout import markdown
+from bench.reports.numbers import noted
 from bench.result import Result
 from bench.table import Table, of_text, rows_of, write_sheet
 from bench.usual import CLEAN
-from reports import stability_figures as figures
-from reports.layout import markdown
-from reports.numbers import noted
 
 TOP = 10  # rows of a table
 SEEDS = (

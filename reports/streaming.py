@@ -14,12 +14,12 @@ from bench.comparable import alike
 from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.outcomes.stopping import NO_SAVING, saves
+from bench.reports.contexts import context_words, contexts, scarce
+from bench.reports.figures import DASHES, MARKERS, bars, log_ticks, save
+from bench.reports.numbers import noted
+from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.table import Table, write_sheet
-from reports.contexts import context_words, contexts, scarce
-from reports.figures import DASHES, MARKERS, bars, log_ticks, save
-from reports.numbers import noted
-from reports.part import Part, Section
 
 Same = Mapping[str, tuple[str, str]]  # parameters that comparable replays share (`bench.comparable.shared`)
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature

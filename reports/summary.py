@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from bench import few
 from bench.outcomes import statistics
-from reports.numbers import listed
-from reports.run_groups import Group
+from bench.reports.numbers import listed
+from bench.reports.run_groups import Group
 
 PEOPLE, STATISTICS = "People", "Statistics"
 
@@ -16,7 +16,7 @@ def briefs(shown: Sequence[tuple[str, str]], groups: dict[str, Group]) -> list[t
     """Topics and sentences, if there are any; a topic is the heading of its details.
 
     Args:
-        shown: those of kinds of run and circumstances (`reports.sections.briefs`).
+        shown: those of kinds of run and circumstances (`bench.reports.sections.briefs`).
         groups: groups by name.
     """
     differ = " ".join(f"On {name}: {told_apart(g)}" for name, g in groups.items() if len(g.subjects))

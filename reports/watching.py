@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from bench.comparable import notes_on
 from bench.measures import Measure, percent
 from bench.outcomes.events import FALSE_ALARM, matched
+from bench.reports.contexts import context_words, contexts, scarce
+from bench.reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
+from bench.reports.part import Part, Section
 from bench.result import Result
-from reports.contexts import context_words, contexts, scarce
-from reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
-from reports.part import Part, Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

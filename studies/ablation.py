@@ -16,7 +16,7 @@ import pandas as pd
 import bench
 from bench.arguments import parse
 from bench.errors import nearest
-from reports.figures import new_figure, save
+from bench.reports.figures import new_figure, save
 
 LDA, XGB, ROCKET, REFLEX = ({"model": name} for name in ("lda", "xgb", "rocket", "reflex"))
 JUNG, TOUCH = {"features": "jung54"}, {"features": "touch"}

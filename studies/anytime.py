@@ -14,7 +14,7 @@ import pandas as pd
 
 import bench
 from bench.arguments import KEYS, items, parse
-from reports.figures import new_figure, save
+from bench.reports.figures import new_figure, save
 
 
 def drawn(table: pd.DataFrame, out: Path) -> None:

@@ -18,12 +18,12 @@ import bench
 from bench import contract
 from bench.amounts import convert
 from bench.arguments import KEYS, parse
+from bench.models import recipe
+from bench.models.nets.window import WindowNet
+from bench.models.search.inner_folds import inner_folds
 from bench.plan.plan import Plan
+from bench.reports.figures import new_figure, save
 from bench.work.fold import computing
-from models import recipe
-from models.nets.window import WindowNet
-from models.search.inner_folds import inner_folds
-from reports.figures import new_figure, save
 
 SMOOTH = 5  # epochs that the best one is the middle of: one epoch's accuracy is noise
 
@@ -58,7 +58,8 @@ def trained(plan: Plan, number: int, groups: int, group: int) -> pd.DataFrame:
     subjects = part.subjects.astype(str)
     _, judged = inner_folds(subjects, str(groups))[group]
 
-    # A class of a function has no checkpoint (`models.nets.checkpoint`), which would be the same one for every group.
+    # A class of a function has no checkpoint (`bench.models.nets.checkpoint`), which would be the same one for every
+    # group.
     class Watched(plan.cell.model.factory):
         holds_out = True
 

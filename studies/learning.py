@@ -21,7 +21,7 @@ import bench
 from bench.amounts import convert
 from bench.arguments import KEYS, parse
 from bench.outcomes import resampling
-from reports.figures import MARKERS, new_figure, save
+from bench.reports.figures import MARKERS, new_figure, save
 
 DRAWS = 500  # of subjects, for the interval of a law
 COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown", "tab:pink", "tab:olive")

@@ -19,10 +19,10 @@ import pandas as pd
 
 from bench.measures import Measure, known, text
 from bench.outcomes import statistics
+from bench.reports.comparison import published
+from bench.reports.paired_statistics import statistics_table
+from bench.reports.papers import NAMES
 from bench.table import Table, rows_of
-from reports.comparison import published
-from reports.paired_statistics import statistics_table
-from reports.papers import NAMES
 
 # Test captures of the 2015 challenge by class: HAART's from the release, CoST's 119 squeezes and 120 of all others.
 HAART_TEST = {"constant": 35}
@@ -135,7 +135,7 @@ def recomputed(papers: pd.DataFrame) -> pd.DataFrame:
     a percent for tables that are themselves printed in percent.
 
     Args:
-        papers: `reports.comparison.published`.
+        papers: `bench.reports.comparison.published`.
     """
     claims = papers.set_index("id")["accuracy"]
     rows = [

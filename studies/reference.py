@@ -30,7 +30,7 @@ from bench.outcomes.runs import every_result, frame_of
 from bench.outcomes.store import connect
 from bench.paired import interval
 from bench.registry import classes
-from reports.reference_rows import REFERENCE
+from bench.reports.reference_rows import REFERENCE
 
 CORPORA = ("haart", "cuddlebot")
 CLASSIFIERS = "svm,rf,bayes,lda,tree,xgb,et,softmax"

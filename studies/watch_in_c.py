@@ -24,6 +24,7 @@ from bench.corpora.corpus import Corpus
 from bench.export.measure import FLAGS
 from bench.export.tables import check
 from bench.export.write import files_of
+from bench.models.quantised import in_bits
 from bench.outcomes.events import REPORT, report_table
 from bench.plan.cells import cells
 from bench.plan.plan import corpus_of, usable_cores
@@ -33,7 +34,6 @@ from bench.work.saved import Recogniser
 from bench.work.watch import recordings_of, usual
 from bench.work.watcher import UNKNOWN
 from bench.work.watcher_training import learned
-from models.quantised import in_bits
 
 NONE = -2  # no event; TOUCH_UNKNOWN is -1
 LIBRARY = f"""#include "touch.c"

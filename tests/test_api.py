@@ -17,8 +17,8 @@ from sklearn.svm import SVC
 
 import bench
 from bench.comparable import BATCH, MARKED
+from bench.features.jung28 import Jung28
 from bench.leaderboard.tasks import HAART
-from features.jung28 import Jung28
 from tests.conftest import predictions, runs
 from tests.reports.store import tracked_run, with_hits
 
@@ -196,15 +196,3 @@ def test_stress_stream_fit_and_tune():
 def test_mistakes_raise_with_the_key(values, fact):
     with pytest.raises(bench.InputError, match=fact):
         bench.run(**{"data__subjects": 2, **values})
-
-
-def test_a_strangers_room_is_found_out_in_one_line(tmp_path):
-    """As in a notebook, whose folder comes first on the path."""
-    place = tmp_path / "models.py"
-    place.write_text("MINE = 1\n")
-    # an installed touchbench comes behind the notebook's folder
-    code = f"import sys; sys.path[:0] = ['']; sys.path.append({ROOT!r}); "
-    for ask in ("import bench; bench.run", "from bench.cli import main; sys.exit(main(['run']))"):
-        done = subprocess.run([sys.executable, "-P", "-c", code + ask], cwd=tmp_path, capture_output=True, text=True)
-        last = done.stderr.strip().splitlines()[-1]
-        assert done.returncode and "'models'" in last and str(place) in last

@@ -26,7 +26,7 @@ from bench.outcomes.reactions import NOTHING
 from bench.outcomes.runs import every_result
 from bench.outcomes.store import connect
 from bench.outcomes.tables import TEXT
-from protocols.subjects import natural_order
+from bench.protocols.subjects import natural_order
 from tests.net.build import inside
 from tests.net.masks import MASKED
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reports.comparison import published
+from bench.reports.comparison import published
 from studies import published_tables
 
 ROOT = Path(__file__).parent.parent

@@ -25,14 +25,14 @@ ROOMS = {
     "ground": (GROUND, ""),
     "values": (VALUES, "ground"),
     "corpora": ("bench.corpora", "ground"),
-    "features": ("features", "ground corpora"),
-    "contract": ("bench.contract models.search.space", "ground corpora features"),  # with the types that it names
-    "models": ("models", "ground corpora features contract"),
-    "protocols": ("protocols", "ground corpora"),
+    "features": ("bench.features", "ground corpora"),
+    "contract": ("bench.contract bench.models.search.space", "ground corpora features"),  # with the types that it names
+    "models": ("bench.models", "ground corpora features contract"),
+    "protocols": ("bench.protocols", "ground corpora"),
     "plan": ("bench.plan", "ground values corpora contract models"),
     "outcomes": ("bench.outcomes bench.scene_file", "ground values corpora"),
     "leaderboard": ("bench.leaderboard", "ground values corpora outcomes plan"),
-    "reports": ("reports", "ground values corpora outcomes leaderboard"),
+    "reports": ("bench.reports", "ground values corpora outcomes leaderboard"),
     "work": ("bench.work", "ground values corpora features contract models plan outcomes"),
     "export": ("bench.export", "ground corpora features contract models plan outcomes work"),
     "kinds": (
@@ -58,9 +58,9 @@ TABLES = {  # modules that call one, beside bench.outcomes.tables, and their fil
     "bench.leaderboard.tasks": "captures of frozen tasks",
     "bench.table": "what is shown, for the user",
     "bench.work.tracking": "a copy of some tables for people, which is not read",
-    "features.cache": "features",
-    "reports.comparison": "published numbers",
-    "reports.reproduction": "published numbers",
+    "bench.features.cache": "features",
+    "bench.reports.comparison": "published numbers",
+    "bench.reports.reproduction": "published numbers",
 }
 
 
@@ -69,6 +69,7 @@ def modules():
     named = {}
     for path in (path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))):
         parts = path.relative_to(ROOT).with_suffix("").parts
+        parts = parts if parts[0] == "bench" else ("bench", *parts)
         named[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return named
 

@@ -12,7 +12,7 @@ from bench import contract
 from bench.arguments import parse
 from bench.options import keys
 from bench.plan.cells import cells
-from reports.pair import Compared
+from bench.reports.pair import Compared
 from studies import ablation, epochs, learning, reference
 from tests.conftest import with_other_values
 from tests.results import result

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from bench.outcomes.results import FoldResult
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
+    from bench.reports.part import Section
     from bench.source import Code
     from bench.work.fitted import Fitted
-    from reports.part import Section
 
 CASE = ("case", "level")  # its columns that name a case
 
@@ -260,7 +260,7 @@ class Circumstance(Options, Shown):
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
         """Accuracy against the level: a figure and a table of comparable systems."""
-        from reports.levels import level_section
+        from bench.reports.levels import level_section
 
         return level_section(cls, results, folder)
 

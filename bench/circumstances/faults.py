@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
     from bench.candidate import Losses
     from bench.outcomes.results import FoldResult
+    from bench.reports.part import Section
     from bench.result import Result
     from bench.source import Code
     from bench.table import Table
     from bench.work.fitted import Fitted
-    from reports.part import Section
 
 ALL = "all"
 
@@ -217,21 +217,21 @@ class Faults(Circumstance):
     @classmethod
     def write(cls, results: Sequence[Result], folder: Path) -> list[str]:
         """Write tables, figures and ``stability.md`` for the results of each context."""
-        from reports.stability_tables import write_all
+        from bench.reports.stability_tables import write_all
 
         return write_all(results, folder)
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
         """The loss under each fault, and where each system fails first."""
-        from reports.fault_curves import fault_section
+        from bench.reports.fault_curves import fault_section
 
         return fault_section(results, folder, _failing)
 
     @classmethod
     def brief(cls, results: Sequence[Result]) -> tuple[str, str] | None:
         """The most robust system."""
-        from reports.fault_curves import robust
+        from bench.reports.fault_curves import robust
 
         return robust(results)
 

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from bench.candidate import Candidate, Wish
     from bench.outcomes.results import FoldResult
     from bench.plan.plan import Plan
+    from bench.reports.part import Section
     from bench.result import Result
     from bench.source import Code
     from bench.work.fitted import Fitted
     from bench.work.replay import Replay
-    from reports.part import Section
 
 EACH = "each"
 SHOWN_MS = (250, 500, 1000, 2000)  # what is told of the curve
@@ -230,7 +230,7 @@ class Instants(Circumstance):
     @classmethod
     def write(cls, results: Sequence[Result], folder: Path) -> list[str]:
         """Write the curves and their figure."""
-        from reports.streaming import write_streaming
+        from bench.reports.streaming import write_streaming
 
         paths = write_streaming(results, folder, cls.alike)
         return [f"figure and tables: {', '.join(map(str, paths))}"] if paths else []
@@ -243,28 +243,28 @@ class Instants(Circumstance):
     @classmethod
     def figure(cls, result: Result, folder: Path) -> None:
         """Draw accuracy against touch seen."""
-        from reports.streaming import figure
+        from bench.reports.streaming import figure
 
         figure([result], folder, cls.alike)
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
         """Accuracy against touch seen, and the result of stopping at the learned threshold."""
-        from reports.streaming import stream_section
+        from bench.reports.streaming import stream_section
 
         return stream_section(results, folder, cls.alike, cls.seen)
 
     @classmethod
     def brief(cls, results: Sequence[Result]) -> tuple[str, str] | None:
         """The best system with early decisions."""
-        from reports.streaming import early
+        from bench.reports.streaming import early
 
         return early(results, cls.alike)
 
     @classmethod
     def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """Both curves of all systems."""
-        from reports.streaming import sheets
+        from bench.reports.streaming import sheets
 
         return sheets(results) if results else {}
 

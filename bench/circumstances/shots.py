@@ -15,8 +15,8 @@ from bench.circumstances.base import Circumstance
 if TYPE_CHECKING:
     import pandas as pd
 
+    from bench.reports.part import Section
     from bench.result import Result
-    from reports.part import Section
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,14 @@ class Shots(Circumstance):
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
         """A figure and a table for each set of comparable runs."""
-        from reports.new_person import new_person_section
+        from bench.reports.new_person import new_person_section
 
         return new_person_section(results, folder)
 
     @classmethod
     def brief(cls, results: Sequence[Result]) -> tuple[str, str] | None:
         """What shots gain."""
-        from reports.new_person import gained
+        from bench.reports.new_person import gained
 
         return gained(results)
 

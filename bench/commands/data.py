@@ -108,7 +108,7 @@ def show(name: str, values: dict[str, str]) -> int:
 
 def same_wrong(corpus: Corpus) -> None:
     """Print which captures get the same wrong label from all systems, if there is a store with enough runs of them."""
-    from reports.run_groups import largest_groups
+    from bench.reports.run_groups import largest_groups
 
     store = connect() if exists() else None
     try:
@@ -166,8 +166,8 @@ def looked(
     Raises:
         InputError: the corpus is not here, something in the values cannot be used, or the folder cannot be written.
     """
-    from reports.corpus_page import place
-    from reports.corpus_page import write as draw
+    from bench.reports.corpus_page import place
+    from bench.reports.corpus_page import write as draw
 
     number = None if capture is None else convert("capture", capture, 0)
     corpus = captures_of(name, one_variant(name, parameters), where, target)

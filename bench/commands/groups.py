@@ -63,7 +63,7 @@ def groups(arguments: list[str]) -> int:
     for index in dict.fromkeys(i for i in reached.values() if i):  # 0 is every gesture alone
         row = found[index]
         say("", f"# {row['groups']} groups: {ACCURACY.of(row)} %", reactions(row["grouping"]))
-    from reports.dendrogram import draw  # loads all plotting
+    from bench.reports.dendrogram import draw  # loads all plotting
 
     with unwritable(out):
         write_sheet(table.assign(grouping=table["grouping"].map(_words)), out / "groups.csv")

@@ -20,10 +20,10 @@ from bench.outcomes.runs import every_result
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.progress import warn
+from bench.reports.leaderboard import NOT_VERIFIED, board, note, over_corpora, reference
+from bench.reports.provenance import command as command_of
 from bench.scratch import made_whole, new_folder, replacing
 from bench.source import git_revision, versions
-from reports.leaderboard import NOT_VERIFIED, board, note, over_corpora, reference
-from reports.provenance import command as command_of
 
 NEEDED = {"task": "a frozen task", "who": 'the author of the result, such as who="A. Name, Lab"', "out": "a new folder"}
 FOLDER = Path("submissions")

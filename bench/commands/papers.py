@@ -10,7 +10,7 @@ from bench.arguments import quoted
 from bench.commands.printing import then
 from bench.errors import InputError
 from bench.registry import names
-from reports.comparison import published
+from bench.reports.comparison import published
 
 Published = Any  # a row of published.csv, with an attribute per column
 UNREAD = {"abstract-only", "unknown", "not-a-target"}

@@ -48,10 +48,10 @@ def report(arguments: list[str]) -> int:
     values = parse(arguments, keys("report"))
     limits = {cost.key: cost.typed(values[key]) for key, cost in budgets().items() if key in values}
     asked = asked_of(values)
-    from reports.paper import columns_of
+    from bench.reports.paper import columns_of
 
     paper = columns_of(values.get("paper", "accuracy"))
-    from reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
+    from bench.reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
     out = Path(values.get("out", "report"))
     paths = write_report(connect(), out, limits, str(values.get("against", "")), asked, paper)

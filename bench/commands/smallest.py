@@ -15,7 +15,7 @@ from bench.registry import parameters
 from bench.result import Result
 
 if TYPE_CHECKING:
-    from models.search.space import How, Tuning
+    from bench.models.search.space import How, Tuning
 
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where no values are typed
 

@@ -11,14 +11,14 @@ from bench.arguments import Values, backend_of, items, number, parse
 from bench.commands.kind import evaluated, printed
 from bench.commands.smallest import smallest
 from bench.errors import InputError, nearest
+from bench.models.recipe import besides
 from bench.options import keys
 from bench.plan.cells import Cell, cells
 from bench.registry import parameters
 from bench.result import Result
-from models.recipe import besides
 
 if TYPE_CHECKING:
-    from models.search.space import How, Space, Tuning
+    from bench.models.search.space import How, Space, Tuning
 
 OPTIONS: How = {"trials": 50, "inner": "3"}
 

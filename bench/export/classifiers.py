@@ -14,15 +14,15 @@ from sklearn.pipeline import Pipeline
 from sklearn.tree import DecisionTreeClassifier
 
 from bench.errors import InputError
-from models.classic.bayes import GaussianBayes
-from models.classic.lda import Discriminants
-from models.classic.scaling import RangeScaler, ZScaler
-from models.classic.svm import RankedSVC
-from models.classic.tree import PrunedTree
-from models.classic.xgb import BoostedTrees
-from models.out_of_distribution import UNUSUAL, Guarded
-from models.person import PersonScaler
-from models.quantised import lower, rounded
+from bench.models.classic.bayes import GaussianBayes
+from bench.models.classic.lda import Discriminants
+from bench.models.classic.scaling import RangeScaler, ZScaler
+from bench.models.classic.svm import RankedSVC
+from bench.models.classic.tree import PrunedTree
+from bench.models.classic.xgb import BoostedTrees
+from bench.models.out_of_distribution import UNUSUAL, Guarded
+from bench.models.person import PersonScaler
+from bench.models.quantised import lower, rounded
 
 SINGLE = np.float32
 ROUNDING = 1e-6

@@ -10,8 +10,8 @@ import torch
 from bench.contract import System
 from bench.errors import InputError
 from bench.export.classifiers import HAVE, SINGLE, Decider
-from models.nets.hughes2017 import Hughes2017CNN
-from models.quantised import rounded
+from bench.models.nets.hughes2017 import Hughes2017CNN
+from bench.models.quantised import rounded
 
 
 def check(system: System) -> None:

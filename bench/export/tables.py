@@ -12,12 +12,12 @@ from bench import contract
 from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from bench.export.classifiers import HAVE, Decider, decider, detector, has_c, number
+from bench.features.jung28 import Jung28
+from bench.features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
+from bench.models.recipe import Recipe
+from bench.models.reflex import Reflex
 from bench.work.detector import BEGIN, END, REFUSED, UNUSUAL, WEIGHT
 from bench.work.watcher import OFF, ON, Watcher
-from features.jung28 import Jung28
-from features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
-from models.recipe import Recipe
-from models.reflex import Reflex
 
 if TYPE_CHECKING:
     from bench.work.replay import Stopping

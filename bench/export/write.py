@@ -12,7 +12,7 @@ import numpy as np
 from bench.corpora.steps import PASSES
 from bench.export.classifiers import number
 from bench.export.tables import Chip, chip_of
-from features import touch
+from bench.features import touch
 
 if TYPE_CHECKING:
     from bench.work.saved import Recogniser

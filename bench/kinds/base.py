@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from bench.candidate import Candidate, Wish
     from bench.plan.cells import Cell
-    from reports.part import Section
+    from bench.reports.part import Section
 
 CONSUMERS = frozenset(
     {

@@ -217,7 +217,7 @@ class Captures(Kind):
 
     def figure(self, result: Result, folder: Path) -> None:
         """Draw confusions, and what each circumstance draws."""
-        from reports.details import draw
+        from bench.reports.details import draw
 
         draw(result, folder)
         for c in (c for c in self.circumstances if c.holds(result)):

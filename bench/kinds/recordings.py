@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from bench.outcomes.results import FoldResult
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
+    from bench.reports.part import Section
     from bench.table import Table
-    from reports.part import Section
 
 
 @dataclass(frozen=True)
@@ -165,14 +165,14 @@ class Continuous(Kind):
 
     def figure(self, result: Result, folder: Path) -> None:
         """Draw the timeline and missed touches against false alarms."""
-        from reports.watching import draw
+        from bench.reports.watching import draw
 
         draw(result, folder, self.alike)
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
         """A figure for each group of comparable runs, and a sentence on each system."""
-        from reports.watching import watch_section
+        from bench.reports.watching import watch_section
 
         return watch_section(results, folder, cls.alike)
 

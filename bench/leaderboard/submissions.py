@@ -55,7 +55,7 @@ _WORD = f"[A-Za-z0-9{re.escape(PUNCTUATION)}]+"
 NAME = re.compile(rf"(?=.*[A-Za-z0-9]){_WORD}(?: {_WORD})*")
 DOT = " · "  # between model and features in the name of a system
 RESERVED = "touchbench"  # in the name of a team: of the results that come with touchbench
-REFERENCE = Path(str(files("reports"))) / "reference"  # folder of these results
+REFERENCE = Path(str(files("bench.reports"))) / "reference"  # folder of these results
 FRAME = re.compile("[0-9]{1,9}")
 EVENT_PARTS = ("touches_found", "first_correct", "false_alarms_per_hour", "latency_s_p50")
 SUM = 0.02  # that probabilities, which may be rounded, may differ from 1

@@ -270,5 +270,5 @@ def faults() -> dict[tuple[str, str], str]:
 @lru_cache(maxsize=4)
 def _table(name: str) -> pd.DataFrame:
     """A table of ``reports/reference``, all text."""
-    with (files("reports") / "reference" / name).open(encoding="utf-8") as f:
+    with (files("bench.reports") / "reference" / name).open(encoding="utf-8") as f:
         return pd.read_csv(f, dtype=str, keep_default_na=False)

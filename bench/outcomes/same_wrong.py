@@ -71,7 +71,7 @@ def agreements(groups: Mapping[str, Sequence[Result]]) -> list[Agreement]:
     count.
 
     Args:
-        groups: results by group, for example from `reports.run_groups.largest_groups`.
+        groups: results by group, for example from `bench.reports.run_groups.largest_groups`.
     """
     found: dict[str, Agreement] = {}
     for group, results in groups.items():

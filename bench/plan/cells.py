@@ -20,13 +20,13 @@ from bench.arguments import PARTS, Values, items
 from bench.corpora import faults
 from bench.corpora.synth import generate
 from bench.errors import InputError, nearest
+from bench.models import recipe
 from bench.registry import load, names, parameters, required
 from bench.source import source_digest, versions
-from models import recipe
 
 if TYPE_CHECKING:
+    from bench.models.search.space import Tuning
     from bench.plan.splits import Splitter
-    from models.search.space import Tuning
 
 DEFAULTS = {"data": "synth", "protocol": "loso", "model": "svm", "seed": "0", "where": "", "target": "gesture"}
 DEFAULT_FEATURES = "jung54"
@@ -184,7 +184,7 @@ class Cell:
         """A new untrained scikit-learn classifier."""
         features = self.features.make() if self.features else None
         if self.tuning:
-            from models.search.tuning import tuned
+            from bench.models.search.tuning import tuned
 
             sets = {self.features.short: features} if self.features else None
             return tuned(self.model.short, self.model.factory, sets, str(self.features), self.tuning)
@@ -206,7 +206,7 @@ class Cell:
         """Identity of its results, besides the captures: selection, parts with parameters and code, versions."""
         search = []
         if self.tuning:
-            from models.search.tuning import machinery
+            from bench.models.search.tuning import machinery
 
             beyond = set(self.tuning["space"]) - set(parameters(self.model.factory))
             search = [source_digest(*machinery(self.tuning), *([recipe.Recipe] if beyond else []))]

@@ -140,7 +140,7 @@ def facts(cells: Sequence[Cell]) -> dict[str, str]:
     from bench.source import versions
 
     code = hashlib.sha256()
-    for package in ("bench", "features", "models", "protocols"):
+    for package in ("bench", "bench.features", "bench.models", "bench.protocols"):
         for path in sorted(place_of(package).rglob("*.py")):
             code.update(path.relative_to(place_of(package)).as_posix().encode() + path.read_bytes())
     values = versions() | {"touchbench's code": code.hexdigest()[:12]}

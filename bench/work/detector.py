@@ -15,10 +15,10 @@ from scipy.special import logsumexp
 from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.steps import Step, Windows
-from features.base import labels as row_labels
-from features.touch import TouchFeatures
-from models.classic.lda import Discriminants
-from models.recipe import Recipe
+from bench.features.base import labels as row_labels
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import Discriminants
+from bench.models.recipe import Recipe
 
 BACKGROUND = ""  # class of background
 BROKEN = " "  # first letter of the class of each kind of broken sensor; sorts before all gestures
@@ -92,7 +92,7 @@ def behind(system: contract.System) -> tuple[list[Step], contract.System]:
 
 @dataclass(eq=False)
 class Detector:
-    """Linear discriminants on `features.touch` that tell touch from background, whatever the gesture.
+    """Linear discriminants on `bench.features.touch` that tell touch from background, whatever the gesture.
 
     Background from broken sensors (`bench.work.broken`) has one class for each kind. A window is refused, and is no
     touch, if more of its features lie far from training than in any real training window, or if no taxel changes in it:

@@ -111,7 +111,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: bool 
 
     import mlflow
 
-    from bench.work.saved import Recogniser, by_value, quiet
+    from bench.work.saved import Recogniser, by_value, own_code, quiet
 
     recogniser = Recogniser(estimator, corpus, learned_stopping, watcher)
     plugins = [part.name for part in (cell.model, cell.features) if part]
@@ -126,7 +126,8 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: bool 
         machine = this_machine()._asdict()
         store.log(run_id, metrics, params_of(cell, corpus, threads) | machine | {"captures": len(corpus)})
         log_captures(store, run_id, cell, corpus, "training")
-        with quiet(), reached(), mlflow.start_run(run_id=run_id):
+        with own_code() as code, quiet(), reached(), mlflow.start_run(run_id=run_id):
+            model["code_paths"] = [code]
             saved = mlflow.pyfunc.log_model(name="model", **model)
             if out is not None:  # last, so that what is killed before can be repeated: the folder is not there yet
                 with made_whole(out) as beside:
@@ -172,7 +173,7 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
     """
     import mlflow
 
-    from bench.work.saved import by_value, quiet
+    from bench.work.saved import by_value, own_code, quiet
 
     if recogniser.adapted:
         raise InputError(f"{model} is adapted already; adapt the original model to all captures of the person at once")
@@ -190,10 +191,11 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
         personal.watcher = replace(recogniser.watcher, system=personal.estimator)
     seconds = time.perf_counter() - began
     by_value()
-    with quiet():
+    with own_code() as code, quiet():
         needed = Path(mlflow.pyfunc.get_model_dependencies(model)).read_text(encoding="utf-8").splitlines()
         packages = [line for line in needed if line.strip()]
-        model_arguments = personal.model([], corpus[0][:EXAMPLE_FRAMES]) | {"pip_requirements": packages}
+        arguments = personal.model([], corpus[0][:EXAMPLE_FRAMES])
+        arguments |= {"pip_requirements": packages, "code_paths": [code]}
         with made_whole(out) as beside:
-            mlflow.pyfunc.save_model(str(beside), **model_arguments)
+            mlflow.pyfunc.save_model(str(beside), **arguments)
     return seconds

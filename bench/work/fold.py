@@ -16,8 +16,8 @@ from threadpoolctl import threadpool_limits
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.errors import PredictionError
+from bench.models.sizes import sizes
 from bench.timing import Times, timed, timed_once
-from models.sizes import sizes
 
 ALONE = 32  # test captures of a fold that are predicted alone, too
 SOME = 8  # the same of captures that are damaged, or of which the beginning is seen

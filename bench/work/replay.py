@@ -22,12 +22,12 @@ from sklearn.linear_model import Ridge
 from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError
+from bench.models.search.inner_folds import inner_folds
 from bench.outcomes.results import FoldResult
 from bench.outcomes.scores import PREFIX, classes_of, windows
 from bench.outcomes.stopping import learn_stopping
 from bench.timing import Times, timed
 from bench.work.fold import SOME, TIMED_CAPTURES, batch_effects, computing, decisions
-from models.search.inner_folds import inner_folds
 
 if TYPE_CHECKING:
     from bench.work.fitted import Fitted

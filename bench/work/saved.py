@@ -8,7 +8,9 @@ from __future__ import annotations
 import importlib
 import logging
 import re
+import shutil
 import sys
+import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -31,7 +33,7 @@ from bench.corpora.read.table import from_frame
 from bench.errors import InputError
 from bench.outcomes.scores import PREFIX, classes_of, most_probable
 from bench.outcomes.store import store_uri
-from bench.registry import FILE_MODULE, place_of
+from bench.registry import FILE_MODULE, lies_beside, place_of
 from bench.work.fold import decisions
 
 if TYPE_CHECKING:
@@ -41,9 +43,9 @@ if TYPE_CHECKING:
     from bench.work.replay import Stopping
     from bench.work.watcher import Watcher
 
-FORMAT = "1"  # version of saved models; others are refused
+FORMAT = "2"  # version of saved models; others are refused
 
-PACKAGES = ("bench", "features", "models", "protocols")  # whose code goes with a model
+PACKAGES = ("features", "models", "protocols")  # of the code that goes with a model, and that of bench itself
 
 
 class Recogniser(PythonModel):
@@ -179,7 +181,7 @@ class Recogniser(PythonModel):
         return ModelSignature(Schema(inputs), Schema(outputs), rate)
 
     def model(self, plugins: list[str], frames: np.ndarray, packages: tuple[str, ...] = ()) -> dict[str, Any]:
-        """Arguments for MLflow's ``log_model`` and ``save_model``.
+        """Arguments for MLflow's ``log_model`` and ``save_model``, besides the code (`own_code`).
 
         Args:
             plugins: names of parts whose packages the model needs.
@@ -192,12 +194,23 @@ class Recogniser(PythonModel):
         sensor = {"grid": list(self.grid), "rate_hz": self.rate_hz, "full_scale": self.full_scale}
         return {
             "python_model": self,
-            "code_paths": [str(place_of(package)) for package in PACKAGES],
             "pip_requirements": requirements(plugins, packages),
             "signature": self.signature(),
             "input_example": example,
             "metadata": sensor | {"classes": self.classes, "synthetic": self.synthetic},
         }
+
+
+@contextmanager
+def own_code() -> Iterator[str]:
+    """The package ``bench`` as an installation has it, in a temporary folder: what MLflow stores as ``code_paths``."""
+    left_out = shutil.ignore_patterns("__pycache__", "reports")
+    with tempfile.TemporaryDirectory(prefix="touchbench-code-") as folder:
+        own = Path(folder) / "bench"
+        shutil.copytree(place_of("bench"), own, ignore=left_out)
+        for package in PACKAGES:
+            shutil.copytree(place_of(f"bench.{package}"), own / package, ignore=left_out, dirs_exist_ok=True)
+        yield str(own)
 
 
 def requirements(plugins: list[str], packages: tuple[str, ...] = ()) -> list[str]:
@@ -217,11 +230,13 @@ def requirements(plugins: list[str], packages: tuple[str, ...] = ()) -> list[str
 
 
 def by_value() -> None:
-    """Save parts from a user's file inside the model: other programs cannot import them."""
+    """Save the code of a user's file, and of what it imports from beside it, inside the model; others lack it."""
     import cloudpickle
 
-    for name, module in list(sys.modules.items()):
-        if name.startswith(FILE_MODULE):
+    modules = {name: module for name, module in sys.modules.items() if getattr(module, "__file__", None)}
+    folders = {Path(m.__file__ or "").parent for name, m in modules.items() if name.startswith(FILE_MODULE)}
+    for name, module in modules.items():
+        if lies_beside(module.__file__, folders) and name.split(".")[0] not in ("bench", "__main__"):
             cloudpickle.register_pickle_by_value(module)
 
 
@@ -241,7 +256,7 @@ def load(model: str) -> Recogniser:
     else:
         model = str(Path(model))
     for package in PACKAGES:  # touchbench as it is here, whatever code goes with the model
-        importlib.import_module(package)
+        importlib.import_module(f"bench.{package}")
     path = list(sys.path)
     try:
         with quiet():

@@ -14,6 +14,7 @@ from bench.comparable import several
 from bench.corpora.composer import check_background, composed, is_recorded, pieces, recorded
 from bench.corpora.recordings import GAP, Recordings
 from bench.errors import InputError
+from bench.features.touch import TouchFeatures
 from bench.outcomes.events import REPORT, last_confidence, matched, over_people, per_subject, summary, unknown_scores
 from bench.outcomes.results import FoldResult, costs, table_of
 from bench.timing import Times, timed
@@ -32,7 +33,6 @@ from bench.work.fold import (
 )
 from bench.work.watcher import UNKNOWN
 from bench.work.watcher_training import bias_table, learn_reject, learned
-from features.touch import TouchFeatures
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus

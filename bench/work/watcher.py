@@ -18,9 +18,9 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import SETTLED_S
+from bench.models.recipe import taken
 from bench.outcomes.events import report_table
 from bench.work.detector import Clock, Detector, behind, cut, seen_windows, touched, updated, windows_of
-from models.recipe import taken
 
 ON, OFF = float(np.float32(0.95)), float(np.float32(0.1))  # as single precision has them
 UNKNOWN = "unknown"  # label of a gesture that is rejected

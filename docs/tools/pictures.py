@@ -24,9 +24,9 @@ from bench.outcomes import statistics  # noqa: E402
 from bench.outcomes.runs import by_subject, every_result, grouped, stored  # noqa: E402
 from bench.outcomes.store import connect  # noqa: E402
 from bench.registry import load  # noqa: E402
+from bench.reports import candidates, figures, speed  # noqa: E402
+from bench.reports.comparison import published  # noqa: E402
 from bench.result import Result  # noqa: E402
-from reports import candidates, figures, speed  # noqa: E402
-from reports.comparison import published  # noqa: E402
 
 SMALL = {"data__subjects": 6, "data__variants": ("normal",), "data__repetitions": 2}
 BLUE, RED, GREY = "#1f77b4", "#c23b22", "0.75"

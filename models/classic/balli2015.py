@@ -2,8 +2,8 @@
 
 from sklearn.pipeline import Pipeline
 
-from features.balli import Balli
-from models.classic.rf import rf
+from bench.features.balli import Balli
+from bench.models.classic.rf import rf
 
 
 def balli2015_rf(selected: int = 42, seed: int = 0) -> Pipeline:

@@ -11,8 +11,8 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from models.classic.scaling import ZScaler
-from models.search.space import Range
+from bench.models.classic.scaling import ZScaler
+from bench.models.search.space import Range
 
 
 @dataclass(eq=False, repr=False)

@@ -2,9 +2,9 @@
 
 from sklearn.pipeline import Pipeline
 
-from features.gaus import Gaus
-from models.classic.boost import boost
-from models.classic.rf import rf
+from bench.features.gaus import Gaus
+from bench.models.classic.boost import boost
+from bench.models.classic.rf import rf
 
 
 def gaus2015_rf(seed: int = 0) -> Pipeline:

@@ -2,8 +2,8 @@
 
 from sklearn.pipeline import Pipeline
 
-from features.hughes36 import Hughes36
-from models.classic.softmax import softmax
+from bench.features.hughes36 import Hughes36
+from bench.models.classic.softmax import softmax
 
 
 def hughes2015_softmax(seed: int = 0) -> Pipeline:

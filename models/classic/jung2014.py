@@ -2,14 +2,14 @@
 
 from sklearn.pipeline import Pipeline
 
-from features.jung28 import Jung28
-from models.classic.bayes import bayes
-from models.classic.svm import PENALTIES, svm
-from models.search.tuning import Search
+from bench.features.jung28 import Jung28
+from bench.models.classic.bayes import bayes
+from bench.models.classic.svm import PENALTIES, svm
+from bench.models.search.tuning import Search
 
 
 def jung2014_bayes(ridge: float = 1e-2) -> Pipeline:
-    """Gaussian Bayes with full covariances; the ridge is ours (see `models.classic.bayes.bayes`).
+    """Gaussian Bayes with full covariances; the ridge is ours (see `bench.models.classic.bayes.bayes`).
 
     Args:
         ridge: number added to the diagonal of every class covariance. Default: that of bayes.

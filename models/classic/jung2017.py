@@ -7,18 +7,18 @@ which is ``inner=loso`` here; three groups of subjects choose as well in a fract
 
 from sklearn.pipeline import Pipeline
 
-from features.jung54 import Jung54
-from models.classic.bayes import bayes
-from models.classic.mlp import mlp
-from models.classic.svm import PENALTIES, svm
-from models.classic.tree import tree
-from models.search.tuning import Search
+from bench.features.jung54 import Jung54
+from bench.models.classic.bayes import bayes
+from bench.models.classic.mlp import mlp
+from bench.models.classic.svm import PENALTIES, svm
+from bench.models.classic.tree import tree
+from bench.models.search.tuning import Search
 
 WIDTHS = [2.0**k for k in range(-15, 4, 2)]
 
 
 def jung2017_bayes(ridge: float = 1e-2) -> Pipeline:
-    """Gaussian Bayes with full covariances; the ridge is ours (see `models.classic.bayes.bayes`).
+    """Gaussian Bayes with full covariances; the ridge is ours (see `bench.models.classic.bayes.bayes`).
 
     Args:
         ridge: number added to the diagonal of every class covariance. Default: that of bayes.

@@ -12,10 +12,10 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from features.base import constant
-from models.feature_rows import captures_of, undamaged
-from models.person import WEIGHT, codes_of, share
-from models.search.space import Range
+from bench.features.base import constant
+from bench.models.feature_rows import captures_of, undamaged
+from bench.models.person import WEIGHT, codes_of, share
+from bench.models.search.space import Range
 
 
 @dataclass(frozen=True)
@@ -96,10 +96,10 @@ class Discriminants(ClassifierMixin, BaseEstimator):
     def adapt(self, X: pd.DataFrame | np.ndarray, y: np.ndarray | None, weight: float = float(WEIGHT)) -> Discriminants:
         """The same for one person: features measured from their own mean, and with labels their captures learnt too.
 
-        The mean of the person's rows takes the place of that of training, as far as `models.person.share` goes; where
-        captures with labels are not of all classes alike, rows are measured from their classes for that. Rows with
-        labels then join those of training with a weight, in closed form: the statistics that were learnt are all that
-        is needed.
+        The mean of the person's rows takes the place of that of training, as far as `bench.models.person.share` goes;
+        where captures with labels are not of all classes alike, rows are measured from their classes for that. Rows
+        with labels then join those of training with a weight, in closed form: the statistics that were learnt are all
+        that is needed.
 
         Args:
             X: features [rows, n_features] of some captures of the person.

@@ -12,8 +12,8 @@ from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from models.classic.scaling import RangeScaler, ZScaler
-from models.most_probable import MostProbable
+from bench.models.classic.scaling import RangeScaler, ZScaler
+from bench.models.most_probable import MostProbable
 
 BATCH = 32
 

@@ -12,11 +12,11 @@ from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from features.base import constant
-from models.feature_rows import captures_of, undamaged
-from models.most_probable import MostProbable
-from models.person import codes_of, relearnt
-from models.search.space import Range
+from bench.features.base import constant
+from bench.models.feature_rows import captures_of, undamaged
+from bench.models.most_probable import MostProbable
+from bench.models.person import codes_of, relearnt
+from bench.models.search.space import Range
 
 BATCH = 256
 RATE = 2e-3  # at its highest, a third of the way (one cycle, Smith and Topin 2019)
@@ -109,7 +109,7 @@ class Perceptron(MostProbable):
         return np.maximum(hidden, 0)
 
     def adapt(self, X: pd.DataFrame | np.ndarray, y: np.ndarray | None) -> Perceptron:
-        """The same for one person, whose captures the last layer learns (`models.person.relearnt`).
+        """The same for one person, whose captures the last layer learns (`bench.models.person.relearnt`).
 
         Args:
             X: features [rows, n_features] of some captures of the person.

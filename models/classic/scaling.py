@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
-from features.base import constant
+from bench.features.base import constant
 
 
 class RangeScaler(MinMaxScaler):

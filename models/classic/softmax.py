@@ -5,8 +5,8 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from models.classic.scaling import ZScaler
-from models.search.space import Range
+from bench.models.classic.scaling import ZScaler
+from bench.models.search.space import Range
 
 
 def softmax(features: TransformerMixin, C: float = 1.0) -> Pipeline:

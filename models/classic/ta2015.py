@@ -6,10 +6,10 @@ published.
 
 from sklearn.pipeline import Pipeline
 
-from features.ta273 import Ta273
-from models.classic.rf import rf
-from models.classic.svm import svm
-from models.search.tuning import Search
+from bench.features.ta273 import Ta273
+from bench.models.classic.rf import rf
+from bench.models.classic.svm import svm
+from bench.models.search.tuning import Search
 
 
 def ta2015_svm(inner: str = "3") -> Search:

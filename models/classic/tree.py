@@ -11,7 +11,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.tree import DecisionTreeClassifier
 
 from bench.errors import InputError
-from models.most_probable import MostProbable
+from bench.models.most_probable import MostProbable
 
 
 @dataclass(eq=False, repr=False)

@@ -2,8 +2,8 @@
 
 from sklearn.pipeline import Pipeline
 
-from features.wingerden45 import Wingerden45
-from models.classic.mlp import mlp
+from bench.features.wingerden45 import Wingerden45
+from bench.models.classic.mlp import mlp
 
 
 def wingerden2014_mlp(seed: int = 0) -> Pipeline:

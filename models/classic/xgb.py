@@ -10,8 +10,8 @@ from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from models.most_probable import MostProbable
-from models.search.space import Range
+from bench.models.most_probable import MostProbable
+from bench.models.search.space import Range
 
 
 @dataclass(eq=False, repr=False)

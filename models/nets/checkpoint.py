@@ -18,8 +18,8 @@ import torch
 from sklearn.base import BaseEstimator
 
 from bench.corpora.corpus import Corpus
+from bench.models.search.identity import identity, study_name
 from bench.scratch import home, replacing
-from models.search.identity import identity, study_name
 
 OFTEN_S = 1.0
 LONG_S = 60.0  # what trains in less is trained again

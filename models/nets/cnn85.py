@@ -8,9 +8,9 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from models.nets.taxel_major import taxel_major
-from models.nets.training import Optimiser, Samples, Step, Windows
-from models.nets.window import FrameNet
+from bench.models.nets.taxel_major import taxel_major
+from bench.models.nets.training import Optimiser, Samples, Step, Windows
+from bench.models.nets.window import FrameNet
 
 RATES = {
     "paper": (1.0, 0.5, 0.1, 0.05, 0.001),

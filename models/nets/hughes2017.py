@@ -15,10 +15,10 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from models.nets.time_blocks import TimeConv3d, pooled
-from models.nets.training import Forward, Optimiser, Samples, Sequences, Windows, moved
-from models.nets.window import WindowNet
-from models.quantised import BITS, back
+from bench.models.nets.time_blocks import TimeConv3d, pooled
+from bench.models.nets.training import Forward, Optimiser, Samples, Sequences, Windows, moved
+from bench.models.nets.window import WindowNet
+from bench.models.quantised import BITS, back
 
 # By corpus: rate in Hz, frames and hop of a window, then filters and kernel (frames, rows, columns) of both layers.
 COST = (135.0, 45, 15, (30, (20, 2, 2)), (10, (5, 2, 2)))

@@ -9,14 +9,14 @@ import numpy as np
 import torch
 from torch import nn
 
-from models.nets.training import Samples, moved
-from models.person import relearnt as of_layer
+from bench.models.nets.training import Samples, moved
+from bench.models.person import relearnt as of_layer
 
 
 def relearnt(
     net: nn.Module, samples: Samples, target: np.ndarray, batch: int, forward: Callable[[nn.Module, object], object]
 ) -> nn.Module:
-    """A network whose last linear layer has learnt some captures of a person, too (`models.person.relearnt`).
+    """A network whose last linear layer has learnt some captures of a person, too (`bench.models.person.relearnt`).
 
     Args:
         net: fitted; it stays as it is.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from models.nets.window import FrameNet
+from bench.models.nets.window import FrameNet
 
 WIDTH = 512
 HEADS = 8

@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from models.nets.taxel_major import halved
+from bench.models.nets.taxel_major import halved
 
 BLOCK = 2  # output frames; more of them share input but multiply more zeros
 

@@ -8,9 +8,9 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from features.touch import OF_STEPS, SIGNALS, signals
-from models.nets.training import Optimiser
-from models.nets.window import WindowNet
+from bench.features.touch import OF_STEPS, SIGNALS, signals
+from bench.models.nets.training import Optimiser
+from bench.models.nets.window import WindowNet
 
 CLIP = 3.0  # SDs beyond which a signal says no more
 DROPPED = 0.3  # of what the last layer sees, while it learns
@@ -95,7 +95,7 @@ def _mounted(values: torch.Tensor) -> torch.Tensor:
 
 
 class TouchNet(WindowNet):
-    """Three convolutions over time of the 19 signals of `features.touch`; mean, largest value and SD decide.
+    """Three convolutions over time of the 19 signals of `bench.features.touch`; mean, largest value and SD decide.
 
     Signals are in SDs of the training frames, cut off at 3. Windows of a second, one every half second; shorter
     captures, and 0.4 to 1 s of training windows, are taken as they are, so that it decides early, too. Training

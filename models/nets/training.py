@@ -17,8 +17,8 @@ import torch
 from torch import nn
 
 from bench.corpora.corpus import Corpus, storage
+from bench.models.nets.checkpoint import Checkpoint
 from bench.progress import tell
-from models.nets.checkpoint import Checkpoint
 
 
 class Windows:

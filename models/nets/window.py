@@ -19,10 +19,9 @@ from torch import nn
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.memory import ensure
-from bench.registry import parameters
-from models.nets.checkpoint import checkpoint
-from models.nets.last_layer import relearnt
-from models.nets.training import (
+from bench.models.nets.checkpoint import checkpoint
+from bench.models.nets.last_layer import relearnt
+from bench.models.nets.training import (
     Optimiser,
     Samples,
     Schedule,
@@ -32,7 +31,8 @@ from models.nets.training import (
     probabilities,
     train,
 )
-from models.person import codes_of
+from bench.models.person import codes_of
+from bench.registry import parameters
 
 LONGEST_S = 3600.0  # of a window
 PRECISIONS = ("float32", "bfloat16")

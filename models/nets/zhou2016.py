@@ -13,7 +13,7 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from models.nets.window import FrameNet
+from bench.models.nets.window import FrameNet
 
 FILTERS = (16, 32, 64, 128)
 UNITS = 128

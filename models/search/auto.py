@@ -12,16 +12,16 @@ from bench import contract
 from bench.amounts import quantity
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from models.recipe import Recipe
-from models.search import portfolio
-from models.search.ensemble import Ensemble, logarithms, selected, tempered
-from models.search.identity import identity
-from models.search.inner_folds import by_subject, check_search, labelled_folds
-from models.search.space import Trial
-from models.search.study import Study, Tried, within
-from models.search.trial_scores import Inner
-from models.search.trials import COSTS, summary, table_of, together
-from models.temperature import fit_temperature
+from bench.models.recipe import Recipe
+from bench.models.search import portfolio
+from bench.models.search.ensemble import Ensemble, logarithms, selected, tempered
+from bench.models.search.identity import identity
+from bench.models.search.inner_folds import by_subject, check_search, labelled_folds
+from bench.models.search.space import Trial
+from bench.models.search.study import Study, Tried, within
+from bench.models.search.trial_scores import Inner
+from bench.models.search.trials import COSTS, summary, table_of, together
+from bench.models.temperature import fit_temperature
 
 LIMITS = {"flash": ("kB", 1e3), "ram": ("kB", 1e3), "predict": ("ms", 1.0)}  # unit, and its factor
 GROWTH = 4.0  # how much more work than the best one of its model a trial may be

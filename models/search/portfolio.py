@@ -1,8 +1,8 @@
-"""The search space of `models.search.auto`: systems and their ranges, first trials, and expected costs.
+"""The search space of `bench.models.search.auto`: systems and their ranges, first trials, and expected costs.
 
 A trial is a dict, as Optuna's are: ``model``, ``features``, what captures go through first (``window``, ``repair``,
-``faults``, ``scale`` of `models.recipe.Recipe`), the share of ``columns`` that an F-test keeps, and parameters of the
-model as ``svm.C``.
+``faults``, ``scale`` of `bench.models.recipe.Recipe`), the share of ``columns`` that an F-test keeps, and parameters of
+the model as ``svm.C``.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from sklearn.feature_selection import f_classif
 from sklearn.pipeline import Pipeline
 
 from bench import contract
+from bench.features.base import FeatureSet
+from bench.features.jung54 import Jung54
+from bench.features.touch import TouchFeatures
+from bench.models import recipe
+from bench.models.classic.lda import lda
+from bench.models.classic.perceptron import perceptron
+from bench.models.classic.rf import et, rf
+from bench.models.classic.softmax import softmax
+from bench.models.classic.svm import svm
+from bench.models.classic.xgb import xgb
+from bench.models.search.space import Range, Space, Trial
 from bench.registry import parameters
-from features.base import FeatureSet
-from features.jung54 import Jung54
-from features.touch import TouchFeatures
-from models import recipe
-from models.classic.lda import lda
-from models.classic.perceptron import perceptron
-from models.classic.rf import et, rf
-from models.classic.softmax import softmax
-from models.classic.svm import svm
-from models.classic.xgb import xgb
-from models.search.space import Range, Space, Trial
 
 MODELS = {"lda": lda, "svm": svm, "softmax": softmax, "et": et, "rf": rf, "xgb": xgb, "perceptron": perceptron}
 FEATURES: dict[str, FeatureSet] = {"touch": TouchFeatures(), "jung54": Jung54()}

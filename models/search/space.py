@@ -45,7 +45,7 @@ def suggested(draft: Draft, name: str, values: Range | Sequence) -> object:
 
 
 class How(TypedDict, total=False):
-    """Settings of a search: arguments of `models.search.tuning.Search`, and ``over``: `bench tune smallest=`."""
+    """Settings of a search: arguments of `bench.models.search.tuning.Search`, and ``over``: `bench tune smallest=`."""
 
     inner: str
     trials: int

@@ -17,10 +17,10 @@ import numpy as np
 from filelock import FileLock
 
 from bench.corpora.corpus import Corpus
+from bench.models.search.identity import study_name
+from bench.models.search.space import Range, Space, Trial, distribution, suggested
 from bench.progress import tell
 from bench.scratch import home
-from models.search.identity import study_name
-from models.search.space import Range, Space, Trial, distribution, suggested
 
 WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial is not followed further
 

@@ -14,13 +14,13 @@ from sklearn.pipeline import Pipeline
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import Step
-from features.base import FeatureSet
-from features.cache import after, is_kept
-from models import recipe
-from models.search import portfolio
-from models.search.inner_folds import TIMED, milliseconds_of
-from models.search.space import Trial
-from models.sizes import sizes
+from bench.features.base import FeatureSet
+from bench.features.cache import after, is_kept
+from bench.models import recipe
+from bench.models.search import portfolio
+from bench.models.search.inner_folds import TIMED, milliseconds_of
+from bench.models.search.space import Trial
+from bench.models.sizes import sizes
 
 PROBED = 4  # captures whose features are timed
 PROBED_FRAMES = 500  # of each, at most
@@ -104,7 +104,7 @@ class Inner:
         return len(cut) * (1 + prepared.copies * bool(prepared.faults))
 
     def work(self, trial: Trial, share: float = 1.0) -> float:
-        """Seconds that a fit to a share of the captures should take (`models.search.portfolio.work`)."""
+        """Seconds that a fit to a share of the captures should take (`bench.models.search.portfolio.work`)."""
         width = self.widths[str(trial["features"])]
         return LEAST_S + portfolio.work(trial, int(share * self.rows(trial)), width, len(self.classes))
 

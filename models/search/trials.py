@@ -1,14 +1,14 @@
-"""Trials of `models.search.auto` as tables and words."""
+"""Trials of `bench.models.search.auto` as tables and words."""
 
 from __future__ import annotations
 
 import numpy as np
 import pandas as pd
 
+from bench.models.search import portfolio
+from bench.models.search.space import Trial
+from bench.models.search.study import Tried
 from bench.pareto import front
-from models.search import portfolio
-from models.search.space import Trial
-from models.search.study import Tried
 
 COSTS = {"flash": "flash_bytes", "ram": "ram_bytes", "predict": "predict_ms"}
 

@@ -17,17 +17,17 @@ from sklearn.utils.validation import check_is_fitted
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.models.search.identity import identity
+from bench.models.search.inner_folds import Tables, by_subject, check_search, labelled_folds
+from bench.models.search.space import Range, Space, Trial
+from bench.models.search.study import Study, Tried
 from bench.paired import within_one_standard_error
 from bench.pareto import front
 from bench.registry import parameters
-from models.search.identity import identity
-from models.search.inner_folds import Tables, by_subject, check_search, labelled_folds
-from models.search.space import Range, Space, Trial
-from models.search.study import Study, Tried
 
 if TYPE_CHECKING:
+    from bench.models.search.space import Tuning
     from bench.source import Code
-    from models.search.space import Tuning
 
 COMBINATIONS = 1000  # at most so many are checked one by one before anything is run
 
@@ -236,14 +236,15 @@ class Search(ClassifierMixin, BaseEstimator):
         return tried
 
     def _prepares(self, trial: Trial) -> bool:
-        """Whether a trial's captures go through steps (`models.recipe.Recipe`) before its features are computed."""
-        from models.recipe import besides  # here, so that steps are no part of what a search without them depends on
+        """Whether a trial's captures go through steps (`bench.models.recipe`) before its features are computed."""
+        # Here, so that steps are no part of what a search without them depends on.
+        from bench.models.recipe import besides
 
         usual = besides(self.models[trial["model"]])
         return any(trial.get(f"{trial['model']}.{k}", v) not in (v, "") for k, v in usual.items())
 
     def _make(self, trial: Trial, features: object) -> ClassifierMixin:
-        from models.recipe import build
+        from bench.models.recipe import build
 
         factory = self.models[trial["model"]]
         values = {"seed": self.seed} if "seed" in parameters(factory) else {}
@@ -306,7 +307,7 @@ def tuned(
     if len(tuning["space"].get("person", [()])) > 1:
         raise InputError("model.person= cannot be tuned: nobody whom a search judges by is known; give one value")
     if tuning.get("over") == "features":
-        from features.selection import COUNTS, Subset
+        from bench.features.selection import COUNTS, Subset
 
         (all_columns,) = features.values()
         features = {f"{n} best of {shown}": Subset(clone(all_columns), n) for n in COUNTS} | features
@@ -316,6 +317,6 @@ def tuned(
 
 def machinery(tuning: Tuning) -> list[Code]:
     """Modules that such a search depends on besides its parts."""
-    import features.selection
+    import bench.features.selection
 
-    return [Search, *([features.selection] if tuning.get("over") == "features" else [])]
+    return [Search, *([bench.features.selection] if tuning.get("over") == "features" else [])]

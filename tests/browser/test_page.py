@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from bench.outcomes.store import connect
-from reports.page import write_report
+from bench.reports.page import write_report
 from tests.reports.store import made_up, stressed, tracked_run
 
 pytestmark = pytest.mark.live

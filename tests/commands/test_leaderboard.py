@@ -18,9 +18,9 @@ from bench.corpora.faults import SEVERITIES, all_faults
 from bench.errors import InputError
 from bench.leaderboard import answers, marks, rerun, submissions, tasks
 from bench.leaderboard.tasks import CAPTURE, CUDDLEBOT, HAART, LOSO, TASKS, Task
+from bench.protocols.personal import Personal
+from bench.reports.leaderboard import reference, scores_of
 from bench.source import git_revision
-from protocols.personal import Personal
-from reports.leaderboard import reference, scores_of
 from tests.conftest import random_corpus, runs
 from tests.reports.store import tracked_run
 from tests.reports.submitted import ABOUT, CHALLENGE, folder_of

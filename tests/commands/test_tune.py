@@ -12,11 +12,11 @@ from bench.commands import tune
 from bench.commands.papers import command
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
+from bench.features.jung28 import Jung28
 from bench.options import keys
 from bench.plan.cells import cells
 from bench.plan.plan import planned
-from features.jung28 import Jung28
-from reports.comparison import published
+from bench.reports.comparison import published
 from tests.conftest import predictions, runs
 from tests.work.test_loop import SMALL
 

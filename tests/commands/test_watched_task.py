@@ -12,7 +12,7 @@ from bench.errors import InputError
 from bench.leaderboard import answers, marks, rerun, submissions, tasks
 from bench.leaderboard.submissions import EVENT
 from bench.leaderboard.tasks import TASKS
-from reports.leaderboard import reference_of, scores_of
+from bench.reports.leaderboard import reference_of, scores_of
 from tests.reports.submitted import folder_of
 from tests.results import result
 

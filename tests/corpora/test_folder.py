@@ -222,7 +222,7 @@ import os, sys, numpy as np, pandas as pd
 from pathlib import Path
 from bench.corpora.folder import open_folder
 from bench.corpora.library import import_corpus, open_corpus
-from features.jung28 import Jung28
+from bench.features.jung28 import Jung28
 die = lambda *_, **__: os._exit(9)
 exec(sys.argv[1] + " = die")
 exec(sys.argv[2])

@@ -15,7 +15,7 @@ from bench.corpora.folder import content_digest
 from bench.corpora.read.cost import GESTURES
 from bench.corpora.synth import generate
 from bench.errors import InputError
-from features.jung54 import Jung54
+from bench.features.jung54 import Jung54
 
 # Jung et al. 2017, Table 4: mean and maximum pressure (g/cm2), contact area (feature 21), duration (ms) and its SD.
 TABLE4 = {

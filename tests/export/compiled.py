@@ -16,22 +16,22 @@ from bench.corpora.synth import generate
 from bench.errors import InputError
 from bench.export.tables import chip_of
 from bench.export.write import files_of
+from bench.features.jung28 import Jung28
+from bench.features.touch import TouchFeatures
+from bench.models.classic.bayes import bayes
+from bench.models.classic.lda import lda
+from bench.models.classic.perceptron import Perceptron
+from bench.models.classic.rf import et, rf
+from bench.models.classic.softmax import softmax
+from bench.models.classic.svm import svm
+from bench.models.classic.tree import tree
+from bench.models.classic.xgb import xgb
+from bench.models.nets.hughes2017 import Hughes2017CNN
+from bench.models.recipe import Recipe
+from bench.models.reflex import Reflex
+from bench.models.sizes import sizes
 from bench.work.replay import Replay, learned
 from bench.work.saved import Recogniser
-from features.jung28 import Jung28
-from features.touch import TouchFeatures
-from models.classic.bayes import bayes
-from models.classic.lda import lda
-from models.classic.perceptron import Perceptron
-from models.classic.rf import et, rf
-from models.classic.softmax import softmax
-from models.classic.svm import svm
-from models.classic.tree import tree
-from models.classic.xgb import xgb
-from models.nets.hughes2017 import Hughes2017CNN
-from models.recipe import Recipe
-from models.reflex import Reflex
-from models.sizes import sizes
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-O1")
 LIBRARY = """#include "touch.c"
@@ -188,7 +188,7 @@ class Library:
 def fitted(model, corpus, stopping=False):
     """A saved system, as `bench fit` makes one; the network inside reflex learns for a shorter time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("models.out_of_distribution.Perceptron", partial(Perceptron, updates=300))
+        patch.setattr("bench.models.out_of_distribution.Perceptron", partial(Perceptron, updates=300))
         taught = learned(lambda: model, corpus, np.arange(len(corpus)), Replay())[0] if stopping else None
         return Recogniser(model.fit(corpus, corpus.gestures), corpus, taught)
 

@@ -17,13 +17,13 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.export.classifiers import decider
 from bench.export.tables import check
+from bench.features.jung28 import Jung28
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import lda
+from bench.models.classic.rf import et, rf
+from bench.models.recipe import Recipe
+from bench.models.reflex import Reflex
 from bench.work.saved import quiet
-from features.jung28 import Jung28
-from features.touch import TouchFeatures
-from models.classic.lda import lda
-from models.classic.rf import et, rf
-from models.recipe import Recipe
-from models.reflex import Reflex
 from tests.export.compiled import (
     SYSTEMS,
     Library,

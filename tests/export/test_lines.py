@@ -9,9 +9,9 @@ import pytest
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.features.jung28 import Jung28
+from bench.models.classic.rf import rf
 from bench.work.live import frames_of
-from features.jung28 import Jung28
-from models.classic.rf import rf
 from tests.export.compiled import STRICT, fitted, lacking, written
 
 FRAME, BLANK, REFUSED = "frame", "blank", "refused"

@@ -13,10 +13,10 @@ from torch.nn import functional
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.export.tables import check, chip_of
-from models.nets.cnn85 import CNN85
-from models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, in_bits
-from models.quantised import rounded
-from models.recipe import Recipe
+from bench.models.nets.cnn85 import CNN85
+from bench.models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, in_bits
+from bench.models.quantised import rounded
+from bench.models.recipe import Recipe
 from tests.export.compiled import Library, fitted, lacking
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))

@@ -17,13 +17,13 @@ from bench.corpora import synth, synth_recordings
 from bench.corpora.composer import composed
 from bench.corpora.corpus import Corpus, storage
 from bench.export import measure
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import lda
+from bench.models.recipe import Recipe
+from bench.models.reflex import Reflex
 from bench.work import live
 from bench.work.watcher import UNKNOWN
 from bench.work.watcher_training import learned
-from features.touch import TouchFeatures
-from models.classic.lda import lda
-from models.recipe import Recipe
-from models.reflex import Reflex
 from studies import watch_in_c
 from tests.export.compiled import STRICT, fitted, lacking, written
 

@@ -8,7 +8,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.ndimage import label as components
 from scipy.spatial import ConvexHull
 
-from features.balli import NAMES, SIGNALS, STATISTICS, Balli
+from bench.features.balli import NAMES, SIGNALS, STATISTICS, Balli
 from tests.features.captures import GRIDS, LEVELS, corpus_of, near, ragged, row_of
 
 

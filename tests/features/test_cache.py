@@ -12,12 +12,12 @@ import pytest
 from bench import source
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
+from bench.features import cache
+from bench.features.cache import cache_key
+from bench.features.jung28 import Jung28
+from bench.features.jung54 import Jung54
+from bench.features.touch import TouchFeatures
 from bench.scratch import home
-from features import cache
-from features.cache import cache_key
-from features.jung28 import Jung28
-from features.jung54 import Jung54
-from features.touch import TouchFeatures
 from tests.conftest import random_corpus
 
 

@@ -9,16 +9,16 @@ from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
 from bench.errors import InputError
-from features import hughes36, signals, touch
-from features.balli import Balli
-from features.gaus import Gaus
-from features.hughes36 import Hughes36
-from features.jung28 import Jung28
-from features.jung54 import Jung54
-from features.selection import Subset
-from features.ta273 import Ta273
-from features.touch import TouchFeatures
-from features.wingerden45 import Wingerden45
+from bench.features import hughes36, signals, touch
+from bench.features.balli import Balli
+from bench.features.gaus import Gaus
+from bench.features.hughes36 import Hughes36
+from bench.features.jung28 import Jung28
+from bench.features.jung54 import Jung54
+from bench.features.selection import Subset
+from bench.features.ta273 import Ta273
+from bench.features.touch import TouchFeatures
+from bench.features.wingerden45 import Wingerden45
 from tests.conftest import random_corpus, with_other_values
 from tests.features.captures import GRIDS, corpus_of, row_of
 

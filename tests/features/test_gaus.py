@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from features.gaus import FAMILIES, Gaus
+from bench.features.gaus import FAMILIES, Gaus
 from tests.features.captures import GRIDS, LEVELS, corpus_of, ragged
 
 RATE = 100.0
@@ -154,7 +154,7 @@ def test_families_have_their_sizes_and_are_computed_alone(corpus, monkeypatch):
         assert alone.shape[1] == size and alone.equals(table.filter(regex=f"^{family}_"))
     names = {"sd_high_mean", "bmh_r1c1", "msd_r8c8_median", "smmhh_8x8_r1c1_run1", "smmhh_1x1_r1c1_run5"}
     assert names | {"lbptop_xy_00", "lbptop_yt_58"} <= set(table.columns)
-    monkeypatch.setattr("features.gaus._pyramid", lambda *_: pytest.fail("computed without need"))
+    monkeypatch.setattr("bench.features.gaus._pyramid", lambda *_: pytest.fail("computed without need"))
     some = Gaus(("lbptop", "sd")).transform(corpus)
     assert some.equals(table[[name for name in table if name.startswith(("sd_", "lbptop_"))]])
     assert some.equals(Gaus(["sd", "lbptop"]).transform(corpus))

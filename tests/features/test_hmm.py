@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from features.hmm import GaussianHMMs
+from bench.features.hmm import GaussianHMMs
 from tests.features.captures import near
 
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from sklearn.linear_model import LinearRegression
 
 from bench.corpora.synth import generate
-from features import hughes36
-from features.hughes36 import Hughes36, moments
+from bench.features import hughes36
+from bench.features.hughes36 import Hughes36, moments
 from tests.features.captures import GRIDS, corpus_of, near
 
 

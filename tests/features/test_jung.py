@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from features.jung28 import Jung28
-from features.jung54 import Jung54
+from bench.features.jung28 import Jung28
+from bench.features.jung54 import Jung54
 from tests.features.captures import GRIDS, LEVELS, corpus_of, near, ragged, row_of
 
 

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 from sklearn.model_selection import GroupKFold
 
-from features import selection
-from features.jung28 import Jung28
-from features.selection import Subset
+from bench.features import selection
+from bench.features.jung28 import Jung28
+from bench.features.selection import Subset
 
 
 def naive_hits(values, label, subject, columns):

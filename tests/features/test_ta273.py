@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from features.jung54 import Jung54
-from features.ta273 import Ta273
-from features.wingerden45 import Wingerden45
+from bench.features.jung54 import Jung54
+from bench.features.ta273 import Ta273
+from bench.features.wingerden45 import Wingerden45
 from tests.features.captures import GRIDS, LEVELS, corpus_of, near, ragged
 
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import Windows
 from bench.corpora.synth import generate
-from features import touch
-from features.touch import TouchFeatures
+from bench.features import touch
+from bench.features.touch import TouchFeatures
 from tests.conftest import random_corpus
 from tests.features.captures import corpus_of, ragged, row_of
 

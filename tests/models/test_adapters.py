@@ -8,8 +8,8 @@ from torch import nn
 
 from bench import contract
 from bench.errors import InputError
-from models.adapters import FromSeries, FromTorch
-from models.series import Series
+from bench.models.adapters import FromSeries, FromTorch
+from bench.models.series import Series
 
 
 class OfSeries(ClassifierMixin, BaseEstimator):

@@ -13,19 +13,19 @@ from sklearn.svm import SVC
 
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import Discriminants
+from bench.models.recipe import taken
+from bench.models.search import auto, portfolio, study, trial_scores
+from bench.models.search.auto import Auto
+from bench.models.search.ensemble import tempered
+from bench.models.search.inner_folds import inner_folds
+from bench.models.search.portfolio import Columns, complete
+from bench.models.search.space import Range
+from bench.models.search.trial_scores import Inner
+from bench.models.sizes import sizes
 from bench.pareto import front
 from bench.scratch import home
-from features.touch import TouchFeatures
-from models.classic.lda import Discriminants
-from models.recipe import taken
-from models.search import auto, portfolio, study, trial_scores
-from models.search.auto import Auto
-from models.search.ensemble import tempered
-from models.search.inner_folds import inner_folds
-from models.search.portfolio import Columns, complete
-from models.search.space import Range
-from models.search.trial_scores import Inner
-from models.sizes import sizes
 from tests.conftest import random_corpus, with_other_values
 
 QUICK = [

@@ -9,21 +9,21 @@ from sklearn.svm import SVC
 from sklearn.tree import DecisionTreeClassifier
 
 from bench.corpora.corpus import Corpus
-from features.balli import Balli
-from features.jung28 import Jung28
-from features.jung54 import Jung54
-from features.selection import Subset
-from features.ta273 import Ta273
-from models.classic.bayes import GaussianBayes
-from models.classic.jung2014 import jung2014_svm
-from models.classic.jung2017 import jung2017_nn, jung2017_svm_rbf, jung2017_tree
-from models.classic.mlp import EarlyStoppedNet
-from models.classic.scaling import RangeScaler, ZScaler
-from models.classic.softmax import softmax
-from models.classic.svm import RankedSVC, svm
-from models.classic.tree import PrunedTree
-from models.classic.wingerden2014 import wingerden2014_mlp
-from models.sizes import sizes
+from bench.features.balli import Balli
+from bench.features.jung28 import Jung28
+from bench.features.jung54 import Jung54
+from bench.features.selection import Subset
+from bench.features.ta273 import Ta273
+from bench.models.classic.bayes import GaussianBayes
+from bench.models.classic.jung2014 import jung2014_svm
+from bench.models.classic.jung2017 import jung2017_nn, jung2017_svm_rbf, jung2017_tree
+from bench.models.classic.mlp import EarlyStoppedNet
+from bench.models.classic.scaling import RangeScaler, ZScaler
+from bench.models.classic.softmax import softmax
+from bench.models.classic.svm import RankedSVC, svm
+from bench.models.classic.tree import PrunedTree
+from bench.models.classic.wingerden2014 import wingerden2014_mlp
+from bench.models.sizes import sizes
 from tests.conftest import random_corpus
 
 

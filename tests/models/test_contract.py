@@ -12,10 +12,10 @@ from sklearn.svm import SVC
 
 from bench import contract
 from bench.errors import InputError
-from features.jung28 import Jung28
-from features.ta273 import Ta273
-from models.classic.rf import rf
-from models.search.auto import Auto
+from bench.features.jung28 import Jung28
+from bench.features.ta273 import Ta273
+from bench.models.classic.rf import rf
+from bench.models.search.auto import Auto
 
 
 class Plain(ClassifierMixin, BaseEstimator):

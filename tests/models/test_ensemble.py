@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import log_loss
 
-from models.search.ensemble import Ensemble, logarithms, selected, tempered
-from models.temperature import fit_temperature
+from bench.models.search.ensemble import Ensemble, logarithms, selected, tempered
+from bench.models.temperature import fit_temperature
 
 
 def drawn(seed, members=3, captures=30, classes=3):

@@ -10,8 +10,8 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.preprocessing import StandardScaler
 
 from bench.errors import InputError
-from features.base import labels
-from models.classic.lda import Discriminants
+from bench.features.base import labels
+from bench.models.classic.lda import Discriminants
 
 
 def points(seed=0, counts=(20, 20, 20), d=4):

@@ -12,14 +12,14 @@ from sklearn.base import clone
 from torch import nn
 
 from bench.errors import InputError
+from bench.models.nets import ren2023
+from bench.models.nets.cnn85 import CNN85
+from bench.models.nets.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
+from bench.models.nets.ren2023 import Ren2023Transformer
+from bench.models.nets.time_blocks import TimeConv3d
+from bench.models.nets.training import Schedule, activations
+from bench.models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 from bench.plan.cells import cells
-from models.nets import ren2023
-from models.nets.cnn85 import CNN85
-from models.nets.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
-from models.nets.ren2023 import Ren2023Transformer
-from models.nets.time_blocks import TimeConv3d
-from models.nets.training import Schedule, activations
-from models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 from tests.conftest import random_corpus
 
 ZHOU = (Zhou2016CNN3D, Zhou2016CNN2D, Zhou2016LRCN, Zhou2016GMLSTM)
@@ -34,7 +34,7 @@ def at(rate, **kwargs):
 
 def test_weights_start_as_the_docstrings_say_and_training_goes_by_the_seed(corpus, monkeypatch):
     calls = []
-    monkeypatch.setattr("models.nets.window.train", lambda *arguments: calls.append(arguments) or [])
+    monkeypatch.setattr("bench.models.nets.window.train", lambda *arguments: calls.append(arguments) or [])
     started = lambda system: clone(system).fit(corpus, corpus.gestures).net_  # noqa: E731
     for system, bias, sd in ((CNN85(frames=10), 0, (2 / 90) ** 0.5), (Hughes2017CNN(), 0.1, 0.088)):
         one, same, other = (started(system.set_params(seed=seed))[0] for seed in (0, 0, 1))

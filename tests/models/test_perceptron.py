@@ -15,10 +15,10 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPClassifier
 from sklearn.preprocessing import StandardScaler
 
-from models.classic.lda import Discriminants
-from models.classic.perceptron import Perceptron
-from models.out_of_distribution import Guarded
-from models.sizes import parameter_count
+from bench.models.classic.lda import Discriminants
+from bench.models.classic.perceptron import Perceptron
+from bench.models.out_of_distribution import Guarded
+from bench.models.sizes import parameter_count
 
 QUICK = {"updates": 200}
 
@@ -96,7 +96,7 @@ def test_a_stored_one_decides_without_torch(tmp_path):
 @pytest.fixture
 def few_updates(monkeypatch):
     """The network learns for a shorter time than it does for a user."""
-    monkeypatch.setattr("models.out_of_distribution.Perceptron", partial(Perceptron, **QUICK))
+    monkeypatch.setattr("bench.models.out_of_distribution.Perceptron", partial(Perceptron, **QUICK))
 
 
 def test_doubt_counts_features_beyond_two_and_a_half_deviations(few_updates):

@@ -10,14 +10,14 @@ from scipy.optimize import approx_fprime
 
 from bench import contract
 from bench.errors import InputError
-from features.base import labels
-from features.jung28 import Jung28
-from models import person
-from models.classic.svm import svm
-from models.nets.cnn85 import CNN85
-from models.nets.hughes2017 import Hughes2017CNNRNN
-from models.person import PRIOR, SPREAD_PRIOR, WEIGHT, PersonScaler, relearnt
-from models.recipe import Recipe
+from bench.features.base import labels
+from bench.features.jung28 import Jung28
+from bench.models import person
+from bench.models.classic.svm import svm
+from bench.models.nets.cnn85 import CNN85
+from bench.models.nets.hughes2017 import Hughes2017CNNRNN
+from bench.models.person import PRIOR, SPREAD_PRIOR, WEIGHT, PersonScaler, relearnt
+from bench.models.recipe import Recipe
 from tests.conftest import random_corpus
 
 

@@ -11,21 +11,21 @@ from bench import contract, source
 from bench.corpora.corpus import COPY, Corpus
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
 from bench.errors import InputError
+from bench.features import cache as kept
+from bench.features.jung28 import Jung28
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import lda
+from bench.models.classic.softmax import softmax
+from bench.models.classic.svm import svm
+from bench.models.nets.cnn85 import CNN85
+from bench.models.nets.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
+from bench.models.recipe import Recipe, build, rows_of, taken
+from bench.models.reflex import Reflex
+from bench.models.rocket import Rocket
+from bench.models.sizes import sizes
 from bench.plan.cells import cells
 from bench.plan.plan import checked
 from bench.registry import load, parameters
-from features import cache as kept
-from features.jung28 import Jung28
-from features.touch import TouchFeatures
-from models.classic.lda import lda
-from models.classic.softmax import softmax
-from models.classic.svm import svm
-from models.nets.cnn85 import CNN85
-from models.nets.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
-from models.recipe import Recipe, build, rows_of, taken
-from models.reflex import Reflex
-from models.rocket import Rocket
-from models.sizes import sizes
 from tests.conftest import random_corpus
 from tests.models.test_systems import COMPOSED
 

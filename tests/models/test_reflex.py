@@ -11,12 +11,12 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.faults import all_faults
 from bench.corpora.steps import Repair, Windows
 from bench.errors import InputError
-from features.base import labels
-from features.touch import TouchFeatures
-from models.classic.lda import Discriminants
-from models.classic.perceptron import Perceptron
-from models.out_of_distribution import Guarded
-from models.reflex import Reflex
+from bench.features.base import labels
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import Discriminants
+from bench.models.classic.perceptron import Perceptron
+from bench.models.out_of_distribution import Guarded
+from bench.models.reflex import Reflex
 from tests.conftest import random_corpus
 
 QUICK = {"copies": 1}
@@ -25,7 +25,7 @@ QUICK = {"copies": 1}
 @pytest.fixture(autouse=True)
 def few_updates(monkeypatch):
     """The network learns for a shorter time than it does for a user."""
-    monkeypatch.setattr("models.out_of_distribution.Perceptron", partial(Perceptron, updates=100))
+    monkeypatch.setattr("bench.models.out_of_distribution.Perceptron", partial(Perceptron, updates=100))
 
 
 @pytest.fixture(scope="module")

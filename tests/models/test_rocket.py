@@ -12,11 +12,11 @@ from sklearn.linear_model import RidgeClassifier
 from sklearn.model_selection import LeaveOneGroupOut
 
 from bench.cli import main
+from bench.models import rocket
+from bench.models.rocket import PENALTIES, Ridge, Rocket
+from bench.models.series import Series
+from bench.models.sizes import sizes
 from bench.work.pool import pool
-from models import rocket
-from models.rocket import PENALTIES, Ridge, Rocket
-from models.series import Series
-from models.sizes import sizes
 from tests.conftest import random_corpus
 from tests.models.test_systems import check_contract
 

@@ -28,12 +28,12 @@ from sklearn.utils import all_estimators
 from torch import nn
 from xgboost import XGBClassifier
 
-from features.touch import TouchFeatures
-from models.classic.lda import lda
-from models.classic.perceptron import Perceptron
-from models.recipe import Recipe
-from models.reflex import Reflex
-from models.sizes import parameter_count, sizes
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import lda
+from bench.models.classic.perceptron import Perceptron
+from bench.models.recipe import Recipe
+from bench.models.reflex import Reflex
+from bench.models.sizes import parameter_count, sizes
 
 RNG = np.random.default_rng(0)
 Y = np.repeat(["a", "b", "c"], 20)
@@ -132,7 +132,7 @@ def test_modules_of_torch_are_found_wherever_they_are_kept(corpus):
 
 
 def test_what_frames_go_through_first_is_counted_wherever_it_stands(corpus, monkeypatch):
-    monkeypatch.setattr("models.out_of_distribution.Perceptron", partial(Perceptron, updates=20))
+    monkeypatch.setattr("bench.models.out_of_distribution.Perceptron", partial(Perceptron, updates=20))
     plain = Recipe(lda(TouchFeatures()), window=0.1, repair=("stuck", "dead", "offset")).fit(corpus, corpus.gestures)
     bare = Recipe(lda(TouchFeatures()), window=0.1).fit(corpus, corpus.gestures)
     own = sizes(plain, 64, 40)["ram_bytes"] - sizes(bare, 64, 40)["ram_bytes"]

@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 from scipy.stats import wilcoxon
 
 from bench.corpora.steps import Faulted, Repair, Scale
+from bench.features.jung28 import Jung28
+from bench.features.ta273 import Ta273
+from bench.models.classic.rf import et, rf
+from bench.models.classic.svm import svm
+from bench.models.search import identity
+from bench.models.search.space import Range
+from bench.models.search.study import Study, Tried
+from bench.models.search.tuning import Search
 from bench.scratch import home
-from features.jung28 import Jung28
-from features.ta273 import Ta273
-from models.classic.rf import et, rf
-from models.classic.svm import svm
-from models.search import identity
-from models.search.space import Range
-from models.search.study import Study, Tried
-from models.search.tuning import Search
 from tests.conftest import random_corpus
 
 CAPTURES = SimpleNamespace(digest="abc", index=np.arange(3), piece=np.zeros(3, int), steps=())

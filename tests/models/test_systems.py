@@ -13,17 +13,17 @@ from torch import nn
 
 from bench import contract
 from bench.corpora.corpus import Corpus
+from bench.features.gaus import Gaus
+from bench.features.hughes36 import Hughes36
+from bench.features.jung28 import Jung28
+from bench.features.ta273 import Ta273
+from bench.models import PARTS, recipe
+from bench.models.adapters import FromSeries, FromTorch
+from bench.models.classic.perceptron import Perceptron
+from bench.models.classic.rf import rf
+from bench.models.classic.softmax import softmax
+from bench.models.sizes import sizes
 from bench.registry import load, required
-from features.gaus import Gaus
-from features.hughes36 import Hughes36
-from features.jung28 import Jung28
-from features.ta273 import Ta273
-from models import PARTS, recipe
-from models.adapters import FromSeries, FromTorch
-from models.classic.perceptron import Perceptron
-from models.classic.rf import rf
-from models.classic.softmax import softmax
-from models.sizes import sizes
 from tests.conftest import random_corpus, with_other_values
 
 SEARCHES = {"auto", "jung2014_svm", "jung2017_tree", "jung2017_svm_linear", "jung2017_svm_rbf", "ta2015_svm"}
@@ -79,9 +79,9 @@ def made(name, **options):
 def few_updates(monkeypatch):
     """The networks inside reflex and mlp learn for a shorter time than they do for a user."""
     few = lambda *args, **kwargs: Perceptron(*args, updates=50, **kwargs)  # noqa: E731
-    monkeypatch.setattr("models.out_of_distribution.Perceptron", few)
+    monkeypatch.setattr("bench.models.out_of_distribution.Perceptron", few)
     short = lambda *args, **kwargs: MLPClassifier(*args, **kwargs | {"max_iter": 20})  # noqa: E731
-    monkeypatch.setattr("models.classic.mlp.MLPClassifier", short)
+    monkeypatch.setattr("bench.models.classic.mlp.MLPClassifier", short)
 
 
 @pytest.mark.parametrize("name", [*DAILY, *(pytest.param(n, marks=pytest.mark.nightly) for n in SLOW - {"auto"})])

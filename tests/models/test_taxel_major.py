@@ -6,8 +6,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from torch import nn
 
-from models.nets.cnn85 import CNN85
-from models.nets.taxel_major import pool, taxel_major
+from bench.models.nets.cnn85 import CNN85
+from bench.models.nets.taxel_major import pool, taxel_major
 
 
 @given(st.integers(1, 9), st.integers(1, 9), st.integers(1, 3), st.integers(0, 2), st.integers(0, 10_000))
@@ -35,7 +35,7 @@ def test_cnn85_is_trained_in_this_order_and_decides_in_the_other(monkeypatch):
     net = model.network(8, 8, 14).double()
     x = torch.rand(5, 85, 8, 8, dtype=torch.float64)
     torch.testing.assert_close(taxel_major(net, x), net(x))
-    monkeypatch.setattr("models.nets.cnn85.taxel_major", lambda net, x: "taxel major")
+    monkeypatch.setattr("bench.models.nets.cnn85.taxel_major", lambda net, x: "taxel major")
     assert model.logits(net.train(), x) == "taxel major" and torch.equal(model.logits(net.eval(), x), net(x))
 
 

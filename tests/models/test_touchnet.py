@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from features.touch import OF_STEPS, SIGNALS, signals
-from models.nets import touchnet
-from models.nets.touchnet import Stretches, TouchNet
+from bench.features.touch import OF_STEPS, SIGNALS, signals
+from bench.models.nets import touchnet
+from bench.models.nets.touchnet import Stretches, TouchNet
 
 
 def corpus_of(arrays, rate=50.0):

@@ -7,15 +7,15 @@ from sklearn.base import clone
 from torch import nn
 
 from bench.corpora.library import open_corpus
+from bench.models.adapters import FromTorch
+from bench.models.nets import checkpoint
+from bench.models.nets.checkpoint import Checkpoint
+from bench.models.nets.cnn85 import CNN85, RATES, SelectiveSGD
+from bench.models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
+from bench.models.nets.touchnet import OneCycle, TouchNet
+from bench.models.nets.training import Optimiser, Schedule, Windows, train
+from bench.models.nets.zhou2016 import Zhou2016GMLSTM
 from bench.scratch import home
-from models.adapters import FromTorch
-from models.nets import checkpoint
-from models.nets.checkpoint import Checkpoint
-from models.nets.cnn85 import CNN85, RATES, SelectiveSGD
-from models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
-from models.nets.touchnet import OneCycle, TouchNet
-from models.nets.training import Optimiser, Schedule, Windows, train
-from models.nets.zhou2016 import Zhou2016GMLSTM
 from tests.conftest import random_corpus
 
 PAPER = RATES["paper"]

@@ -15,17 +15,17 @@ from sklearn.svm import SVC
 
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
+from bench.features.balli import Balli
+from bench.features.jung28 import Jung28
+from bench.features.ta273 import Ta273
+from bench.models.classic.rf import et
+from bench.models.classic.svm import svm
+from bench.models.search.inner_folds import Tables, inner_folds
+from bench.models.search.space import Range
+from bench.models.search.study import Tried
+from bench.models.search.tuning import Search
+from bench.models.sizes import parameter_count
 from bench.scratch import home
-from features.balli import Balli
-from features.jung28 import Jung28
-from features.ta273 import Ta273
-from models.classic.rf import et
-from models.classic.svm import svm
-from models.search.inner_folds import Tables, inner_folds
-from models.search.space import Range
-from models.search.study import Tried
-from models.search.tuning import Search
-from models.sizes import parameter_count
 from tests.conftest import random_corpus, with_other_values
 
 GRID = {"C": [0.125, 8.0, 512.0], "gamma": [0.01, 1.0]}

@@ -5,9 +5,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.nets.cnn85 import CNN85
-from models.nets.training import Sequences, Windows
-from models.nets.window import votes
+from bench.models.nets.cnn85 import CNN85
+from bench.models.nets.training import Sequences, Windows
+from bench.models.nets.window import votes
 from tests.conftest import random_corpus
 
 

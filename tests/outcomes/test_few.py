@@ -9,7 +9,7 @@ from bench import few, paired
 from bench.measures import over_people
 from bench.outcomes import scores, statistics
 from bench.outcomes.resampling import ratio_interval
-from reports.comparison import comparison, published
+from bench.reports.comparison import comparison, published
 from tests.results import evaluated, with_hits
 
 

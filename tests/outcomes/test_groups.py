@@ -13,8 +13,8 @@ from bench.cli import main
 from bench.errors import InputError
 from bench.outcomes.groups import enough, groupings, reactions
 from bench.outcomes.reactions import by_capture
+from bench.reports.dendrogram import _order
 from bench.scene_file import scene_of
-from reports.dendrogram import _order
 from tests.reports.store import made_up, tracked_run, with_hits
 
 

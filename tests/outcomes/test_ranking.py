@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bench.outcomes.ranking import distinct, ranking
 from bench.outcomes.runs import grouped
 from bench.outcomes.store import connect
-from reports import page
+from bench.reports import page
 from tests.reports.store import keep
 from tests.results import evaluated, with_hits
 

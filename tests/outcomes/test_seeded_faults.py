@@ -10,17 +10,17 @@ from sklearn.base import BaseEstimator, TransformerMixin
 
 from bench.corpora.corpus import origin
 from bench.corpora.synth import generate
+from bench.features.jung54 import Jung54
+from bench.models.classic.bayes import bayes
+from bench.models.classic.rf import rf
+from bench.models.classic.svm import svm
+from bench.models.nets.cnn85 import CNN85
+from bench.models.nets.training import Windows
 from bench.outcomes import scores
 from bench.outcomes.baseline import Measured
 from bench.outcomes.gate import compare
+from bench.protocols.subjects import LOSO
 from bench.work.fold import decisions
-from features.jung54 import Jung54
-from models.classic.bayes import bayes
-from models.classic.rf import rf
-from models.classic.svm import svm
-from models.nets.cnn85 import CNN85
-from models.nets.training import Windows
-from protocols.subjects import LOSO
 from tests.outcomes.test_gate import HERE, LIMITS, NAMES
 
 

@@ -261,7 +261,7 @@ def test_length_and_training_subjects():
 
 @pytest.mark.parametrize("subjects", [1, 3])
 def test_everything_is_written_for_few_subjects_without_faults_and_marked_synthetic(subjects, tmp_path):
-    from reports.stability_tables import write
+    from bench.reports.stability_tables import write
 
     table = made_up(subjects=subjects, faults=()).assign(length=50)
     paths = write([under_stress(table, "svm[C=8 | x]")], tmp_path / "out")

@@ -19,9 +19,9 @@ from bench.kinds.captures import Captures
 from bench.kinds.recordings import Continuous
 from bench.plan.cells import cells
 from bench.plan.plan import Plan, corpus_of, folds_of
+from bench.protocols import transfer
 from bench.registry import classes
 from bench.work.tracking import key_of
-from protocols import transfer
 
 ROOT = Path(source.__file__).parent.parent
 KINDS = {
@@ -219,7 +219,7 @@ def test_a_key_does_not_depend_on_what_was_imported_before():
             text=True,
             check=True,
         ).stdout
-        for first in ("pass", "import models.rocket, reports.page, bench.work.fit, features.gaus")
+        for first in ("pass", "import bench.models.rocket, bench.reports.page, bench.work.fit, bench.features.gaus")
     ]
     assert said[0] == said[1] == f"{key()}\n"
 

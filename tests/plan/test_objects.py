@@ -14,13 +14,13 @@ from sklearn.svm import SVC
 
 from bench import contract
 from bench.errors import InputError
+from bench.features.jung28 import Jung28
+from bench.features.jung54 import Jung54
 from bench.kinds.captures import Captures
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work import loop
 from bench.work.tracking import key_of
-from features.jung28 import Jung28
-from features.jung54 import Jung54
 from tests.work.fakes import Memory
 
 SMALL = {"data.subjects": 3, "data.variants": ("normal",)}

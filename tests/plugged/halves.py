@@ -13,11 +13,11 @@ from bench.measures import Cost, Measure, percent, text
 from bench.options import Command
 from bench.outcomes import scores
 from bench.outcomes.results import FoldResult, costs, table_of
+from bench.reports.figures import new_figure, save
+from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.table import Table
 from bench.work.fold import computing, decisions, fitted, footprint
-from reports.figures import new_figure, save
-from reports.part import Part, Section
 
 
 @dataclass(frozen=True)

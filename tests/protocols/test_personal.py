@@ -11,10 +11,10 @@ from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, folds_of
 from bench.plan.splits import Calibration
+from bench.protocols.personal import Personal
+from bench.protocols.subjects import LOSO
 from bench.work.fold import decisions
 from bench.work.personal import met
-from protocols.personal import Personal
-from protocols.subjects import LOSO
 from tests.conftest import random_corpus, with_other_values
 
 

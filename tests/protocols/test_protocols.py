@@ -5,9 +5,9 @@ from sklearn.model_selection import GroupKFold, LeaveOneGroupOut, StratifiedKFol
 
 from bench.errors import InputError
 from bench.plan.splits import official_split
-from protocols.captures import CaptureKFold, Holdout
-from protocols.challenge import Challenge
-from protocols.subjects import LOSO, SubjectKFold
+from bench.protocols.captures import CaptureKFold, Holdout
+from bench.protocols.challenge import Challenge
+from bench.protocols.subjects import LOSO, SubjectKFold
 from tests.conftest import random_corpus
 
 

@@ -8,9 +8,9 @@ from bench.corpora.skins import OWN
 from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import planned
+from bench.protocols.personal import Personal
 from bench.work.fold import decisions
 from bench.work.personal import met
-from protocols.personal import Personal
 from tests.conftest import predictions, runs, with_other_values
 
 FEW = {"data": "synth", "data.subjects": "3", "where": "gesture in ['pat', 'rub', 'grab'] and variant == 'normal'"}

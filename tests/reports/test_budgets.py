@@ -13,8 +13,8 @@ from bench.commands.choose import chosen
 from bench.measures import Cost, costs
 from bench.options import keys
 from bench.outcomes.choice import named
-from reports.budgets import NOTHING, budget_tables, by_budget
-from reports.candidates import considered
+from bench.reports.budgets import NOTHING, budget_tables, by_budget
+from bench.reports.candidates import considered
 from tests.reports.store import keep
 from tests.results import HAART, evaluated, made_up, streamed
 
@@ -66,7 +66,7 @@ def test_every_step_is_the_choice_of_bench_choose(store, monkeypatch):
     }
     expected = {"flash": "kB", "RAM": "kB", "computing time": "ms", "decision time": "ms"}
     assert units == expected | {"accuracy of the worst person": "%"}
-    monkeypatch.setattr("reports.budgets.steps", lambda *_: [(2.5, -1)])
+    monkeypatch.setattr("bench.reports.budgets.steps", lambda *_: [(2.5, -1)])
     table = by_budget([answer], results)
     assert {*table["choice"]} == {NOTHING} and table[["accuracy", "flash"]].isna().all(axis=None)
     ((_, shown),) = budget_tables(table)
@@ -87,7 +87,7 @@ def test_every_step_is_the_choice_of_bench_choose(store, monkeypatch):
 )
 def test_a_printed_budget_gives_the_choice_of_its_step(monkeypatch, better, steps, words):
     cost = Cost("battery", unit="h", better=better)
-    monkeypatch.setattr("reports.budgets.costs", lambda: costs() | {"battery": cost})
+    monkeypatch.setattr("bench.reports.budgets.costs", lambda: costs() | {"battery": cost})
     table = pd.DataFrame(
         {"group": "g", "cost": "battery", "least": steps, "choice": "s", "accuracy": 1.0, "flash": 1.0}
     )

@@ -14,10 +14,10 @@ from bench.corpora.survey import survey
 from bench.errors import InputError
 from bench.measures import costs
 from bench.pareto import staircase
+from bench.reports import corpus_page, details, figures, speed
+from bench.reports.layout import inline_svg
+from bench.reports.provenance import command
 from bench.table import write_sheet
-from reports import corpus_page, details, figures, speed
-from reports.layout import inline_svg
-from reports.provenance import command
 from tests.conftest import random_corpus
 from tests.reports.store import made_up
 

@@ -12,8 +12,8 @@ import pytest
 from bench.comparable import MARK
 from bench.errors import InputError
 from bench.measures import Cost, Measure, run_columns
-from reports.latex import escaped, latex, side_by_side
-from reports.paper import columns_of, papers, sheet
+from bench.reports.latex import escaped, latex, side_by_side
+from bench.reports.paper import columns_of, papers, sheet
 from tests.results import evaluated, with_hits
 
 
@@ -120,7 +120,7 @@ def test_text_is_escaped_and_control_characters_are_gone():
 
 def test_headings_without_latex_are_escaped(monkeypatch):
     every = [*run_columns(), Cost("battery_life"), Measure("hum", "hum %", shows=("latex",))]
-    monkeypatch.setattr("reports.latex.run_columns", lambda: every)
+    monkeypatch.setattr("bench.reports.latex.run_columns", lambda: every)
     ((_, (shown,)),) = tables_of(latex(pd.DataFrame([row("a", 50.0, battery_life=2.0, hum=1.0)])))
     assert (shown[r"battery\_life"], shown[r"hum \%"]) == ("2.0", "1.0")
 

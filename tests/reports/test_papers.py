@@ -6,10 +6,10 @@ import pytest
 
 from bench.outcomes import scores
 from bench.outcomes.runs import grouped
-from reports import reproduction
-from reports.bootstrap import macro_interval, recall_interval
-from reports.comparison import comparison, published
-from reports.papers import published_section
+from bench.reports import reproduction
+from bench.reports.bootstrap import macro_interval, recall_interval
+from bench.reports.comparison import comparison, published
+from bench.reports.papers import published_section
 from tests.results import evaluated, made_up
 
 CHALLENGE = {"data": "haart", "synthetic": "false", "protocol": "challenge"}

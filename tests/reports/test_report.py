@@ -21,12 +21,12 @@ from bench.measures import costs
 from bench.outcomes import statistics
 from bench.outcomes.runs import grouped, stored
 from bench.outcomes.store import connect
+from bench.reports import candidates, page, panes, watching
+from bench.reports.comparison import comparison, published, shown
+from bench.reports.pair import compared
+from bench.reports.run_groups import Group
+from bench.reports.sections import unmeasured
 from bench.result import PLAIN
-from reports import candidates, page, panes, watching
-from reports.comparison import comparison, published, shown
-from reports.pair import compared
-from reports.run_groups import Group
-from reports.sections import unmeasured
 from tests.reports.store import keep, tracked_run
 from tests.results import WATCHED, evaluated, made_up, result, streamed, stressed, watched, with_hits
 

@@ -13,8 +13,8 @@ import bench
 from bench.cli import main
 from bench.outcomes.same_wrong import Agreement, agreement
 from bench.outcomes.store import connect
-from reports import page, same_wrong
-from reports.same_wrong import curve, same_wrong_section, strip
+from bench.reports import page, same_wrong
+from bench.reports.same_wrong import curve, same_wrong_section, strip
 from tests.conftest import random_corpus
 from tests.reports.store import tracked_run
 

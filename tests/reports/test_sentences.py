@@ -10,10 +10,10 @@ from scipy import stats
 from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
 from bench.cli import main
-from reports.contexts import contexts
-from reports.new_person import WITHOUT, curve_of, curves_of, enough, gained, new_person_section
-from reports.run_groups import Group
-from reports.summary import told_apart
+from bench.reports.contexts import contexts
+from bench.reports.new_person import WITHOUT, curve_of, curves_of, enough, gained, new_person_section
+from bench.reports.run_groups import Group
+from bench.reports.summary import told_apart
 from tests.results import evaluated, made_up, result, streamed, stressed
 
 EVEN, ODD, BOTH = [70, 60] * 6, [60, 70] * 6, {"noise": 0.1, "shift": 0.234}
@@ -116,7 +116,7 @@ def test_gains_of_shots_are_paired_and_who_loses_is_named(monkeypatch):
     curve = long.set_index("known")
 
     def of(curve):
-        monkeypatch.setattr("reports.new_person.curves_of", lambda _: [("here", {"s": curve})])
+        monkeypatch.setattr("bench.reports.new_person.curves_of", lambda _: [("here", {"s": curve})])
         return gained([])
 
     assert curve.index.tolist() == ["0", WITHOUT, "2"] and curve["accuracy"].tolist() == pytest.approx([70, 70, 75])

@@ -10,10 +10,10 @@ from sklearn.naive_bayes import GaussianNB
 import bench
 from bench.cli import main
 from bench.corpora.corpus import storage
+from bench.models.classic import rf
+from bench.models.search.tuning import Search
 from bench.registry import load, names, parameters
 from bench.work.audit import CHECKS, FAILED, PASSED, SKIPPED, captures
-from models.classic import rf
-from models.search.tuning import Search
 from tests.work.fakes import Level
 
 FEW = {"epochs": 1, "pretraining": 1, "runs": 1}  # parameters by name, to train for a moment

@@ -17,7 +17,10 @@ from bench.corpora.faults import all_faults
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
 from bench.errors import HiddenError, InputError, PredictionError
+from bench.features.base import FeatureSet
+from bench.features.jung28 import Jung28
 from bench.kinds.captures import Captures
+from bench.models.classic.lda import Discriminants
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, planned
 from bench.plan.splits import Calibration
@@ -28,9 +31,6 @@ from bench.work.fold import batch_effects, decisions
 from bench.work.loop import execute, prepared
 from bench.work.personal import met
 from bench.work.replay import prefix
-from features.base import FeatureSet
-from features.jung28 import Jung28
-from models.classic.lda import Discriminants
 from tests.conftest import random_corpus
 from tests.work.fakes import Level, Memory, cell_of
 

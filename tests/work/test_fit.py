@@ -108,7 +108,7 @@ def test_a_saved_system_decides_as_the_estimator_as_surely_as_it_may(shipped, mo
     assert metadata["classes"] == ["pat", "rub", "tap"]
     pins = Path("saved/requirements.txt").read_text().splitlines()
     assert f"scikit-learn=={version('scikit-learn')}" in pins and all("==" in p and "+" not in p for p in pins)
-    assert {"bench", "features", "models", "protocols"} <= {path.name for path in Path("saved/code").iterdir()}
+    assert {"features", "models", "protocols", "work"} <= {path.name for path in Path("saved/code/bench").iterdir()}
     run = shipped.run
     assert {"fit_seconds", "fit_cpu_seconds", "predict_ms_p50", "predict_ms_p99", "parameters"} <= set(run.data.metrics)
     assert run.data.tags["system"] == shipped.cell.system() and run.data.params["captures"] == str(len(corpus))

@@ -15,6 +15,7 @@ from bench.circumstances.instants import Instants
 from bench.corpora.corpus import Corpus, storage, unblinded
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
+from bench.features.jung54 import Jung54
 from bench.kinds.captures import Captures
 from bench.outcomes import scores
 from bench.outcomes.stopping import by_instant, by_threshold, learn_stopping, learned_point, standing, stopped
@@ -32,7 +33,6 @@ from bench.work.replay import (
     unlearnable,
     weighed,
 )
-from features.jung54 import Jung54
 from tests.conftest import random_corpus, with_other_values
 from tests.work.fakes import Level, cell_of
 

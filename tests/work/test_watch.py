@@ -17,7 +17,10 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings, event_table
 from bench.corpora.synth_recordings import generate
 from bench.errors import InputError
+from bench.features.touch import TouchFeatures
 from bench.kinds.recordings import Continuous
+from bench.models.classic.lda import lda
+from bench.models.recipe import Recipe
 from bench.outcomes.candidates import candidates
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
@@ -28,9 +31,6 @@ from bench.work.saved import Recogniser, load
 from bench.work.watch import _rejection, recordings_of, run_numbers
 from bench.work.watcher import LiveStream, Rules, Tracker, events_of
 from bench.work.watcher_training import learned
-from features.touch import TouchFeatures
-from models.classic.lda import lda
-from models.recipe import Recipe
 from tests.conftest import SMALL, random_corpus, runs
 from tests.results import watched as seen
 
