@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.arguments import KEYS, check_key, items, jobs_of
+from bench.arguments import KEYS, check_key, jobs_of
 from bench.commands import audit as _audit
 from bench.commands import choose as _choose
 from bench.commands import data as _data
@@ -31,6 +31,7 @@ from bench.reports.leaderboard import OWN, reference, scores_of
 from bench.reports.pair import Compared, compared
 from bench.result import COUNTS, Result
 from bench.table import Table
+from bench.words import items
 from bench.work.fit import Fitted
 
 SHOWN = (  # columns that matter, by name

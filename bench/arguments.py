@@ -1,10 +1,8 @@
-"""Typed arguments: ``key=value`` with commas between several values; from Python lists and objects as well."""
+"""The grammar of the command line: words ``key=value`` are checked and typed by the table of options."""
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +10,12 @@ from bench.amounts import convert, text_of
 from bench.errors import InputError, nearest
 from bench.measures import budgets
 from bench.options import OPTIONS, Option, options
+from bench.words import PARTS, Values
+from bench.work.backend import Backend
 
-PARTS = {"protocol": "protocols", "features": "features", "model": "models"}
 KEYS = {o.key for o in OPTIONS if "run" in o.commands.split() and "." not in o.key}  # of the cells of bench run
 BACKEND = {"jobs", "cluster"}  # where folds are done, which changes no result
 MOVED = {"source": "bench live MODEL", "over": "bench tune smallest="}  # keys of the version before: commands of today
-Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 
 
 def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, str]:
@@ -102,25 +100,6 @@ def value_of(option: Option, value: object) -> Any:
     return convert(key, value, 0 if option.type == "count" else option.default)
 
 
-def items(key: str, value: object) -> list:
-    """The values between commas, or of a list.
-
-    Raises:
-        InputError: there is nothing between two of them, or nothing at all.
-    """
-    if isinstance(value, str):
-        if key == "where":  # a condition may hold commas
-            return [value]
-        values = value.split(",")
-        if not all(values):
-            raise InputError(f"{key}={value}: a value is missing beside a comma; add it or remove the comma")
-        return values
-    several = isinstance(value, list) or (isinstance(value, tuple) and "." not in key)  # a parameter may be a tuple
-    if several and not value:
-        raise InputError(f"{key}=[]: give at least one value")
-    return [*value] if several else [value]  # type: ignore[misc]
-
-
 def number(key: str, given: object) -> float:
     """A number above 0.
 
@@ -131,22 +110,6 @@ def number(key: str, given: object) -> float:
     if not 0 < value < float("inf"):
         raise InputError(f"{key}={given}: give a number above 0")
     return value
-
-
-@dataclass(frozen=True)
-class Backend:
-    """The workers that do folds.
-
-    Attributes:
-        jobs: processes of this machine, None for one per core.
-        cluster: the address of dask's scheduler, or the file that holds it; empty for this machine.
-    """
-
-    jobs: int | None = None
-    cluster: str = ""
-
-
-HERE = Backend()
 
 
 def backend_of(values: Values) -> Backend:
@@ -164,20 +127,3 @@ def backend_of(values: Values) -> Backend:
 def jobs_of(values: Values) -> int | None:
     """The requested number of worker processes."""
     return convert("jobs", values["jobs"], 0) if "jobs" in values else None
-
-
-def typed(command: str, arguments: Mapping[str, str]) -> str:
-    """A command as it is typed."""
-    return " ".join(["bench", command, *(f"{key}={quoted(value)}" for key, value in arguments.items())])
-
-
-def labelled(key: str, label: str) -> dict[str, str]:
-    """``personal[shots=3]``, as tables name a part, as it is typed."""
-    name, _, rest = label.rstrip("]").partition("[")
-    return {key: name} | {f"{key}.{k}": v for k, _, v in (part.partition("=") for part in rest.split(", ") if part)}
-
-
-def quoted(value: str) -> str:
-    """A value as a shell takes it: in double quotes where it has single ones, as conditions have."""
-    double = "'" in value and not set('"$`\\!') & set(value)
-    return f'"{value}"' if double else shlex.quote(value)

@@ -13,12 +13,9 @@ from typing import Any
 
 from bench.measures import budgets, costs
 from bench.registry import classes, names
-from bench.usual import FALSE_ALARMS
+from bench.usual import FALSE_ALARMS, WIDTH
 
-WIDTH = 100  # columns of help
 SMALL = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"  # a small system, accurate on real touch
-FAULTS = "dead_taxels stuck_taxels dead_lines gain_drift offset_drift saturation noise fewer_bits dropped_frames "
-FAULTS += "lower_rate time_jitter late_start early_end shift rotation smaller_grid cover"
 
 
 @dataclass(frozen=True)

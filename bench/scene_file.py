@@ -14,8 +14,8 @@ from bench.amounts import quantity
 from bench.candidate import Losses
 from bench.errors import InputError, nearest
 from bench.measures import Cost, costs
-from bench.options import FAULTS
 from bench.outcomes.reactions import Reactions
+from bench.usual import FAULTS
 
 KEYS = ("by", "margin", "unit")  # of a scene and of `bench choose`
 OTHER = {  # lines of each section that are no budgets: a key, and that of `bench choose`, empty for those read here

@@ -25,6 +25,8 @@ ROOMS = {"bench"}
 # Modules that find, move and keep things and change no number; a change in them is no other result.
 INDIFFERENT = {
     "bench.arguments",
+    "bench.words",
+    "bench.work.backend",
     "bench.candidate",
     "bench.corpora.duplicates",
     "bench.corpora.folder",

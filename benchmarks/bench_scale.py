@@ -68,11 +68,11 @@ def timed(owner, name):
 
 def run(folds: int, cluster: str) -> None:
     """So many folds, in runs of 31."""
-    from bench.arguments import Backend
     from bench.outcomes.store import Store
     from bench.plan.cells import cells
     from bench.plan.plan import planned
     from bench.work import loop
+    from bench.work.backend import Backend
     from bench.work.cluster import Cluster
     from bench.work.tracking import TrackedRun
     from bench.work.workers import Processes

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from bench.arguments import typed
 from bench.candidate import Losses, Wish
 from bench.comparable import COMPARABLE, notes_on
 from bench.errors import InputError
@@ -24,6 +23,7 @@ from bench.reports.speed import LOOKS
 from bench.result import Result
 from bench.scene_file import EVERY
 from bench.table import rows_of
+from bench.words import typed
 
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
 MOST = 40  # candidates that the chart draws, besides those of a front

@@ -9,12 +9,12 @@ from typing import Any
 
 import pandas as pd
 
-from bench.arguments import typed
 from bench.comparable import notes_on
 from bench.outcomes.candidates import repeated
 from bench.registry import classes
 from bench.reports.part import Part, Section
 from bench.result import Result
+from bench.words import typed
 
 
 def shown(results: Sequence[Result]) -> Iterator[tuple[Any, list[Result]]]:

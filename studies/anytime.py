@@ -13,8 +13,9 @@ from pathlib import Path
 import pandas as pd
 
 import bench
-from bench.arguments import KEYS, items, parse
+from bench.arguments import KEYS, parse
 from bench.reports.figures import new_figure, save
+from bench.words import items
 
 
 def drawn(table: pd.DataFrame, out: Path) -> None:

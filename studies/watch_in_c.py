@@ -19,7 +19,7 @@ import pandas as pd
 from sklearn.pipeline import Pipeline
 
 import bench
-from bench.arguments import KEYS, items, parse
+from bench.arguments import KEYS, parse
 from bench.corpora.corpus import Corpus
 from bench.export.measure import FLAGS
 from bench.export.tables import check
@@ -29,6 +29,7 @@ from bench.outcomes.events import REPORT, report_table
 from bench.plan.cells import cells
 from bench.plan.plan import corpus_of, usable_cores
 from bench.usual import FALSE_ALARMS
+from bench.words import items
 from bench.work.fold import computing
 from bench.work.saved import Recogniser
 from bench.work.watch import recordings_of, usual

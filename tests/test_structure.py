@@ -18,12 +18,13 @@ PACKAGES = ("bench", "features", "models", "protocols", "reports")
 
 # Rooms from the bottom to the top: modules, or packages with all below them, and the rooms that they may import.
 GROUND = "bench.amounts bench.errors bench.few bench.machine bench.memory bench.paired bench.pareto bench.progress "
-GROUND += "bench.registry bench.scratch bench.source bench.timing bench.usual"
-VALUES = "bench.arguments bench.candidate bench.comparable bench.described bench.measures bench.options bench.result "
-VALUES += "bench.table"
+GROUND += "bench.registry bench.scratch bench.source bench.timing bench.usual bench.work.backend"
+VALUES = "bench.candidate bench.comparable bench.described bench.measures bench.result bench.table "
+VALUES += "bench.words"
 ROOMS = {
     "ground": (GROUND, ""),
     "values": (VALUES, "ground"),
+    "grammar": ("bench.arguments bench.options", "ground values"),  # of the command line: results do not know it
     "corpora": ("bench.corpora", "ground"),
     "features": ("bench.features", "ground corpora"),
     "contract": ("bench.contract bench.models.search.space", "ground corpora features"),  # with the types that it names
@@ -31,13 +32,13 @@ ROOMS = {
     "protocols": ("bench.protocols", "ground corpora"),
     "plan": ("bench.plan", "ground values corpora contract models"),
     "outcomes": ("bench.outcomes bench.scene_file", "ground values corpora"),
-    "leaderboard": ("bench.leaderboard", "ground values corpora outcomes plan"),
+    "leaderboard": ("bench.leaderboard", "ground values grammar corpora outcomes plan"),
     "reports": ("bench.reports", "ground values corpora outcomes leaderboard"),
     "work": ("bench.work", "ground values corpora features contract models plan outcomes"),
     "export": ("bench.export", "ground corpora features contract models plan outcomes work"),
     "kinds": (
         "bench.kinds bench.circumstances",
-        "ground values corpora contract plan outcomes reports work export",
+        "ground values grammar corpora contract plan outcomes reports work export",
     ),
 }
 FRONT = "bench bench.api bench.cli bench.commands"  # may import every room

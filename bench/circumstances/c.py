@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from bench.arguments import Values, items
 from bench.circumstances.base import Circumstance, option
 from bench.errors import InputError
 from bench.kinds.base import Spelling
 from bench.measures import Cost, Measure, over_people, percent, text
 from bench.options import Command
 from bench.table import Table
+from bench.words import Values, items
 
 if TYPE_CHECKING:
     import pandas as pd

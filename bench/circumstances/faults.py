@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from bench.arguments import Values, items
 from bench.circumstances.base import LABELS, Case, Circumstance, option
 from bench.errors import InputError, nearest
 from bench.kinds.base import Spelling
 from bench.measures import Cell as Shown
 from bench.measures import Cost, Measure, Row, text
-from bench.options import FAULTS, Command
-from bench.usual import CLEAN, SEVERITIES
+from bench.options import Command
+from bench.usual import CLEAN, FAULTS, SEVERITIES
+from bench.words import Values, items
 
 if TYPE_CHECKING:
     import pandas as pd

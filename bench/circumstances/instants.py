@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from bench.arguments import Values, items
 from bench.circumstances.base import Circumstance, option
 from bench.errors import InputError
 from bench.kinds.base import Spelling, typed_as
 from bench.measures import Cost, Measure, percent
 from bench.options import Command
+from bench.words import Values, items
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -122,7 +122,7 @@ class Subjects(Circumstance):
     @classmethod
     def promise(cls, trained: Mapping[str, str], others: int) -> tuple[str, str] | None:
         """A learning curve, where there are enough people for one."""
-        from bench.arguments import typed
+        from bench.words import typed
 
         numbers = sorted({n for n in (2, max(3, others // 2), max(3, 2 * others // 3)) if n < others})
         if len(numbers) < 2:

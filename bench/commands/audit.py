@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from bench.arguments import Values, parse, typed
+from bench.arguments import parse
 from bench.commands.printing import output, say, then
 from bench.measures import text
 from bench.options import keys
 from bench.plan.cells import Cell, cells
 from bench.table import Table
+from bench.words import Values, typed
 from bench.work.audit import FAILED, PASSED, SKIPPED, Verdict, audited, refuse
 
 

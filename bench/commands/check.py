@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from bench.amounts import convert
-from bench.arguments import BACKEND, PARTS, Backend, backend_of, parse, setting
+from bench.arguments import BACKEND, backend_of, parse, setting
 from bench.arguments import KEYS as RUN_KEYS
 from bench.commands.kind import evaluated
 from bench.commands.printing import failures, say
@@ -20,6 +20,8 @@ from bench.outcomes.runs import SELECTING, asked_of, selected, stored
 from bench.outcomes.store import connect
 from bench.plan.cells import Cell, cells
 from bench.scratch import replacing
+from bench.words import PARTS
+from bench.work.backend import Backend
 
 OWN = ("baseline", "update", "stored", "junit")  # keys that are not of the runs
 LIMITS = ("error", "slower")

@@ -14,7 +14,7 @@ import numpy as np
 
 from bench import few, pareto
 from bench.amounts import convert, quantity
-from bench.arguments import Values, parse, typed
+from bench.arguments import parse
 from bench.candidate import Losses, Wish
 from bench.commands.printing import output, say, then
 from bench.comparable import MARKED, notes_on, several
@@ -31,6 +31,7 @@ from bench.registry import classes
 from bench.result import Result
 from bench.scene_file import EVERY, Scene, read_scene
 from bench.table import Table, rows_of
+from bench.words import Values, typed
 
 SHOWN = 3  # of systems and commands that a sentence names
 BRIEF = 5  # sentences without why=yes, beside those on what else there is and what to type next

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from bench.errors import InputError, nearest
-from bench.options import FAULTS, Option, commands, options
+from bench.options import Option, commands, options
 from bench.registry import names
 from bench.scratch import home
+from bench.usual import FAULTS
 
 ANSWER = "answer"  # bench completion answer WORD... prints what the last of the words may become
 SHELLS = {

@@ -7,13 +7,14 @@ from pathlib import Path
 import pandas as pd
 
 from bench import contract
-from bench.arguments import parse, typed
+from bench.arguments import parse
 from bench.commands.printing import then, unwritable
 from bench.errors import InputError
 from bench.options import keys
 from bench.plan.cells import cells
 from bench.plan.plan import captures_of
 from bench.scratch import replacing
+from bench.words import typed
 
 
 def extract(arguments: list[str]) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.arguments import Values, parse, parse_words, quoted, setting
+from bench.arguments import parse, parse_words, setting
 from bench.commands.printing import then, unwritable
 from bench.corpora.read.table import read_unlabelled
 from bench.errors import InputError
@@ -14,6 +14,7 @@ from bench.outcomes.stopping import NO_SAVING
 from bench.plan.cells import cells
 from bench.scratch import new_folder, replacing
 from bench.table import write_sheet
+from bench.words import Values, quoted
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus

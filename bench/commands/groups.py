@@ -8,7 +8,7 @@ from statistics import mean
 import pandas as pd
 
 from bench import few
-from bench.arguments import Values, parse, setting
+from bench.arguments import parse, setting
 from bench.commands.printing import output, say, then, unwritable, writable
 from bench.comparable import MIXED, facts_of
 from bench.errors import InputError
@@ -21,6 +21,7 @@ from bench.outcomes.store import connect
 from bench.progress import warn
 from bench.result import Result
 from bench.table import Table, rows_of, write_sheet
+from bench.words import Values
 
 ACCURACY = Measure("accuracy", "accuracy %", ends="accuracy")
 COLUMNS = (

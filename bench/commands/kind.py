@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.arguments import Backend, Values, backend_of, parse
+from bench.arguments import backend_of, parse
 from bench.commands.printing import output, say, show, then, writable
 from bench.errors import InputError
 from bench.options import keys, makers
@@ -12,6 +12,8 @@ from bench.plan.cells import Cell, cells
 from bench.registry import check_loaded, classes
 from bench.result import Result
 from bench.table import Table
+from bench.words import Values
+from bench.work.backend import Backend
 from bench.work.experiment import Experiment
 from bench.work.loop import execute, prepared
 

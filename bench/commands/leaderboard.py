@@ -7,7 +7,7 @@ import tempfile
 from datetime import UTC, datetime
 from pathlib import Path
 
-from bench.arguments import labelled, parse, setting, typed
+from bench.arguments import parse, setting
 from bench.commands.demo import inside
 from bench.commands.printing import led, output, say, then, unwritable
 from bench.corpora.read.limits import called
@@ -24,6 +24,7 @@ from bench.reports.leaderboard import NOT_VERIFIED, board, note, over_corpora, r
 from bench.reports.provenance import command as command_of
 from bench.scratch import made_whole, new_folder, replacing
 from bench.source import git_revision, versions
+from bench.words import labelled, typed
 
 NEEDED = {"task": "a frozen task", "who": 'the author of the result, such as who="A. Name, Lab"', "out": "a new folder"}
 FOLDER = Path("submissions")

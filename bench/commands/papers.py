@@ -6,11 +6,11 @@ from typing import Any
 
 import pandas as pd
 
-from bench.arguments import quoted
 from bench.commands.printing import then
 from bench.errors import InputError
 from bench.registry import names
 from bench.reports.comparison import published
+from bench.words import quoted
 
 Published = Any  # a row of published.csv, with an attribute per column
 UNREAD = {"abstract-only", "unknown", "not-a-target"}

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from bench import contract
 from bench.amounts import convert
-from bench.arguments import Values, backend_of, items
+from bench.arguments import backend_of
 from bench.commands.kind import evaluated
 from bench.errors import InputError, nearest
 from bench.plan.cells import Cell, cells
 from bench.registry import parameters
 from bench.result import Result
+from bench.words import Values, items
 
 if TYPE_CHECKING:
     from bench.models.search.space import How, Tuning

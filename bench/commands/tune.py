@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 from bench import contract
 from bench.amounts import convert, text_of
-from bench.arguments import Values, backend_of, items, number, parse
+from bench.arguments import backend_of, number, parse
 from bench.commands.kind import evaluated, printed
 from bench.commands.smallest import smallest
 from bench.errors import InputError, nearest
@@ -16,6 +16,7 @@ from bench.options import keys
 from bench.plan.cells import Cell, cells
 from bench.registry import parameters
 from bench.result import Result
+from bench.words import Values, items
 
 if TYPE_CHECKING:
     from bench.models.search.space import How, Space, Tuning

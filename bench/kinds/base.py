@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from bench.amounts import quantity, text_of
-from bench.arguments import Values, items, value_of
+from bench.arguments import value_of
 from bench.errors import InputError
 from bench.measures import Cost, Measure
 from bench.options import Command, Option
 from bench.result import Result
 from bench.table import Table
+from bench.words import Values, items
 from bench.work.experiment import Experiment
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from bench.arguments import Values
 from bench.errors import InputError
 from bench.kinds.base import Kind, Shown, Spelling
 from bench.measures import Measure, columns, run_columns
@@ -16,6 +15,7 @@ from bench.options import SMALL, Command, Option
 from bench.registry import classes
 from bench.result import Result
 from bench.table import Table
+from bench.words import Values
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.arguments import PARTS, check_key, parse
+from bench.arguments import check_key, parse
 from bench.corpora.read.limits import quoted
 from bench.errors import InputError
 from bench.leaderboard import answers, submissions
@@ -18,6 +18,7 @@ from bench.options import makers
 from bench.outcomes.earlier import command_now
 from bench.plan.cells import cells
 from bench.result import Result
+from bench.words import PARTS
 
 ALWAYS = {"data", "seed", *PARTS}
 SEARCHES = {"tune": {"trials", "inner", "seconds", "smallest"}}  # with their keys

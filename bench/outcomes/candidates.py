@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.arguments import quoted, typed
 from bench.candidate import Candidate, Losses, Wish
 from bench.comparable import COMPARABLE, CONDITIONS, Row, alike, context_of, facts_of, seed_number, several
 from bench.errors import InputError
@@ -20,6 +19,7 @@ from bench.outcomes.reactions import Reactions
 from bench.outcomes.runs import COLUMNS, NothingTracked, plain, selected
 from bench.registry import classes
 from bench.result import Result
+from bench.words import quoted, typed
 
 TAGS = {  # columns of a candidate that repeat a tag of its last run
     "command": "touchbench.command",

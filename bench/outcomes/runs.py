@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Never, TypeVar
 import pandas as pd
 
 from bench.amounts import convert
-from bench.arguments import Values, items
 from bench.comparable import COMPARABLE, SAME_SYSTEM, context_of
 from bench.errors import InputError
 from bench.outcomes.earlier import TAGS, adopted
@@ -19,6 +18,7 @@ from bench.progress import warn
 from bench.registry import KEYS as PARTS
 from bench.registry import classes, names
 from bench.result import Result, Tables
+from bench.words import Values, items
 
 if TYPE_CHECKING:
     from mlflow.entities import Run

@@ -16,13 +16,13 @@ import numpy as np
 
 from bench import contract
 from bench.amounts import convert, text_of
-from bench.arguments import PARTS, Values, items
 from bench.corpora import faults
 from bench.corpora.synth import generate
 from bench.errors import InputError, nearest
 from bench.models import recipe
 from bench.registry import load, names, parameters, required
 from bench.source import source_digest, versions
+from bench.words import PARTS, Values, items
 
 if TYPE_CHECKING:
     from bench.models.search.space import Tuning

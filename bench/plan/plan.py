@@ -12,7 +12,6 @@ from itertools import combinations
 import numpy as np
 
 from bench import contract
-from bench.arguments import quoted
 from bench.corpora.composer import captures_in
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
@@ -20,6 +19,7 @@ from bench.corpora.library import open_corpus, recordings
 from bench.errors import InputError
 from bench.plan import splits
 from bench.plan.cells import Cell
+from bench.words import quoted
 
 
 @dataclass(frozen=True)

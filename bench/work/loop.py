@@ -11,7 +11,6 @@ from pathlib import Path
 from types import TracebackType
 
 from bench import contract
-from bench.arguments import HERE, Backend
 from bench.corpora.corpus import reserved
 from bench.corpora.duplicates import named
 from bench.corpora.read.limits import briefly
@@ -23,6 +22,7 @@ from bench.plan.plan import Fold, Plan, planned, usable_cores
 from bench.progress import console, warn
 from bench.registry import check_loaded
 from bench.result import Result
+from bench.work.backend import HERE, Backend
 from bench.work.bar import Bar
 from bench.work.experiment import Experiment
 from bench.work.tracking import TrackedRun, key_of

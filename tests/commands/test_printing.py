@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from bench import measures
-from bench.arguments import parse, quoted
+from bench.arguments import parse
 from bench.cli import main
 from bench.commands import printing
 from bench.commands.kind import made
@@ -17,6 +17,7 @@ from bench.kinds.captures import Captures
 from bench.measures import Measure
 from bench.options import keys
 from bench.table import Table
+from bench.words import quoted
 from tests.conftest import SMALL, predictions, runs
 from tests.results import evaluated, result, with_hits
 

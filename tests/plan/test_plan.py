@@ -8,12 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.model_selection import GroupKFold, KFold, PredefinedSplit
 
-from bench.arguments import KEYS, PARTS, parse
+from bench.arguments import KEYS, parse
 from bench.errors import InputError
 from bench.options import keys
 from bench.plan.cells import Part, cells
 from bench.plan.plan import Fold, Plan, folds_of, planned, shared_ratio
 from bench.registry import load, names, parameters, required
+from bench.words import PARTS
 from bench.work.loop import warnings
 from tests.conftest import random_corpus
 from tests.corpora.test_duplicates import copied
