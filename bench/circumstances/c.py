@@ -191,7 +191,9 @@ class InC(Circumstance):
     @classmethod
     def then(cls, results: Sequence[Result]) -> str:
         """The next command to type."""
-        return "bench choose by=cycles"
+        from bench.outcomes.runs import choosing
+
+        return choosing(results, by="cycles")
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> None:

@@ -238,7 +238,9 @@ class Instants(Circumstance):
     @classmethod
     def then(cls, results: Sequence[Result]) -> str:
         """The next command to type."""
-        return "bench choose by=decision"
+        from bench.outcomes.runs import choosing
+
+        return choosing(results, by="decision")
 
     @classmethod
     def figure(cls, result: Result, folder: Path) -> None:

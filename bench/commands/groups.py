@@ -16,7 +16,7 @@ from bench.measures import Measure, text
 from bench.options import keys
 from bench.outcomes.candidates import eligible
 from bench.outcomes.groups import LEVELS, Grouping, enough, groupings, reactions
-from bench.outcomes.runs import asked_of, stored, without_runs
+from bench.outcomes.runs import asked_of, choosing, stored, without_runs
 from bench.outcomes.store import connect
 from bench.progress import warn
 from bench.result import Result
@@ -44,7 +44,7 @@ def groups(arguments: list[str]) -> int:
         InputError: something in the arguments cannot be used, or no run is stored for them.
     """
     values = parse(arguments, keys("groups"))
-    table, title, notes = grouped(values)
+    table, title, notes, results = grouped(values)
     out = writable(Path(str(values.get("out", "groups"))))
     found = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
     Table(COLUMNS, found, f"{title}; accuracy is the mean over subjects with its 95 % t-interval").print(output())
@@ -70,15 +70,16 @@ def groups(arguments: list[str]) -> int:
         write_sheet(table.assign(grouping=table["grouping"].map(_words)), out / "groups.csv")
         paths = [out / "groups.csv", *draw(table, out, title).paths]
     say("", f"table and figure: {', '.join(map(str, paths))}")
-    then("bench choose")
+    then(choosing(results))
     return 0
 
 
-def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str]]:
+def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str], list[Result]]:
     """Groups for the most accurate stored system; all its seeds are used.
 
     Returns:
-        Table of `bench.outcomes.groups.groupings`; captures, protocol and system in words; limits in sentences.
+        Table of `bench.outcomes.groups.groupings`; captures, protocol and system in words; limits in sentences;
+        results of the system.
 
     Raises:
         InputError: something in the values cannot be used, or no run is stored for them.
@@ -98,7 +99,7 @@ def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str]]:
         notes = [*notes, MIXED]
     tables = [r.tables["predictions"].assign(seed=r["seed"]) for r in seeds]
     title = f"{', '.join(seeds[-1].context)}; {seeds[-1].system}"
-    return groupings(pd.concat(tables, ignore_index=True)), title, notes
+    return groupings(pd.concat(tables, ignore_index=True)), title, notes, seeds
 
 
 def _words(grouping: Grouping | list[tuple[str, ...]]) -> str:

@@ -213,7 +213,9 @@ class Captures(Kind):
     @classmethod
     def then(cls, results: Sequence[Result]) -> str:
         """The next command to type."""
-        return "bench choose"
+        from bench.outcomes.runs import choosing
+
+        return choosing(results)
 
     def figure(self, result: Result, folder: Path) -> None:
         """Draw confusions, and what each circumstance draws."""

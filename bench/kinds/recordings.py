@@ -161,7 +161,14 @@ class Continuous(Kind):
     @classmethod
     def then(cls, results: Sequence[Result]) -> str:
         """The next command to type."""
-        return f"bench choose max_false_alarms={FALSE_ALARMS:g} max_latency=1s"
+        from bench.outcomes.runs import choosing
+
+        results = [r for r in results if not r.get("watch.unknown")]
+        return (
+            choosing(results, max_false_alarms=f"{FALSE_ALARMS:g}", max_latency="1s")
+            if results
+            else super().then(results)
+        )
 
     def figure(self, result: Result, folder: Path) -> None:
         """Draw the timeline and missed touches against false alarms."""

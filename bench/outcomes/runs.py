@@ -18,7 +18,7 @@ from bench.progress import warn
 from bench.registry import KEYS as PARTS
 from bench.registry import classes, names
 from bench.result import Result, Tables
-from bench.words import Values, items
+from bench.words import Values, items, labelled, typed
 
 if TYPE_CHECKING:
     from mlflow.entities import Run
@@ -54,6 +54,23 @@ def result_of(store: Store, run: Run) -> Result:
         return [*dict.fromkeys(file.stem for file in files if file.suffix in (".csv", ".parquet"))]
 
     return Result(about, data.metrics, Tables({}, read, f"{this} is missing in the store; {AGAIN}", names))
+
+
+def choosing(results: Sequence[Result], **more: str) -> str:
+    """The command that chooses among stored runs on the captures and under the protocol of the first result."""
+    words: dict[str, str] = {}
+    if results:
+        first = results[0]
+        words = {"data": first["data"]} | ({"where": first["subset"]} if first["subset"] != "all" else {})
+        words |= {"target": first["target"]} if first["target"] != "gesture" else {}
+        words |= labelled("protocol", str(first["protocol"]))
+        words |= {k: str(v) for k, v in first.about.items() if k.startswith("protocol.") and different(results, k)}
+    return typed("choose", words | more)
+
+
+def different(results: Sequence[Result], key: str) -> bool:
+    """Whether results differ in what is known by a name."""
+    return len({str(r.get(key)) for r in results}) > 1
 
 
 def every_result(store: Store) -> list[Result]:
