@@ -34,13 +34,16 @@ from bench.options import commands, makers  # noqa: E402
 printed: dict[str, list[str] | str] = {}
 
 
-def on_config(config: MkDocsConfig) -> None:
-    """Lay the packages out as an installation has them, where mkdocstrings reads them."""
+def lay_out() -> None:
+    """Lay the packages out as an installation has them: mkdocstrings looks for its paths before any event."""
     package, skipped = TOOLS.parent.parent / "build" / "package" / "bench", shutil.ignore_patterns("__pycache__")
     shutil.rmtree(package, ignore_errors=True)
     for folder in ("bench", "features", "models", "protocols", "reports"):
         target = package if folder == "bench" else package / folder
         shutil.copytree(TOOLS.parent.parent / folder, target, ignore=skipped)
+
+
+lay_out()
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
