@@ -148,7 +148,7 @@ OPTIONS = (
         "columns of paper.tex and paper.csv: accuracy and macro_f1 under each protocol; fit, predict and flash",
     ),
     Option("against", "report", "text", "", "system that p values compare with; default the best of your own"),
-    Option("task", "submit", "text", "", "haart-loso-v1, haart-early-v1 or another task of docs/leaderboard.md"),
+    Option("task", "submit", "text", "", "haart-loso-v1, haart-early-v1 or another task of docs/notes/tasks.md"),
     Option("who", "submit", "text", "", 'author of the result, such as who="A. Name, Lab"'),
     Option("run", "submit", "text", "", "run id instead of model=, such as a run of bench tune"),
     Option("out", "submit", "text", "", "folder for the submission; new or empty"),

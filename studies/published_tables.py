@@ -1,6 +1,6 @@
 """Published numbers recomputed from the papers' own tables, which lie in the folder ``published``.
 
-    python studies/published_tables.py > docs/recomputed.md
+    python studies/published_tables.py > docs/notes/recomputed.md
 
 ``albawi2018_table3.csv`` holds counts of windows, rows and columns in the order and under the names of the print.
 ``jung2017_table8.csv`` holds counts of captures, columns are the actual classes; ``jung2017_table7.csv`` the share of
@@ -226,7 +226,7 @@ def page() -> str:
         + ", ".join(f"{name} {rank:.2f}" for name, rank in ranks.items())
         + ".",
         "Each classifier against the most accurate one, paired over subjects, as in "
-        "[the report](report.md#statistics):",
+        "[the report](../report.md#statistics):",
         statistics_table(statistics.against_best(subjects)),
     ]
     return "\n\n".join(

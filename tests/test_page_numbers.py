@@ -65,7 +65,7 @@ def test_a_number_agrees_in_its_digits(written, now, same):
 
 
 def test_a_changed_number_and_a_changed_page_are_reported(monkeypatch, capsys):
-    page = "docs/leaderboard.md"
+    page = "docs/notes/tasks.md"
     entry = page_numbers.Entry(page, "HAART, LOSO, 829 captures", ["829"], ("leaderboard",), "captures", "reference")
     gone = page_numbers.Entry(page, "830 captures", ["830"], ("leaderboard",), "captures", "haart")
     monkeypatch.setattr(page_numbers, "entries", lambda: [entry, gone])

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parent.parent
 
 
 def test_the_page_of_the_documentation_holds_what_is_computed():
-    assert (ROOT / "docs" / "recomputed.md").read_text(encoding="utf-8") == published_tables.page() + "\n"
+    assert (ROOT / "docs" / "notes" / "recomputed.md").read_text(encoding="utf-8") == published_tables.page() + "\n"
 
 
 def test_the_headline_of_cnn85_is_a_macro_precision():

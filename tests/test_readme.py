@@ -21,10 +21,18 @@ from tests.conftest import predictions, runs
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 DOCS = {path.name: path.read_text() for path in (ROOT / "docs").glob("*.md")}
-LEVEL = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)[0]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 SMALL = ["data.subjects=3", "data.variants=normal", "data.repetitions=2"]
 OWN = dict(re.findall(r"```python\n# (\w+\.py)\n(.*?)```", DOCS["your_system.md"], flags=re.DOTALL))
+LEVEL = OWN["my.py"]
+
+
+def test_people_can_read_all_of_it():
+    """Notes are for contributors, and in no menu."""
+    assert len(README.splitlines()) <= 80
+    assert sum(len(text.split()) for text in (README, *DOCS.values())) <= 10_000
+    menu = (ROOT / "mkdocs.yml").read_text().partition("\nnav:")[2]
+    assert "notes/" not in menu and all(f" {name}\n" in menu for name in DOCS)
 
 
 def test_every_command_is_introduced_and_every_command_line_is_taken():

@@ -1,6 +1,6 @@
 """Submissions: a folder with the predictions of one system for one task, and where they come from.
 
-docs/leaderboard.md describes it. Whoever reads one trusts none of it: files are small plain files, every row of the
+docs/notes/tasks.md describes it. Whoever reads one trusts none of it: files are small plain files, every row of the
 task is there exactly once, and every score is computed here from the labels.
 """
 
@@ -231,7 +231,7 @@ def _plain_file(path: Path) -> bytes:
     try:
         status = path.lstat()
     except OSError as e:
-        raise InputError(f"{path.name} is not there; docs/leaderboard.md says what a submission is") from e
+        raise InputError(f"{path.name} is not there; docs/notes/tasks.md says what a submission is") from e
     if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{path.name} is not a plain file")
     if status.st_size > LARGEST[path.name]:

@@ -1,4 +1,4 @@
-"""Writes the classifiers on docs/parts.md from their docstrings and signatures.
+"""Writes the classifiers on docs/notes/classifiers.md from their docstrings and signatures.
 
     python docs/tools/parts_page.py
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from bench.described import classifiers, markdown
 
-PAGE = Path(__file__).parent.parent / "parts.md"
+PAGE = Path(__file__).parent.parent / "notes" / "classifiers.md"
 WRITTEN = re.compile(r"(<!-- classifiers: docs/tools/parts_page.py -->\n).*(\n<!-- end of classifiers -->)", re.DOTALL)
 
 
