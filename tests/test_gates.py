@@ -279,7 +279,7 @@ def own_names():
 
 NAMED = {  # file: names that it may have, with the reason
     "bench/commands/demo.py": {"stream", "stress"},  # lines as a user types them
-    "bench/leaderboard/tasks.py": {"stream", "stress", "watch"},  # frozen tasks are data: commands that answer them
+    "bench/board/tasks.py": {"stream", "stress", "watch"},  # frozen tasks are data: commands that answer them
     "bench/outcomes/earlier.py": {"cell", "stress", "stream", "chip", "under"},  # the reader of old runs
     "bench/scene_file.py": {"stream", "decision"},  # a section of scene files; what clock= adds to
     "bench/outcomes/candidates.py": {"decision", "cycles"},  # what clock= adds to, and what it adds

@@ -10,11 +10,11 @@ from typing import Any
 
 import pandas as pd
 
+from bench.board import tasks
+from bench.board.submissions import EVENT, NUMBERS, TEXTS
+from bench.board.tasks import RATE_HZ, Task
 from bench.comparable import CONDITIONS, seed_number
 from bench.errors import InputError
-from bench.leaderboard import tasks
-from bench.leaderboard.submissions import EVENT, NUMBERS, TEXTS
-from bench.leaderboard.tasks import RATE_HZ, Task
 from bench.outcomes.events import REPORT
 from bench.outcomes.scores import ABSTAINED
 from bench.result import Result

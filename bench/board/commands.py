@@ -8,19 +8,19 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from bench.arguments import parse, setting
+from bench.board import answers, marks, rerun, submissions
+from bench.board.page import NOT_VERIFIED, board, note, over_corpora, reference
+from bench.board.submissions import Submission
+from bench.board.tasks import Task, task_of
 from bench.commands.demo import inside
 from bench.commands.printing import led, output, say, then, unwritable
 from bench.corpora.read.limits import called
 from bench.errors import InputError
-from bench.leaderboard import answers, marks, rerun, submissions
-from bench.leaderboard.submissions import Submission
-from bench.leaderboard.tasks import Task, task_of
 from bench.options import keys
 from bench.outcomes.runs import every_result
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.progress import warn
-from bench.reports.leaderboard import NOT_VERIFIED, board, note, over_corpora, reference
 from bench.reports.provenance import command as command_of
 from bench.scratch import made_whole, new_folder, replacing
 from bench.source import git_revision, versions

@@ -12,8 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from bench.board.submissions import Submission
 from bench.errors import InputError
-from bench.leaderboard.submissions import Submission
 from bench.scratch import replacing
 
 FILE = "leaderboard-verified.json"

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from bench.leaderboard.submissions import NUMBERS, REFERENCE, Submission, behind, reference_of
-from bench.leaderboard.tasks import TASKS
+from bench.board.submissions import NUMBERS, Submission, behind, reference_of
+from bench.board.tasks import TASKS
 from bench.measures import Cell, Interval, Measure, Row, known, text, whole
 from bench.outcomes.ranking import ranking
 from bench.outcomes.scores import per_subject
@@ -17,7 +19,7 @@ from bench.reports.layout import page
 from bench.reports.over_corpora import OverCorpora, section
 from bench.table import Table, rows_of
 
-OWN = "reference"  # name of the results that come with touchbench
+TEMPLATE = Path(str(files("bench.board"))) / "leaderboard.jinja"
 WORST = "worst fault: "
 NO_SHARES = {"false_alarms_per_hour", "latency_s_p50"}
 WATCHED = {"touches_found": ("found %", 1), "first_correct": ("first %", 1)}
@@ -35,7 +37,7 @@ DESIGNED_NOTE = (
 
 def reference() -> tuple[Submission, ...]:
     """The results that come with touchbench."""
-    return tuple(one for folder in sorted(REFERENCE.glob("*/")) for one in reference_of(folder.name))
+    return tuple(one for name in sorted(TASKS) for one in reference_of(name))
 
 
 def note(one: Submission) -> str:
@@ -49,7 +51,7 @@ def scores_of(submissions: Sequence[Submission]) -> pd.DataFrame:
     """Scores of the submissions, best first within each task, those with too many false alarms last; in percent.
 
     ``behind``, ``behind_low`` and ``behind_high`` are the difference to the best of the task, as
-    `bench.leaderboard.submissions.behind` gives it, in points; NaN for the best itself.
+    `bench.board.submissions.behind` gives it, in points; NaN for the best itself.
     """
     rows = []
     for one in submissions:
@@ -135,7 +137,7 @@ def board(submissions: Sequence[Submission], left_out: list[str]) -> str:
             remarks = [[words] if words else [] for words in rows["note"]]
             tables[task.name] = Table(_columns(rows), rows_of(rows.replace({"": None})), remarks=remarks)
     title, over = "touchbench leaderboard", over_corpora(submissions)
-    return page("leaderboard.jinja", title, left_out=left_out, tasks=list(TASKS.values()), tables=tables, over=over)
+    return page(TEMPLATE, title, left_out=left_out, tasks=list(TASKS.values()), tables=tables, over=over)
 
 
 def _columns(table: pd.DataFrame) -> list[Measure]:

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.arguments import check_key, parse
+from bench.board import answers, submissions
+from bench.board.submissions import Submission
+from bench.board.tasks import RUN, Task
 from bench.corpora.read.limits import quoted
 from bench.errors import InputError
-from bench.leaderboard import answers, submissions
-from bench.leaderboard.submissions import Submission
-from bench.leaderboard.tasks import RUN, Task
 from bench.options import makers
 from bench.outcomes.earlier import command_now
 from bench.plan.cells import cells

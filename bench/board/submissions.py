@@ -23,11 +23,11 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 
+from bench.board.tasks import CLEAN, FALSE_ALARMS, RATE_HZ, Task, digest_of, recordings_of, rows_of, task_of
 from bench.corpora.read.csv_text import FrameFile
 from bench.corpora.read.limits import called, check_labels, plain, quoted, short
 from bench.corpora.read.parquet import ParquetFile
 from bench.errors import InputError
-from bench.leaderboard.tasks import CLEAN, FALSE_ALARMS, RATE_HZ, Task, digest_of, recordings_of, rows_of, task_of
 from bench.outcomes import resampling, scores
 from bench.outcomes.events import FALSE_ALARM, REPORT, matched, summary
 
@@ -55,7 +55,7 @@ _WORD = f"[A-Za-z0-9{re.escape(PUNCTUATION)}]+"
 NAME = re.compile(rf"(?=.*[A-Za-z0-9]){_WORD}(?: {_WORD})*")
 DOT = " · "  # between model and features in the name of a system
 RESERVED = "touchbench"  # in the name of a team: of the results that come with touchbench
-REFERENCE = Path(str(files("bench.reports"))) / "reference"  # folder of these results
+REFERENCE = Path(str(files("bench.board"))) / "reference"  # folder of these results
 FRAME = re.compile("[0-9]{1,9}")
 EVENT_PARTS = ("touches_found", "first_correct", "false_alarms_per_hour", "latency_s_p50")
 SUM = 0.02  # that probabilities, which may be rounded, may differ from 1
@@ -159,7 +159,7 @@ def read(folder: Path) -> Submission:
         metadata = _metadata(_plain_file(folder / METADATA))
         if _is_reserved(metadata["who"]) and not folder.resolve().is_relative_to(REFERENCE.resolve()):
             raise InputError(
-                f"{METADATA}: who is {quoted(metadata['who'])}; only the results in reports/reference may use this name"
+                f"{METADATA}: who is {quoted(metadata['who'])}; only the results of touchbench may use this name"
             )
         task = task_of(metadata["task"])
         if metadata.get("digest", "") not in ("", digest := digest_of(task)):

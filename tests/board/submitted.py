@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from bench.leaderboard import tasks
+from bench.board import tasks
 
 ABOUT = {"task": "haart-challenge-v1", "system": "mine", "who": "A. Name", "date": "2026-01-31"}
 CHALLENGE = tasks.rows_of(tasks.TASKS["haart-challenge-v1"])

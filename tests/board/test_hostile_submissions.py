@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from bench.board import submissions
 from bench.cli import main
 from bench.errors import InputError
-from bench.leaderboard import submissions
-from tests.reports.submitted import ABOUT, CHALLENGE, folder_of
+from tests.board.submitted import ABOUT, CHALLENGE, folder_of
 
 RIGHT = CHALLENGE[["capture"]].assign(predicted=CHALLENGE["true"])
 PROBA = CHALLENGE[["capture"]].assign(**{f"p_{c}": 1 / 7 for c in sorted(set(CHALLENGE["true"]))})
@@ -37,7 +37,7 @@ FIELDS = [
     ({"task": "haart-loso-v2"}, "haart-loso-v1"),
     ({"task": None}, "task is missing"),
     ({"who": ""}, "who is missing"),
-    ({"who": "touchbench"}, "reports/reference"),
+    ({"who": "touchbench"}, "bench/board/reference"),
     ({"system": "x" * 201}, "200"),
     ({"system": "r\u0435flex"}, "'r\\u0435flex'"),
     ({"date": "yesterday"}, "'yesterday'"),

@@ -13,17 +13,17 @@ import pytest
 from sklearn.metrics import f1_score
 
 import bench
+from bench.board import answers, marks, rerun, submissions, tasks
+from bench.board.page import reference, scores_of
+from bench.board.tasks import CAPTURE, CUDDLEBOT, HAART, LOSO, TASKS, Task
 from bench.cli import main
 from bench.corpora.faults import SEVERITIES, all_faults
 from bench.errors import InputError
-from bench.leaderboard import answers, marks, rerun, submissions, tasks
-from bench.leaderboard.tasks import CAPTURE, CUDDLEBOT, HAART, LOSO, TASKS, Task
 from bench.protocols.personal import Personal
-from bench.reports.leaderboard import reference, scores_of
 from bench.source import git_revision
+from tests.board.submitted import ABOUT, CHALLENGE, folder_of
 from tests.conftest import random_corpus, runs
 from tests.reports.store import tracked_run
-from tests.reports.submitted import ABOUT, CHALLENGE, folder_of
 from tests.results import result
 
 ROOT = Path(__file__).parent.parent.parent
@@ -308,7 +308,7 @@ def test_submit_rerun_and_verify(monkeypatch, capsys):
     monkeypatch.setattr(tasks, "captures_of", lambda task: listed)
     task = Task(SYNTH, "loso", LOSO, CAPTURE, "28 captures", data="synth", digest=corpus.digest)
     monkeypatch.setitem(TASKS, SYNTH, task)
-    monkeypatch.setattr("bench.commands.leaderboard.reference", tuple)
+    monkeypatch.setattr("bench.board.commands.reference", tuple)
 
     def shown():
         capsys.readouterr()
@@ -352,7 +352,7 @@ def test_systems_are_ranked_over_tasks(monkeypatch, capsys):
     monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
     assert main(["leaderboard"]) == 0
     assert "16 of cuddlebot and 10 of haart" in capsys.readouterr().out  # the results that come with touchbench
-    monkeypatch.setattr("bench.commands.leaderboard.reference", tuple)  # without them
+    monkeypatch.setattr("bench.board.commands.reference", tuple)  # without them
     published = random_corpus().changed(info={"format": "cost", "warnings": []}, digest="c" * 64)
     monkeypatch.setattr(tasks, "open_corpus", lambda *_: published)
     for task in ("haart-loso-v1", "cost-loso-v1"):

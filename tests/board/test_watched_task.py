@@ -7,13 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench.board import answers, marks, rerun, submissions, tasks
+from bench.board.page import reference_of, scores_of
+from bench.board.submissions import EVENT
+from bench.board.tasks import TASKS
 from bench.cli import main
 from bench.errors import InputError
-from bench.leaderboard import answers, marks, rerun, submissions, tasks
-from bench.leaderboard.submissions import EVENT
-from bench.leaderboard.tasks import TASKS
-from bench.reports.leaderboard import reference_of, scores_of
-from tests.reports.submitted import folder_of
+from tests.board.submitted import folder_of
 from tests.results import result
 
 NAME = "haart-watch-v1"
@@ -143,7 +143,7 @@ def test_a_rerun_must_report_the_same_events(tiny, monkeypatch, capsys):
     ):
         again = dataclasses.replace(submission(f"again{number}", events), name="mine")
         monkeypatch.setattr(rerun, "answer", lambda *_, again=again: again)
-        monkeypatch.setattr("bench.commands.leaderboard.every_result", lambda *_: [])
+        monkeypatch.setattr("bench.board.commands.every_result", lambda *_: [])
         assert main(["leaderboard", "rerun=mine", "all"]) == code
         assert line in capsys.readouterr().out and Path(marks.FILE).exists()
 
