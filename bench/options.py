@@ -93,7 +93,6 @@ OPTIONS = (
     Option("model.device", "run", "text", "cpu", "device that trains networks", ("cpu", "cuda")),
     Option("seed", f"{WORK} fit audit", "count", 0, "seed of models and feature sets; splits: protocol.seed="),
     Option("jobs", WORK, "count", None, "number of worker processes; default one per core"),
-    Option("cluster", WORK, "text", "", "Dask scheduler that runs the folds: tcp://HOST:8786 or its file"),
     Option("trials", "tune", "count", 50, "combinations to try in each fold; a grid of lists is tried completely"),
     Option("seconds", "tune", "number", None, "seconds after which a fold starts no new combination"),
     Option("smallest", "tune", "text", "", "parameter of model= to make as small as possible, or features"),
@@ -380,11 +379,11 @@ def options(command: str) -> dict[str, Option]:
 
 
 def _every(command: str) -> Iterator[Option]:
-    """All options; a command with budgets has them behind ``by``.
+    """All options, those of rooms and packages last; a command with budgets has them behind ``by``.
 
     Others do without the costs of installed packages, so that their help comes even where one cannot be loaded.
     """
-    for option in OPTIONS:
+    for option in (*OPTIONS, *classes("options").values()):
         if option.key != "by":
             yield option
             continue

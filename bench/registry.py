@@ -20,7 +20,7 @@ from typing import Any
 from bench.errors import InputError, nearest
 
 ROOMS = {room: f"bench.{room}" for room in ("corpora", "features", "models", "protocols", "kinds", "circumstances")}
-LIGHT = ("kinds", "circumstances", "commands")  # whose parts load nothing heavy, so that help knows them all
+LIGHT = ("kinds", "circumstances", "commands", "options")  # whose parts load nothing heavy, so that help knows them all
 FILE_MODULE = "touchbench_file_"  # what modules of files are called
 KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}  # of parts of a cell
 
@@ -109,7 +109,7 @@ def parts(room: str) -> list[Any]:
     Raises:
         InputError: one of a package cannot be loaded.
     """
-    return [_class(room, name) for name in names(room)]
+    return [part(room, name) for name in names(room)]
 
 
 def broken() -> list[str]:
@@ -133,7 +133,7 @@ def _loaded(room: str) -> tuple[dict[str, Any], list[str]]:
     own, loaded, lines = _own(room), {}, []
     for name in [*own, *(name for name in names(room) if name not in own)]:
         try:
-            loaded[name] = _class(room, name)
+            loaded[name] = part(room, name)
         except InputError as e:
             if name in own:
                 raise
@@ -141,7 +141,12 @@ def _loaded(room: str) -> tuple[dict[str, Any], list[str]]:
     return loaded, lines
 
 
-def _class(room: str, name: str) -> Any:
+def part(room: str, name: str) -> Any:
+    """One part of a room.
+
+    Raises:
+        InputError: it is of a package and cannot be loaded.
+    """
     place = names(room)[name]
     module, _, attribute = place.partition(":")
     try:

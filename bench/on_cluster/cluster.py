@@ -1,6 +1,6 @@
 """Folds on a cluster of dask.distributed: dask decides who does which, and does it again where a worker is gone.
 
-This is the side of the command; `bench.work.cluster_worker` is what workers do.
+This is the side of the command; `bench.on_cluster.worker` is what workers do.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from bench.errors import ClusterError, InputError
+from bench.on_cluster.worker import answer, check_of, packed
 from bench.outcomes.results import FoldResult
 from bench.plan.plan import Plan
 from bench.progress import Message, forget, note
-from bench.work.cluster_worker import answer, check_of, packed
 from bench.work.workers import Done, Task, Todo
 
 if TYPE_CHECKING:

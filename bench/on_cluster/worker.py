@@ -1,4 +1,4 @@
-"""The worker's side of `bench.work.cluster`: a dask worker has folds done, one at a time, by a process of its own.
+"""The side of the worker (`bench.on_cluster.cluster`): a dask worker has folds done one at a time, by another process.
 
 The worker itself only waits. So a fold that dies takes no worker with it, the fold of a command that is gone can be
 ended, and each command has a process that has imported the code that is there now.

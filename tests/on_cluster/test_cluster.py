@@ -1,4 +1,4 @@
-"""Folds on a cluster, as far as no process is needed; with processes: `tests/work/test_on_a_cluster.py`."""
+"""Folds on a cluster, as far as no process is needed; with processes: `tests/on_cluster/test_on_a_cluster.py`."""
 
 import pickle
 import shutil
@@ -13,9 +13,9 @@ from bench.cli import main
 from bench.corpora.folder import address, write_folder
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
+from bench.on_cluster.worker import check_of, difference, facts, fold_here, packed
 from bench.plan.cells import cells
 from bench.plan.plan import Fold
-from bench.work.cluster_worker import check_of, difference, facts, fold_here, packed
 from tests.conftest import random_corpus
 from tests.work.fakes import Echo
 
