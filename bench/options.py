@@ -101,7 +101,6 @@ OPTIONS = (
     Option("latest", CHOICE, "yes", False, "yes: only the newest parameters of each model and feature set"),
     Option("scene", "choose", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
     Option("by", "choose", "text", "flash", "cost to minimise"),  # its values: `bench.measures.costs`
-    Option("clock", "choose", "text", "", "clock rate of the chip, such as 64MHz; adds its cycles to decision times"),
     Option(
         "margin",
         "choose",
@@ -114,7 +113,6 @@ OPTIONS = (
     Option("shots", "choose", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
     Option("why", "choose", "yes", False, "yes: also print what the choice depends on, and what is left out"),
     Option("out", "groups", "text", "groups", "folder for groups.csv and the figure"),
-    Option("bits", "export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
     Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
     Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams"),
     Option("hop_ms", "live", "number", 125, "classification of captures: milliseconds between decisions"),
@@ -123,7 +121,6 @@ OPTIONS = (
     Option("out", "predict", "text", "", "CSV file that is safe in spreadsheets; default: print the table"),
     Option("out", "adapt", "text", "", "folder for the adapted model; new or empty"),
     Option("rate_hz", "adapt predict", "number", None, "frame rate of FILE in Hz; must equal the model's"),
-    Option("out", "export", "text", "", "folder for the C files; new or empty"),
     Option("baseline", "check", "text", "reports/baseline.json", "baseline file"),
     Option("update", "check", "yes", False, "yes: write the baseline again; keys of bench run add systems"),
     Option("stored", "check", "yes", False, "yes: run nothing, compare the newest stored runs"),
@@ -293,17 +290,6 @@ OTHERS = {  # commands that make no runs of a kind
         "bench fit data=haart model=reflex out=rec\nbench adapt rec anna.csv out=rec_anna",
         "MODEL FILE out=FOLDER [key=value ...]",
         "fit",
-    ),
-    "export": Command(
-        "start here",
-        "write a saved model as C99 for a microcontroller",
-        "Writes touch.h, touch.c, tables.h and a Makefile. The C needs no heap and no library except math.h. make and "
-        "make check build for this machine, make chip for a Cortex-M4F (FLASH=256K RAM=32K). make flash and make count "
-        "print bytes, instructions and stack. C exists for reflex and hughes2017_cnn. It also exists for lda, softmax, "
-        "bayes, svm, tree, rf, et and xgb with jung28, or with touch and model.window=. "
-        f"{TRUSTED}",
-        "bench fit data=haart model=reflex out=rec\nbench export rec out=rec_c bits=8\nmake -C rec_c check",
-        "MODEL out=FOLDER [key=value ...]",
     ),
     "check": Command(
         "more",

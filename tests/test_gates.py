@@ -290,9 +290,9 @@ NAMED = {  # file: names that it may have, with the reason
     "reports/streaming.py": {"stream"},  # its page, called from its file
     "bench/measures.py": {"stream"},  # the same
     "bench/options.py": {"watch"},  # an option of bench fit
-    "bench/export/write.py": {"watch"},  # a file of C
+    "bench/in_c/write.py": {"watch"},  # a file of C
     "bench/commands/fit.py": {"watch"},
-    "bench/export/measure.py": {"chip"},  # a target of the Makefile
+    "bench/in_c/measure.py": {"chip"},  # a target of the Makefile
     "bench/corpora/read/haart.py": {"cell"},  # columns of its files
     "reports/layout.py": {"form"},  # of the output
 }

@@ -14,6 +14,7 @@ import bench
 ROOT = Path(bench.__file__).parents[1]
 TOP = ("features", "models", "protocols", "reports")  # imported below bench, as pyproject.toml says
 ROOMS = {  # with words that are typed, and the line that refuses them
+    "in_c": ("chip model=lda", "no command is called 'chip'"),
     "on_cluster": ("run cluster=tcp://x:1", "no key is called 'cluster'"),
     "board": ("submit task=haart-loso-v1", "no command is called 'submit'"),
 }

@@ -64,7 +64,7 @@ class InC(Circumstance):
 
     def options(self) -> dict[str, object]:
         """Bits and compilers."""
-        from bench.export.measure import toolchain
+        from bench.in_c.measure import toolchain
 
         return {"chip.bits": int(self.bits), "chip.toolchain": "; ".join(toolchain())}
 
@@ -74,14 +74,14 @@ class InC(Circumstance):
 
     def identity(self) -> object:
         """Bits, the C that is the same for all systems, and the compilers."""
-        from bench.export.measure import toolchain
-        from bench.export.write import digest
+        from bench.in_c.measure import toolchain
+        from bench.in_c.write import digest
 
         return [self.bits, digest(), toolchain()]
 
     def depends(self) -> list[Code]:
         """A module that those which write the C import late."""
-        from bench.export import network
+        from bench.in_c import network
 
         return [type(self), network]
 
@@ -91,25 +91,25 @@ class InC(Circumstance):
         Raises:
             InputError: either.
         """
-        from bench.export.in_c import refuse
+        from bench.in_c.fold import refuse
 
         refuse(plan)
 
     def warnings(self, plan: Plan) -> list[str]:
         """Warn where no watcher can be learned."""
-        from bench.export.in_c import warnings
+        from bench.in_c.fold import warnings
 
         return warnings(plan)
 
     def fold(self, at: Fitted) -> FoldResult:
         """Labels of the test captures by the C; bytes and instructions."""
-        from bench.export.in_c import fold
+        from bench.in_c.fold import fold
 
         return fold(at, int(self.bits))
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy in C, and labels that are others than in Python."""
-        from bench.export.in_c import compared
+        from bench.in_c.fold import compared
 
         return compared(result.tables[C])
 
@@ -117,7 +117,7 @@ class InC(Circumstance):
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
     ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
         """Accuracy in C over all folds, and captures that it labels otherwise than Python."""
-        from bench.export.in_c import compared, scored
+        from bench.in_c.fold import compared, scored
 
         return scored(tables[C], rate_hz) | compared(tables[C]), {}
 

@@ -23,7 +23,7 @@ def export(arguments: list[str]) -> int:
     if not words or "out" not in values:
         raise InputError("give a model and out=, the folder for the C files: bench export MODEL out=FOLDER")
     bits, out = int(str(setting("export", "bits", values))), new_folder(Path(values["out"]))
-    from bench.export.write import files_of
+    from bench.in_c.write import files_of
     from bench.work.saved import load
 
     model = load(words[0])

@@ -12,9 +12,9 @@ import pandas as pd
 from bench.corpora.composer import check_background, pieces
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.export.measure import compiled, lacking, measured, measured_watching
-from bench.export.tables import check
-from bench.export.write import files_of
+from bench.in_c.measure import compiled, lacking, measured, measured_watching
+from bench.in_c.tables import check
+from bench.in_c.write import files_of
 from bench.outcomes import scores
 from bench.outcomes.results import FoldResult
 from bench.usual import FALSE_ALARMS

@@ -9,7 +9,7 @@ import torch
 
 from bench.contract import System
 from bench.errors import InputError
-from bench.export.classifiers import HAVE, SINGLE, Decider
+from bench.in_c.classifiers import HAVE, SINGLE, Decider
 from bench.models.nets.hughes2017 import Hughes2017CNN
 from bench.models.quantised import rounded
 

@@ -11,9 +11,9 @@ from sklearn.pipeline import Pipeline
 from bench import contract
 from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
-from bench.export.classifiers import HAVE, Decider, decider, detector, has_c, number
 from bench.features.jung28 import Jung28
 from bench.features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
+from bench.in_c.classifiers import HAVE, Decider, decider, detector, has_c, number
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
 from bench.work.detector import BEGIN, END, REFUSED, UNUSUAL, WEIGHT
@@ -56,7 +56,7 @@ def check(estimator: Any) -> bool:
         return True
     system, steps = _opened(estimator, "system")
     if not isinstance(system, Pipeline):
-        from bench.export import network  # PyTorch, which other systems do without
+        from bench.in_c import network  # PyTorch, which other systems do without
 
         network.check(system)
         return False
@@ -91,7 +91,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
         if early:
             deciders["decide_early"] = decider(early[0], width, bits)
     else:
-        from bench.export import network  # PyTorch, which other systems do without
+        from bench.in_c import network  # PyTorch, which other systems do without
 
         network.check(system)
         name, longest = "convolved", LONGEST_TOUCH

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.corpora.steps import PASSES
-from bench.export.classifiers import number
-from bench.export.tables import Chip, chip_of
 from bench.features import touch
+from bench.in_c.classifiers import number
+from bench.in_c.tables import Chip, chip_of
 
 if TYPE_CHECKING:
     from bench.work.saved import Recogniser

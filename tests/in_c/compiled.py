@@ -14,10 +14,10 @@ import pytest
 
 from bench.corpora.synth import generate
 from bench.errors import InputError
-from bench.export.tables import chip_of
-from bench.export.write import files_of
 from bench.features.jung28 import Jung28
 from bench.features.touch import TouchFeatures
+from bench.in_c.tables import chip_of
+from bench.in_c.write import files_of
 from bench.models.classic.bayes import bayes
 from bench.models.classic.lda import lda
 from bench.models.classic.perceptron import Perceptron

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.circumstances.c import InC
 from bench.cli import main
 from bench.commands.printing import runs_table
-from bench.export import in_c as onchip
-from bench.export import measure as compiled
-from bench.export import network
+from bench.in_c import fold as onchip
+from bench.in_c import measure as compiled
+from bench.in_c import network
+from bench.in_c.circumstance import InC
 from bench.kinds.captures import Captures
 from bench.outcomes import scores
 from bench.plan.cells import cells
@@ -21,7 +21,7 @@ from bench.plan.plan import planned
 from bench.work.broken import KINDS
 from bench.work.tracking import key_of
 from tests.conftest import predictions, runs
-from tests.export.compiled import lacking
+from tests.in_c.compiled import lacking
 from tests.results import result
 
 SMALL = ["features=jung28", "data.subjects=3", "data.repetitions=1", "data.variants=normal"]

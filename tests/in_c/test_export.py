@@ -15,16 +15,16 @@ import pytest
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.export.classifiers import decider
-from bench.export.tables import check
 from bench.features.jung28 import Jung28
 from bench.features.touch import TouchFeatures
+from bench.in_c.classifiers import decider
+from bench.in_c.tables import check
 from bench.models.classic.lda import lda
 from bench.models.classic.rf import et, rf
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
 from bench.work.saved import quiet
-from tests.export.compiled import (
+from tests.in_c.compiled import (
     SYSTEMS,
     Library,
     check_agreement,

@@ -12,7 +12,7 @@ from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.models.classic.rf import rf
 from bench.work.live import frames_of
-from tests.export.compiled import STRICT, fitted, lacking, written
+from tests.in_c.compiled import STRICT, fitted, lacking, written
 
 FRAME, BLANK, REFUSED = "frame", "blank", "refused"
 MOST = 4 * 32  # bytes of a line of four values

@@ -16,8 +16,8 @@ import pytest
 from bench.corpora import synth, synth_recordings
 from bench.corpora.composer import composed
 from bench.corpora.corpus import Corpus, storage
-from bench.export import measure
 from bench.features.touch import TouchFeatures
+from bench.in_c import measure
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
@@ -25,7 +25,7 @@ from bench.work import live
 from bench.work.watcher import UNKNOWN
 from bench.work.watcher_training import learned
 from studies import watch_in_c
-from tests.export.compiled import STRICT, fitted, lacking, written
+from tests.in_c.compiled import STRICT, fitted, lacking, written
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
 EVENT = [("label", np.int32), ("confidence", np.float32), ("reported", np.uint32), ("end", np.uint32)]
