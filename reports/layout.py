@@ -20,10 +20,11 @@ from bench.reports.figures import SYNTHETIC, Picture
 ROOM = files("bench.reports")
 
 
-def page(template: str, title: str, **values: object) -> str:
+def page(template: str | Path, title: str, **values: object) -> str:
     """A template as one HTML page: styles and figures are in it, nothing is loaded from anywhere.
 
-    Its contents stand behind the first section, unless its sections are closed.
+    Its contents stand behind the first section, unless its sections are closed. A template of another package is a
+    path.
     """
     body = _filled(template, "html", values | {"title": title})
     heads = re.findall(r'^<h2 id="(.*?)">(.*?)</h2>', body, re.MULTILINE)
@@ -54,10 +55,10 @@ def markdown(template: str, **values: object) -> str:
     return re.sub(r"\n\s*\n", "\n\n", text).strip() + "\n"
 
 
-def _filled(template: str, form: str, values: dict[str, object]) -> str:
+def _filled(template: str | Path, form: str, values: dict[str, object]) -> str:
     """A template filled in, in one of the two forms."""
     env = Environment(
-        loader=FileSystemLoader(str(ROOM / "templates")),
+        loader=FileSystemLoader([str(ROOM / "templates"), Path(template).parent]),
         autoescape=form == "html",
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -67,7 +68,7 @@ def _filled(template: str, form: str, values: dict[str, object]) -> str:
     env.globals |= {"form": form, "next_number": lambda: next(count)}
     env.filters |= {"anchor": anchor, "md": md_escape, "code": _code, "svg": inline_svg, "base64": _base64}
     env.filters["sentence"] = _sentence
-    return env.get_template(template).render(values)
+    return env.get_template(Path(template).name).render(values)
 
 
 @pass_eval_context

@@ -21,9 +21,9 @@ from sklearn.pipeline import Pipeline
 import bench
 from bench.arguments import KEYS, parse
 from bench.corpora.corpus import Corpus
-from bench.export.measure import FLAGS
-from bench.export.tables import check
-from bench.export.write import files_of
+from bench.in_c.measure import FLAGS
+from bench.in_c.tables import check
+from bench.in_c.write import files_of
 from bench.models.quantised import in_bits
 from bench.outcomes.events import REPORT, report_table
 from bench.plan.cells import cells

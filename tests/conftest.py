@@ -136,7 +136,7 @@ def undrawn(self, figure, result, folder):
 class InProcess:
     """As `bench.work.workers.Processes`, without processes."""
 
-    overlap = False
+    overlap, threads = False, 0
 
     def __init__(self, plan, told=None):
         self.told, self.submitted = told, []

@@ -279,7 +279,7 @@ def own_names():
 
 NAMED = {  # file: names that it may have, with the reason
     "bench/commands/demo.py": {"stream", "stress"},  # lines as a user types them
-    "bench/leaderboard/tasks.py": {"stream", "stress", "watch"},  # frozen tasks are data: commands that answer them
+    "bench/board/tasks.py": {"stream", "stress", "watch"},  # frozen tasks are data: commands that answer them
     "bench/outcomes/earlier.py": {"cell", "stress", "stream", "chip", "under"},  # the reader of old runs
     "bench/scene_file.py": {"stream", "decision"},  # a section of scene files; what clock= adds to
     "bench/outcomes/candidates.py": {"decision", "cycles"},  # what clock= adds to, and what it adds
@@ -290,9 +290,9 @@ NAMED = {  # file: names that it may have, with the reason
     "reports/streaming.py": {"stream"},  # its page, called from its file
     "bench/measures.py": {"stream"},  # the same
     "bench/options.py": {"watch"},  # an option of bench fit
-    "bench/export/write.py": {"watch"},  # a file of C
+    "bench/in_c/write.py": {"watch"},  # a file of C
     "bench/commands/fit.py": {"watch"},
-    "bench/export/measure.py": {"chip"},  # a target of the Makefile
+    "bench/in_c/measure.py": {"chip"},  # a target of the Makefile
     "bench/corpora/read/haart.py": {"cell"},  # columns of its files
     "reports/layout.py": {"form"},  # of the output
 }

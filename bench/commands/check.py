@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from bench.amounts import convert
-from bench.arguments import BACKEND, backend_of, parse, setting
 from bench.arguments import KEYS as RUN_KEYS
+from bench.arguments import backend_keys, backend_of, parse, setting
 from bench.commands.kind import evaluated
 from bench.commands.printing import failures, say
 from bench.comparable import several
@@ -38,7 +38,7 @@ def check(arguments: list[str]) -> int:
     limits = {k: float(str(convert(k, values.get(k, options("check")[k].default), 1.0))) for k in LIMITS}
     if not 0 < limits["error"] < 100 or not limits["slower"] > 0:
         raise InputError("error= is a percentage and slower= a factor above 0; give for example error=1 slower=2")
-    of_runs = {k: v for k, v in values.items() if k not in {*BACKEND, *OWN, *LIMITS}}
+    of_runs = {k: v for k, v in values.items() if k not in {*backend_keys(), *OWN, *LIMITS}}
     added = [f"{k}={v}" for k, v in of_runs.items()]
     path, report = Path(str(how["baseline"])), str(how["junit"])
     if how["update"]:

@@ -219,7 +219,8 @@ def chosen(values: Values) -> Chosen:
     if scene.faults is not None and unit == "window":
         raise InputError("unit=window: losses under faults are of whole captures; leave it or the faults out")
     margin = quantity("margin", values["margin"]) if "margin" in values else None
-    clock = quantity("clock", values["clock"], "MHz") if "clock" in values else None
+    counted = "clock" in values and "cycles" in costs()  # a board of a scene has a clock, whatever is counted
+    clock = quantity("clock", values["clock"], "MHz") if counted else None
     asked = asked_of(values)
     if "shots" in values:
         shots = convert("shots", values["shots"], 0)

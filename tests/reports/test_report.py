@@ -11,12 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench.board.tasks import HAART
 from bench.cli import main
 from bench.commands import printing
 from bench.comparable import BATCH, CONDITIONS, MARK
 from bench.errors import InputError
 from bench.kinds.captures import Captures
-from bench.leaderboard.tasks import HAART
 from bench.measures import costs
 from bench.outcomes import statistics
 from bench.outcomes.runs import grouped, stored
