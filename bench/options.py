@@ -114,9 +114,6 @@ OPTIONS = (
     Option("why", "choose", "yes", False, "yes: also print what the choice depends on, and what is left out"),
     Option("out", "groups", "text", "groups", "folder for groups.csv and the figure"),
     Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
-    Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams"),
-    Option("hop_ms", "live", "number", 125, "classification of captures: milliseconds between decisions"),
-    Option("events", "live", "yes", True, "no: classify captures instead of watching an endless stream"),
     Option("out", "fit", "text", "", "folder for a copy of the model; new or empty"),
     Option("out", "predict", "text", "", "CSV file that is safe in spreadsheets; default: print the table"),
     Option("out", "adapt", "text", "", "folder for the adapted model; new or empty"),
@@ -268,17 +265,6 @@ OTHERS = {  # commands that make no runs of a kind
         "bench predict models:/m-0123456789abcdef new.csv out=labels.csv",
         "MODEL FILE [key=value ...]",
         "fit",
-    ),
-    "live": Command(
-        "ship",
-        "classify frames from standard input with a saved model",
-        "Reads one frame per line: values in row-major order, separated by commas or blanks, at most 32 characters "
-        "each. If the model can watch an endless stream, each news of a touch (reported, changed, ended) prints ms, "
-        "news, label and confidence. Otherwise, or with events=no, an empty line ends a capture, and each decision "
-        "prints capture, ms, label, confidence and settled. settled is yes once waiting would gain too little. "
-        f"MODEL is as for bench predict. {TRUSTED}",
-        "sensor | bench live models:/m-0123456789abcdef",
-        "MODEL [events=no] [hop_ms=125]",
     ),
     "adapt": Command(
         "ship",

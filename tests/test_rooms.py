@@ -14,6 +14,7 @@ import bench
 ROOT = Path(bench.__file__).parents[1]
 TOP = ("features", "models", "protocols", "reports")  # imported below bench, as pyproject.toml says
 ROOMS = {  # with words that are typed, and the line that refuses them
+    "endless": ("watch model=lda", "no command is called 'watch'"),
     "in_c": ("chip model=lda", "no command is called 'chip'"),
     "on_cluster": ("run cluster=tcp://x:1", "no key is called 'cluster'"),
     "board": ("submit task=haart-loso-v1", "no command is called 'submit'"),
@@ -43,9 +44,9 @@ pytestmark = pytest.mark.live
 def without(request, tmp_path):
     """A room, and a copy of the project without the room's folder and its tests."""
     room, copy = request.param, tmp_path / "copy"
-    ignored = shutil.ignore_patterns("__pycache__")
     for name in ("bench", *TOP, "tests"):
-        shutil.copytree(ROOT / name, copy / name, ignore=ignored)
+        links = TOP if name == "bench" else ()
+        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__", *links))
     for name in TOP:
         (copy / "bench" / name).symlink_to(copy / name)
     shutil.copy(ROOT / "pyproject.toml", copy)

@@ -48,7 +48,7 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     from bench.work.fit import fit
 
     stopping = bool(setting("fit", "stopping", values))
-    watching = bool(setting("fit", "watch", values))
+    watching = "watch" in keys("fit") and bool(setting("fit", "watch", values))
     cell, *more = cells({k: v for k, v in values.items() if k not in ("out", "stopping", "watch")})
     if more:
         raise InputError("bench fit saves one system; give one value of each key")

@@ -20,7 +20,7 @@ def live(arguments: list[str]) -> int:
         raise InputError("give the address or folder that bench fit printed: bench live MODEL")
     if sys.stdin is None:
         raise InputError("bench live: standard input is closed; send frames to it")
-    from bench.work.live import decide
+    from bench.endless.live import decide
 
     hop_ms, events = (setting("live", key, values) for key in ("hop_ms", "events"))
     return decide(words[0], float(str(hop_ms)), bool(events))

@@ -7,7 +7,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.faults import seeded
-from bench.corpora.recordings import GAP, Recordings, event_table
+from bench.corpora.recordings import Recordings, event_table
 from bench.errors import InputError
 from bench.memory import ensure
 
@@ -16,7 +16,6 @@ GAP_S = (3.0, 10.0)
 QUIET_S = 0.25  # of a piece of background, at least
 QUIET = 0.1  # of the highest summed pressure of a capture: frames below, at its ends, are quiet
 COPIES = 2  # of the readings in memory at once: as they are and repaired, in single precision
-RECORDED = "cut from recordings"  # in the corpus's info
 BESIDES = ("subject", "gesture", "split")  # columns that are no condition of the sensor
 
 
@@ -153,67 +152,3 @@ def _gap(quiet: Corpus, pool: np.ndarray, rng: np.random.Generator) -> list[np.n
         parts.append(frames[begin : begin + length])
         missing -= length
     return parts
-
-
-def captures_in(recordings: Recordings) -> Corpus:
-    """Recordings as captures, one per event and one per gap between events; no frame is copied.
-
-    The class of a gap is ``background``. The table has the position of the recording as ``recording``, and the
-    conditions of the recordings.
-
-    Raises:
-        InputError: as of `Recordings.check`: an earlier version may have imported them.
-    """
-    recordings.check()
-    lengths = recordings.corpus.lengths
-    labels = pd.Series(recordings.frame_labels())
-    firsts = np.cumsum(lengths) - lengths
-    recording = np.repeat(np.arange(len(recordings)), lengths)
-    edges = np.append(True, recording[1:] != recording[:-1])
-    edges[(firsts[recordings.events["recording"]] + recordings.events["start"]).to_numpy()] = True
-    ends = (firsts[recordings.events["recording"]] + recordings.events["end"]).to_numpy()
-    edges[ends[ends < len(edges)]] = True
-    starts = np.flatnonzero(edges)
-    table = recordings.corpus.captures.iloc[recording[starts]].reset_index(drop=True)
-    table = table.assign(gesture=labels[starts].replace("", GAP).to_numpy(), recording=recording[starts])
-    return recordings.corpus.changed(
-        starts=storage(recordings.corpus)[1][recording[starts]] + starts - firsts[recording[starts]],
-        lengths=np.append(starts[1:], len(edges))[: len(starts)] - starts,
-        captures=table,
-        index=np.arange(len(starts)),
-        piece=np.zeros(len(starts), dtype=np.int64),
-        path=None,
-        info=recordings.corpus.info | {RECORDED: True},
-    )
-
-
-def recorded(captures: Corpus) -> Recordings:
-    """The recordings that `captures_in` has cut, from all captures of some of them.
-
-    Raises:
-        ValueError: captures of a recording are missing.
-    """
-    table = captures.captures.assign(start=storage(captures)[1], length=captures.lengths)
-    table = table.sort_values(["recording", "start"])
-    groups = table.groupby("recording", sort=True)
-    first, lengths = groups["start"].min(), groups["length"].sum()
-    if (groups["start"].max() + groups["length"].last() != first + lengths).any():
-        raise ValueError("captures of a recording are missing")
-    number = table["recording"].map({name: i for i, name in enumerate(first.index)}).to_numpy()
-    start = (table["start"] - table["recording"].map(first)).to_numpy()
-    touched = (table["gesture"] != GAP).to_numpy()
-    events = zip(number, start, start + table["length"], table["gesture"], strict=True)
-    subjects = pd.DataFrame({"subject": groups["subject"].first().to_numpy(), "gesture": ""})
-    corpus = captures.changed(
-        starts=first.to_numpy(),
-        lengths=lengths.to_numpy(),
-        captures=subjects,
-        index=np.arange(len(first)),
-        piece=np.zeros(len(first), dtype=np.int64),
-    )
-    return Recordings(corpus, event_table([event for event, kept in zip(events, touched, strict=True) if kept]))
-
-
-def is_recorded(captures: Corpus) -> bool:
-    """Return True for captures that `captures_in` has cut from recordings."""
-    return bool(captures.info.get(RECORDED))

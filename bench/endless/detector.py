@@ -94,7 +94,7 @@ def behind(system: contract.System) -> tuple[list[Step], contract.System]:
 class Detector:
     """Linear discriminants on `bench.features.touch` that tell touch from background, whatever the gesture.
 
-    Background from broken sensors (`bench.work.broken`) has one class for each kind. A window is refused, and is no
+    Background from broken sensors (`bench.endless.broken`) has one class for each kind. A window is refused, and is no
     touch, if more of its features lie far from training than in any real training window, or if no taxel changes in it:
     the sensor is tared, saturated or disconnected.
 

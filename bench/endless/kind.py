@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 class Continuous(Kind):
     """Events in recordings of the test subjects; detector and post-processing are learned on training subjects.
 
-    The corpus holds recordings, or they are composed of its captures (`bench.corpora.composer`).
+    The corpus holds recordings, or they are composed of its captures (`bench.endless.composer`).
     """
 
     tag: ClassVar[str] = "watch"
@@ -58,25 +58,25 @@ class Continuous(Kind):
         Raises:
             InputError: there is one.
         """
-        from bench.work.watch import refuse
+        from bench.endless.watch import refuse
 
         refuse(plan, self.background, self.unknown)
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects."""
-        from bench.work.watch import fold_of
+        from bench.endless.watch import fold_of
 
         return fold_of(cell, corpus, fold, threads, self.false_alarms, self.background, self.unknown)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Scores and costs of one fold."""
-        from bench.work.watch import fold_numbers
+        from bench.endless.watch import fold_numbers
 
         return fold_numbers(result, rate_hz)
 
     def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Scores of touches, means over subjects with intervals; tables of touches, reports, subjects and the curve."""
-        from bench.work.watch import run_numbers
+        from bench.endless.watch import run_numbers
 
         return Result(about, *run_numbers(folds, plan.corpus.rate_hz, self.unknown))
 
@@ -172,14 +172,14 @@ class Continuous(Kind):
 
     def figure(self, result: Result, folder: Path) -> None:
         """Draw the timeline and missed touches against false alarms."""
-        from bench.reports.watching import draw
+        from bench.endless.page import draw
 
         draw(result, folder, self.alike)
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
         """A figure for each group of comparable runs, and a sentence on each system."""
-        from bench.reports.watching import watch_section
+        from bench.endless.page import watch_section
 
         return watch_section(results, folder, cls.alike)
 
@@ -193,7 +193,7 @@ class Continuous(Kind):
     @classmethod
     def gestures(cls, result: Result) -> tuple[str, ...]:
         """All gestures of the recordings of a run, and the background."""
-        from bench.outcomes.scored import watched_gestures
+        from bench.endless.candidates import watched_gestures
 
         return watched_gestures(result)
 
@@ -211,6 +211,6 @@ class Continuous(Kind):
     @classmethod
     def candidates(cls, result: Result, wish: Wish) -> Iterator[Candidate]:
         """The system as it watched."""
-        from bench.outcomes.scored import watched_candidates
+        from bench.endless.candidates import watched_candidates
 
         return watched_candidates(result, wish, cls.unit)

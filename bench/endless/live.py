@@ -20,8 +20,8 @@ from bench.outcomes.stopping import NO_SAVING
 from bench.work.replay import GROWTH
 
 if TYPE_CHECKING:
+    from bench.endless.watcher import Watcher
     from bench.work.saved import Recogniser
-    from bench.work.watcher import Watcher
 
 CHARACTERS = 32  # most of a number; a line has at most as many for each channel, its end included
 NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -78,7 +78,7 @@ def watched(recogniser: Recogniser, watcher: Watcher) -> int:
     Raises:
         InputError: a line that is not a frame; news before it is printed already.
     """
-    from bench.work.watcher import LiveStream
+    from bench.endless.watcher import LiveStream
 
     rows, cols = recogniser.grid
     frame_ms = 1000 / recogniser.rate_hz

@@ -11,15 +11,17 @@ import pandas as pd
 
 from bench import contract
 from bench.comparable import several
-from bench.corpora.composer import check_background, composed, is_recorded, pieces, recorded
-from bench.corpora.recordings import GAP, Recordings
+from bench.corpora.recordings import GAP, Recordings, is_recorded, recorded
+from bench.endless.composer import check_background, composed, pieces
+from bench.endless.detector import behind, cut, touched
+from bench.endless.watcher import UNKNOWN
+from bench.endless.watcher_training import bias_table, learn_reject, learned
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.outcomes.events import REPORT, last_confidence, matched, over_people, per_subject, summary, unknown_scores
 from bench.outcomes.results import FoldResult, costs, table_of
 from bench.timing import Times, timed
 from bench.usual import NO_TOUCH
-from bench.work.detector import behind, cut, touched
 from bench.work.fold import (
     SOME,
     TIMED_CAPTURES,
@@ -31,14 +33,12 @@ from bench.work.fold import (
     footprint,
     paced,
 )
-from bench.work.watcher import UNKNOWN
-from bench.work.watcher_training import bias_table, learn_reject, learned
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
+    from bench.endless.watcher import Watcher
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
-    from bench.work.watcher import Watcher
 
 SEED = 0  # of the composed recordings
 QUIET = "quiet"  # background from the ends of captures

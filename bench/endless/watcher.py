@@ -1,4 +1,4 @@
-"""Events in an endless stream: a detector tells that there is a touch (`bench.work.detector`), a recogniser names it.
+"""Events in an endless stream: a detector finds a touch (`bench.endless.detector`), a recogniser names it.
 
 Decisions fall at every hop of about a tenth of a second. An event begins where the probability of touch rises above
 0.95 and ends where it falls below 0.1. The recogniser (any system of touchbench) names the event from windows that lie
@@ -18,9 +18,9 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import SETTLED_S
+from bench.endless.detector import Clock, Detector, behind, cut, seen_windows, touched, updated, windows_of
 from bench.models.recipe import taken
 from bench.outcomes.events import report_table
-from bench.work.detector import Clock, Detector, behind, cut, seen_windows, touched, updated, windows_of
 
 ON, OFF = float(np.float32(0.95)), float(np.float32(0.1))  # as single precision has them
 UNKNOWN = "unknown"  # label of a gesture that is rejected
@@ -55,7 +55,7 @@ class Rules:
 
         Args:
             seen: frames so far.
-            touch: probability of touch (`bench.work.detector.touched`).
+            touch: probability of touch (`bench.endless.detector.touched`).
             log_odds: result of the detector, without the bias.
         """
         if self.over:

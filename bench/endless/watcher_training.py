@@ -12,14 +12,14 @@ from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.recordings import Recordings
 from bench.corpora.steps import Scale
+from bench.endless.broken import FEELING, KINDS, broken
+from bench.endless.detector import BACKGROUND, BROKEN, Clock, Detector, behind, cut, touched, windows_of
+from bench.endless.watcher import Rules, Watcher, events_of
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.recipe import taken
 from bench.models.search.inner_folds import inner_folds
 from bench.outcomes.events import FALSE_ALARM, last_confidence, touches_of
-from bench.work.broken import FEELING, KINDS, broken
-from bench.work.detector import BACKGROUND, BROKEN, Clock, Detector, behind, cut, touched, windows_of
-from bench.work.watcher import Rules, Watcher, events_of
 
 RARE = 8  # one of so many training windows is also learned as broken sensors show it
 BIASES = np.arange(-10, 4.25, 0.25, dtype=np.float32)  # one of them is learned

@@ -12,6 +12,7 @@ from bench.errors import InputError
 from bench.kinds.base import Spelling
 from bench.measures import Cost, Measure, over_people, percent, text
 from bench.options import Command
+from bench.registry import parts
 from bench.table import Table
 from bench.words import Values, items
 
@@ -80,10 +81,10 @@ class InC(Circumstance):
         return [self.bits, digest(), toolchain()]
 
     def depends(self) -> list[Code]:
-        """A module that those which write the C import late."""
+        """What those who write the C import late: of networks, and of systems that watch."""
         from bench.in_c import network
 
-        return [type(self), network]
+        return [type(self), network, *parts("watchers")]
 
     def refuse(self, plan: Plan) -> None:
         """Refuse a system that has no C, and a machine without the programs.

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from bench.corpora.composer import check_background, pieces
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.in_c.measure import compiled, lacking, measured, measured_watching
@@ -17,13 +16,11 @@ from bench.in_c.tables import check
 from bench.in_c.write import files_of
 from bench.outcomes import scores
 from bench.outcomes.results import FoldResult
-from bench.usual import FALSE_ALARMS
+from bench.registry import parts
 from bench.work.fitted import Fitted
 from bench.work.fold import computing
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
 from bench.work.saved import Recogniser
-from bench.work.watch import recordings_of, usual
-from bench.work.watcher_training import learned
 
 if TYPE_CHECKING:
     from bench.plan.plan import Plan
@@ -48,7 +45,7 @@ def refuse(plan: Plan) -> None:
 
 def warnings(plan: Plan) -> list[str]:
     """Warn where the folds cannot teach a watcher."""
-    why = _unwatched(plan) if check(plan.cell.untrained) else ""
+    why = _unwatched(plan) if check(plan.cell.untrained) and parts("watchers") else ""
     return [f"warning: costs of watching an endless stream are not measured: {why}"] if why else []
 
 
@@ -67,7 +64,7 @@ def fold(at: Fitted, bits: int) -> FoldResult:
         in_c = compiled(folder, len(recogniser.classes))
         proba = np.array([in_c(frames) for frames in test])
         metrics = measured(folder)
-    if check(at.cell.untrained):
+    if check(at.cell.untrained) and parts("watchers"):
         with computing(at.threads):
             metrics |= _watching(recogniser, bits, train)
     table[[f"p_{name}" for name in scores.classes_of(at.predictions)]] = np.float32(0)
@@ -93,7 +90,7 @@ def _watching(recogniser: Recogniser, bits: int, train: Corpus) -> dict[str, flo
     parts = (train[np.isin(subjects, names[:count])] for count in range(2, len(names) + 1))
     few = next((part for part in parts if set(part.gestures) == set(train.gestures)), train)
     try:
-        recogniser.watcher = learned(recogniser.estimator, recordings_of(few, usual(train)), FALSE_ALARMS)[0]
+        recogniser.watcher = parts("watchers")[0].learned(recogniser.estimator, few, train)
     except InputError:
         return {}
     with tempfile.TemporaryDirectory() as name:
@@ -105,7 +102,7 @@ def _unwatched(plan: Plan) -> str:
     if any(len(set(plan.corpus.subjects[fold.train])) < 2 for fold in plan.folds):
         return "a fold trains on one subject"
     try:
-        check_background(*pieces(plan.corpus, usual(plan.corpus)))
+        parts("watchers")[0].check(plan.corpus)
     except InputError as e:
         return str(e)
     return ""

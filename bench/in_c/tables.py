@@ -16,10 +16,9 @@ from bench.features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
 from bench.in_c.classifiers import HAVE, Decider, decider, detector, has_c, number
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
-from bench.work.detector import BEGIN, END, REFUSED, UNUSUAL, WEIGHT
-from bench.work.watcher import OFF, ON, Watcher
 
 if TYPE_CHECKING:
+    from bench.endless.watcher import Watcher
     from bench.work.replay import Stopping
     from bench.work.saved import Recogniser
 
@@ -220,6 +219,9 @@ def _watching(watcher: Watcher, recogniser: Recogniser, sizes: dict[str, Any]) -
         recogniser: saved system.
         sizes: result of `_windows`.
     """
+    from bench.endless.detector import BEGIN, END, REFUSED, UNUSUAL, WEIGHT
+    from bench.endless.watcher import OFF, ON
+
     clock, learnt = watcher.clock, watcher.detector
     features = learnt.classifier_.n_features_in_
     hop_s = np.float32(clock.hop / recogniser.rate_hz)

@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.corpora.composer import captures_in
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import open_corpus, recordings
+from bench.corpora.recordings import captures_in
 from bench.errors import InputError
 from bench.plan import splits
 from bench.plan.cells import Cell

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.corpora.composer import captures_in, composed, pieces, recorded
 from bench.corpora.corpus import Corpus
-from bench.corpora.recordings import Recordings, event_table
+from bench.corpora.recordings import Recordings, captures_in, event_table, recorded
+from bench.endless.composer import composed, pieces
 from bench.errors import InputError
 
 

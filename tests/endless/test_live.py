@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.cli import main
-from bench.work.live import decided_at
+from bench.endless.live import decided_at
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
 from bench.work.saved import Recogniser
 from tests.conftest import BENCH

@@ -12,25 +12,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.cli import main
-from bench.corpora.composer import captures_in
 from bench.corpora.corpus import Corpus
-from bench.corpora.recordings import Recordings, event_table
+from bench.corpora.recordings import Recordings, captures_in, event_table
 from bench.corpora.synth_recordings import generate
+from bench.endless.detector import Clock, touched
+from bench.endless.kind import Continuous
+from bench.endless.watch import _rejection, recordings_of, run_numbers
+from bench.endless.watcher import LiveStream, Rules, Tracker, events_of
+from bench.endless.watcher_training import learned
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
-from bench.kinds.recordings import Continuous
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
 from bench.outcomes.candidates import candidates
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import Fold
-from bench.work.detector import Clock, touched
 from bench.work.fit import save_adapted
 from bench.work.saved import Recogniser, load
-from bench.work.watch import _rejection, recordings_of, run_numbers
-from bench.work.watcher import LiveStream, Rules, Tracker, events_of
-from bench.work.watcher_training import learned
 from tests.conftest import SMALL, random_corpus, runs
 from tests.results import watched as seen
 

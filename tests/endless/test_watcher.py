@@ -9,15 +9,15 @@ import pytest
 from bench.corpora import synth, synth_recordings
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings, event_table
+from bench.endless.broken import KINDS, broken, tared
+from bench.endless.detector import Clock
+from bench.endless.watcher import UNKNOWN
+from bench.endless.watcher_training import broken_windows, joined, learn_reject, learned, reject_threshold
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
 from bench.outcomes.events import last_confidence, matched, report_table
-from bench.work.broken import KINDS, broken, tared
-from bench.work.detector import Clock
-from bench.work.watcher import UNKNOWN
-from bench.work.watcher_training import broken_windows, joined, learn_reject, learned, reject_threshold
 
 SENSOR = {"rate_hz": 54.0, "seed": 1}
 NORMAL = ("normal",)

@@ -10,6 +10,7 @@ import pytest
 
 from bench.cli import main
 from bench.commands.printing import runs_table
+from bench.endless.broken import KINDS
 from bench.in_c import fold as onchip
 from bench.in_c import measure as compiled
 from bench.in_c import network
@@ -18,7 +19,6 @@ from bench.kinds.captures import Captures
 from bench.outcomes import scores
 from bench.plan.cells import cells
 from bench.plan.plan import planned
-from bench.work.broken import KINDS
 from bench.work.tracking import key_of
 from tests.conftest import predictions, runs
 from tests.in_c.compiled import lacking

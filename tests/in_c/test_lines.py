@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 
 from bench.corpora.corpus import Corpus
+from bench.endless.live import frames_of
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.models.classic.rf import rf
-from bench.work.live import frames_of
 from tests.in_c.compiled import STRICT, fitted, lacking, written
 
 FRAME, BLANK, REFUSED = "frame", "blank", "refused"

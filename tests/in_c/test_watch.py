@@ -14,16 +14,16 @@ import pandas as pd
 import pytest
 
 from bench.corpora import synth, synth_recordings
-from bench.corpora.composer import composed
 from bench.corpora.corpus import Corpus, storage
+from bench.endless import live
+from bench.endless.composer import composed
+from bench.endless.watcher import UNKNOWN
+from bench.endless.watcher_training import learned
 from bench.features.touch import TouchFeatures
 from bench.in_c import measure
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
-from bench.work import live
-from bench.work.watcher import UNKNOWN
-from bench.work.watcher_training import learned
 from studies import watch_in_c
 from tests.in_c.compiled import STRICT, fitted, lacking, written
 

@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from bench.cli import main
-from bench.work import cluster
+from bench.on_cluster import cluster
 from tests.commands.test_server import free_port
 from tests.conftest import BENCH, predictions, runs
 

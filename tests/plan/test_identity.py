@@ -13,10 +13,10 @@ from bench import source
 from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
 from bench.circumstances.subjects import Subjects
+from bench.endless.kind import Continuous
 from bench.in_c.circumstance import InC
 from bench.kinds.base import Shown
 from bench.kinds.captures import Captures
-from bench.kinds.recordings import Continuous
 from bench.plan.cells import cells
 from bench.plan.plan import Plan, corpus_of, folds_of
 from bench.protocols import transfer
@@ -154,8 +154,8 @@ CAPTURES = {"run", *LABELLED}
         ("bench/in_c/circumstance.py", line("fold"), {"chip"}),
         ("bench/in_c/fold.py", code, {"chip"}),
         ("bench/in_c/network.py", code, {"chip"}),
-        ("bench/kinds/recordings.py", line("fold"), {"watch"}),
-        ("bench/work/watch.py", code, {"watch", "chip"}),  # C watches, too
+        ("bench/endless/kind.py", line("fold"), {"watch"}),
+        ("bench/endless/watch.py", code, {"watch", "chip"}),  # C watches, too
     ],
 )
 def test_a_change_of_code_makes_those_runs_stale_that_depend_on_it(file, edit, stale, changed):

@@ -15,13 +15,14 @@ from bench.board.tasks import HAART
 from bench.cli import main
 from bench.commands import printing
 from bench.comparable import BATCH, CONDITIONS, MARK
+from bench.endless import page as watching
 from bench.errors import InputError
 from bench.kinds.captures import Captures
 from bench.measures import costs
 from bench.outcomes import statistics
 from bench.outcomes.runs import grouped, stored
 from bench.outcomes.store import connect
-from bench.reports import candidates, page, panes, watching
+from bench.reports import candidates, page, panes
 from bench.reports.comparison import comparison, published, shown
 from bench.reports.pair import compared
 from bench.reports.run_groups import Group
