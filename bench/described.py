@@ -1,6 +1,6 @@
 """Parts in words: what each is, and every parameter with its default, its meaning and where the default comes from.
 
-All of it is read from docstrings and signatures, so that ``--help``, the page of classifiers and captions cannot differ.
+All of it is read from docstrings and signatures, so that help, the page of classifiers and captions cannot differ.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ class Plan:
     def of(self, cell: Cell) -> Plan:
         """The plan of another cell on the same captures with the same protocol."""
         other = copy(self)
-        object.__setattr__(other, "cell", cell)  # the class is frozen
+        vars(other).update(cell=cell)  # the class is frozen
         return other
 
     def identity(self) -> dict[str, object]:
