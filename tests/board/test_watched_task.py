@@ -149,7 +149,7 @@ def test_a_rerun_must_report_the_same_events(tiny, monkeypatch, capsys):
 
 
 def test_reference_results_have_the_scores_of_their_runs():
-    """Figures of docs/watch.md, which `bench watch` printed."""
+    """Figures of docs/notes/watch.md, which `bench watch` printed."""
     printed = {"lda-touch": (98.2, 74.9, 78.3, 3.8, 1.02), "reflex": (98.2, 75.4, 78.9, 3.8, 1.02)}
     rows = scores_of(reference_of(NAME)).set_index("name")
     names = ["touches_found", "first_correct", "accuracy", "false_alarms_per_hour", "latency_s_p50"]
