@@ -37,7 +37,7 @@ FIELDS = [
     ({"task": "haart-loso-v2"}, "haart-loso-v1"),
     ({"task": None}, "task is missing"),
     ({"who": ""}, "who is missing"),
-    ({"who": "touchbench"}, "bench/board/reference"),
+    ({"who": "touchbench"}, "only the results of touchbench"),
     ({"system": "x" * 201}, "200"),
     ({"system": "r\u0435flex"}, "'r\\u0435flex'"),
     ({"date": "yesterday"}, "'yesterday'"),
