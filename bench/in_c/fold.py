@@ -87,8 +87,8 @@ def _watching(recogniser: Recogniser, bits: int, train: Corpus) -> dict[str, flo
     """
     subjects = train.subjects.astype(str)
     names = np.unique(subjects)
-    parts = (train[np.isin(subjects, names[:count])] for count in range(2, len(names) + 1))
-    few = next((part for part in parts if set(part.gestures) == set(train.gestures)), train)
+    fewer = (train[np.isin(subjects, names[:count])] for count in range(2, len(names) + 1))
+    few = next((one for one in fewer if set(one.gestures) == set(train.gestures)), train)
     try:
         recogniser.watcher = parts("watchers")[0].learned(recogniser.estimator, few, train)
     except InputError:

@@ -12,7 +12,7 @@ class Backend:
     Attributes:
         jobs: processes of this machine, None for one per core.
         workers: name of other workers (entry points ``touchbench.workers``); empty for processes of this machine.
-        address: where they are found.
+        address: the place where they are found.
     """
 
     jobs: int | None = None

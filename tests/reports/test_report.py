@@ -219,7 +219,7 @@ def test_without_runs_on_captures_the_report_has_those_on_recordings(quick, stor
     keep(store, watched("svm", [0.5] * 6, alarms=40.0, latency=1.0))
     written = page.write_report(store, Path("report"))
     words = " ".join(html.unescape(Path("report/index.html").read_text()).split())
-    assert '<details id="continuous-touch" open>' in words and "1 runs of 1 systems" in words
+    assert '<details id="continuous-touch" open>' in words and "1 run of 1 system" in words
     assert 'id="verdict"' not in words and 'id="runs"' not in words
     assert Path("report/index.html") in written and not Path("report/comparison.csv").exists()
 
@@ -399,7 +399,7 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
         answer = verdict(results, budget)
         assert answer.choice.table["system"][answer.choice.chosen] == system in answer.lines[0]
         words = [costs()[k].argument(v) for k, v in budget.items()]
-        assert answer.command == " ".join(["bench choose data=synth where=all target=gesture protocol=loso", *words])
+        assert answer.command == " ".join(["bench choose data=synth where=all protocol=loso", *words])
         assert main([*answer.command.split()[1:], "why=yes"]) == 0
         printed = capsys.readouterr().out
         assert all(line in printed for line in answer.lines)
