@@ -81,8 +81,7 @@ def _done(arguments: list[str]) -> int:
             return command(name, rest)
     for line in broken():
         print(f"warning: {line}", file=sys.stderr)
-    place = known[name].module or name
-    module = importlib.import_module(place if "." in place else f"bench.commands.{place}")
+    module = importlib.import_module(known[name].module or f"bench.commands.{name}")
     with scratch():
         return getattr(module, name)(rest)
 

@@ -51,8 +51,7 @@ class Command:
         text: a paragraph.
         examples: lines that can be typed.
         usage: arguments behind its name; a line for each form.
-        module: module that has a function of its name, below ``bench.commands`` unless it has a dot; empty if module
-            and function share the name.
+        module: module that has a function of its name; empty for the one of its name in ``bench.commands``.
         shares: keys of other commands that it takes, too.
         options: its own keys, where ``bench.commands`` does not have it.
     """
@@ -247,7 +246,7 @@ OTHERS = {  # commands that make no runs of a kind
         "open MLflow's page of the runs",
         "Starts MLflow's server on this machine only, for the store of this folder or MLFLOW_TRACKING_URI. Prints the "
         "address of the table of runs. Ctrl-C stops the server.",
-        module="report",
+        module="bench.commands.report",
     ),
     "fit": Command(
         "start here",
@@ -264,7 +263,7 @@ OTHERS = {  # commands that make no runs of a kind
         f"of the store of this folder, or a folder. {TRUSTED}",
         "bench predict models:/m-0123456789abcdef new.csv out=labels.csv",
         "MODEL FILE [key=value ...]",
-        "fit",
+        "bench.commands.fit",
     ),
     "adapt": Command(
         "ship",
@@ -275,7 +274,7 @@ OTHERS = {  # commands that make no runs of a kind
         "model.person= can adapt; bench run protocol=personal measures the gain.",
         "bench fit data=haart model=reflex out=rec\nbench adapt rec anna.csv out=rec_anna",
         "MODEL FILE out=FOLDER [key=value ...]",
-        "fit",
+        "bench.commands.fit",
     ),
     "check": Command(
         "more",
@@ -341,10 +340,10 @@ def commands() -> dict[str, Command]:
 
 def options(command: str) -> dict[str, Option]:
     """The keys of a command by name; those of all its actions for one that has some."""
-    if added := classes("commands").get(command):
+    maker = makers().get(command)
+    if not maker and command not in OTHERS and (added := classes("commands").get(command)):
         shared = (option for option in OPTIONS if option.key in added.shares.split())
         return {option.key: option for option in (*shared, *added.options)}
-    maker = makers().get(command)
     names = {command, "makers"} if maker else {command}
     rows = [o for o in _every(command) if any(c in names or c.startswith(f"{command}-") for c in o.commands.split())]
     return {option.key: option for option in (*rows, *(maker.options() if maker else ()))}

@@ -316,6 +316,36 @@ def test_no_other_file_names_a_kind_or_a_circumstance():
     assert {file: here - found.get(file, set()) for file, here in NAMED.items() if here - found.get(file, set())} == {}
 
 
+COUNTS = """
+from bench.arguments import parse
+from bench.options import Command, Option, keys
+
+COUNT = Command(
+    "more",
+    "count letters",
+    "Counts the letters of a name.",
+    module="counting",
+    shares="data",
+    options=(Option("least", "count", "count", 1, "least letters"),),
+)
+LOUD = Option("loud", "fit predict", "yes", False, "yes: say so")
+
+def count(arguments):
+    print(len(parse(arguments, keys("count"))["data"]), "letters")
+    return 0
+"""
+
+
+def test_a_package_adds_a_command_and_a_key_of_others(plug):
+    points = "[touchbench.commands]\ncount = counting:COUNT\nlost = counting:LOST\n"
+    points += "[touchbench.options]\nloud = counting:LOUD\n"
+    plug(points, COUNTS, "counting")
+    assert done(["count", "data=anna"]) == (0, "4 letters\n") and done(["count", "seed=1"])[0] == 2
+    assert "data=" in help_of("count") and "least letters; default 1" in help_of("count") and "count" in overview()
+    assert "loud= " in help_of("fit") and "loud= " not in help_of("run")
+    assert [line.split(" in ")[0] for line in registry.broken()] == ["the entry point lost"]
+
+
 def test_a_run_enters_no_other_kind_no_choice_and_of_reports_its_own_figure(tmp_path):
     """Every Python function that a run calls, with folds in this process."""
     assert done(["run", *SMALL, "model=tree", "features=jung28", "under=noise"])[0] == 0  # all is imported
