@@ -11,6 +11,7 @@ import importlib
 import importlib.util
 import inspect
 import sys
+import sysconfig
 from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -187,9 +188,17 @@ def _from_file(argument: str, path: Path, attribute: str) -> Callable:
 
 
 def lies_beside(path: str | None, folders: Iterable[Path]) -> bool:
-    """Whether a file lies in one of the folders, or below; packages that are installed there do not count."""
+    """Whether a file lies in one of the folders, or below; Python and packages that are installed there do not count."""
     place = Path(path or "")
-    return "site-packages" not in place.parts and any(folder in place.parents for folder in folders)
+    if {"site-packages", "dist-packages"} & {*place.parts} or any(lib in place.parents for lib in _libraries()):
+        return False
+    return any(folder in place.parents for folder in folders)
+
+
+@cache
+def _libraries() -> set[Path]:
+    """Folders of Python's own modules and of installed packages."""
+    return {Path(path) for name, path in sysconfig.get_paths().items() if "lib" in name}
 
 
 def parameters(part: Callable) -> dict[str, object]:

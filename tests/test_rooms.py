@@ -35,7 +35,7 @@ COMMANDS = (
     f"fit {SMALL} model=lda features=touch out=rec",
     "tune --help",
 )
-CORE = "corpora/test_where.py corpora/test_steps.py outcomes/test_runs.py outcomes/test_gate.py work/test_loop.py"
+CORE = "corpora/test_where.py corpora/test_steps.py outcomes/test_gate.py work/test_loop.py"
 
 pytestmark = pytest.mark.live
 

@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, entry_points, requires, version
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import mlflow
@@ -232,7 +233,8 @@ def by_value() -> None:
     """Save the code of a user's file, and of what it imports from beside it, inside the model; others lack it."""
     import cloudpickle
 
-    modules = {name: module for name, module in sys.modules.items() if getattr(module, "__file__", None)}
+    every = {name: module for name, module in sys.modules.items() if isinstance(module, ModuleType)}
+    modules = {name: module for name, module in every.items() if getattr(module, "__file__", None)}
     folders = {Path(m.__file__ or "").parent for name, m in modules.items() if name.startswith(FILE_MODULE)}
     for name, module in modules.items():
         if lies_beside(module.__file__, folders) and name.split(".")[0] not in ("bench", "__main__"):
