@@ -188,7 +188,7 @@ def _from_file(argument: str, path: Path, attribute: str) -> Callable:
 
 
 def lies_beside(path: str | None, folders: Iterable[Path]) -> bool:
-    """Whether a file lies in one of the folders, or below; Python and packages that are installed there do not count."""
+    """Whether a file lies in one of the folders, or below; Python and installed packages do not count."""
     place = Path(path or "")
     if {"site-packages", "dist-packages"} & {*place.parts} or any(lib in place.parents for lib in _libraries()):
         return False
