@@ -1,4 +1,4 @@
-"""The ways in which a run labels, for a choice: Python on captures, windows or early, and systems that watch."""
+"""The ways in which a run on captures labels, for a choice: Python on captures, on windows or early."""
 
 from __future__ import annotations
 
