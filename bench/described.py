@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 from bench.amounts import text_of
 from bench.registry import load, names, parameters, required
-from bench.usual import WIDTH
-from bench.words import PARTS, items
+from bench.words import PARTS, WIDTH, items
 
 SECTION = re.compile(r"^(Args|Attributes|Raises|Returns):$", re.MULTILINE)
 ENTRY = re.compile(r"^ {4}(\w[\w, ]*):\s+(.*(?:\n {8}.*)*)", re.MULTILINE)

@@ -13,7 +13,8 @@ from typing import Any
 
 from bench.measures import budgets, costs
 from bench.registry import classes, names
-from bench.usual import FALSE_ALARMS, WIDTH
+from bench.usual import FALSE_ALARMS
+from bench.words import WIDTH
 
 SMALL = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"  # a small system, accurate on real touch
 
@@ -350,7 +351,7 @@ def options(command: str) -> dict[str, Option]:
 
 
 def _every(command: str) -> Iterator[Option]:
-    """All options, those of rooms and packages last; a command with budgets has them behind ``by``.
+    """All options; rooms and packages add theirs at the end. A command with budgets has them behind ``by``.
 
     Others do without the costs of installed packages, so that their help comes even where one cannot be loaded.
     """

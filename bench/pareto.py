@@ -58,7 +58,7 @@ def dominated_by(accuracy: np.ndarray, costs: np.ndarray) -> np.ndarray:
 
 
 def _better(points: np.ndarray, than: int, accuracy: np.ndarray, costs: np.ndarray) -> np.ndarray:
-    """Those of some points, at least as accurate as another one, that are as cheap as it, too, and better in one."""
+    """The points that cost no more than another one and are better in something; all are at least as accurate."""
     as_cheap = points[(costs[points] <= costs[than]).all(axis=1)]
     strictly = (accuracy[as_cheap] > accuracy[than]) | (costs[as_cheap] < costs[than]).any(axis=1)
     return as_cheap[strictly]

@@ -49,9 +49,9 @@ def forget() -> None:
 
 @cache
 def _away() -> list[dict[str, dict[str, str]]]:
-    """What those of touchbench's packages add that can be taken away, by group: each has a module ``room``.
+    """What touchbench's rooms add, by group. A room is a package with a module ``room`` and can be taken away.
 
-    They are found by looking which are there, so no other module names them.
+    The rooms are found by looking which are there, so no other module names them.
     """
     found = sorted(place_of("bench").glob("*/room.py"))
     return [importlib.import_module(f"bench.{path.parent.name}.room").ADDS for path in found]

@@ -15,7 +15,7 @@ from bench.candidate import Losses
 from bench.errors import InputError, nearest
 from bench.measures import Cost, costs
 from bench.outcomes.reactions import Reactions
-from bench.usual import FAULTS
+from bench.words import FAULTS
 
 KEYS = ("by", "margin", "unit")  # of a scene and of `bench choose`
 OTHER = {  # lines of each section that are no budgets: a key, and that of `bench choose`, empty for those read here

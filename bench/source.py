@@ -109,7 +109,7 @@ def source_digest(*parts: Code) -> str:
         todo += [(m, n, False) for m, n in used if m in sys.modules and considered(m)]
         # Not of all files: the Corpus imports pictures and the messages of where= late, a search the steps of captures
         # and the selection of columns, so that what does without them does not depend on them.
-        if late or consumers[name]:
+        if late or consumers[name] or lies_beside(path, beside):  # a user's code counts as a whole
             found = {o for m, n in imports.late for o in _imported(m, n, module.__package__, considered)}
             todo += [(m, n, True) for m, n in found if m in sys.modules and considered(m)]
     h = hashlib.sha256()
@@ -122,8 +122,8 @@ def source_digest(*parts: Code) -> str:
 def _lies_in(name: str, folders: set[Path]) -> bool:
     """Whether a module, or a late import, is what a user's file imports from beside it."""
     path = getattr(sys.modules.get(name), "__file__", None)
-    if folders and name not in sys.modules:
-        path = getattr(importlib.util.find_spec(name.partition(".")[0]), "origin", None)
+    if folders and name not in sys.modules and (spec := importlib.util.find_spec(name.partition(".")[0])):
+        path = spec.origin or next(iter(spec.submodule_search_locations or []), None)  # a package may have no file
     return lies_beside(path, folders)
 
 

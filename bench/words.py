@@ -8,6 +8,9 @@ from collections.abc import Mapping
 from bench.errors import InputError
 
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}  # rooms of parts by key
+WIDTH = 100  # columns of help
+FAULTS = "dead_taxels stuck_taxels dead_lines gain_drift offset_drift saturation noise fewer_bits dropped_frames "
+FAULTS += "lower_rate time_jitter late_start early_end shift rotation smaller_grid cover"  # names of the faults
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 
 

@@ -39,8 +39,9 @@ class Reflex(MostProbable):
        judged by a network of 18 units (`classic.perceptron`) instead, wholly from 3 % of them on. It has learnt from
        every capture as it is and in eight damaged copies, each by a fault and a severity drawn at random, a copy
        counting as much as the capture. Faults cost little where there are none, as few features of sound captures are
-    unusual. 6. The short windows have discriminants alone, learnt from three copies as well, each of which counts a
-    tenth. 7. A capture's probabilities are the mean over its windows.
+       unusual.
+    6. The short windows have discriminants alone, learnt from three copies as well, each of which counts a tenth.
+    7. A capture's probabilities are the mean over its windows.
 
     Every number above was chosen on the training part of HAART's challenge split, leaving out its subjects one by one,
     or is round, but for the 18 units, which fit into 64 kB with all else: docs/notes/systems.md tells what was tried.

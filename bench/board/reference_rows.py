@@ -23,7 +23,7 @@ class Shipped:
     def beside(results: Sequence[Result]) -> list[dict[str, object]]:
         """Rows of the reference results that are comparable with the results of one group (`bench.reports.comparison`).
 
-        Those of systems that have a complete run among these are left out.
+        A system that has a complete run among these is left out.
         """
         own = {r.system for r in results if r.complete}
         answered = [task.name for task in TASKS.values() if _answers(results[0], task)]

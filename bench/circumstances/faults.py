@@ -14,8 +14,8 @@ from bench.kinds.base import Spelling
 from bench.measures import Cell as Shown
 from bench.measures import Cost, Measure, Row, text
 from bench.options import Command
-from bench.usual import CLEAN, FAULTS, SEVERITIES
-from bench.words import Values, items
+from bench.usual import CLEAN, SEVERITIES
+from bench.words import FAULTS, Values, items
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -12,7 +12,7 @@ from bench.errors import InputError, nearest
 from bench.options import Option, commands, options
 from bench.registry import names
 from bench.scratch import home
-from bench.usual import FAULTS
+from bench.words import FAULTS
 
 ANSWER = "answer"  # bench completion answer WORD... prints what the last of the words may become
 SHELLS = {

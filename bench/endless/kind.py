@@ -163,12 +163,9 @@ class Continuous(Kind):
         """The next command to type."""
         from bench.outcomes.runs import choosing
 
-        results = [r for r in results if not r.get("watch.unknown")]
-        return (
-            choosing(results, max_false_alarms=f"{FALSE_ALARMS:g}", max_latency="1s")
-            if results
-            else super().then(results)
-        )
+        if results := [r for r in results if not r.get("watch.unknown")]:
+            return choosing(results, max_false_alarms=f"{FALSE_ALARMS:g}", max_latency="1s")
+        return super().then(results)
 
     def figure(self, result: Result, folder: Path) -> None:
         """Draw the timeline and missed touches against false alarms."""

@@ -87,6 +87,8 @@ class Plan:
 
     def of(self, cell: Cell) -> Plan:
         """The plan of another cell on the same captures with the same protocol."""
+        for name in ("label", "facts", "_captures"):
+            getattr(self, name)  # computed once, before the copy
         other = copy(self)
         vars(other).update(cell=cell)  # the class is frozen
         return other
@@ -128,13 +130,12 @@ def planned(cells: list[Cell], jobs: int | None) -> list[Plan]:
         if new:
             folds = tuple(folds_of(cell, corpus))
             first[key] = Plan(cell, corpus, folds, *share_cores(jobs, len(folds)))
+            refuse_repeats(first[key])
         plans.append(first[key].of(cell))
         if contract.CHECK_TRAINING(estimator):
             gestures = corpus.gestures
             for fold in plans[-1].folds:
                 contract.check_training(estimator, corpus[fold.train], gestures[fold.train])
-        if new:
-            refuse_repeats(first[key])
     return plans
 
 

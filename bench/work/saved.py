@@ -204,7 +204,7 @@ class Recogniser(PythonModel):
 @contextmanager
 def own_code() -> Iterator[str]:
     """The package ``bench`` as an installation has it, in a temporary folder: what MLflow stores as ``code_paths``."""
-    left_out = shutil.ignore_patterns("__pycache__", "reports")
+    left_out = shutil.ignore_patterns("__pycache__", "reports", "reference")
     with tempfile.TemporaryDirectory(prefix="touchbench-code-") as folder:
         own = Path(folder) / "bench"
         shutil.copytree(place_of("bench"), own, ignore=left_out)

@@ -20,7 +20,7 @@ from bench.kinds.captures import Captures
 from bench.plan.cells import cells
 from bench.plan.plan import Plan, corpus_of, folds_of
 from bench.protocols import transfer
-from bench.registry import classes
+from bench.registry import classes, lies_beside, load
 from bench.work.tracking import key_of
 
 ROOT = Path(source.__file__).parent.parent
@@ -373,3 +373,33 @@ def test_a_late_import_counts_whether_or_not_somebody_else_made_it_before(produc
         for first in ("", "import produced.scaling; ", "import produced.drawing, produced.pages, produced.fitting; ")
     }
     assert said == {f"{source.source_digest(importlib.import_module('produced.kind').Kind)}\n"}
+
+
+@pytest.mark.parametrize("beside", ["nets_of_mine/__init__.py", ""])
+@pytest.mark.parametrize("late", [False, True])
+def test_what_a_file_imports_from_beside_it_counts_also_late(tmp_path, monkeypatch, beside, late):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(sys, "modules", dict(sys.modules))  # what is imported here is forgotten
+    package = tmp_path / "nets_of_mine"
+    package.mkdir()
+    if beside:
+        (tmp_path / beside).touch()
+    (package / "net.py").write_text("def Net():\n    return 1\n")
+    line = "from nets_of_mine.net import Net\n"
+    text = f"def mine():\n    {line}    return Net()\n" if late else f"{line}def mine():\n    return Net()\n"
+    (tmp_path / "wrap.py").write_text(text)
+    part = load("models", f"{tmp_path / 'wrap.py'}:mine")
+    before = source.source_digest(part)
+    (package / "net.py").write_text("def Net():\n    return 22\n")
+    assert source.source_digest(part) != before
+
+
+def test_python_s_own_modules_lie_beside_no_file():
+    """As where Python is installed below the folder of the file, such as a home."""
+    import json
+
+    import numpy
+
+    folders = [Path(json.__file__).parents[4], Path(numpy.__file__).parents[4]]
+    assert not any(lies_beside(module.__file__, folders) for module in (json, numpy, subprocess))
+    assert lies_beside(str(folders[0] / "mine" / "net.py"), folders)

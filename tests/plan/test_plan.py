@@ -218,11 +218,14 @@ def test_cells_on_the_same_captures_and_protocol_share_their_plan(monkeypatch):
     asked = []
     corpus = random_corpus(longest=20)
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *given: asked.append(given) or corpus)
+    computed = []
+    monkeypatch.setattr("bench.plan.plan.shared_ratio", lambda folds: computed.append(folds) or shared_ratio(folds))
     plans = planned(
         cells({"data": "mine", "model": "lda,bayes", "features": "touch,jung28", "protocol": "loso,holdout"}), 1
     )
     assert len(plans) == 8 and len(asked) == 2
     assert len({id(plan.folds) for plan in plans}) == 2 and len({repr(plan.identity()) for plan in plans}) == 8
+    assert len({repr(plan.facts) for plan in plans}) == 2 == len(computed)
     again = [planned([plan.cell], 1)[0] for plan in plans]
     assert [plan.identity() for plan in again] == [plan.identity() for plan in plans]
 
