@@ -8,6 +8,16 @@ from collections.abc import Mapping
 from bench.errors import InputError
 
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}  # rooms of parts by key
+SMALL = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"  # a small system, accurate on real touch
+DEFAULTS = {  # of the keys of a run
+    "data": "synth",
+    "protocol": "loso",
+    "model": "svm",
+    "features": "jung54",
+    "seed": "0",
+    "where": "",
+    "target": "gesture",
+}
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 
 

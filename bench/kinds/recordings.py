@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from bench.kinds.base import Kind, Spelling, option
 from bench.measures import Cost, Measure, percent
-from bench.options import SMALL, Command
+from bench.options import Command
 from bench.result import Result
 from bench.usual import FALSE_ALARMS
+from bench.words import SMALL
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -201,7 +201,7 @@ def prices(choice: Choice, binding: bool = False) -> list[str]:
         choice: result of `decide`.
         binding: True to leave out budgets that rule out no system.
     """
-    rows: dict[int | None, Row | None] = {**_rows(choice), None: None}
+    rows = _rows(choice)
     kept = [limit for limit in choice.budgets if limit.over or limit.unknown or not binding]
     limits = [(limit, costs()[limit.cost], rows[limit.without], rows[limit.least]) for limit in kept]
     return said("prices", limits=limits, best=rows[choice.best], candidates=len(choice.table))
@@ -219,11 +219,12 @@ def scope(subjects: int, mixed: bool) -> list[str]:
 
 def _told(choice: Choice, by: str) -> dict[str, object]:
     """What sentences on a choice name."""
-    rows: dict[int | None, Row | None] = {**_rows(choice), None: None}
+    rows = _rows(choice)
     named_by = {name: rows[i] for name, i in (("chosen", choice.chosen), ("best", choice.best))}
     unranked = [rows[i] for i in choice.unranked]
     return named_by | {"better": rows[choice.costlier], "unranked": unranked, "cost": costs()[by], "by": by}
 
 
-def _rows(choice: Choice) -> dict[int, Row]:
-    return dict(zip(choice.table.index, rows_of(choice.table), strict=True))
+def _rows(choice: Choice) -> dict[int | None, Row | None]:
+    """The candidates by index; None has none."""
+    return {None: None, **dict(zip(choice.table.index, rows_of(choice.table), strict=True))}
