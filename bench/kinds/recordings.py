@@ -187,9 +187,11 @@ class Continuous(Kind):
     @classmethod
     def chosen(cls, row: Mapping[str, Any]) -> str:
         """False alarms and latency of a chosen system."""
+        from bench.sentences import sentences
+
         alarms, latency = (cost.amount(row[cost.key]) for cost in cls.costs)
         alarms = alarms.replace(" per", " false alarms per")
-        return f"It raises {alarms} of background; its median latency is {latency}."
+        return sentences("bench.kinds", "recordings", "chosen", alarms=alarms, latency=latency)[0]
 
     @classmethod
     def gestures(cls, result: Result) -> tuple[str, ...]:
