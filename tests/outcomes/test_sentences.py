@@ -1,4 +1,4 @@
-"""Sentences from templates: paragraphs as lines, no value forgotten, and no sentence left in Python."""
+"""Sentences from templates: paragraphs as lines, no value forgotten, no block unused."""
 
 import ast
 import re
@@ -8,9 +8,6 @@ from jinja2 import UndefinedError
 
 from bench.sentences import sentences, shortened
 from tests.test_structure import modules
-
-TEMPLATES = {"bench.outcomes": "choice", "bench.reports": "sentences"}
-LONGEST = 40  # words that a function may join to a text; a refusal is no sentence of a result
 
 
 def test_an_empty_line_ends_a_paragraph_and_a_forgotten_value_is_an_error():
@@ -28,11 +25,11 @@ def test_every_block_of_a_template_is_used_and_every_used_one_exists():
     used, there = set(), set()
     for path in modules().values():
         source = path.read_text()
-        used |= {*re.findall(r'"(bench\.\w+)", "(\w+)",\s*"(\w+)"', source)}
+        used |= {*re.findall(r'"(bench\.\w+)",\s*"(\w+)",\s*"(\w+)"', source)}
         for node in ast.walk(ast.parse(source)):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "said":
                 used.add(("bench.outcomes", "choice", node.args[0].value))
         for template in (path.parent / "templates").glob("*.jinja"):
             package = f"bench.{path.parent.name}"
             there |= {(package, template.stem, name) for name in re.findall(r"{% block (\w+) %}", template.read_text())}
-    assert used == there and {(p, t) for p, t, _ in there} >= {*TEMPLATES.items()}
+    assert used == there != set()
