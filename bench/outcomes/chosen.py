@@ -102,7 +102,9 @@ class Chosen:
     def _brief(self) -> list[str]:
         """At most `BRIEF` sentences."""
         if self.system is None:
-            return [*self._verdict, *prices(self.choice, binding=True), *self._lacks(1)[:1]][:BRIEF]
+            first = {what: commands[:1] for what, commands in self.lacking.items()}
+            lacking = said("lacking", lacking=first, shown=1)
+            return [*self._verdict, *prices(self.choice, binding=True), *lacking[:1]][:BRIEF]
         expect = expectation(self.expected, self.among, self.choice.chosen)[:1]
         notes = notes_on(self.system, str(self.among.first["data"]))
         notes += [MARKED] * any(MARKED in notes_on(str(name), "") for name in self.among.table["system"])
@@ -124,12 +126,8 @@ class Chosen:
             *self._meaning(),
             *self.among.notes,
             *(f"{note.rstrip('.')}." for note in notes),
-            *self._lacks(SHOWN),
+            *said("lacking", lacking=self.lacking, shown=SHOWN),
         ]
-
-    def _lacks(self, shown: int) -> list[str]:
-        """What is not stored, with some of the commands that measure it."""
-        return said("lacking", lacking=self.lacking, shown=shown)
 
     __repr__ = __str__
 
