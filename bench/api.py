@@ -25,9 +25,9 @@ from bench.outcomes.runs import SELECTING, asked_of, frame_of, grouped, selected
 from bench.outcomes.store import connect
 from bench.plan.cells import cells, corpus_variants
 from bench.plan.plan import Plan, captures_of, planned
+from bench.registry import parts
 from bench.reports.comparison import comparison, published
 from bench.reports.latex import latex as latex
-from bench.reports.leaderboard import OWN, reference, scores_of
 from bench.reports.pair import Compared, compared
 from bench.result import COUNTS, Result
 from bench.table import Table
@@ -38,6 +38,7 @@ SHOWN = (  # columns that matter, by name
     "task system accuracy low high behind subject_sd macro_f1 adaptive_accuracy adaptive_ms flash_bytes predict_ms_p50 "
     "origin seed folds run_id subset target data protocol"
 ).split()
+OWN = "reference"  # name of the results that come with touchbench
 RENAMED = {"accuracy_low": "low", "accuracy_high": "high", "subject_accuracy_sd": "subject_sd"}
 POOLED = ["accuracy", "accuracy_low", "accuracy_high"]  # over captures, as runs store them; shown over subjects
 ON = ("data", "where", "target", "protocol")
@@ -369,9 +370,11 @@ def _reference(of: str, values: dict[str, object]) -> Results:
     if of != OWN or values:
         what = f"{of!r}: give {OWN!r}" if of != OWN else f"{next(iter(values))}=: not with {OWN!r}"
         raise InputError(f"{what}, or nothing for the runs of the store")
-    answers = reference()
-    table = Results(scores_of(answers))
-    table.runs, table.tables = [], {f"{one.task.name}/{one.name}": one.table for one in answers}
+    if not (shipped := parts("references")):
+        raise InputError(f"{of!r}: this installation has no reference results; give nothing for the runs of the store")
+    scores, tables = zip(*(one.tables() for one in shipped), strict=True)
+    table = Results(pd.concat(scores, ignore_index=True))
+    table.runs, table.tables = [], {name: each for named in tables for name, each in named.items()}
     return table
 
 

@@ -10,11 +10,11 @@ from bench.amounts import UNITS, convert, quantity, text_of
 from bench.errors import InputError, nearest
 from bench.measures import budgets
 from bench.options import OPTIONS, Option, options
+from bench.registry import names
 from bench.words import PARTS, Values
 from bench.work.backend import Backend
 
 KEYS = {o.key for o in OPTIONS if "run" in o.commands.split() and "." not in o.key}  # of the cells of bench run
-BACKEND = {"jobs", "cluster"}  # where folds are done, which changes no result
 FEW = 3  # values that a refusal lists
 MOVED = {"source": "bench live MODEL", "over": "bench tune smallest="}  # keys of the version before: commands of today
 
@@ -127,10 +127,17 @@ def backend_of(values: Values) -> Backend:
     Raises:
         InputError: a value that means nothing, or nothing there.
     """
-    cluster = str(values.get("cluster", ""))
-    if cluster and "jobs" in values:
-        raise InputError(f"jobs={values['jobs']}: cluster= sets the number of workers; leave jobs= out")
-    return Backend(jobs_of(values), cluster)
+    for key in names("workers"):
+        if (address := str(values.get(key, ""))) and "jobs" in values:
+            raise InputError(f"jobs={values['jobs']}: {key}= sets the number of workers; leave jobs= out")
+        if address:
+            return Backend(workers=key, address=address)
+    return Backend(jobs_of(values))
+
+
+def backend_keys() -> set[str]:
+    """Keys that say where folds are done, which changes no result."""
+    return {"jobs", *names("workers")}
 
 
 def jobs_of(values: Values) -> int | None:

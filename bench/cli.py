@@ -81,7 +81,7 @@ def _done(arguments: list[str]) -> int:
             return command(name, rest)
     for line in broken():
         print(f"warning: {line}", file=sys.stderr)
-    module = importlib.import_module(f"bench.commands.{known[name].module or name}")
+    module = importlib.import_module(known[name].module or f"bench.commands.{name}")
     with scratch():
         return getattr(module, name)(rest)
 

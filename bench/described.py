@@ -1,6 +1,6 @@
 """Parts in words: what each is, and every parameter with its default, its meaning and where the default comes from.
 
-All of it is read from docstrings and signatures, so that ``--help``, docs/parts.md and captions cannot differ.
+All of it is read from docstrings and signatures, so that help, the page of classifiers and captions cannot differ.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def help_of_parts(arguments: Sequence[str]) -> str:
 
 
 def markdown(room: str, name: str) -> str:
-    """A part as docs/parts.md has it: its definition and a table of its parameters."""
+    """A part as docs/notes/classifiers.md has it: its definition and a table of its parameters."""
     one = described(room, name)
     lines = [f"### `{name}`", "", " ".join([f"{one.summary}.", *one.more]), ""]
     if one.parameters:

@@ -51,8 +51,9 @@ class Command:
         text: a paragraph.
         examples: lines that can be typed.
         usage: arguments behind its name; a line for each form.
-        module: module of ``bench.commands`` that has a function of its name; empty if module and function share the
-            name.
+        module: module that has a function of its name; empty for the one of its name in ``bench.commands``.
+        shares: keys of other commands that it takes, too.
+        options: its own keys, where ``bench.commands`` does not have it.
     """
 
     group: str
@@ -61,6 +62,8 @@ class Command:
     examples: str = ""
     usage: str = "[key=value ...]"
     module: str = ""
+    shares: str = ""
+    options: tuple[Option, ...] = ()
 
 
 MAKERS = "run makers"  # bench run, and other commands of kinds and circumstances (`makers`)
@@ -88,14 +91,14 @@ OPTIONS = (
     Option("protocol", FOLDS, "text", DEFAULTS["protocol"], "{protocols}"),
     Option(
         "model",
-        f"{FOLDS} fit audit submit",
+        f"{FOLDS} fit audit",
         "text",
         DEFAULTS["model"],
         "{models}; names with a year are published systems",
     ),
     Option(
         "features",
-        f"{FOLDS} fit audit submit extract",
+        f"{FOLDS} fit audit extract",
         "text",
         DEFAULTS["features"],
         "{features}; not used by all models",
@@ -109,13 +112,12 @@ OPTIONS = (
     Option("model.device", "run", "text", "cpu", "device that trains networks", ("cpu", "cuda")),
     Option(
         "seed",
-        f"{WORK} fit audit submit",
+        f"{WORK} fit audit",
         "count",
         int(DEFAULTS["seed"]),
         "seed of models and feature sets; splits: protocol.seed=",
     ),
     Option("jobs", WORK, "count", None, "number of worker processes; default one per core"),
-    Option("cluster", WORK, "text", "", "Dask scheduler that runs the folds: tcp://HOST:8786 or its file"),
     Option("trials", "tune", "count", 50, "combinations to try in each fold; a grid of lists is tried completely"),
     Option("seconds", "tune", "number", None, "seconds after which a fold starts no new combination"),
     Option("smallest", "tune", "text", "", "parameter of model= to make as small as possible, or features"),
@@ -124,7 +126,6 @@ OPTIONS = (
     Option("latest", CHOICE, "yes", False, "yes: only the newest parameters of each model and feature set"),
     Option("scene", "choose", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
     Option("by", "choose", "text", "flash", "cost to minimise"),  # its values: `bench.measures.costs`
-    Option("clock", "choose", "MHz", None, "clock rate of the chip, such as 64MHz; adds its cycles to decision times"),
     Option(
         "margin",
         "choose",
@@ -133,22 +134,15 @@ OPTIONS = (
         "accepted loss in points; a one-sided paired t-test replaces the standard error",
     ),
     Option("unit", "choose", "text", "capture", "unit of accuracy", ("capture", "window")),
-    Option(
-        "batch", "choose groups submit", "yes", False, "yes: also systems whose labels depend on other test captures"
-    ),
+    Option("batch", "choose groups", "yes", False, "yes: also systems whose labels depend on other test captures"),
     Option("shots", "choose", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
     Option("why", "choose", "yes", False, "yes: also print what the choice depends on, and what is left out"),
     Option("out", "groups", "text", "groups", "folder for groups.csv and the figure"),
-    Option("bits", "export", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
     Option("stopping", "fit", "yes", True, "no: skip three extra fits for calibration and early decisions"),
-    Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams"),
-    Option("hop_ms", "live", "number", 125, "classification of captures: milliseconds between decisions"),
-    Option("events", "live", "yes", True, "no: classify captures instead of watching an endless stream"),
     Option("out", "fit", "text", "", "folder for a copy of the model; new or empty"),
     Option("out", "predict", "text", "", "CSV file that is safe in spreadsheets; default: print the table"),
     Option("out", "adapt", "text", "", "folder for the adapted model; new or empty"),
     Option("rate_hz", "adapt predict", "number", None, "frame rate of FILE in Hz; must equal the model's"),
-    Option("out", "export", "text", "", "folder for the C files; new or empty"),
     Option("baseline", "check", "text", "reports/baseline.json", "baseline file"),
     Option("update", "check", "yes", False, "yes: write the baseline again; keys of bench run add systems"),
     Option("stored", "check", "yes", False, "yes: run nothing, compare the newest stored runs"),
@@ -174,12 +168,6 @@ OPTIONS = (
         "columns of paper.tex and paper.csv: accuracy and macro_f1 under each protocol; fit, predict and flash",
     ),
     Option("against", "report", "text", "", "system that p values compare with; default the best of your own"),
-    Option("task", "submit", "text", "", "haart-loso-v1, haart-early-v1 or another task of docs/notes/tasks.md"),
-    Option("who", "submit", "text", "", 'author of the result, such as who="A. Name, Lab"'),
-    Option("run", "submit", "text", "", "run id instead of model=, such as a run of bench tune"),
-    Option("out", "submit", "text", "", "folder for the submission; new or empty"),
-    Option("rerun", "leaderboard", "text", "", "submission whose command is repeated and whose labels are verified"),
-    Option("out", "leaderboard", "text", "leaderboard.html", "file of the page"),
     Option("out", "demo", "text", "demo", "folder for all files, with its own store"),
     Option("port", "ui", "text", "5000", "port of the server"),
 )
@@ -284,7 +272,7 @@ OTHERS = {  # commands that make no runs of a kind
         "open MLflow's page of the runs",
         "Starts MLflow's server on this machine only, for the store of this folder or MLFLOW_TRACKING_URI. Prints the "
         "address of the table of runs. Ctrl-C stops the server.",
-        module="report",
+        module="bench.commands.report",
     ),
     "fit": Command(
         "start here",
@@ -301,18 +289,7 @@ OTHERS = {  # commands that make no runs of a kind
         f"of the store of this folder, or a folder. {TRUSTED}",
         "bench predict models:/m-0123456789abcdef new.csv out=labels.csv",
         "MODEL FILE [key=value ...]",
-        "fit",
-    ),
-    "live": Command(
-        "ship",
-        "classify frames from standard input with a saved model",
-        "Reads one frame per line: values in row-major order, separated by commas or blanks, at most 32 characters "
-        "each. If the model can watch an endless stream, each news of a touch (reported, changed, ended) prints ms, "
-        "news, label and confidence. Otherwise, or with events=no, an empty line ends a capture, and each decision "
-        "prints capture, ms, label, confidence and settled. settled is yes once waiting would gain too little. "
-        f"MODEL is as for bench predict. {TRUSTED}",
-        "sensor | bench live models:/m-0123456789abcdef",
-        "MODEL [events=no] [hop_ms=125]",
+        "bench.commands.fit",
     ),
     "adapt": Command(
         "ship",
@@ -323,43 +300,7 @@ OTHERS = {  # commands that make no runs of a kind
         "model.person= can adapt; bench run protocol=personal measures the gain.",
         "bench fit data=haart model=reflex out=rec\nbench adapt rec anna.csv out=rec_anna",
         "MODEL FILE out=FOLDER [key=value ...]",
-        "fit",
-    ),
-    "export": Command(
-        "start here",
-        "write a saved model as C99 for a microcontroller",
-        "Writes touch.h, touch.c, tables.h and a Makefile. The C needs no heap and no library except math.h. make and "
-        "make check build for this machine, make chip for a Cortex-M4F (FLASH=256K RAM=32K). make flash and make count "
-        "print bytes, instructions and stack. C exists for reflex and hughes2017_cnn. It also exists for lda, softmax, "
-        "bayes, svm, tree, rf, et and xgb with jung28, or with touch and model.window=. "
-        f"{TRUSTED}",
-        "bench fit data=haart model=reflex out=rec\nbench export rec out=rec_c bits=8\nmake -C rec_c check",
-        "MODEL out=FOLDER [key=value ...]",
-    ),
-    "submit": Command(
-        "publish",
-        "write a stored run as a submission to a frozen task",
-        "Writes predictions.parquet (one row per capture or event, no frames) and submission.json (origin of the "
-        "labels). Runs nothing: it uses the stored run with these values. Data, subset, protocol and unit must equal "
-        "the task's. "
-        "Tasks of bench run are haart-loso-v1, haart-challenge-v1, haart-personal-v1, cuddlebot-loso-v1 and "
-        "cost-loso-v1. haart-early-v1 is a task of bench stream, haart-faults-v1 of bench stress, haart-watch-v1 of "
-        "bench watch.",
-        "bench run data=haart protocol=loso model=svm features=jung54\n"
-        'bench submit task=haart-loso-v1 model=svm features=jung54 who="A. Name, Lab" out=submissions/my-svm',
-        "task=NAME who=NAME out=FOLDER model=NAME [key=value ...]",
-        "leaderboard",
-    ),
-    "leaderboard": Command(
-        "publish",
-        "score submissions again and write one page",
-        "Computes every score again from the submitted predictions. Writes one page with a table per frozen task; "
-        "reference results of touchbench are included. FOLDER is a submission or contains submissions. Invalid "
-        "submissions are left out and named; exit code 1. Tasks on CoST need the imported corpus. rerun= needs the "
-        "corpus of the task. If all labels are equal, leaderboard-verified.json in the working folder marks the "
-        "submission.",
-        "bench leaderboard submissions out=leaderboard.html\nbench leaderboard rerun=my-svm",
-        "[FOLDER ...] [key=value ...]",
+        "bench.commands.fit",
     ),
     "check": Command(
         "more",
@@ -417,23 +358,29 @@ def commands() -> dict[str, Command]:
     made = {name: maker.spelling.command for name, maker in makers().items()}
     first = {name: command for name, command in made.items() if command.group == OTHERS["demo"].group}
     before = [*OTHERS][: [*OTHERS].index("groups")]
-    return {"demo": OTHERS["demo"], **first, **{name: OTHERS[name] for name in before}, **made, **OTHERS}
+    last = {name: command for name, command in OTHERS.items() if command.group == OTHERS["completion"].group}
+    others = {name: command for name, command in OTHERS.items() if name not in last}
+    main = {"demo": OTHERS["demo"], **first, **{name: OTHERS[name] for name in before}, **made, **others}
+    return {**main, **{name: c for name, c in classes("commands").items() if name not in main}, **last}
 
 
 def options(command: str) -> dict[str, Option]:
     """The keys of a command by name; those of all its actions for one that has some."""
     maker = makers().get(command)
+    if not maker and command not in OTHERS and (added := classes("commands").get(command)):
+        shared = (option for option in OPTIONS if option.key in added.shares.split())
+        return {option.key: option for option in (*shared, *added.options)}
     names = {command, "makers"} if maker else {command}
     rows = [o for o in _every(command) if any(c in names or c.startswith(f"{command}-") for c in o.commands.split())]
     return {option.key: option for option in (*rows, *(maker.options() if maker else ()))}
 
 
 def _every(command: str) -> Iterator[Option]:
-    """All options; a command with budgets has them behind ``by``.
+    """All options, those of rooms and packages last; a command with budgets has them behind ``by``.
 
     Others do without the costs of installed packages, so that their help comes even where one cannot be loaded.
     """
-    for option in OPTIONS:
+    for option in (*OPTIONS, *classes("options").values()):
         if option.key != "by":
             yield option
             continue

@@ -10,9 +10,13 @@ def front(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
 
     A point without a cost (nan) is on no front.
     """
-    better = (accuracy[:, None] >= accuracy) & (cost[:, None] <= cost)
-    strictly = (accuracy[:, None] > accuracy) | (cost[:, None] < cost)
-    return np.isfinite(cost) & ~(better & strictly).any(axis=0)
+    order = np.lexsort((-accuracy, cost))
+    sound, cheap = accuracy[order], cost[order]
+    first = np.searchsorted(cheap, cheap)  # of the points of equal cost, the most accurate
+    of_cheaper = np.concatenate([[np.nan], np.fmax.accumulate(sound)])[first]
+    on = np.empty(len(order), bool)
+    on[order] = np.isfinite(cheap) & ~((of_cheaper >= sound) | (sound[first] > sound))
+    return on
 
 
 def staircase(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
@@ -37,9 +41,24 @@ def dominated_by(accuracy: np.ndarray, costs: np.ndarray) -> np.ndarray:
     Returns:
         int [points]; of several, the most accurate.
     """
+    by = np.full(len(accuracy), -1)
     known = np.isfinite(costs).all(axis=1) & np.isfinite(accuracy)
-    worth = np.column_stack([accuracy, -costs])
-    as_good = (worth[:, None] <= worth[None]).all(axis=2) & (worth[:, None] < worth[None]).any(axis=2)
-    as_good &= known[:, None] & known[None]
-    ranked = np.where(as_good, accuracy, -np.inf)
-    return np.where(as_good.any(axis=1), ranked.argmax(axis=1), -1)
+    order = np.lexsort((*costs.T[::-1], -accuracy))  # what dominates a point comes before it
+    order = order[known[order]]
+    ranked, size = -accuracy[order], 0
+    front = np.empty(len(order), int)  # of the points so far, the most accurate first
+    for i in order:
+        if len(better := _better(front[:size], i, accuracy, costs)):
+            alike = slice(*(np.searchsorted(ranked, -accuracy[better[0]], side) for side in ("left", "right")))
+            by[i] = _better(order[alike], i, accuracy, costs).min()
+        else:
+            front[size] = i
+            size += 1
+    return by
+
+
+def _better(points: np.ndarray, than: int, accuracy: np.ndarray, costs: np.ndarray) -> np.ndarray:
+    """Those of some points, at least as accurate as another one, that are as cheap as it, too, and better in one."""
+    as_cheap = points[(costs[points] <= costs[than]).all(axis=1)]
+    strictly = (accuracy[as_cheap] > accuracy[than]) | (costs[as_cheap] < costs[than]).any(axis=1)
+    return as_cheap[strictly]

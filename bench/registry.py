@@ -20,6 +20,7 @@ from typing import Any
 from bench.errors import InputError, nearest
 
 ROOMS = {room: f"bench.{room}" for room in ("corpora", "features", "models", "protocols", "kinds", "circumstances")}
+LIGHT = ("kinds", "circumstances", "commands", "options")  # whose parts load nothing heavy, so that help knows them all
 FILE_MODULE = "touchbench_file_"  # what modules of files are called
 KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}  # of parts of a cell
 
@@ -46,17 +47,36 @@ def forget() -> None:
 
 
 @cache
+def _away() -> list[dict[str, dict[str, str]]]:
+    """What those of touchbench's packages add that can be taken away, by group: each has a module ``room``.
+
+    They are found by looking which are there, so no other module names them.
+    """
+    found = sorted(place_of("bench").glob("*/room.py"))
+    return [importlib.import_module(f"bench.{path.parent.name}.room").ADDS for path in found]
+
+
+@cache
+def _own(room: str) -> dict[str, str]:
+    """Touchbench's own parts of a room."""
+    parts = dict(importlib.import_module(ROOMS[room]).PARTS) if room in ROOMS else {}
+    for adds in _away():
+        parts |= adds.get(room, {})
+    return parts
+
+
+@cache
 def names(room: str) -> dict[str, str]:
     """Every registered part of a room and the ``module:object`` that makes it; nothing of it is imported."""
     plugins = {e.name: e.value for e in plugged(room)}
-    return plugins | importlib.import_module(ROOMS[room]).PARTS
+    return plugins | _own(room)
 
 
 def load(room: str, name: str) -> Callable:
     """Import one part: a class or a function whose keyword arguments are its parameters.
 
     Args:
-        room: one of `ROOMS`.
+        room: one of `KEYS`.
         name: registered name, or ``file.py:Name`` for a class or function of a file.
 
     Raises:
@@ -76,20 +96,29 @@ def load(room: str, name: str) -> Callable:
 
 
 def classes(room: str) -> dict[str, Any]:
-    """All classes of ``kinds`` or ``circumstances`` by name, in the order of the registry, those of packages last.
+    """All parts of one of `LIGHT` by name, in the order of the registry, those of packages last.
 
     Without those of packages that cannot be loaded (`broken`).
     """
     return _loaded(room)[0]
 
 
+def parts(room: str) -> list[Any]:
+    """All parts of a room, in the order of `names`.
+
+    Raises:
+        InputError: one of a package cannot be loaded.
+    """
+    return [part(room, name) for name in names(room)]
+
+
 def broken() -> list[str]:
-    """A line for each kind and circumstance of a package that cannot be loaded."""
-    return [line for room in ("kinds", "circumstances") for line in _loaded(room)[1]]
+    """A line for each part of `LIGHT` of a package that cannot be loaded."""
+    return [line for room in LIGHT for line in _loaded(room)[1]]
 
 
 def check_loaded() -> None:
-    """Refuse to make runs without a kind or a circumstance of a package.
+    """Refuse to make runs without a part of `LIGHT` of a package.
 
     Raises:
         InputError: one cannot be loaded.
@@ -100,11 +129,11 @@ def check_loaded() -> None:
 
 @cache
 def _loaded(room: str) -> tuple[dict[str, Any], list[str]]:
-    """The classes of a room, and a line for each that cannot be loaded."""
-    own, loaded, lines = importlib.import_module(ROOMS[room]).PARTS, {}, []
+    """The parts of a room, and a line for each that cannot be loaded."""
+    own, loaded, lines = _own(room), {}, []
     for name in [*own, *(name for name in names(room) if name not in own)]:
         try:
-            loaded[name] = _class(room, name)
+            loaded[name] = part(room, name)
         except InputError as e:
             if name in own:
                 raise
@@ -112,7 +141,12 @@ def _loaded(room: str) -> tuple[dict[str, Any], list[str]]:
     return loaded, lines
 
 
-def _class(room: str, name: str) -> Any:
+def part(room: str, name: str) -> Any:
+    """One part of a room.
+
+    Raises:
+        InputError: it is of a package and cannot be loaded.
+    """
     place = names(room)[name]
     module, _, attribute = place.partition(":")
     try:

@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.comparable import several
@@ -14,18 +16,17 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 
-def environment(package: str, html: bool = False) -> Environment:
-    """The templates of a package, in its folder ``templates``; a name that has no value is an error.
+def environment(*folders: Traversable | Path, html: bool = False) -> Environment:
+    """The templates of folders; a name that has no value is an error.
 
     Args:
-        package: name of the package.
+        folders: folders of templates.
         html: True if values are escaped.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined  # commands without sentences need not wait for it
 
-    folder = str(files(package).joinpath("templates"))
     env = Environment(
-        loader=FileSystemLoader(folder),
+        loader=FileSystemLoader([str(folder) for folder in folders]),
         autoescape=html,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -35,7 +36,9 @@ def environment(package: str, html: bool = False) -> Environment:
     return env
 
 
-_kept = cache(environment)
+@cache
+def _kept(package: str) -> Environment:
+    return environment(files(package) / "templates")
 
 
 def shortened(texts: Sequence[str], count: int) -> str:

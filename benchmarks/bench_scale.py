@@ -68,12 +68,12 @@ def timed(owner, name):
 
 def run(folds: int, cluster: str) -> None:
     """So many folds, in runs of 31."""
+    from bench.on_cluster.cluster import Cluster
     from bench.outcomes.store import Store
     from bench.plan.cells import cells
     from bench.plan.plan import planned
     from bench.work import loop
     from bench.work.backend import Backend
-    from bench.work.cluster import Cluster
     from bench.work.tracking import TrackedRun
     from bench.work.workers import Processes
     from benchmarks.bench_scale import Empty as Known  # as workers import it
@@ -103,7 +103,7 @@ def run(folds: int, cluster: str) -> None:
         return real(self, *given)
 
     TrackedRun.add = add
-    results = loop.execute(todo, Backend(jobs=None if cluster else 2, cluster=cluster))
+    results = loop.execute(todo, Backend(workers="cluster", address=cluster) if cluster else Backend(jobs=2))
     spent = time.perf_counter() - began
     assert all(r.folds == f"{EACH}/{EACH}" for r in results)
     print(f"{done[0]} folds of {len(todo)} runs in {spent:.0f} s: {done[0] / spent:.1f} a second")

@@ -111,8 +111,8 @@ def _command(table: pd.DataFrame, first: Result, results: Sequence[Result]) -> s
     same = [r for r in results if all(r.get(name) == first.get(name) for name in named_by)]
     if not arguments or len({tuple(str(r.get(name)) for name in (*COMPARABLE, "protocol")) for r in same}) > 1:
         return ""
-    words = {"data": arguments["data"], "where": first["subset"], "target": first["target"]}
-    return typed("choose", words | protocol)
+    target = {"target": first["target"]} if first["target"] != "gesture" else {}
+    return typed("choose", {"data": arguments["data"], "where": first["subset"]} | target | protocol)
 
 
 def marks(answer: Considered, models: Mapping[str, str], published: Collection[str]) -> pd.DataFrame:

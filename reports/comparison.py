@@ -9,11 +9,10 @@ from importlib.resources import files
 import pandas as pd
 
 from bench.comparable import notes_on, seed_number
-from bench.leaderboard.submissions import Submission
 from bench.measures import Cost, Measure, Row, columns, framed, run_columns, text
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
-from bench.reports.reference_rows import beside
+from bench.registry import parts
 from bench.result import Result
 from bench.table import Table, rows_of
 
@@ -67,8 +66,8 @@ def comparison(
             for row in views(r, numbers):
                 tested = row["combined"] != "majority vote" and row["unit"] == "capture"
                 rows.append({**row, **first} | (tests.get(r.system, {}) if tested else {}))
-        shipped = beside(results) if references else {}
-        rows += [first | _reference(name, one) for name, one in shipped.items()]
+        shipped = parts("references") if references else []
+        rows += [first | row for one in shipped for row in one.beside(results)]
     measures = columns(run_columns(), "csv")
     stored = [Measure(m.read or m.key) if isinstance(m, Cost) and isinstance(m.read, str) else m for m in measures]
     frame = Table([text("system"), *stored], rows).frame()
@@ -122,18 +121,6 @@ def views(result: Result, numbers: Mapping[tuple, list]) -> Iterator[Row]:
             "run_id": result["run_id"],
             "note": " ".join(notes_on(result.system, str(result["data"]))),
         }
-
-
-def _reference(name: str, answer: Submission) -> dict[str, object]:
-    """The row of a reference result; what only runs tell is missing."""
-    texts = dict.fromkeys(("combined", "seed", "against", "published", "folds", "run_id"), "")
-    sizes = {k: answer.metadata.get(k) for k in ("parameters", "flash_bytes", "ram_bytes")}
-    counts = {k: answer.table[k.removesuffix("s")].nunique() for k in ("captures", "subjects")}
-    names = {f"subject_{k}": f"subject_accuracy_{k}" for k in ("mean", "sd")}
-    scored = {names.get(k, k): v for k, v in answer.scores.items()}
-    note = " ".join(notes_on(name, answer.task.data))
-    about = {"system": name, "source": "reference", "unit": "capture", "note": note}
-    return about | texts | scored | sizes | counts
 
 
 def _published(result: Result, units: Sequence[str], numbers: Mapping[tuple, list]) -> str:

@@ -21,10 +21,11 @@ from bench.sentences import environment
 ROOM = files("bench.reports")
 
 
-def page(template: str, title: str, **values: object) -> str:
+def page(template: str | Path, title: str, **values: object) -> str:
     """A template as one HTML page: styles and figures are in it, nothing is loaded from anywhere.
 
-    Its contents stand behind the first section, unless its sections are closed.
+    Its contents stand behind the first section, unless its sections are closed. A template of another package is a
+    path.
     """
     body = _filled(template, "html", values | {"title": title})
     heads = re.findall(r'^<h2 id="(.*?)">(.*?)</h2>', body, re.MULTILINE)
@@ -55,14 +56,14 @@ def markdown(template: str, **values: object) -> str:
     return re.sub(r"\n\s*\n", "\n\n", text).strip() + "\n"
 
 
-def _filled(template: str, form: str, values: dict[str, object]) -> str:
+def _filled(template: str | Path, form: str, values: dict[str, object]) -> str:
     """A template filled in, in one of the two forms."""
-    env = environment("bench.reports", html=form == "html")
+    env = environment(ROOM / "templates", Path(template).parent, html=form == "html")
     count = itertools.count(1)
     env.globals |= {"form": form, "next_number": lambda: next(count)}
     env.filters |= {"anchor": anchor, "md": md_escape, "code": _code, "svg": inline_svg, "base64": _base64}
     env.filters["sentence"] = _sentence
-    return env.get_template(template).render(values)
+    return env.get_template(Path(template).name).render(values)
 
 
 @pass_eval_context

@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARKED, facts_of, notes_on
+from bench.comparable import MARKED, facts_of, notes_on, several
 from bench.described import definitions
 from bench.errors import InputError, nearest
 from bench.measures import costs
@@ -187,7 +187,7 @@ def assemble(
         "budgets": budget_tables(tables["budgets"]),
         "runs": runs_section(tables["comparison"], [*largest, *left_out]) if runs else None,
         "reference": runs_section(shipped, [*largest, *left_out])["table"] if len(shipped) else None,
-        "counts": (len(runs or results), len({r.system for r in runs or results})),
+        "counts": counts(runs or results),
         "briefs": dict(briefs(told(results), parts)),
         "published": published_section(tables["published"]),
         "sections": joined([*sections(results, folder), *_people(parts)]),
@@ -203,6 +203,11 @@ def assemble(
         "provenance": provenance_section(runs or results, tables["provenance"]),
     }
     return values, tables
+
+
+def counts(results: Sequence[Result]) -> str:
+    """How many runs of how many systems there are."""
+    return f"{several(len(results), 'run')} of {several(len({r.system for r in results}), 'system')}"
 
 
 def _pane(

@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARK, notes_on
+from bench.comparable import MARK, REFERENCE, notes_on
 from bench.errors import InputError, nearest
 from bench.measures import Measure, p_value
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
-from bench.reports.reference_rows import REFERENCE
 from bench.result import Result
 from bench.sentences import sentences
 

@@ -24,13 +24,13 @@ import pandas as pd
 import bench
 from bench.amounts import convert
 from bench.arguments import parse
+from bench.comparable import REFERENCE
 from bench.corpora.library import imported
 from bench.errors import nearest
 from bench.outcomes.runs import every_result, frame_of
 from bench.outcomes.store import connect
 from bench.paired import interval
 from bench.registry import classes
-from bench.reports.reference_rows import REFERENCE
 
 CORPORA = ("haart", "cuddlebot")
 CLASSIFIERS = "svm,rf,bayes,lda,tree,xgb,et,softmax"

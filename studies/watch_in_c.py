@@ -21,9 +21,12 @@ from sklearn.pipeline import Pipeline
 import bench
 from bench.arguments import KEYS, parse
 from bench.corpora.corpus import Corpus
-from bench.export.measure import FLAGS
-from bench.export.tables import check
-from bench.export.write import files_of
+from bench.endless.watch import recordings_of, usual
+from bench.endless.watcher import UNKNOWN
+from bench.endless.watcher_training import learned
+from bench.in_c.measure import FLAGS
+from bench.in_c.tables import check
+from bench.in_c.write import files_of
 from bench.models.quantised import in_bits
 from bench.outcomes.events import REPORT, report_table
 from bench.plan.cells import cells
@@ -32,9 +35,6 @@ from bench.usual import FALSE_ALARMS
 from bench.words import items
 from bench.work.fold import computing
 from bench.work.saved import Recogniser
-from bench.work.watch import recordings_of, usual
-from bench.work.watcher import UNKNOWN
-from bench.work.watcher_training import learned
 
 NONE = -2  # no event; TOUCH_UNKNOWN is -1
 LIBRARY = f"""#include "touch.c"
@@ -63,7 +63,7 @@ int events(const float *frames, int n, float *rows) /* reported, end, first and 
 
 
 def in_c(recogniser: Recogniser, bits: int, recordings: Corpus) -> pd.DataFrame:
-    """Events of recordings by the exported C, as of `bench.work.watcher.Watcher.reports`."""
+    """Events of recordings by the exported C, as of `bench.endless.watcher.Watcher.reports`."""
     names, parts = [*recogniser.classes, UNKNOWN], []
     with tempfile.TemporaryDirectory() as folder:
         for file, text in (files_of(recogniser, bits, "a study") | {"library.c": LIBRARY}).items():

@@ -18,7 +18,6 @@ from sklearn.svm import SVC
 import bench
 from bench.comparable import BATCH, MARKED
 from bench.features.jung28 import Jung28
-from bench.leaderboard.tasks import HAART
 from tests.conftest import predictions, runs
 from tests.reports.store import tracked_run, with_hits
 
@@ -129,20 +128,6 @@ def test_what_cannot_be_compared_is_refused(store):
     with pytest.raises(bench.InputError, match="where="):
         bench.compare("a", "b")
     assert bench.compare("a", "b", where="variant == 'rough'").difference == pytest.approx(5)
-
-
-def test_reference_results_are_listed_and_take_part_in_no_test(store):
-    tags = {"data": "haart", "synthetic": "false", "corpus_digest": HAART, "protocol_label": "LOSO (10 subjects)"}
-    hits_of(store, "mine", [18] * 10, **tags)
-    with pytest.raises(bench.InputError, match="take part in no test"):
-        bench.compare("mine", "reflex (reference)")
-    results = bench.results("reference")
-    reference = results.tables["haart-loso-v1/reflex"]
-    own = (reference["true"] == reference["predicted"]).groupby(reference["subject"]).mean().mean()
-    row = bench.results().set_index("system").loc["reflex (reference)"]
-    assert row["accuracy"] == pytest.approx(100 * own) and pd.isna(row["p_holm"]) and not row["against"]
-    assert results.full.equals(pd.DataFrame(results)) and not results.runs
-    assert "haart-loso-v1" in repr(results) and "reflex" in results._repr_html_()
 
 
 def test_objects_give_what_their_names_give():

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.work.test_on_a_cluster import scheduler, workers
-
 pytestmark = pytest.mark.live
 NET = '''
 import features.mean
@@ -109,5 +107,7 @@ def test_systems_of_files_and_saved_models(mine):
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_workers_of_a_cluster(mine):
     pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install 'touchbench[cluster]'")
+    from tests.on_cluster.test_on_a_cluster import scheduler, workers
+
     with scheduler() as place, workers(place, PYTHONPATH=str(mine)):
         said(BENCH, "run", "model=wrap.py:mine", f"cluster={place}", *OPTIONS)

@@ -99,7 +99,7 @@ def measured(gestures, people):
     back = dict(zip(people, PEOPLE, strict=True)) | dict(zip(gestures, GESTURES, strict=True))
     write(gestures, people)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.work.broken.seeded", drawn)
+        patch.setattr("bench.endless.broken.seeded", drawn)
         return found(back)
 
 

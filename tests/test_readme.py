@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import bench
+from bench import contract
 from bench.arguments import parse
 from bench.cli import main
 from bench.options import commands, keys
@@ -69,6 +70,12 @@ def test_a_recogniser_of_ones_own_runs_from_its_file_with_its_sizes():
     code = "import mlflow, sys; print(mlflow.pyfunc.load_model('saved').unwrap_python_model().estimator)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "Level()"
+
+
+def test_every_name_of_the_contract_is_on_the_page_of_ones_own_system():
+    hooks = [each for each in vars(contract).values() if isinstance(each, contract.Hook | contract.Method)]
+    assert len(hooks) > 15
+    assert not [each.name for each in hooks if f"`{each.name}" not in DOCS["your_system.md"]]
 
 
 @pytest.mark.parametrize(

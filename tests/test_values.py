@@ -45,7 +45,7 @@ def test_a_measure_reads_and_writes_a_value(measure, cell, words):
 
 def test_costs_have_their_budgets_units_and_lines():
     every = costs()
-    assert list(every)[:5] == ["flash", "ram", "predict", "decision", "cycles"] and len(every) == 11
+    assert list(every)[:4] == ["flash", "ram", "predict", "decision"] and len(every) == 11 and "cycles" in every
     assert every["flash"].typed("1MiB") == pytest.approx(1048.576) and every["flash"].cell({"flash_bytes": 2500}) == 2.5
     assert every["latency"].cell({"latency_s_p50": 0.25}) == 250 and every["latency"].typed("1s") == 1000
     assert every["cycles"].cell({"chip_most_instructions": 1_224_240}) == 1224.24

@@ -2,7 +2,6 @@
 
 PARTS = {  # by their key of bench run
     "after": "bench.circumstances.instants:Instants",
-    "form": "bench.circumstances.c:InC",
     "under": "bench.circumstances.faults:Faults",
     "train_subjects": "bench.circumstances.subjects:Subjects",
     "shots": "bench.circumstances.shots:Shots",

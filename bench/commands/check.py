@@ -6,8 +6,8 @@ import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
-from bench.arguments import BACKEND, backend_of, parse, settings
 from bench.arguments import KEYS as RUN_KEYS
+from bench.arguments import backend_keys, backend_of, parse, settings
 from bench.commands.kind import evaluated
 from bench.commands.printing import failures, say
 from bench.comparable import several
@@ -36,7 +36,7 @@ def check(arguments: list[str]) -> int:
     limits = {k: float(how[k]) for k in LIMITS}
     if limits["error"] >= 100:
         raise InputError(f"error={limits['error']:g}: give a percentage below 100, such as error=1")
-    of_runs = {k: v for k, v in values.items() if k not in {*BACKEND, *how}}
+    of_runs = {k: v for k, v in values.items() if k not in {*backend_keys(), *how}}
     added = [f"{k}={v}" for k, v in of_runs.items()]
     path, report = Path(how["baseline"]), how["junit"]
     if how["update"]:

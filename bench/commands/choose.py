@@ -51,7 +51,7 @@ def chosen(values: Values) -> Chosen:
     scene = read_scene(str(values["scene"])) if "scene" in values else None
     values = {**scene.values, **values} if scene else values
     given = settings("choose", values)
-    how = {key: given[key] for key in ("margin", "clock", "unit", "batch", "shots", "why")}
+    how = {key: given.get(key) for key in ("margin", "clock", "unit", "batch", "shots", "why")}
     notes = scene.board.sentences(values) if scene and scene.board else []
     asked = asked_of(values)
     return choices.chosen(

@@ -54,7 +54,7 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     out = Path(given["out"]) if given["out"] else None
     if holds_recordings(cell.data):
         cell = cell.of_recordings()
-    return fit(cell, out, given["stopping"], given["watch"]), out
+    return fit(cell, out, given["stopping"], bool(given.get("watch"))), out
 
 
 def predict(arguments: list[str]) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +15,7 @@ from bench.comparable import alike, notes_on
 from bench.errors import InputError
 from bench.few import INTERVAL, too_few
 from bench.measures import Interval, Measure, Row, known, text
+from bench.options import commands as known_commands
 from bench.progress import console
 from bench.result import Result
 from bench.table import Table, rows_of
@@ -23,6 +25,7 @@ from bench.work.bar import named
 if TYPE_CHECKING:
     from bench.kinds.base import Shown
 
+COMMAND = re.compile(r"\bbench ([a-z]+)")  # in a line to type
 NAMED = 3  # folds or systems that a line names
 WIDTH = 100  # columns of a file or a log, which has no width of its own
 _led = [False]  # whether another command leads from one command to the next
@@ -44,9 +47,10 @@ def say(*lines: str) -> None:
 
 
 def then(*commands: str) -> None:
-    """Print the next command to type."""
-    if commands and not _led[0]:
-        say(*(f"{'      ' if i else 'next: '}{command}" for i, command in enumerate(commands)))
+    """Print the next commands to type, those that are here."""
+    here = [line for line in commands if not (found := COMMAND.search(line)) or found[1] in known_commands()]
+    if here and not _led[0]:
+        say(*(f"{'      ' if i else 'next: '}{command}" for i, command in enumerate(here)))
 
 
 @contextmanager

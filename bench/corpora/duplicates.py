@@ -13,28 +13,30 @@ CHANGES = 8  # readings that change in a capture, below which two captures can b
 NAMED = 3  # groups that a warning names
 
 
-def identical(captures: Iterable[np.ndarray], full_scales: Iterable[float] | None = None) -> list[list[int]]:
+def identical(captures: Sequence[np.ndarray] | Corpus, full_scales: Sequence[float] | None = None) -> list[list[int]]:
     """Groups of captures that have the same frames: equal in number, grid and every reading.
 
     Only captures with equal middle frames are read as a whole, so that it costs little where nothing is the same.
 
     Args:
-        captures: frames [frames, rows, cols] of each, uint16 or float32; a `Corpus` is such.
+        captures: frames [frames, rows, cols] of each, uint16 or float32.
         full_scales: full scale of each capture, to compare readings as shares of it; None compares the readings
             themselves.
 
     Returns:
         Positions in rising order, at least two in a group; groups in the order of their first captures.
     """
-    arrays = list(captures)
-    scales = [1.0] * len(arrays) if full_scales is None else list(full_scales)
+
+    def scale(i: int) -> float:
+        return 1.0 if full_scales is None else full_scales[i]
 
     def middle(i: int) -> Hashable:
-        at = len(arrays[i]) // 2
-        return arrays[i].shape, _digest(arrays[i][at : at + 1], scales[i])
+        frames = captures[i]
+        at = len(frames) // 2
+        return frames.shape, _digest(frames[at : at + 1], scale(i))
 
-    likely = _groups(range(len(arrays)), middle)
-    return sorted(group for part in likely for group in _groups(part, lambda i: _digest(arrays[i], scales[i])))
+    likely = _groups(range(len(captures)), middle)
+    return sorted(group for part in likely for group in _groups(part, lambda i: _digest(captures[i], scale(i))))
 
 
 def _digest(frames: np.ndarray, full_scale: float) -> bytes:

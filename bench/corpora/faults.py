@@ -17,11 +17,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 
 import numpy as np
 
 from bench.corpora.corpus import Corpus, storage
+from bench.registry import plugged
 from bench.usual import SEVERITIES as SEVERITIES
 
 Damage = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
@@ -87,7 +87,7 @@ def fault(unit: str, *amounts: float, sensor: bool = False) -> Callable[[Damage]
 
 def all_faults() -> dict[str, Fault]:
     """All faults, those of installed packages included."""
-    for entry in entry_points(group="touchbench.faults"):
+    for entry in plugged("faults"):
         entry.load()  # which registers it
     return FAULTS
 

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError
 
 COLUMNS = ("recording", "start", "end", "gesture")
 BACKGROUND = ("", "None", "none")  # labels of frames outside of events
 GAP = "background"  # class of the captures between the events of a recording, so no gesture
+RECORDED = "cut from recordings"  # in the corpus's info
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,3 +123,67 @@ def event_table(rows: Iterable[tuple[int, int, int, str]]) -> pd.DataFrame:
     """The ``events`` of `Recordings` from rows (recording, start, end, gesture), in the types that they have."""
     kinds = {name: np.int64 for name in COLUMNS[:3]} | {"gesture": str}
     return pd.DataFrame(list(rows), columns=[*COLUMNS]).astype(kinds)
+
+
+def captures_in(recordings: Recordings) -> Corpus:
+    """Recordings as captures, one per event and one per gap between events; no frame is copied.
+
+    The class of a gap is ``background``. The table has the position of the recording as ``recording``, and the
+    conditions of the recordings.
+
+    Raises:
+        InputError: as of `Recordings.check`: an earlier version may have imported them.
+    """
+    recordings.check()
+    lengths = recordings.corpus.lengths
+    labels = pd.Series(recordings.frame_labels())
+    firsts = np.cumsum(lengths) - lengths
+    recording = np.repeat(np.arange(len(recordings)), lengths)
+    edges = np.append(True, recording[1:] != recording[:-1])
+    edges[(firsts[recordings.events["recording"]] + recordings.events["start"]).to_numpy()] = True
+    ends = (firsts[recordings.events["recording"]] + recordings.events["end"]).to_numpy()
+    edges[ends[ends < len(edges)]] = True
+    starts = np.flatnonzero(edges)
+    table = recordings.corpus.captures.iloc[recording[starts]].reset_index(drop=True)
+    table = table.assign(gesture=labels[starts].replace("", GAP).to_numpy(), recording=recording[starts])
+    return recordings.corpus.changed(
+        starts=storage(recordings.corpus)[1][recording[starts]] + starts - firsts[recording[starts]],
+        lengths=np.append(starts[1:], len(edges))[: len(starts)] - starts,
+        captures=table,
+        index=np.arange(len(starts)),
+        piece=np.zeros(len(starts), dtype=np.int64),
+        path=None,
+        info=recordings.corpus.info | {RECORDED: True},
+    )
+
+
+def recorded(captures: Corpus) -> Recordings:
+    """The recordings that `captures_in` has cut, from all captures of some of them.
+
+    Raises:
+        ValueError: captures of a recording are missing.
+    """
+    table = captures.captures.assign(start=storage(captures)[1], length=captures.lengths)
+    table = table.sort_values(["recording", "start"])
+    groups = table.groupby("recording", sort=True)
+    first, lengths = groups["start"].min(), groups["length"].sum()
+    if (groups["start"].max() + groups["length"].last() != first + lengths).any():
+        raise ValueError("captures of a recording are missing")
+    number = table["recording"].map({name: i for i, name in enumerate(first.index)}).to_numpy()
+    start = (table["start"] - table["recording"].map(first)).to_numpy()
+    touched = (table["gesture"] != GAP).to_numpy()
+    events = zip(number, start, start + table["length"], table["gesture"], strict=True)
+    subjects = pd.DataFrame({"subject": groups["subject"].first().to_numpy(), "gesture": ""})
+    corpus = captures.changed(
+        starts=first.to_numpy(),
+        lengths=lengths.to_numpy(),
+        captures=subjects,
+        index=np.arange(len(first)),
+        piece=np.zeros(len(first), dtype=np.int64),
+    )
+    return Recordings(corpus, event_table([event for event, kept in zip(events, touched, strict=True) if kept]))
+
+
+def is_recorded(captures: Corpus) -> bool:
+    """Return True for captures that `captures_in` has cut from recordings."""
+    return bool(captures.info.get(RECORDED))

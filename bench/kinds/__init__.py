@@ -2,5 +2,4 @@
 
 PARTS = {  # by the command that makes them
     "run": "bench.kinds.captures:Captures",
-    "watch": "bench.kinds.recordings:Continuous",
 }

@@ -61,7 +61,7 @@ def choosing(results: Sequence[Result], **more: str) -> str:
     words: dict[str, str] = {}
     if results:
         first = results[0]
-        words = {"data": first["data"]} | ({"where": first["subset"]} if first["subset"] != "all" else {})
+        words = {"data": first["data"], "where": first["subset"]}  # which may be one of several
         words |= {"target": first["target"]} if first["target"] != "gesture" else {}
         words |= labelled("protocol", str(first["protocol"]))
         words |= {k: str(v) for k, v in first.about.items() if k.startswith("protocol.") and different(results, k)}

@@ -5,17 +5,18 @@ from __future__ import annotations
 import hashlib
 import os
 import warnings
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
+import pandas as pd
 
 from bench import contract
-from bench.corpora.composer import captures_in
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import open_corpus, recordings
+from bench.corpora.recordings import captures_in
 from bench.errors import InputError
 from bench.plan import splits
 from bench.plan.cells import Cell
@@ -24,7 +25,7 @@ from bench.words import quoted
 
 @dataclass(frozen=True)
 class Fold:
-    """A split of the captures of a corpus, by position."""
+    """A split of the captures of a corpus, by position: int32, as a fold for each person adds up."""
 
     name: str
     train: np.ndarray
@@ -35,6 +36,8 @@ class Fold:
 @dataclass(frozen=True)
 class Plan:
     """The content of one run.
+
+    Cached properties depend on corpus, folds and protocol, not on the system: `of` shares them.
 
     Attributes:
         cell: the system and how it is tested.
@@ -82,39 +85,63 @@ class Plan:
             "official_split": "" if official is None else str(official).lower(),
         }
 
+    def of(self, cell: Cell) -> Plan:
+        """The plan of another cell on the same captures with the same protocol."""
+        other = copy(self)
+        vars(other).update(cell=cell)  # the class is frozen
+        return other
+
     def identity(self) -> dict[str, object]:
         """Identity of its results: corpus, chosen captures, folds, cell, threads of a fold."""
+        return self._captures | {"threads": self.threads} | self.cell.identity()
+
+    @cached_property
+    def _captures(self) -> dict[str, object]:
+        """Identity of the captures and folds."""
         folds = hashlib.sha256()
         for fold in self.folds:
             pairs = [pair for draw in fold.known.draws for pair in draw] if fold.known else []
             for positions in (fold.train, fold.test, *(part for pair in pairs for part in pair)):
                 folds.update(f"{fold.name} {len(positions)} ".encode() + np.asarray(positions, np.int64).tobytes())
-        captures = {
+        return {
             "digest": self.corpus.digest,
             "captures": hashlib.sha256(self.corpus.index.tobytes()).hexdigest(),
             "folds": folds.hexdigest(),
-            "threads": self.threads,
         }
-        return captures | self.cell.identity()
 
 
 def planned(cells: list[Cell], jobs: int | None) -> list[Plan]:
     """A plan for each cell; all that can be checked is checked before the first fold starts.
 
+    Cells on the same captures with the same protocol share corpus, folds, and what is computed from them.
+
     Raises:
         InputError: something in the cells or the data cannot be used.
     """
-    plans = []
+    plans: list[Plan] = []
+    first: dict[tuple, Plan] = {}
     for cell in cells:
-        estimator = checked(cell)
-        corpus = corpus_of(cell)
+        estimator, key = checked(cell), _captures_and_protocol(cell)
+        new = key not in first
+        corpus = corpus_of(cell) if new else first[key].corpus
         contract.check_conditions(estimator, corpus)
-        folds = tuple(folds_of(cell, corpus))
-        for fold in folds:
-            contract.check_training(estimator, corpus[fold.train], corpus.gestures[fold.train])
-        plans.append(Plan(cell, corpus, folds, *share_cores(jobs, len(folds))))
-        refuse_repeats(plans[-1])
+        if new:
+            folds = tuple(folds_of(cell, corpus))
+            first[key] = Plan(cell, corpus, folds, *share_cores(jobs, len(folds)))
+        plans.append(first[key].of(cell))
+        if contract.CHECK_TRAINING(estimator):
+            gestures = corpus.gestures
+            for fold in plans[-1].folds:
+                contract.check_training(estimator, corpus[fold.train], gestures[fold.train])
+        if new:
+            refuse_repeats(first[key])
     return plans
+
+
+def _captures_and_protocol(cell: Cell) -> tuple:
+    """What the captures and folds of a cell depend on."""
+    part, of_data = cell.protocol, (cell.data, repr(cell.data_parameters), cell.where, cell.target, cell.recordings)
+    return *of_data, repr(part), part.module, id(part.instance)
 
 
 def refuse_repeats(plan: Plan) -> None:
@@ -185,13 +212,16 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
     calibrations = splits.calibrations(cell.splitter, corpus, gestures, subjects)
     with warnings.catch_warnings():  # of a splitter that needs no subjects
         warnings.filterwarnings("ignore", "The groups parameter is ignored by")
-        folds = [Fold("", *pair, next(calibrations)) for pair in cell.splitter.split(corpus, gestures, subjects)]
+        pairs = cell.splitter.split(corpus, gestures, subjects)
+        folds = [Fold("", _positions(train), _positions(test), next(calibrations)) for train, test in pairs]
     mixed = mixes_subjects(corpus, folds)
+    codes, names = pd.factorize(gestures)
     named = []
     for i, fold in enumerate(folds, 1):
-        tested = set(subjects[fold.test])
-        name = tested.pop() if len(tested) == 1 and not mixed else f"fold{i:02d}"
-        if lacking := sorted(set(gestures[fold.test]) - set(gestures[fold.train])):
+        tested = pd.unique(subjects[fold.test])
+        name = tested[0] if len(tested) == 1 and not mixed else f"fold{i:02d}"
+        trained, needed = (np.bincount(codes[side], minlength=len(names)) > 0 for side in (fold.train, fold.test))
+        if lacking := sorted(names[needed & ~trained]):
             leave = "" if "+" in corpus.target else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
             raise InputError(
                 f"protocol={cell.protocol}: fold {name} tests {corpus.target} {lacking[0]} but has no training "
@@ -203,18 +233,30 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
     return named
 
 
+def _positions(side: np.ndarray) -> np.ndarray:
+    side = np.asarray(side)
+    return (np.flatnonzero(side) if side.dtype == bool else side).astype(np.int32)
+
+
 def mixes_subjects(corpus: Corpus, folds: list[Fold] | tuple[Fold, ...]) -> bool:
     """Return True if a fold trains and tests captures of the same subject."""
-    subjects = corpus.subjects
-    return any(set(subjects[fold.train]) & set(subjects[fold.test]) for fold in folds)
+    codes, names = pd.factorize(corpus.subjects, use_na_sentinel=False)
+    for fold in folds:
+        trained = np.zeros(len(names), bool)
+        trained[codes[fold.train]] = True
+        if trained[codes[fold.test]].any():
+            return True
+    return False
 
 
 def shared_ratio(folds: tuple[Fold, ...]) -> float | None:
     """Tested by training captures over all folds, None where no two folds share training captures."""
-    sets = [set(fold.train.tolist()) for fold in folds]
-    if not any(one & other for one, other in combinations(sets, 2)):
-        return None
-    return sum(len(fold.test) for fold in folds) / sum(len(fold.train) for fold in folds)
+    seen = np.zeros(max((int(fold.train.max(initial=-1)) for fold in folds), default=-1) + 1, bool)
+    for fold in folds:
+        if seen[fold.train].any():
+            return sum(len(fold.test) for fold in folds) / sum(len(fold.train) for fold in folds)
+        seen[fold.train] = True
+    return None
 
 
 def usable_cores() -> int:

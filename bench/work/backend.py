@@ -11,11 +11,13 @@ class Backend:
 
     Attributes:
         jobs: processes of this machine, None for one per core.
-        cluster: the address of dask's scheduler, or the file that holds it; empty for this machine.
+        workers: name of other workers (entry points ``touchbench.workers``); empty for processes of this machine.
+        address: the place where they are found.
     """
 
     jobs: int | None = None
-    cluster: str = ""
+    workers: str = ""
+    address: str = ""
 
 
 HERE = Backend()

@@ -8,7 +8,7 @@ import time
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,16 +20,13 @@ from bench.outcomes.store import connect, only_one, reached
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
 from bench.progress import telling, warn
+from bench.registry import parts
 from bench.scratch import made_whole, new_folder
-from bench.usual import FALSE_ALARMS
 from bench.work.bar import Bar
 from bench.work.experiment import Experiment
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.replay import Replay, Stopping, learned, unlearnable
 from bench.work.tracking import key_of, log_captures, params_of, tags_of
-from bench.work.watch import recordings_of, usual
-from bench.work.watcher import Watcher
-from bench.work.watcher_training import learned as learned_watcher
 from bench.work.workers import fill_cache
 
 if TYPE_CHECKING:
@@ -135,12 +132,12 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: bool 
     return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus))
 
 
-def _watcher(estimator: contract.System, corpus: Corpus) -> Watcher | None:
+def _watcher(estimator: contract.System, corpus: Corpus) -> Any:
     """The post-processing for endless streams; None, with a warning, where the captures cannot teach it."""
     try:
         if len(set(corpus.subjects)) < 2:
             raise InputError("only one subject trains")
-        return learned_watcher(estimator, recordings_of(corpus, usual(corpus)), FALSE_ALARMS)[0]
+        return parts("watchers")[0].learned(estimator, corpus, corpus)
     except InputError as e:
         warn(f"warning: the model cannot watch an endless stream: {e}")
         return None

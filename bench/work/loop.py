@@ -20,7 +20,7 @@ from bench.outcomes.store import Store, connect, only_one
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, planned, usable_cores
 from bench.progress import console, warn
-from bench.registry import check_loaded
+from bench.registry import check_loaded, part
 from bench.result import Result
 from bench.work.backend import HERE, Backend
 from bench.work.bar import Bar
@@ -67,16 +67,15 @@ def execute(todo: Todo, backend: Backend = HERE) -> list[Result]:
     try:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)  # where folds leave their messages (`bench.progress`)
-            if not backend.cluster:
+            if not backend.workers:
                 workers: Workers = Processes(folder)
                 if backend.jobs and backend.jobs > usable_cores():
                     cores = f"this machine has {usable_cores()} cores"
                     console.print(f"warning: jobs={backend.jobs}: {cores}, more workers do not help")
             else:
-                from bench.work.cluster import Cluster
-
-                workers = cluster = Cluster(backend.cluster, todo, warn, folder)
-                todo = [(replace(plan, threads=cluster.threads), experiment) for plan, experiment in todo]
+                workers = part("workers", backend.workers)(backend.address, todo, warn, folder)
+            if workers.threads:
+                todo = [(replace(plan, threads=workers.threads), experiment) for plan, experiment in todo]
             with workers:
                 every = ([*warnings(plan), *experiment.warnings(plan)] for plan, experiment in todo)
                 for line in dict.fromkeys(line for lines in every for line in lines):

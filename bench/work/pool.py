@@ -1,6 +1,6 @@
 """Processes of loky that do folds and stay for the next one: importing torch takes seconds.
 
-Whoever imports this module gets little with it: a dask worker does (`bench.work.cluster_worker`).
+Whoever imports this module gets little with it: a worker of a cluster does.
 """
 
 from __future__ import annotations

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
     from bench.contract import System
     from bench.work.replay import Stopping
-    from bench.work.watcher import Watcher
 
 FORMAT = "2"  # version of saved models; others are refused
 
@@ -55,7 +54,7 @@ class Recogniser(PythonModel):
         estimator: fitted to a `Corpus`.
         corpus: the captures that it was fitted to; their frames are not kept.
         stopping: calibration and stopping rule; None if its captures could not teach them.
-        watcher: the system with post-processing for endless streams; None without.
+        watcher: the system with post-processing for endless streams, from ``touchbench.watchers``; None without.
 
     Attributes:
         classes: class names, sorted.
@@ -68,10 +67,10 @@ class Recogniser(PythonModel):
 
     format = ""  # of a model that another version has saved
     adapted = False  # to a person
-    watcher: Watcher | None = None  # of a model that was saved before there were any
+    watcher: Any = None  # of a model that was saved before there were any
 
     def __init__(
-        self, estimator: System, corpus: Corpus, stopping: Stopping | None = None, watcher: Watcher | None = None
+        self, estimator: System, corpus: Corpus, stopping: Stopping | None = None, watcher: Any = None
     ) -> None:
         self.format = FORMAT
         self.estimator = estimator
@@ -262,6 +261,9 @@ def load(model: str) -> Recogniser:
         with quiet():
             recogniser = mlflow.pyfunc.load_model(model).unwrap_python_model()
     except Exception as e:  # a missing run, a damaged file, a library that is not there: all of them end here
+        if isinstance(e, ModuleNotFoundError) and str(e.name).startswith("bench."):
+            lacks = f"needs {e.name}, which this version of touchbench lacks"
+            raise InputError(f"{model} {lacks}; save it again with bench fit") from e
         raise InputError(f"{model} cannot be loaded: {str(e).splitlines()[0] if str(e) else type(e).__name__}") from e
     finally:
         sys.path = path

@@ -1,4 +1,4 @@
-"""Workers for folds: processes of this machine, or of a cluster (`bench.work.cluster`)."""
+"""Workers for folds: processes of this machine, or others (entry points ``touchbench.workers``)."""
 
 from __future__ import annotations
 
@@ -58,9 +58,11 @@ class Workers(Protocol):
 
     Attributes:
         overlap: True if a plan may begin while folds of another are under way.
+        threads: threads of each fold; 0 for those of its plan.
     """
 
     overlap: bool
+    threads: int
 
     def __enter__(self) -> Workers: ...
 
@@ -89,6 +91,7 @@ class Processes:
         folder: folder for messages of folds (`bench.progress`).
     """
 
+    threads = 0
     overlap = False  # plans have their own numbers of processes and threads, and share the cores with `fill_cache`
 
     def __init__(self, folder: Path | None = None) -> None:

@@ -11,6 +11,7 @@ import html
 import io
 import os
 import re
+import shutil
 import sys
 import tempfile
 import textwrap
@@ -31,6 +32,18 @@ from bench.cli import main  # noqa: E402
 from bench.options import commands, makers  # noqa: E402
 
 printed: dict[str, list[str] | str] = {}
+
+
+def lay_out() -> None:
+    """Lay the packages out as an installation has them: mkdocstrings looks for its paths before any event."""
+    package, skipped = TOOLS.parent.parent / "build" / "package" / "bench", shutil.ignore_patterns("__pycache__")
+    shutil.rmtree(package, ignore_errors=True)
+    for folder in ("bench", "features", "models", "protocols", "reports"):
+        target = package if folder == "bench" else package / folder
+        shutil.copytree(TOOLS.parent.parent / folder, target, ignore=skipped)
+
+
+lay_out()
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

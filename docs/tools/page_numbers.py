@@ -223,14 +223,6 @@ def reference(found: list[Any], task: str, name: str, *columns: str) -> list[flo
     return values(found[0].loc[(task, name)], columns)
 
 
-def choice(found: list[Any], chosen: str, other: str) -> list[float]:
-    """Accuracy and flash of the chosen system, accuracy of another."""
-    table = found[-1].choice.table.set_index("system")
-    assert found[-1].system == chosen, found[-1]
-    one, best = table.loc[chosen], table.loc[other]
-    return [one["accuracy"], one["flash"], best["accuracy"]]
-
-
 def in_c(found: list[Any], *columns: str) -> list[float]:
     """Columns of the first run of ``bench chip``."""
     return values(found[0].iloc[0], columns)
@@ -256,7 +248,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "data": bench.look,
 }
 READ: dict[str, Callable[..., list[float]]] = {
-    f.__name__: f for f in (accuracy, sizes, difference, reference, choice, groups, in_c, captures)
+    f.__name__: f for f in (accuracy, sizes, difference, reference, groups, in_c, captures)
 }
 
 

@@ -86,7 +86,7 @@ def test_run_marks_the_best_and_warns_of_one_label_and_what_it_prints_next_can_b
         assert ("(best)" in row) == (share == top) and f" {share:.1f} " in row
     assert "3 subjects: too few for an interval" in text
     commands = next_commands(text)
-    assert commands == [["choose"]]
+    assert commands == [["choose", "data=synth", "where=all", "protocol=loso"]]
     assert main([*commands[0], "model=bayes,lda"]) == 0
     (fit,) = next_commands(capsys.readouterr().out)
     assert fit[0] == "fit" and "out=chosen" in fit

@@ -198,7 +198,7 @@ def test_a_fault_of_another_package_is_one_function(monkeypatch):
             def dusk(frames, amount, rng):
                 return frames * np.float32(1 - amount / 100)
 
-    monkeypatch.setattr(faults, "entry_points", lambda group: [Entry()] if group == "touchbench.faults" else [])
+    monkeypatch.setattr(faults, "plugged", lambda group: [Entry()] if group == "faults" else [])
     monkeypatch.setattr(faults, "FAULTS", dict(FAULTS))
     assert list(faults.all_faults()) == [*FAULTS, "dusk"]
     dusk = faults.all_faults()["dusk"]

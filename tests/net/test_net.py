@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import bench
-from tests.export.compiled import lacking
+from tests.in_c.compiled import lacking
 from tests.net import masks
 from tests.net.build import CHIP, RUNS, build, step
 from tests.net.commands import BUILT, FILES, LINES, ON, SCENES, STEPS, WRONG

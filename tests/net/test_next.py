@@ -11,7 +11,7 @@ import pandas as pd
 
 from bench.cli import main
 from bench.options import commands
-from tests.export.compiled import lacking
+from tests.in_c.compiled import lacking
 from tests.net.build import CHIP, build, step
 from tests.net.commands import STEPS
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from bench import source
-from bench.circumstances.c import InC
 from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
 from bench.circumstances.subjects import Subjects
+from bench.endless.kind import Continuous
+from bench.in_c.circumstance import InC
 from bench.kinds.base import Shown
 from bench.kinds.captures import Captures
-from bench.kinds.recordings import Continuous
 from bench.plan.cells import cells
 from bench.plan.plan import Plan, corpus_of, folds_of
 from bench.protocols import transfer
@@ -151,11 +151,11 @@ CAPTURES = {"run", *LABELLED}
         ("bench/circumstances/instants.py", line("fold"), {"stream"}),
         ("bench/work/replay.py", code, {"stream", "chip"}),  # C has a stopping rule
         ("bench/outcomes/stopping.py", code, {"stream", "chip"}),
-        ("bench/circumstances/c.py", line("fold"), {"chip"}),
-        ("bench/export/in_c.py", code, {"chip"}),
-        ("bench/export/network.py", code, {"chip"}),
-        ("bench/kinds/recordings.py", line("fold"), {"watch"}),
-        ("bench/work/watch.py", code, {"watch", "chip"}),  # C watches, too
+        ("bench/in_c/circumstance.py", line("fold"), {"chip"}),
+        ("bench/in_c/fold.py", code, {"chip"}),
+        ("bench/in_c/network.py", code, {"chip"}),
+        ("bench/endless/kind.py", line("fold"), {"watch"}),
+        ("bench/endless/watch.py", code, {"watch", "chip"}),  # C watches, too
     ],
 )
 def test_a_change_of_code_makes_those_runs_stale_that_depend_on_it(file, edit, stale, changed):

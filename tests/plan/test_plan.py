@@ -12,7 +12,7 @@ from bench.arguments import KEYS, parse
 from bench.errors import InputError
 from bench.options import keys
 from bench.plan.cells import Part, cells
-from bench.plan.plan import Fold, Plan, folds_of, planned, shared_ratio
+from bench.plan.plan import Fold, Plan, folds_of, mixes_subjects, planned, shared_ratio
 from bench.registry import load, names, parameters, required
 from bench.words import PARTS
 from bench.work.loop import warnings
@@ -212,3 +212,41 @@ def test_the_same_capture_is_a_warning_where_subjects_are_mixed_or_the_same(monk
     known = copies(monkeypatch, [(0, 1), (2, 1)], protocol="personal", **{"protocol.shots": "1"})
     assert {tested for tested, _ in known.repeats} == {0, 1, 2} and not known.mixes_subjects
     assert sum("same frames" in line for line in warnings(known)) == 1
+
+
+def test_cells_on_the_same_captures_and_protocol_share_their_plan(monkeypatch):
+    asked = []
+    corpus = random_corpus(longest=20)
+    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *given: asked.append(given) or corpus)
+    plans = planned(
+        cells({"data": "mine", "model": "lda,bayes", "features": "touch,jung28", "protocol": "loso,holdout"}), 1
+    )
+    assert len(plans) == 8 and len(asked) == 2
+    assert len({id(plan.folds) for plan in plans}) == 2 and len({repr(plan.identity()) for plan in plans}) == 8
+    again = [planned([plan.cell], 1)[0] for plan in plans]
+    assert [plan.identity() for plan in again] == [plan.identity() for plan in plans]
+
+
+@given(st.data())
+def test_facts_are_those_of_sets(data):
+    """Subjects mixed, and the ratio, by sets of positions."""
+    corpus = random_corpus(subjects=3, per_class=1, longest=5)
+    side = st.lists(st.integers(0, len(corpus) - 1), min_size=1, max_size=4).map(np.array)
+    folds = tuple(Fold(str(i), *pair) for i, pair in enumerate(data.draw(st.lists(st.tuples(side, side), max_size=4))))
+    train, who = [set(fold.train.tolist()) for fold in folds], corpus.subjects
+    mixed = any({who[i] for i in fold.train} & {who[i] for i in fold.test} for fold in folds)
+    assert mixes_subjects(corpus, folds) == mixed
+    shared = any(a & b for i, a in enumerate(train) for b in train[:i])
+    tested = sum(len(f.test) for f in folds) / sum(len(f.train) for f in folds) if shared else None
+    assert shared_ratio(folds) == tested
+
+
+def test_a_splitter_may_give_masks():
+    corpus = random_corpus(subjects=2)
+
+    class Halves:
+        def split(self, X, y, groups):
+            yield groups == "1", groups == "2"
+
+    (fold,) = plan_of(corpus, protocol=Halves()).folds
+    assert corpus.subjects[fold.train].tolist() == ["1"] * len(fold.train) and len(fold.train) == len(fold.test) > 0

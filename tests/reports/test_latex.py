@@ -11,6 +11,7 @@ import pytest
 
 import bench
 from bench.api import results_of
+from bench.cli import main
 from bench.comparable import MARK
 from bench.errors import InputError
 from bench.measures import Cost, Measure, run_columns
@@ -146,3 +147,12 @@ def test_it_compiles():
     Path("paper.tex").write_text(head)
     done = subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper"], capture_output=True)
     assert done.returncode == 0 and "Missing character" not in Path("paper.log").read_text(errors="replace")
+
+
+def test_the_call_makes_what_the_report_writes(in_net):
+    assert main(["report", "data=people", "paper=accuracy,flash"]) == 0
+    assert (
+        bench.latex(bench.results(data="people"), paper=["accuracy", "flash"]) == Path("report/paper.tex").read_text()
+    )
+    with pytest.raises(bench.InputError, match="paper= needs what bench.results"):
+        bench.latex(pd.DataFrame({"system": []}), paper="accuracy")

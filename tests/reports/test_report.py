@@ -11,17 +11,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench.board.tasks import HAART
 from bench.cli import main
 from bench.commands import printing
 from bench.comparable import BATCH, CONDITIONS, MARK
+from bench.endless import page as watching
 from bench.errors import InputError
 from bench.kinds.captures import Captures
-from bench.leaderboard.tasks import HAART
 from bench.measures import costs
 from bench.outcomes import statistics
 from bench.outcomes.runs import grouped, stored
 from bench.outcomes.store import connect
-from bench.reports import candidates, page, panes, watching
+from bench.reports import candidates, page, panes
 from bench.reports.comparison import comparison, published, shown
 from bench.reports.pair import compared
 from bench.reports.run_groups import Group
@@ -218,7 +219,7 @@ def test_without_runs_on_captures_the_report_has_those_on_recordings(quick, stor
     keep(store, watched("svm", [0.5] * 6, alarms=40.0, latency=1.0))
     written = page.write_report(store, Path("report"))
     words = " ".join(html.unescape(Path("report/index.html").read_text()).split())
-    assert '<details id="continuous-touch" open>' in words and "1 runs of 1 systems" in words
+    assert '<details id="continuous-touch" open>' in words and "1 run of 1 system" in words
     assert 'id="verdict"' not in words and 'id="runs"' not in words
     assert Path("report/index.html") in written and not Path("report/comparison.csv").exists()
 
@@ -398,7 +399,7 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
         answer = verdict(results, budget)
         assert answer.choice.table["system"][answer.choice.chosen] == system in answer.lines[0]
         words = [costs()[k].argument(v) for k, v in budget.items()]
-        assert answer.command == " ".join(["bench choose data=synth where=all target=gesture protocol=loso", *words])
+        assert answer.command == " ".join(["bench choose data=synth where=all protocol=loso", *words])
         assert main([*answer.command.split()[1:], "why=yes"]) == 0
         printed = capsys.readouterr().out
         assert all(line in printed for line in answer.lines)

@@ -16,7 +16,7 @@ import pytest
 from bench.cli import main
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
-from bench.export.write import files_of
+from bench.in_c.write import files_of
 from bench.plan.cells import cells
 from bench.work.fit import fit
 from bench.work.replay import STATE, Calibration, Replay, Stopping, Waiting, learned

@@ -1,0 +1,1 @@
+"""Endless streams: systems that find touches in recordings and in frames as they come."""

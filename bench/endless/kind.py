@@ -1,0 +1,219 @@
+"""Continuous recordings: touches found in a stream, false alarms and latency."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from bench.kinds.base import Kind, Spelling, option
+from bench.measures import Cost, Measure, percent
+from bench.options import Command
+from bench.result import Result
+from bench.usual import FALSE_ALARMS
+from bench.words import SMALL
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bench.candidate import Candidate, Wish
+    from bench.corpora.corpus import Corpus
+    from bench.outcomes.results import FoldResult
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold, Plan
+    from bench.reports.part import Section
+    from bench.table import Table
+
+
+@dataclass(frozen=True)
+class Continuous(Kind):
+    """Events in recordings of the test subjects; detector and post-processing are learned on training subjects.
+
+    The corpus holds recordings, or they are composed of its captures (`bench.endless.composer`).
+    """
+
+    tag: ClassVar[str] = "watch"
+
+    false_alarms: float = option(
+        FALSE_ALARMS, "false alarms per hour of background accepted in training", type="number"
+    )
+    background: str = option("", "class without touch, or quiet: ends of captures; default notouch or quiet")
+    unknown: str = option("", "gesture to leave out of training; its touches should be labelled unknown")
+
+    @classmethod
+    def ready(cls, cells: list[Cell]) -> list[Cell]:
+        """The cells, marked where their data holds recordings.
+
+        Raises:
+            InputError: a condition selects captures of recordings.
+        """
+        from bench.corpora.library import holds_recordings
+
+        recorded = {name: name == "synth" or holds_recordings(name) for name in dict.fromkeys(c.data for c in cells)}
+        return [cell.of_recordings() if recorded[cell.data] else cell for cell in cells]
+
+    def refuse(self, plan: Plan) -> None:
+        """Refuse folds that mix subjects or train on one, and a background that does not exist.
+
+        Raises:
+            InputError: there is one.
+        """
+        from bench.endless.watch import refuse
+
+        refuse(plan, self.background, self.unknown)
+
+    def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+        """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects."""
+        from bench.endless.watch import fold_of
+
+        return fold_of(cell, corpus, fold, threads, self.false_alarms, self.background, self.unknown)
+
+    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
+        """Scores and costs of one fold."""
+        from bench.endless.watch import fold_numbers
+
+        return fold_numbers(result, rate_hz)
+
+    def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
+        """Scores of touches, means over subjects with intervals; tables of touches, reports, subjects and the curve."""
+        from bench.endless.watch import run_numbers
+
+        return Result(about, *run_numbers(folds, plan.corpus.rate_hz, self.unknown))
+
+    commands: ClassVar[dict[str, Spelling]] = {
+        "watch": Spelling(
+            Command(
+                "compare",
+                "find touches in continuous recordings: false alarms, misses, latency",
+                "Each fold trains on captures, and learns when to report a touch from recordings of training subjects. "
+                "It then watches the recordings of the test subjects. data=synth and imported recordings are used as "
+                "they are. From other corpora, one recording per subject is composed: excerpts of 2 to 6 s of each "
+                "capture, with 3 to 10 s of background between them. Prints touches found, correct gestures when first "
+                "reported and at the end, false alarms per hour of background, latency and reports per touch.",
+                f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2",
+            ),
+        )
+    }
+    heading: ClassVar[str] = (
+        "Percent of touches found, correct when first reported and at the end, means over subjects; false alarms per "
+        "hour of background; in brackets 95 % intervals over subjects"
+    )
+    score: ClassVar[str] = "end_correct"
+    unit: ClassVar[str] = "touches in recordings"
+    recordings: ClassVar[bool] = True
+    other: ClassVar[str] = "with another background"
+    meaning: ClassVar[str] = "The score is of touches in recordings, with the label at the end."
+    alike: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "watch.background": ("background: {}", ""),
+        "watch.unknown": ("unknown gesture: {}", ""),
+    }
+    shown: ClassVar[tuple[Measure, ...]] = (
+        Measure("auroc", "AUROC", form=".2f", spare=1),
+        percent("rejected_unknown", "rejected unknown", spare=1),
+        percent("rejected_known", "rejected known", spare=1),
+        Measure("touches", form=".0f", spare=8),
+        percent("touches_found", "found"),
+        percent("first_correct", "first"),
+        percent("end_correct", "end", ends="end_correct"),
+        Measure("false_alarms_per_hour", "alarms/h", ends="false_alarms_per_hour"),
+        Measure("latency_s_p50", "latency s", form=".2f"),
+        Measure("latency_s_p90", "90 % s", form=".2f", spare=9),
+        Measure("fragments", "reports per touch", form=".2f", spare=7),
+    )
+    costs: ClassVar[tuple[Cost, ...]] = (
+        Cost(
+            "false_alarms",
+            unit="per hour",
+            noun="false-alarm rate",
+            words="of false alarms",
+            axis="false alarms per hour of background",
+            unknown="the recordings have no background",
+            help="false alarms per hour of background; compares runs of bench watch",
+            runs="recordings",
+            among=lambda people, drawn: people.alarm_rate(drawn),
+            line=("stream", "false_alarms"),
+            column=False,
+            last=0,
+        ),
+        Cost(
+            "latency",
+            read="latency_s_p50",
+            times=1000,
+            unit="ms",
+            noun="latency",
+            words="of latency",
+            axis="ms until half of the touches are reported",
+            unknown="no touch was found",
+            help="median latency, such as 1s; compares runs of bench watch",
+            runs="recordings",
+            line=("stream", "latency"),
+            column=False,
+            last=0,
+        ),
+    )
+
+    @classmethod
+    def printed(cls, results: Sequence[Result]) -> Iterator[str | Table]:
+        """A line where there are no false alarms to count."""
+        if any(r.scored and not r.get("background_minutes") for r in results):
+            yield "alarms/h is unknown: the recordings have no background"
+
+    @classmethod
+    def then(cls, results: Sequence[Result]) -> str:
+        """The next command to type."""
+        from bench.outcomes.runs import choosing
+
+        results = [r for r in results if not r.get("watch.unknown")]
+        return (
+            choosing(results, max_false_alarms=f"{FALSE_ALARMS:g}", max_latency="1s")
+            if results
+            else super().then(results)
+        )
+
+    def figure(self, result: Result, folder: Path) -> None:
+        """Draw the timeline and missed touches against false alarms."""
+        from bench.endless.page import draw
+
+        draw(result, folder, self.alike)
+
+    @classmethod
+    def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
+        """A figure for each group of comparable runs, and a sentence on each system."""
+        from bench.endless.page import watch_section
+
+        return watch_section(results, folder, cls.alike)
+
+    @classmethod
+    def chosen(cls, row: Mapping[str, Any]) -> str:
+        """False alarms and latency of a chosen system."""
+        from bench.sentences import sentences
+
+        alarms, latency = (cost.amount(row[cost.key]) for cost in cls.costs)
+        alarms = alarms.replace(" per", " false alarms per")
+        return sentences("bench.endless", "touches", "chosen", alarms=alarms, latency=latency)[0]
+
+    @classmethod
+    def gestures(cls, result: Result) -> tuple[str, ...]:
+        """All gestures of the recordings of a run, and the background."""
+        from bench.endless.candidates import watched_gestures
+
+        return watched_gestures(result)
+
+    @classmethod
+    def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
+        """Recordings, touches and reported events."""
+        table = result.tables["predictions"]
+        return table[table["kind"].isin(["recording", "touch", "report"])]
+
+    @classmethod
+    def offers(cls, result: Result, wish: Wish) -> bool:
+        """True unless a gesture was left out of training."""
+        return not result.about.get("watch.unknown")
+
+    @classmethod
+    def candidates(cls, result: Result, wish: Wish) -> Iterator[Candidate]:
+        """The system as it watched."""
+        from bench.endless.candidates import watched_candidates
+
+        return watched_candidates(result, wish, cls.unit)

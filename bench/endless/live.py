@@ -1,0 +1,190 @@
+"""Frames from standard input, decided on as they come."""
+
+from __future__ import annotations
+
+import csv
+import re
+import sys
+from collections import deque
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+import pandas as pd
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.read.limits import quoted
+from bench.corpora.read.sensor_values import checked, highest_of
+from bench.errors import InputError
+from bench.outcomes.stopping import NO_SAVING
+from bench.work.replay import GROWTH
+
+if TYPE_CHECKING:
+    from bench.endless.watcher import Watcher
+    from bench.work.saved import Recogniser
+
+CHARACTERS = 32  # most of a number; a line has at most as many for each channel, its end included
+NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+
+
+def decide(model: str, hop_ms: float, events: bool) -> int:
+    """Decide on frames from standard input until it ends.
+
+    Args:
+        model: address or folder of a saved model.
+        hop_ms: time between decisions on a capture.
+        events: False to classify captures with a model that can watch an endless stream.
+
+    Raises:
+        InputError: an argument, or a line that is not a frame; the decisions before it are out already.
+    """
+    from bench.work.saved import load
+
+    recogniser = load(model)
+    if recogniser.watcher is not None and events:
+        return watched(recogniser, recogniser.watcher)
+    frame_ms = 1000 / recogniser.rate_hz
+    if hop_ms < frame_ms:
+        raise InputError(f"hop_ms={hop_ms:g}: one frame takes {frame_ms:.4g} ms; give at least that")
+    longest = recogniser.longest
+    rows, cols = recogniser.grid
+    print(
+        f"expecting frames of {rows}x{cols}, values 0 to {recogniser.full_scale:g}, at {recogniser.rate_hz:g} Hz; "
+        f"decisions use at most the last {longest * frame_ms:g} ms of a capture",
+        file=sys.stderr,
+    )
+    if recogniser.stopping is not None and not recogniser.stopping.saves:
+        print(f"{NO_SAVING}: settled is -", file=sys.stderr)
+    out = csv.writer(sys.stdout, lineterminator="\n")
+    out.writerow(["capture", "ms", "label", "confidence", "settled"])
+    sys.stdout.flush()
+    frames = frames_of(sys.stdin.buffer, rows * cols, recogniser.full_scale)
+    current, settled, labels = 0, False, deque[tuple[int, str]]()
+    for capture, seen, window in decided_at(frames, recogniser.rate_hz, hop_ms, longest):
+        if capture != current:
+            current, settled, labels = capture, False, deque()
+        label, confidence, share = recogniser.decision(_corpus(window, recogniser), earlier(labels, seen))
+        labels.append((seen, label))
+        settled = settled or recogniser.is_settled(share)
+        word = "-" if share is None else "yes" if settled else "no"
+        out.writerow([capture, f"{seen * frame_ms:.0f}", label, f"{confidence:.3f}", word])
+        sys.stdout.flush()
+    return 0
+
+
+def watched(recogniser: Recogniser, watcher: Watcher) -> int:
+    """Report the touches of an endless stream until standard input ends; empty lines mean nothing.
+
+    Raises:
+        InputError: a line that is not a frame; news before it is printed already.
+    """
+    from bench.endless.watcher import LiveStream
+
+    rows, cols = recogniser.grid
+    frame_ms = 1000 / recogniser.rate_hz
+    print(
+        f"expecting frames of {rows}x{cols}, values 0 to {recogniser.full_scale:g}, at {recogniser.rate_hz:g} Hz; "
+        f"a touch is reported after {(watcher.clock.name + watcher.clock.wait) * frame_ms:.0f} ms or later",
+        file=sys.stderr,
+    )
+    stream = LiveStream(watcher, recogniser.grid, recogniser.rate_hz, recogniser.full_scale)
+    out = csv.writer(sys.stdout, lineterminator="\n")
+    out.writerow(["ms", "news", "label", "confidence"])
+    sys.stdout.flush()
+    lasting = False
+    for frame in frames_of(sys.stdin.buffer, rows * cols, recogniser.full_scale):
+        if frame is None:
+            continue
+        event = stream.push(checked(frame.reshape(1, rows, cols), recogniser.full_scale, "input", "frame")[0])
+        if event is not None:
+            news = "ended" if event.end is not None else "changed" if lasting else "reported"
+            lasting = event.end is None
+            out.writerow([f"{stream.seen * frame_ms:.0f}", news, event.label, f"{event.confidence:.3f}"])
+            sys.stdout.flush()
+    return 0
+
+
+def earlier(labels: deque[tuple[int, str]], seen: int) -> str | None:
+    """The label when 1/1.41 as much had been seen, None if there was none; older ones are removed.
+
+    Args:
+        labels: frames seen and label of the decisions on a capture, in their order; at most one older one remains.
+        seen: frames by now.
+    """
+    while len(labels) > 1 and labels[1][0] * GROWTH <= seen:
+        labels.popleft()
+    return labels[0][1] if labels and labels[0][0] * GROWTH <= seen else None
+
+
+def _corpus(window: list[np.ndarray], recogniser: Recogniser) -> Corpus:
+    """One capture, of the type that a file with these values would have."""
+    values = checked(np.stack(window).reshape(-1, *recogniser.grid), recogniser.full_scale, "input", "frame")
+    return Corpus.from_captures([values], pd.DataFrame(index=[0]), recogniser.rate_hz, full_scale=recogniser.full_scale)
+
+
+def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np.ndarray | None]:
+    """Frames of a stream, float64 [channels] rounded to single precision, and None where a capture ends.
+
+    A line is a frame: decimal numbers with a comma between two of them, and blanks (spaces, tabs) around it, or with
+    blanks alone. A line of blanks alone, or of nothing, ends a capture. Lines end with LF or CR LF. The C of ``bench
+    export`` reads the same.
+
+    Raises:
+        InputError: a line that is not a frame, with its number.
+    """
+    at, most = 0, channels * CHARACTERS
+    while line := stream.readline(most + 1):
+        at += 1
+        if len(line) > most:
+            raise InputError(f"line {at}: longer than {most} bytes; send one frame of {channels} values per line")
+        text = line.removesuffix(b"\n").removesuffix(b"\r").strip(b" \t")
+        if not text:
+            yield None
+            continue
+        cells = [cell.strip(b" \t") for cell in text.split(b",")] if b"," in text else re.split(rb"[ \t]+", text)
+        if len(cells) != channels:
+            raise InputError(f"line {at}: {len(cells)} values instead of {channels}; send one frame per line")
+        if wrong := [c for c in cells if len(c) > CHARACTERS or not NUMBER.fullmatch(c)]:
+            word = quoted(wrong[0].decode("utf-8", "replace"))
+            raise InputError(f"line {at}: {word} is not a decimal number; send sensor values")
+        with np.errstate(over="ignore"):
+            values = np.array(cells, dtype=np.float64).astype(np.float32).astype(np.float64)
+        within = (values >= 0) & (values <= highest_of(full_scale))
+        if not within.all():
+            wrong_value = f"{values[~within][0]:g} is not between 0 and the full scale {full_scale:g}"
+            raise InputError(f"line {at}: {wrong_value}; send sensor values")
+        yield values
+
+
+def decided_at(
+    frames: Iterator[np.ndarray | None], rate_hz: float, hop_ms: float, longest: int
+) -> Iterator[tuple[int, int, list[np.ndarray]]]:
+    """Times of decisions, and their frames: every hop, and the end of a capture with undecided frames.
+
+    Args:
+        frames: frames of one capture after another, with None between them.
+        rate_hz: frames per second.
+        hop_ms: milliseconds between decisions, at least one frame.
+        longest: frames that are kept; older ones are forgotten.
+
+    Yields:
+        Number of the capture from 1, frames since its beginning, and the frames that are kept of it.
+    """
+    capture, seen, decided = 1, 0, 0
+    window: deque[np.ndarray] = deque(maxlen=longest)
+    per_hop = hop_ms * rate_hz / 1000
+    for frame in frames:
+        if frame is not None:
+            window.append(frame)
+            seen += 1
+            hops = int((seen + 1e-6) / per_hop)
+            if hops > int((seen - 1 + 1e-6) / per_hop):
+                decided = seen
+                yield capture, seen, list(window)
+        elif seen:
+            if decided < seen:
+                yield capture, seen, list(window)
+            capture, seen, decided = capture + 1, 0, 0
+            window.clear()
+    if decided < seen:
+        yield capture, seen, list(window)

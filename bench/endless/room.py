@@ -1,0 +1,27 @@
+"""What endless streams add to touchbench: as entry points ``touchbench.<group>`` of a package would."""
+
+from bench.options import TRUSTED, Command, Option
+
+ADDS = {
+    "kinds": {"watch": "bench.endless.kind:Continuous"},
+    "commands": {"live": "bench.endless.room:LIVE"},
+    "options": {"watch": "bench.endless.room:WATCH"},
+    "watchers": {"detector": "bench.endless.teaching:Watching"},
+}
+WATCH = Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams")
+LIVE = Command(
+    "ship",
+    "classify frames from standard input with a saved model",
+    "Reads one frame per line: values in row-major order, separated by commas or blanks, at most 32 characters "
+    "each. If the model can watch an endless stream, each news of a touch (reported, changed, ended) prints ms, "
+    "news, label and confidence. Otherwise, or with events=no, an empty line ends a capture, and each decision "
+    "prints capture, ms, label, confidence and settled. settled is yes once waiting would gain too little. "
+    f"MODEL is as for bench predict. {TRUSTED}",
+    "sensor | bench live models:/m-0123456789abcdef",
+    "MODEL [events=no] [hop_ms=125]",
+    module="bench.endless.command",
+    options=(
+        Option("hop_ms", "live", "number", 125, "classification of captures: milliseconds between decisions"),
+        Option("events", "live", "yes", True, "no: classify captures instead of watching an endless stream"),
+    ),
+)

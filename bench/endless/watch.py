@@ -1,0 +1,302 @@
+"""Systems in continuous recordings: false alarms, missed touches and latency."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from bench import contract
+from bench.comparable import several
+from bench.corpora.recordings import GAP, Recordings, is_recorded, recorded
+from bench.endless.composer import check_background, composed, pieces
+from bench.endless.detector import behind, cut, touched
+from bench.endless.watcher import UNKNOWN
+from bench.endless.watcher_training import bias_table, learn_reject, learned
+from bench.errors import InputError
+from bench.features.touch import TouchFeatures
+from bench.outcomes.events import REPORT, last_confidence, matched, over_people, per_subject, summary, unknown_scores
+from bench.outcomes.results import FoldResult, costs, table_of
+from bench.timing import Times, timed
+from bench.usual import NO_TOUCH
+from bench.work.fold import (
+    SOME,
+    TIMED_CAPTURES,
+    WARM_UP,
+    batch_effects,
+    check_agreement,
+    computing,
+    fitted,
+    footprint,
+    paced,
+)
+
+if TYPE_CHECKING:
+    from bench.corpora.corpus import Corpus
+    from bench.endless.watcher import Watcher
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold, Plan
+
+SEED = 0  # of the composed recordings
+QUIET = "quiet"  # background from the ends of captures
+OFFSETS = np.arange(-4, 4.5, 0.5)  # from the learned bias, for the curve
+SHOWN_S = 120.0  # of a recording in each fold, for the timeline
+
+
+def usual(corpus: Corpus, background: str = "") -> str:
+    """The background of a whole corpus of captures.
+
+    Args:
+        corpus: captures.
+        background: class that was asked for; empty for ``notouch`` where it exists, and ends of captures elsewhere.
+    """
+    if is_recorded(corpus):
+        return GAP
+    return background or (NO_TOUCH if NO_TOUCH in corpus.gestures else QUIET)
+
+
+def recordings_of(captures: Corpus, background: str) -> Recordings:
+    """Recordings of the subjects of some captures: their own, or composed ones.
+
+    Args:
+        captures: captures; all captures of each recording.
+        background: result of `usual` for the whole corpus.
+
+    Raises:
+        InputError: there is no background to compose them with.
+    """
+    if is_recorded(captures):
+        return recorded(captures)
+    return composed(*pieces(captures, background), SEED)
+
+
+def refuse(plan: Plan, background: str, unknown: str) -> None:
+    """Refuse folds that mix subjects or train on one, and a background that does not exist.
+
+    Raises:
+        InputError: there is one.
+    """
+    corpus, name = plan.corpus, plan.cell.protocol
+    if any(fold.known for fold in plan.folds):
+        raise InputError(
+            f"protocol={name}: bench watch does not adapt systems to a person; leave protocol.shots= and "
+            "protocol.unlabelled= out"
+        )
+    if plan.mixes_subjects:
+        raise InputError(
+            f"protocol={name}: bench watch needs other subjects in the test part; choose loso or challenge"
+        )
+    if is_recorded(corpus) and background:
+        raise InputError(f"background={background}: {plan.cell.data} holds recordings with their own background")
+    if background == QUIET and QUIET in corpus.gestures:
+        raise InputError(f"background={QUIET}: {plan.cell.data} also has a class {QUIET}; rename it")
+    if unknown and unknown != UNKNOWN and UNKNOWN in corpus.gestures:
+        raise InputError(
+            f"unknown={unknown}: rejected touches are labelled {UNKNOWN}, but {plan.cell.data} has a gesture of this "
+            "name; rename it"
+        )
+    if unknown and unknown not in {*corpus.gestures} - {usual(corpus, background)}:
+        raise InputError(f"unknown={unknown}: {plan.cell.data} has no such gesture beside the background")
+    if plan.cell.target != "gesture":
+        raise InputError(f"target={plan.cell.target}: bench watch names gestures; leave it out")
+    touches = ~np.isin(corpus.gestures, [usual(corpus, background), unknown])
+    if not is_recorded(corpus):
+        check_background(*pieces(corpus, usual(corpus, background)))
+    elif not touches.any():
+        raise InputError(f"data={plan.cell.data}: its recordings have no touch; label the frames of touches")
+    for fold in plan.folds:
+        if len(touching := set(corpus.subjects[fold.train[touches[fold.train]]])) < 2:
+            raise InputError(
+                f"protocol={name}: fold {fold.name} trains on touches of {several(len(touching), 'subject')}; bench "
+                "watch learns its post-processing by leaving training subjects out and needs two"
+            )
+    if conditions := contract.conditions(plan.cell.untrained):
+        raise InputError(
+            f"model={plan.cell.model}: it predicts with {', '.join(conditions)}, which a recording does not have; "
+            "remove its conditions, or evaluate it with bench run"
+        )
+
+
+def fold_of(
+    cell: Cell, corpus: Corpus, fold: Fold, threads: int, false_alarms: float, background: str, unknown: str
+) -> FoldResult:
+    """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects.
+
+    The stored table has rows of several kinds (``kind``): a ``recording`` (``end`` is its number of frames), a
+    ``touch`` (``start``, ``end``, ``gesture``), a ``report`` (columns of `bench.outcomes.events.REPORT`), a point of
+    the ``curve`` (``offset`` of the bias, ``hits`` and ``alarms``: touches found and false alarms) and the
+    ``probability`` of touch after ``reported`` frames of the first two minutes.
+
+    Args:
+        cell: cell of the run.
+        corpus: captures, or recordings as captures.
+        fold: names its training and test captures by position.
+        threads: threads for computing.
+        false_alarms: false alarms per hour of background that are accepted on training subjects.
+        background: class of background, as of `usual`.
+        unknown: gesture that is left out of training; empty for none.
+    """
+    estimator, background = cell.estimator(), usual(corpus, background)
+    train = corpus[fold.train]
+    if unknown:  # training recordings must not have it either, so they are composed again
+        train = train[train.gestures != unknown]
+    composing = bool(unknown) and is_recorded(train)
+    recordings = composed(*pieces(train, background), SEED) if composing else recordings_of(train, background)
+    with computing(threads):
+        metrics = fitted(estimator, train)
+        watcher, settings = learned(estimator, recordings, false_alarms)
+        if unknown:
+            watcher.reject = learn_reject(cell.estimator, train, recordings, watcher)
+        test = recordings_of(corpus[fold.test], background)
+        if unknown:
+            test = replace(test, events=test.events.replace({"gesture": {unknown: UNKNOWN}}))
+        odds = watcher.log_odds(test.corpus)
+        reports = watcher.reports(test.corpus, odds)
+        effects = batch_effects(estimator, corpus, fold.test, most=SOME)
+        if not effects:
+            check_agreement(estimator, corpus, fold.test)
+    subjects = test.subjects.astype(str)
+    frames = pd.DataFrame({"recording": np.arange(len(test)), "end": test.corpus.lengths})
+    table = pd.concat(
+        [
+            part.assign(kind=kind, subject=subjects[part["recording"]])
+            for kind, part in (
+                ("recording", frames),
+                ("touch", test.events),
+                ("report", reports),
+                ("curve", _curve(watcher, test, odds)),
+                ("probability", _probability(watcher, test.corpus.rate_hz, odds[0])),
+            )
+        ],
+        ignore_index=True,
+    )
+    with computing(1):
+        spent = _decision_ms(watcher, test)
+    metrics |= footprint(estimator, corpus) | paced(spent)
+    metrics["flash_bytes"] += 4 * watcher.detector.numbers  # in C it is stored beside the system
+    chosen: dict[str, object] = {"bias": watcher.bias, "tail": watcher.tail, "strong": watcher.strong}
+    chosen |= {"refused": watcher.detector.limit_, "reject": watcher.reject}
+    return FoldResult(
+        fold.name,
+        table.assign(fold=fold.name),
+        metrics,
+        spent.ms,
+        spent.ms,
+        chosen=chosen,
+        trials=settings,
+        batch_effects=effects,
+        times={"predict_wall_ms": spent.wall_ms, "decide_wall_ms": spent.wall_ms},
+    )
+
+
+def fold_numbers(result: FoldResult, rate_hz: float) -> dict[str, float]:
+    """Scores and costs of one fold."""
+    touches, reports, background_s = scored(result.table, rate_hz)
+    return costs([result]) | _defined(summary(touches, reports, sum(background_s.values())))
+
+
+def run_numbers(
+    folds: list[FoldResult], rate_hz: float, unknown: str
+) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
+    """Scores of touches as means over subjects, with intervals; tables of touches, reports, subjects and the curve."""
+    table = table_of(folds)
+    touches, reports, background_s = scored(table, rate_hz)
+    numbers = summary(touches, reports, sum(background_s.values())) | over_people(touches, reports, background_s)
+    hours = sum(background_s.values()) / 3600
+    counts = table[table["kind"] == "curve"].groupby("offset")[["hits", "alarms"]].sum()
+    missed, alarms = 1 - counts["hits"] / max(len(touches), 1), counts["alarms"] / (hours or np.nan)
+    tables = {
+        "predictions": table,
+        "touches": touches,
+        "reports": reports,
+        "per_subject": per_subject(touches, reports, background_s),
+        "curve": pd.DataFrame({"missed": missed, "false_alarms_per_hour": alarms}).reset_index(),
+    }
+    if unknown:
+        numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
+    return _defined(numbers | {"background_minutes": 60 * hours}) | costs(folds), tables
+
+
+def scored(table: pd.DataFrame, rate_hz: float) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, float]]:
+    """Touches and reports of all folds, matched, and seconds of background of each subject.
+
+    Args:
+        table: tables of the folds of a run.
+        rate_hz: frames per second.
+    """
+    background: dict[str, float] = {}
+    touches, reports = [], []
+    for _, part in table.groupby("fold", sort=False):
+        truth, reported = _touches_and_reports(part)
+        matches = matched(truth, reported, rate_hz)
+        touches.append(matches[0])
+        reports.append(matches[1])
+        touched = (truth["end"] - truth["start"]).groupby(truth["subject"]).sum()
+        for subject, frames in part[part["kind"] == "recording"].groupby("subject")["end"].sum().items():
+            background[str(subject)] = background.get(str(subject), 0.0) + (frames - touched.get(subject, 0)) / rate_hz
+    return pd.concat(touches, ignore_index=True), pd.concat(reports, ignore_index=True), background
+
+
+def _touches_and_reports(part: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The touches and the reports in the table of a fold."""
+    kinds = {"recording": np.int64, "start": np.int64, "end": np.int64}
+    truth = part.loc[part["kind"] == "touch", [*kinds, "gesture", "subject", "fold"]].astype(kinds)
+    reported = part.loc[part["kind"] == "report", [*REPORT, "subject", "fold"]].astype(REPORT)
+    return truth.reset_index(drop=True), reported
+
+
+def _rejection(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float) -> dict[str, float]:
+    """How well unknown gestures are rejected: `unknown_scores` of the touches found, relative to each fold's threshold.
+
+    Args:
+        table: tables of the folds of a run.
+        thresholds: learned threshold of each fold.
+        rate_hz: frames per second.
+    """
+    known, unknown = [np.zeros(0)], [np.zeros(0)]
+    for name, part in table.groupby("fold", sort=False):
+        truth, reported = _touches_and_reports(part)
+        above = last_confidence(truth, reported, rate_hz) - thresholds[str(name)]
+        strange = (truth["gesture"] == UNKNOWN).loc[above.index]
+        known.append(above[~strange].to_numpy())
+        unknown.append(above[strange].to_numpy())
+    return unknown_scores(np.concatenate(known), np.concatenate(unknown), 0.0)
+
+
+def _defined(numbers: dict[str, float]) -> dict[str, float]:
+    """The numbers that are defined."""
+    return {name: float(value) for name, value in numbers.items() if value == value}
+
+
+def _curve(watcher: Watcher, test: Recordings, odds: list[np.ndarray]) -> pd.DataFrame:
+    """Touches found and false alarms by offset of the bias."""
+    biases = (OFFSETS + watcher.bias).astype(np.float32)
+    settings = bias_table(test, odds, watcher.clock, biases, (watcher.strong,))
+    hits = (settings["found"] * len(test.events)).round()
+    return pd.DataFrame({"recording": 0, "offset": OFFSETS, "hits": hits, "alarms": settings["alarms"]})
+
+
+def _probability(watcher: Watcher, rate_hz: float, odds: np.ndarray) -> pd.DataFrame:
+    """The probability of touch in the first two minutes of the first recording."""
+    probability = touched(odds + np.float32(watcher.bias), watcher.clock, rate_hz)
+    times = watcher.clock.detect + watcher.clock.hop * np.arange(len(probability))
+    shown = pd.DataFrame({"recording": 0, "reported": times, "confidence": probability})
+    return shown[shown["reported"] <= SHOWN_S * rate_hz]
+
+
+def _decision_ms(watcher: Watcher, test: Recordings) -> Times:
+    """Times of some decisions on one thread: the detector's window, and the recogniser's."""
+    clock, recording = watcher.clock, contract.blinded(watcher.system, test.corpus[[0]].detached())
+    inner = behind(watcher.system)[1]
+    ends = np.linspace(max(clock.name, clock.detect), recording.lengths[0], TIMED_CAPTURES + WARM_UP).astype(int)
+
+    def decide(end: int) -> None:
+        TouchFeatures().transform(cut(recording, np.array([end]), clock.detect))
+        contract.probabilities(inner, cut(recording, np.array([end]), clock.name))
+
+    for end in ends[:WARM_UP]:
+        decide(end)
+    return timed(partial(decide, end) for end in ends[WARM_UP:])

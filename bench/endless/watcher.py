@@ -1,0 +1,314 @@
+"""Events in an endless stream: a detector finds a touch (`bench.endless.detector`), a recogniser names it.
+
+Decisions fall at every hop of about a tenth of a second. An event begins where the probability of touch rises above
+0.95 and ends where it falls below 0.1. The recogniser (any system of touchbench) names the event from windows that lie
+within it; the first of them is complete about 0.9 s after the onset.
+
+Everything is causal and has a fixed memory, so that `bench export` can write the same as C.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from bench import contract
+from bench.corpora.corpus import Corpus
+from bench.corpora.steps import SETTLED_S
+from bench.endless.detector import Clock, Detector, behind, cut, seen_windows, touched, updated, windows_of
+from bench.models.recipe import taken
+from bench.outcomes.events import report_table
+
+ON, OFF = float(np.float32(0.95)), float(np.float32(0.1))  # as single precision has them
+UNKNOWN = "unknown"  # label of a gesture that is rejected
+
+
+class Rules:
+    """When an event begins, is reported and ends: all that the detector alone decides, one decision after another.
+
+    An event begins where touch is detected (a probability above `ON`), and counts from the moment at which touch became
+    more probable than not. It is over when the probability has been below `OFF` and not above `ON` again within
+    ``clock.hold`` frames. It is reported ``clock.wait`` frames after its first window is complete; a touch that is too
+    short for a window if its log-odds reach ``strong``, from the window that is complete at its end.
+
+    Args:
+        clock: timing of the windows.
+        strong: log-odds from which on short touches are reported.
+
+    Attributes:
+        reported: frames seen at the report of the event, 0 before it.
+        low: frames seen when the probability fell below `OFF`, 0 while the touch lasts.
+        over: True if the event is over with this decision.
+    """
+
+    def __init__(self, clock: Clock, strong: float) -> None:
+        self.clock, self.strong = clock, strong
+        self.before, self.peak, self.rise = 0.0, 0.0, 0
+        self.complete = self.first = self.reported = self.low = 0
+        self.begun = self.over = False
+
+    def step(self, seen: int, touch: float, log_odds: float) -> bool:
+        """Take a decision of the detector; True if the recogniser's window is wanted.
+
+        Args:
+            seen: frames so far.
+            touch: probability of touch (`bench.endless.detector.touched`).
+            log_odds: result of the detector, without the bias.
+        """
+        if self.over:
+            self.begun = self.over = False
+        if touch > 0.5 >= self.before:
+            self.rise, self.peak = seen, log_odds
+        elif log_odds > self.peak:
+            self.peak = log_odds
+        self.before = touch
+        if not self.begun:
+            if touch <= ON:
+                return False
+            self.begun, self.first, self.reported, self.low = True, 0, 0, 0
+            self.complete = max(self.clock.up(self.rise + self.clock.name), seen)
+        elif touch < OFF:
+            self.low = self.low or seen
+        elif touch > ON:
+            self.low = 0
+        self.over = bool(self.low) and seen > self.low + self.clock.hold
+        short = self.low == seen >= self.clock.name and not self.first and self.peak >= self.strong
+        wanted = not self.over and (short or seen >= self.complete)
+        if wanted and not self.first:
+            self.first = seen
+        if not self.reported and self.first and self.first <= (self.low or seen):
+            self.reported = seen if self.over or seen >= self.first + self.clock.wait else 0
+        return wanted
+
+
+def events_of(
+    rules: Rules, times: np.ndarray, touch: np.ndarray, log_odds: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Run new rules over one recording.
+
+    Args:
+        rules: rules that have not seen a decision.
+        times: frames seen at each decision, int64 [decisions].
+        touch: probability of touch, float32 [decisions].
+        log_odds: result of the detector, without the bias, float32 [decisions].
+
+    Returns:
+        Frames seen at the report and at the end of each event that is reported, int64 [events, 2], and at which
+        decisions the recogniser's window is wanted, bool [decisions].
+    """
+    events, wanted = [], np.zeros(len(times), bool)
+    for i, (seen, now, odds) in enumerate(zip(times.tolist(), touch.tolist(), log_odds.tolist(), strict=True)):
+        wanted[i] = rules.step(seen, now, odds)
+        if rules.over and rules.reported:
+            events.append((rules.reported, rules.low))
+    if rules.begun and not rules.over and rules.reported:  # the recording ends before the touch does
+        events.append((rules.reported, rules.low or int(times[-1])))
+    return np.array(events, dtype=np.int64).reshape(-1, 2), wanted
+
+
+@dataclass
+class Event:
+    """A touch that a `Tracker` reports; times are frames seen.
+
+    Attributes:
+        reported: time of the first report.
+        first: gesture then.
+        label: gesture by now.
+        confidence: mean probability of ``label``.
+        end: time of the end; None while the touch lasts.
+    """
+
+    reported: int
+    first: str
+    label: str
+    confidence: float
+    end: int | None = None
+
+
+class Tracker:
+    """The events of a stream with their names, one decision after another; memory does not grow.
+
+    A name is the gesture with the highest mean probability over windows of the event: those until its report, later
+    those that end before the touch does, as far as training has taught how late an end is noticed.
+
+    Args:
+        watcher: a watcher that was learned.
+
+    Attributes:
+        event: the event that goes on, if it is reported.
+    """
+
+    def __init__(self, watcher: Watcher) -> None:
+        self.watcher, self.rules = watcher, Rules(watcher.clock, watcher.strong)
+        self.event: Event | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        self.waiting: deque[tuple[int, np.ndarray]] = deque()  # windows that are not in the sum yet
+        self.total, self.count = np.zeros(len(self.watcher.names)), 0
+
+    def step(self, seen: int, touch: float, log_odds: float) -> bool:
+        """Take a decision of the detector; True if the recogniser's window is wanted (`Rules.step`)."""
+        if self.rules.over:
+            self.event = None
+            self._forget()
+        return self.rules.step(seen, touch, log_odds)
+
+    def name(self, seen: int, proba: np.ndarray) -> None:
+        """Take the probabilities of the gestures in the recogniser's window."""
+        self.waiting.append((seen, proba))
+
+    def news(self, seen: int) -> Event | None:
+        """The event that this decision reports, renames or ends; None without news."""
+        before, rules = self.event, self.rules
+        if not rules.begun or not rules.reported:
+            return None
+        limit = rules.low or seen
+        if before is not None:
+            limit -= self.watcher.tail
+        while self.waiting and self.waiting[0][0] <= limit:
+            self.total += self.waiting.popleft()[1]
+            self.count += 1
+        confidence = float(self.total.max() / self.count)
+        known = confidence > 0 and confidence >= self.watcher.reject  # 0 where the system abstains
+        label = str(self.watcher.names[self.total.argmax()]) if known else UNKNOWN
+        if before is None:
+            self.event = Event(rules.reported, label, label, confidence)
+        else:
+            self.event = replace(before, label=label, confidence=confidence)
+        if rules.over:
+            return replace(self.event, end=rules.low)
+        return self.event if before is None or before.label != label else None
+
+
+@dataclass(eq=False)
+class Watcher:
+    """A fitted system with the post-processing that turns its predictions into events.
+
+    Attributes:
+        system: fitted to captures.
+        background: names of its classes that are no gesture.
+        clock: timing of both windows.
+        detector: fitted to windows of training recordings.
+        bias: added to the detector's log-odds, learned for a number of false alarms per hour.
+        tail: frames from the end of a touch until that is detected, learned.
+        strong: log-odds from which on a touch that is too short for a window is reported, learned.
+        reject: confidence below which a label is ``unknown``; 0 for never.
+    """
+
+    system: contract.System
+    background: tuple[str, ...]
+    clock: Clock
+    detector: Detector
+    bias: float
+    tail: int
+    strong: float = np.inf
+    reject: float = 0.0
+
+    @property
+    def names(self) -> np.ndarray:
+        """Gestures that are reported, in the order of the system's classes."""
+        classes = np.asarray(self.system.classes_).astype(str)
+        return classes[~np.isin(classes, self.background)]
+
+    def reports(self, recordings: Corpus, log_odds: list[np.ndarray] | None = None) -> pd.DataFrame:
+        """Events in recordings, each as if its frames came one by one.
+
+        Args:
+            recordings: whole recordings.
+            log_odds: result of `log_odds` for them; computed if not given.
+
+        Returns:
+            A row per event: ``recording``, ``reported`` and ``end`` (frames seen when it was first reported and when
+            it was over), ``first`` and ``label`` (its gesture then), ``confidence`` (mean probability of ``label``).
+        """
+        inner = behind(self.system)[1]
+        seen = self.prepared(recordings)
+        rows: list[tuple] = []
+        for i in range(len(seen)):
+            recording = seen[[i]]
+            odds = self._odds(recording) if log_odds is None else log_odds[i]
+            touch = touched(odds + np.float32(self.bias), self.clock, seen.rate_hz)
+            times = self.clock.detect + self.clock.hop * np.arange(len(touch))
+            _, wanted = events_of(Rules(self.clock, self.strong), times, touch, odds)
+            windows = cut(recording, times[wanted], self.clock.name)
+            named = iter(self.probabilities(inner, windows) if len(windows) else [])
+            tracker = Tracker(self)
+            for time, now, score in zip(times.tolist(), touch.tolist(), odds.tolist(), strict=True):
+                if tracker.step(time, now, score):
+                    tracker.name(time, next(named))
+                event = tracker.news(time)
+                if event is not None and event.end is not None:
+                    rows.append((i, event.reported, event.end, event.first, event.label, event.confidence))
+            if (event := tracker.event) is not None and not tracker.rules.over:  # the recording ends before the touch
+                end = tracker.rules.low or int(times[-1])
+                rows.append((i, event.reported, end, event.first, event.label, event.confidence))
+        return report_table(rows)
+
+    def prepared(self, recordings: Corpus) -> Corpus:
+        """Recordings without their labels, after the steps that are done frame by frame."""
+        return taken(contract.blinded(self.system, recordings), behind(self.system)[0])[0]
+
+    def log_odds(self, recordings: Corpus) -> list[np.ndarray]:
+        """The detector's log-odds of touch in each recording, without the bias."""
+        seen = self.prepared(recordings)
+        return [self._odds(seen[[i]]) for i in range(len(seen))]
+
+    def _odds(self, recording: Corpus) -> np.ndarray:
+        return self.detector.log_odds(*windows_of(recording, self.clock))
+
+    def probabilities(self, inner: contract.System, windows: Corpus) -> np.ndarray:
+        """Probabilities of the gestures, without background, float32 [windows, gestures]."""
+        gestures = ~np.isin(np.asarray(inner.classes_).astype(str), self.background)
+        proba = contract.probabilities(inner, windows)[:, gestures]
+        return (proba / np.maximum(proba.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
+
+
+class LiveStream:
+    """A watcher on frames that come one by one; memory does not grow.
+
+    Args:
+        watcher: a watcher that was learned.
+        grid: (rows, cols) of the sensor.
+        rate_hz: frames per second.
+        full_scale: largest value of a channel.
+    """
+
+    def __init__(self, watcher: Watcher, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
+        self.watcher, self.tracker = watcher, Tracker(watcher)
+        self.rate_hz, self.full_scale = rate_hz, full_scale
+        self.frames: deque[np.ndarray] = deque(maxlen=max(watcher.clock.detect, watcher.clock.name) + 1)
+        self.seen, self.touch = 0, np.zeros((), np.float32)
+        self.least, self.most = np.full(grid, np.inf), np.full(grid, -np.inf)  # of frames that were dropped
+
+    def push(self, frame: np.ndarray) -> Event | None:
+        """Take a frame [rows, cols]; the event that it reports, renames or ends, None without news."""
+        if len(self.frames) == self.frames.maxlen:
+            self.least = np.minimum(self.least, self.frames[0])
+            self.most = np.maximum(self.most, self.frames[0])
+        self.frames.append(frame)
+        self.seen += 1
+        clock = self.watcher.clock
+        if self.seen < clock.detect or (self.seen - clock.detect) % clock.hop:
+            return None
+        recording = self._recent()
+        ends = recording.lengths
+        odds = self.watcher.detector.log_odds(*seen_windows(recording, ends, clock.detect))[0]
+        self.touch = updated(self.touch, odds + np.float32(self.watcher.bias), clock, self.rate_hz)
+        if self.tracker.step(self.seen, float(self.touch), float(odds)):
+            inner = behind(self.watcher.system)[1]
+            self.tracker.name(self.seen, self.watcher.probabilities(inner, cut(recording, ends, clock.name))[0])
+        return self.tracker.news(self.seen)
+
+    def _recent(self) -> Corpus:
+        """The frames that are kept, after the steps; older frames count by their smallest and largest values."""
+        older = min(self.seen - len(self.frames), max(2, int(np.ceil(SETTLED_S * self.rate_hz))))
+        before = [self.least] * (older - 1) + [self.most] * bool(older)
+        frames = np.stack([*before, *self.frames])
+        table = pd.DataFrame({"subject": [""], "gesture": [""]})
+        whole = Corpus.from_captures([frames], table, self.rate_hz, full_scale=self.full_scale)
+        seen = self.watcher.prepared(whole)
+        return seen.changed(starts=np.array([older]), lengths=np.array([len(self.frames)]))

@@ -1,0 +1,1 @@
+"""C in place of Python: a fitted system as C99: its numbers (`tables`), and the files that hold them (`write`)."""

@@ -1,0 +1,121 @@
+"""A fold in C: an exported system labels the test captures, and its bytes and instructions are measured."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.in_c.measure import compiled, lacking, measured, measured_watching
+from bench.in_c.tables import check
+from bench.in_c.write import files_of
+from bench.outcomes import scores
+from bench.outcomes.results import FoldResult
+from bench.registry import parts
+from bench.work.fitted import Fitted
+from bench.work.fold import computing
+from bench.work.replay import STATE, Calibration, Stopping, Waiting
+from bench.work.saved import Recogniser
+
+if TYPE_CHECKING:
+    from bench.plan.plan import Plan
+
+# As large as what `bench fit` teaches, which takes three more fits; it changes no probability.
+UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), 1.0)
+
+
+def refuse(plan: Plan) -> None:
+    """Refuse a system that has no C, and a machine without the programs.
+
+    Raises:
+        InputError: either.
+    """
+    check(plan.cell.untrained)
+    if missing := lacking():
+        raise InputError(
+            f"bench chip needs {', '.join(missing)}, which are not installed; on Debian, install gcc make "
+            "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
+        )
+
+
+def warnings(plan: Plan) -> list[str]:
+    """Warn where the folds cannot teach a watcher."""
+    why = _unwatched(plan) if check(plan.cell.untrained) and parts("watchers") else ""
+    return [f"warning: costs of watching an endless stream are not measured: {why}"] if why else []
+
+
+def fold(at: Fitted, bits: int) -> FoldResult:
+    """Labels of the test captures by the C; bytes and instructions.
+
+    The table ``c`` has a row per capture: the columns of the predictions, with probabilities of the C, and the label of
+    Python (``python``).
+    """
+    train, test = at.train, at.corpus[at.fold.test]
+    table = scores.captures(at.predictions).rename(columns={"predicted": "python"})
+    table = table.assign(start=0, frames=test.lengths)
+    recogniser = Recogniser(at.system, train, UNTAUGHT)
+    with tempfile.TemporaryDirectory() as name:
+        folder = _written(recogniser, bits, Path(name))
+        in_c = compiled(folder, len(recogniser.classes))
+        proba = np.array([in_c(frames) for frames in test])
+        metrics = measured(folder)
+    if check(at.cell.untrained) and parts("watchers"):
+        with computing(at.threads):
+            metrics |= _watching(recogniser, bits, train)
+    table[[f"p_{name}" for name in scores.classes_of(at.predictions)]] = np.float32(0)
+    table[[f"p_{name}" for name in recogniser.classes]] = proba
+    return FoldResult(at.fold.name, metrics=metrics, tables={"c": table})
+
+
+def _written(recogniser: Recogniser, bits: int, folder: Path) -> Path:
+    """The folder, with the C of a system."""
+    for file, text in files_of(recogniser, bits, "a fold of bench chip").items():
+        (folder / file).write_text(text, encoding="utf-8")
+    return folder
+
+
+def _watching(recogniser: Recogniser, bits: int, train: Corpus) -> dict[str, float]:
+    """Costs of the system with a watcher; none where the captures cannot teach one.
+
+    Two training subjects with all gestures teach a watcher of the same size in a tenth of the time, except for the
+    learned tail and for gestures that their recordings never have for a whole window.
+    """
+    subjects = train.subjects.astype(str)
+    names = np.unique(subjects)
+    fewer = (train[np.isin(subjects, names[:count])] for count in range(2, len(names) + 1))
+    few = next((one for one in fewer if set(one.gestures) == set(train.gestures)), train)
+    try:
+        recogniser.watcher = parts("watchers")[0].learned(recogniser.estimator, few, train)
+    except InputError:
+        return {}
+    with tempfile.TemporaryDirectory() as name:
+        return measured_watching(_written(recogniser, bits, Path(name)))
+
+
+def _unwatched(plan: Plan) -> str:
+    """The reason why the folds of a plan cannot teach a watcher; empty if they can."""
+    if any(len(set(plan.corpus.subjects[fold.train])) < 2 for fold in plan.folds):
+        return "a fold trains on one subject"
+    try:
+        parts("watchers")[0].check(plan.corpus)
+    except InputError as e:
+        return str(e)
+    return ""
+
+
+def compared(table: pd.DataFrame) -> dict[str, float]:
+    """Accuracy in C, and the number of captures that it labels otherwise than Python."""
+    labelled = scores.captures(table)
+    true, in_c, python = (labelled[name].to_numpy() for name in ("true", "predicted", "python"))
+    return {"c_accuracy": float((true == in_c).mean()), "other_labels": int((in_c != python).sum())}
+
+
+def scored(table: pd.DataFrame, rate_hz: float) -> dict[str, float]:
+    """Scores of the C over all folds, under ``c_`` and their usual names."""
+    numbers = scores.summary(table, rate_hz)
+    return {f"c_{k}": v for k, v in numbers.items() if "accuracy" in k or k.startswith("macro_")}

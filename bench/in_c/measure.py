@@ -1,0 +1,160 @@
+"""Exported C in use: run on this machine, measured for a Cortex-M4."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import shutil
+import signal
+import subprocess
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.in_c.write import CODE
+
+PROGRAMS = ("cc", "make", "arm-none-eabi-gcc", "qemu-system-arm")
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC")
+REASON = re.compile(r"too small|error:|undefined reference")  # among the lines of a linker, what is not what follows
+LIMIT_S = 300  # of one program; QEMU takes seconds
+ROOMY = ("FLASH=1M", "RAM=1M")  # of a chip on which everything is counted, whether or not yours has as much
+PRINTED = (  # by make flash count chip
+    r"flash: (?P<code>\d+) bytes of code, (?P<tables>\d+) of tables",
+    r"RAM of the library: (?P<ram>\d+) bytes of state",
+    r"library: (?P<flash>\d+) bytes of flash",
+    r"stack: (?P<stack>\d+) bytes",
+    r"program: \d+ bytes of flash and (?P<program>\d+) of RAM, and (?P<reserve>\d+) more",
+    r"instructions: (?P<mean>\d+) a frame on average.*; a frame and its label at most (?P<most>\d+)",
+)
+WATCHING = (  # besides, by make flash count of a system that watches a stream
+    r"watching: (?P<watch_ram_bytes>\d+) bytes of state",
+    r"watching, linked .*: (?P<watch_flash_bytes>\d+) bytes of flash",
+    r"watching: (?P<watch_idle_instructions>\d+) instructions a frame on average without touch and "
+    r"(?P<watch_frame_instructions>\d+) with, at most \d+ and (?P<watch_most_instructions>\d+)",
+    r"watching: stack of (?P<watch_stack_bytes>\d+) bytes",
+)
+
+
+def lacking() -> list[str]:
+    """Programs that are needed and not installed."""
+    return [name for name in PROGRAMS if shutil.which(name) is None]
+
+
+def compiled(folder: Path, classes: int) -> Callable[[np.ndarray], np.ndarray]:
+    """The C files of a folder as a function from a capture [frames, rows, cols] to probabilities [classes].
+
+    Raises:
+        ValueError: they do not compile; the function: the capture is refused.
+    """
+    (folder / "asked.c").write_text((CODE / "asked.c").read_text(encoding="utf-8"), encoding="utf-8")
+    _output(["cc", *FLAGS, "asked.c", "-lm", "-o", "asked.so"], folder)
+    run = ctypes.CDLL(str(folder / "asked.so")).asked
+    floats = ctypes.POINTER(ctypes.c_float)
+
+    def probabilities(frames: np.ndarray) -> np.ndarray:
+        values = np.ascontiguousarray(frames.reshape(len(frames), -1), dtype=np.float32)
+        proba = np.zeros(classes, np.float32)
+        code = run(values.ctypes.data_as(floats), len(values), proba.ctypes.data_as(floats))
+        if code < 0:
+            raise ValueError(f"the program refuses a capture of {len(frames)} frames with code {code}")
+        return proba
+
+    return probabilities
+
+
+def measured(folder: Path) -> dict[str, float]:
+    """Bytes and instructions of the C files of a folder on a Cortex-M4F.
+
+    Returns:
+        ``chip_flash_bytes``: code, tables, and what both need of the C library, linked; ``chip_code_bytes`` and
+        ``chip_table_bytes`` of it are the library's own. ``chip_ram_bytes``: RAM of the library, without the program's
+        own stack and buffers. ``chip_stack_bytes``: the most stack that a frame and a label take, below their caller,
+        without interrupts. ``chip_program_ram_bytes``: RAM of the whole program that reads frames from standard input,
+        with the C library and what the linker script reserves for heap and stack.
+        ``chip_frame_instructions``: of a frame, mean; ``chip_most_instructions``: of the frame that costs most together
+        with its label, as QEMU counts them (a generated capture of 8 s, a label every eighth frame and where a window
+        ends).
+
+    Raises:
+        ValueError: they do not compile, or the program does not fit into 256 KiB and 32 KiB, or QEMU does not end.
+    """
+    numbers = _numbers(["flash", "count", "chip"], PRINTED, folder)
+    return {
+        "chip_flash_bytes": numbers["flash"],
+        "chip_code_bytes": numbers["code"],
+        "chip_table_bytes": numbers["tables"],
+        "chip_ram_bytes": numbers["ram"],
+        "chip_program_ram_bytes": numbers["program"] + numbers["reserve"],
+        "chip_stack_bytes": numbers["stack"],
+        "chip_frame_instructions": numbers["mean"],
+        "chip_most_instructions": numbers["most"],
+    }
+
+
+def measured_watching(folder: Path) -> dict[str, float]:
+    """Bytes and instructions of `touch_watch` on a Cortex-M4F, of the C files of a system that watches a stream.
+
+    Returns:
+        ``chip_watch_flash_bytes``: as ``chip_flash_bytes`` of `measured`, of a program that only watches;
+        ``chip_watch_ram_bytes`` (with that of a capture); ``chip_watch_stack_bytes``;
+        ``chip_watch_idle_instructions`` and ``chip_watch_frame_instructions``: of a frame without and with touch,
+        means; ``chip_watch_most_instructions``: of the costliest frame, in which both windows end.
+
+    Raises:
+        ValueError: they do not compile or do not watch, or QEMU does not end.
+    """
+    numbers = _numbers(["flash", "count", *ROOMY], WATCHING, folder)
+    return {f"chip_{name}": value for name, value in numbers.items()}
+
+
+def _numbers(targets: list[str], patterns: tuple[str, ...], folder: Path) -> dict[str, float]:
+    """Numbers that make prints, by the names of the groups of their patterns.
+
+    Raises:
+        ValueError: it fails or does not print all of them.
+    """
+    text = _output(["make", "-s", *targets], folder)
+    numbers: dict[str, float] = {}
+    for pattern in patterns:
+        if not (match := re.search(pattern, text)):
+            raise ValueError(
+                f"make {' '.join(targets)} printed nothing about {pattern.partition(':')[0]}: {text[-300:]}"
+            )
+        numbers |= {name: float(value) for name, value in match.groupdict().items()}
+    return numbers
+
+
+def _output(call: list[str], folder: Path) -> str:
+    """What a program prints.
+
+    Raises:
+        ValueError: it fails or does not end.
+    """
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(call, cwd=folder, start_new_session=True, **pipes) as process:
+        try:
+            output, errors = process.communicate(timeout=LIMIT_S)
+        except BaseException as e:
+            os.killpg(process.pid, signal.SIGKILL)  # make, and QEMU that it has started
+            if isinstance(e, subprocess.TimeoutExpired):
+                raise ValueError(f"{call[0]} did not end within {LIMIT_S} s") from e
+            raise
+    if process.returncode:
+        lines = (errors or output).strip().splitlines() or [f"exit code {process.returncode}"]
+        reason = next((line for line in lines if REASON.search(line)), lines[-1])
+        raise ValueError(f"{' '.join(call)}: {reason.strip()[-300:]}")
+    return output
+
+
+@cache
+def toolchain() -> list[str]:
+    """Versions of the programs that bytes, instructions and rounding depend on."""
+    return [
+        subprocess.run([name, "--version"], capture_output=True, text=True, check=False).stdout.partition("\n")[0]
+        for name in PROGRAMS
+        if shutil.which(name)
+    ]

@@ -1,0 +1,275 @@
+"""The contents of a fitted system's C: sizes, steps, windows, stopping rule, and its classifiers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from sklearn.pipeline import Pipeline
+
+from bench import contract
+from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
+from bench.errors import InputError
+from bench.features.jung28 import Jung28
+from bench.features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
+from bench.in_c.classifiers import HAVE, Decider, decider, detector, has_c, number
+from bench.models.recipe import Recipe
+from bench.models.reflex import Reflex
+
+if TYPE_CHECKING:
+    from bench.endless.watcher import Watcher
+    from bench.work.replay import Stopping
+    from bench.work.saved import Recogniser
+
+LONGEST_TOUCH = 2**30  # frames; a window forgets
+
+
+@dataclass
+class Chip:
+    """Contents of the exported C of a fitted system.
+
+    Attributes:
+        defines: macros of the preprocessor, by name.
+        deciders: classifiers by the name of their function: ``decide``, ``decide_early`` for captures shorter than a
+            window, and ``detect`` for an endless stream.
+        features: fixed code that computes the features: ``touch``, ``jung28`` or ``convolved``.
+        classes: names.
+        arrays: learnt numbers of the features, by name.
+    """
+
+    defines: dict[str, str]
+    deciders: dict[str, Decider]
+    features: str
+    classes: list[str]
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def check(estimator: Any) -> bool:
+    """Refuse a system that is not fitted and has no C; True if its C can watch an endless stream.
+
+    Raises:
+        InputError: the message says why.
+    """
+    if isinstance(estimator, Reflex):
+        return True
+    system, steps = _opened(estimator, "system")
+    if not isinstance(system, Pipeline):
+        from bench.in_c import network  # PyTorch, which other systems do without
+
+        network.check(system)
+        return False
+    name, _ = _features(system, steps)
+    if not has_c(system.steps[-1][1]):
+        raise InputError(f"{type(system.steps[-1][1]).__name__} has no C; use {HAVE}")
+    return name == "touch"
+
+
+def chip_of(recogniser: Recogniser, bits: int) -> Chip:
+    """The contents of a saved system's C.
+
+    Args:
+        recogniser: saved system, from `bench.work.saved.load`.
+        bits: bits of a learnt weight, 32 or 8.
+
+    Raises:
+        InputError: it cannot become C; the message says why.
+    """
+    estimator: Any = recogniser.estimator
+    reflex = isinstance(estimator, Reflex)
+    system, steps = _opened(estimator.whole_ if reflex else estimator)
+    early = _opened(estimator.early_) if reflex else None
+    arrays: dict[str, np.ndarray] = {}
+    if isinstance(system, Pipeline):
+        name, windows = _features(system, steps)
+        width = len(system.steps[0][1].get_feature_names_out())
+        longest = LONGEST_TOUCH if name == "touch" else recogniser.longest
+        short = next(step for step in early[1] if isinstance(step, Windows)) if early else None
+        sizes = _windows(windows, short, recogniser.rate_hz)
+        deciders = {"decide": decider(system, width, bits)}
+        if early:
+            deciders["decide_early"] = decider(early[0], width, bits)
+    else:
+        from bench.in_c import network  # PyTorch, which other systems do without
+
+        network.check(system)
+        name, longest = "convolved", LONGEST_TOUCH
+        sizes, arrays = network.convolved(system, recogniser.grid, bits)
+        deciders = {"decide": network.head(system, bits)}
+        width = deciders["decide"].arrays["hidden"].shape[1]
+    defines = _sizes(recogniser, width, longest) | _steps(steps, recogniser.rate_hz) | sizes
+    defines |= _stopping(recogniser.stopping) | {"WATCH": 0}
+    if name == "touch" and (watcher := recogniser.watcher) is not None:
+        defines |= _watching(watcher, recogniser, sizes)
+        deciders["detect"] = detector(watcher.detector.classifier_, bits)
+        arrays["gesture"] = (~np.isin(recogniser.classes, watcher.background)).astype(np.int8)
+    for part in deciders.values():
+        defines |= part.defines
+    return Chip({k: str(v) for k, v in defines.items()}, deciders, name, recogniser.classes, arrays)
+
+
+def _sizes(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:
+    rows, cols = recogniser.grid
+    return {
+        "ROWS": rows,
+        "COLS": cols,
+        "TAXELS": rows * cols,
+        "CLASSES": len(recogniser.classes),
+        "FEATURES": width,
+        "RATE_HZ": number(recogniser.rate_hz),
+        "FULL_SCALE": number(recogniser.full_scale),
+        "CHECKED": min(recogniser.longest, 2 * round(recogniser.rate_hz) + 9),  # frames of make check
+        "LONGEST": longest,
+    }
+
+
+def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
+    """A system, features and classifier or a network, and the steps of the recipe around it, if there is one.
+
+    Args:
+        estimator: the system, or a recipe.
+        inside: the attribute of a recipe that is the system.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if contract.abstention(estimator) is not None:
+        raise InputError("a system that abstains has no C, which always names a gesture; remove abstains")
+    recipe = estimator if isinstance(estimator, Recipe) else None
+    system = getattr(recipe, inside) if recipe else estimator
+    if isinstance(system, Reflex):
+        raise InputError("reflex with model.scale= or other steps has no C; leave these steps out")
+    steps = recipe.steps() if recipe else []
+    if any(isinstance(step, Scale) and step.kind == "log" for step in steps):
+        raise InputError("model.scale=log has no C; fit with model.scale=peak or without")
+    return system, steps
+
+
+def _features(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]:
+    """Which C computes the features, and of which windows.
+
+    Raises:
+        InputError: none does.
+    """
+    features = system.steps[0][1]
+    windows = next((step for step in steps if isinstance(step, Windows)), None)
+    if isinstance(features, TouchFeatures):
+        if windows is not None and windows.hop not in (0, windows.seconds / 2):
+            raise InputError(
+                f"model.hop={windows.hop:g} has no C; leave model.hop= out, which sets it to half a window"
+            )
+        if windows is None:
+            raise InputError("touch on whole captures has no C; fit with model.window=1")
+        return "touch", windows
+    if isinstance(features, Jung28) and (features.area, features.peaks) == ("frame", "crossings"):
+        if windows is not None:
+            raise InputError("jung28 on windows has no C yet; leave model.window= out")
+        return "jung28", None
+    raise InputError(f"{type(features).__name__} has no C; use touch with model.window=, or jung28 on whole captures")
+
+
+def _steps(steps: list[Step], rate_hz: float) -> dict[str, Any]:
+    kinds = {kind for step in steps if isinstance(step, Repair) for kind in step.kinds}
+    return {
+        "SETTLED": max(2, int(np.ceil(SETTLED_S * rate_hz))),
+        "REPAIR_STUCK": int("stuck" in kinds),
+        "REPAIR_DEAD": int("dead" in kinds),
+        "REPAIR_OFFSET": int("offset" in kinds),
+        "SCALE_PEAK": int(any(isinstance(step, Scale) for step in steps)),
+    }
+
+
+def _windows(windows: Windows | None, short: Windows | None, rate_hz: float) -> dict[str, Any]:
+    """Lengths of windows and what depends on them, in frames; windows begin in the middle of the one before.
+
+    Args:
+        windows: None for whole captures.
+        short: the windows that are shorter and come first; None without.
+        rate_hz: frames per second.
+
+    Raises:
+        InputError: another hop.
+    """
+    if windows is None:
+        return {"WINDOW": 0, "EARLY": 0}
+    window, hop = windows.lengths(rate_hz)
+    early_window, early_hop = short.lengths(rate_hz) if short else (0, 0)
+    for frames, step in ((window, hop), (early_window, early_hop)):
+        if step != (frames + 1) // 2:
+            raise InputError(f"windows of {frames} frames every {step} have no C; leave model.hop= out")
+    segment = max(2, round(SEGMENT_S * rate_hz))
+    lags = ", ".join(str(max(1, round(s * rate_hz))) for s in LAGS_S)
+    return {
+        "WINDOW": window,
+        "RING": window,
+        "HOP": hop,
+        "EARLY": early_window,
+        "EARLY_HOP": early_hop,
+        "SEGMENT": segment,
+        "MOST_POINTS": max(POINTS, min(window, segment)),
+        "LAG_FRAMES": f"{{{lags}}}",
+    }
+
+
+def _watching(watcher: Watcher, recogniser: Recogniser, sizes: dict[str, Any]) -> dict[str, Any]:
+    """Rules of a watcher; its frames share the ring of signals with captures.
+
+    Args:
+        watcher: learned for the system.
+        recogniser: saved system.
+        sizes: result of `_windows`.
+    """
+    from bench.endless.detector import BEGIN, END, REFUSED, UNUSUAL, WEIGHT
+    from bench.endless.watcher import OFF, ON
+
+    clock, learnt = watcher.clock, watcher.detector
+    features = learnt.classifier_.n_features_in_
+    hop_s = np.float32(clock.hop / recogniser.rate_hz)
+    begin, end = np.float32(BEGIN) * hop_s, np.float32(END) * hop_s
+    ring = max(sizes["WINDOW"], clock.name)
+    settled = int(np.ceil(SETTLED_S * recogniser.rate_hz))
+    return {
+        "RING": ring,
+        "MOST_POINTS": max(POINTS, min(ring, sizes["SEGMENT"])),
+        "WATCH": 1,
+        "WATCH_HOP": clock.hop,
+        "DETECT": clock.detect,
+        "NAME": clock.name,
+        "PARTS": clock.name // clock.hop,
+        "HELD": 4 if sizes["EARLY"] else 2,
+        "TURN": ring * -(-max(ring, settled) // ring),
+        "WAIT": clock.wait,
+        "HOLD": clock.hold,
+        "TAIL": watcher.tail,
+        "PENDING": -(-(watcher.tail + clock.hold) // clock.hop) + 1,
+        "DETECTED": len(learnt.classifier_.classes_),
+        "QUIET": learnt.quiet_,
+        "UNUSUAL": number(UNUSUAL),
+        "MOST_UNUSUAL": max(n for n in range(features + 1) if n / features <= learnt.limit_),
+        "REFUSED": number(REFUSED),
+        "BIAS": number(watcher.bias),
+        "ODDS_WEIGHT": number(WEIGHT * clock.hop / clock.detect),
+        "BEGIN": number(float(begin)),
+        "STAY": number(float(1 - end)),
+        "STRONG": number(min(watcher.strong, 1e30)),
+        "ON": number(ON),
+        "OFF": number(OFF),
+        "REJECT": number(watcher.reject),
+    }
+
+
+def _stopping(stopping: Stopping | None) -> dict[str, Any]:
+    if stopping is None:
+        return {"STOPPING": 0, "CALIBRATED": 0}
+    heat = stopping.calibration
+    defines: dict[str, Any] = {"STOPPING": int(stopping.saves)}
+    if stopping.saves:
+        defines["THRESHOLD"] = number(stopping.threshold)
+        defines["WAITING"] = "{" + ", ".join(map(number, stopping.waiting.weights)) + "}"
+    return defines | {
+        "CALIBRATED": 1,
+        "FIRST_MS": number(heat.first_ms),
+        "LAST_MS": number(heat.last_ms),
+        "FIRST_HEAT": number(heat.first),
+        "LAST_HEAT": number(heat.last),
+    }

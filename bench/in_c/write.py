@@ -1,0 +1,311 @@
+"""The files of a system as C."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.corpora.steps import PASSES
+from bench.features import touch
+from bench.in_c.classifiers import number
+from bench.in_c.tables import Chip, chip_of
+
+if TYPE_CHECKING:
+    from bench.work.saved import Recogniser
+
+CODE = Path(__file__).parent / "code"
+TYPES = {"int8": "int8_t", "int16": "int16_t", "int32": "int", "float32": "float"}
+PUBLIC = ("ROWS", "COLS", "TAXELS", "CLASSES", "RATE_HZ", "FULL_SCALE", "STOPPING", "THRESHOLD", "WATCH")
+SETTLED = "settled: 0 to 1; from TOUCH_THRESHOLD on, more touch is expected to gain too little."
+NOT_SETTLED = "settled: always 0, because training found no saving by deciding early."
+TOP = """/* From frames to a label, in the order in which it happens: a frame is checked and repaired, joins what is
+   kept of the capture, and, where a decision is due, features are computed and classified. touch_push and touch_label
+   stand at the end. All that changes is in touch_t; what was learnt is in tables.h. */
+"""
+FUNCTIONS = ("measured", "layer", "softmax", "leaf", "machine")  # that a classifier may use, each in a file of its name
+COMMENTS = {  # by the first constant of each group
+    "ROWS": "The sensor, classes and features; readings are 0 to FULL_SCALE.",
+    "CHECKED": "Frames of make check, and most of a capture.",
+    "SETTLED": "Repair: frames after which a taxel that has not moved is at rest, or broken; which kinds are repaired.",
+    "WINDOW": "Frames of a window and from one to the next, and of the shorter ones before the first; 0 for none.",
+    "CONVOLVED": "Frames of a window and from one to the next; windows that are open at a time; filters and pools.",
+    "SEGMENT": "Spectra: frames of a segment, most points; lags of autocorrelations, in frames.",
+    "STOPPING": "Early decisions: how settled a label must be, learned on training subjects.",
+    "CALIBRATED": "Calibration: confidence by ms of touch, learned on training subjects.",
+    "WATCH": "An endless stream, 0 for none: frames from a decision to the next, of both stages' windows.",
+    "PARTS": "Hops of the recogniser's window; those whose sums lie with captures; frames after which places repeat.",
+    "WAIT": "Frames from the first name to the report, from the end to its report, and how late an end is noticed.",
+    "DETECTED": "The detector's classes, and how many of its features may lie beyond so many SDs; learned.",
+    "BIAS": "The filter of its log-odds, and of events; learned.",
+    "PASSES": "Rounds in which broken taxels are filled from their neighbours; labels that are remembered.",
+    "SIGNALS": "Features of touch: signals of a frame, what is taken of each, and of the taxels in order of size.",
+    "NAMES": "Classes, in the order of probabilities.",
+}
+REMEMBERED = {"PASSES": str(PASSES), "REMEMBERED": "32"}
+CONSTANTS = REMEMBERED | {  # of the feature set touch
+    "SIGNALS": str(len(touch.SIGNALS)),
+    "STATISTICS": str(len(touch.STATISTICS)),
+    "SPECTRAL": str(len(touch.SPECTRAL)),
+    "LAGGED": str(len(touch.LAGGED)),
+    "LAGS": str(len(touch.LAGS_S)),
+    "BANDS": str(len(touch.BANDS) - 1),
+    "SPREAD": str(touch.SPREAD),
+    "POINTS": str(touch.POINTS),
+    "ROW": str(touch.CENTRE[0]),
+    "COL": str(touch.CENTRE[1]),
+    "EPS": number(touch.EPS),
+    "STILL": number(touch.STILL),
+    "PI": number(math.pi),
+}
+
+
+def files_of(recogniser: Recogniser, bits: int, title: str) -> dict[str, str]:
+    """Names and contents of the files.
+
+    Args:
+        recogniser: a saved system.
+        bits: bits of a learnt weight, 32 or 8.
+        title: description in one line.
+
+    Raises:
+        InputError: it cannot become C.
+    """
+    chip = chip_of(recogniser, bits)
+    return {
+        "touch.h": _header(chip, title, recogniser.rate_hz),
+        "tables.h": _tables(chip, bits),
+        "touch.c": _code(chip),
+        **{name: _fixed(name) for name in ("main.c", "count.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")},
+    }
+
+
+def digest() -> str:
+    """Hash of the C that is the same for all systems."""
+    h = hashlib.sha256()
+    for path in sorted(CODE.iterdir()):
+        h.update(path.read_bytes())
+    return h.hexdigest()
+
+
+def _fixed(name: str) -> str:
+    return (CODE / name).read_text(encoding="utf-8")
+
+
+def _header(chip: Chip, title: str, rate_hz: float) -> str:
+    defines = chip.defines | {"RATE_HZ": repr(rate_hz)}  # in full, as main.c counts hops with it
+    public = "\n".join(f"#define TOUCH_{name} {defines[name]}" for name in PUBLIC if name in defines)
+    settled = SETTLED if defines["STOPPING"] == "1" else NOT_SETTLED
+    return f"""/* {title} */
+#ifndef TOUCH_H
+#define TOUCH_H
+
+#include <stdint.h>
+
+{public}
+
+/* Return codes below 0. */
+#define TOUCH_BAD -1   /* no state or frame, or a reading that is not within 0 and the full scale */
+#define TOUCH_LONG -2  /* the capture is longer than any that was learnt from: begin a new one */
+#define TOUCH_EMPTY -3 /* nothing was touched yet */
+
+{_state(chip)}
+/* Begin a capture; the state is all the memory that is needed. */
+int touch_init(touch_t *t);
+
+/* Take a frame, row by row, readings from 0 to TOUCH_FULL_SCALE: 1 if there is a new decision, 0 if not yet, or a code.
+   A frame that is refused changes nothing. */
+int touch_push(touch_t *t, const float *frame);
+
+/* The class of what has been seen since the beginning, or a code; and probabilities of all classes.
+   {settled}
+   settled may be NULL. */
+int touch_label(touch_t *t, float *probabilities, float *settled);
+
+/* What a class is called. */
+const char *touch_name(int label);
+{WATCH if defines["WATCH"] == "1" else ""}
+#endif
+"""
+
+
+def _state(chip: Chip) -> str:
+    """What is kept between frames, and what features and classifier work in."""
+    d = chip.defines
+    taxels = d["TAXELS"]
+    members = ["int seen;  /* frames */", f"float frame[{taxels}];  /* this one, repaired */"]
+    if "1" in (d["REPAIR_STUCK"], d["REPAIR_DEAD"]):
+        members.append(f"float least[{taxels}], most[{taxels}], moved[{taxels}];  /* of each taxel in this capture */")
+        members.append(
+            f"float sound[{taxels}], mean_around[{taxels}];  /* which taxels are, and what replaces others */"
+        )
+    if d["REPAIR_OFFSET"] == "1":
+        members.append(f"float offset[{taxels}];  /* least reading so far */")
+    if d["SCALE_PEAK"] == "1":
+        members.append("float peak;  /* largest reading so far */")
+    members += STATES[chip.features](d)
+    members.append(f"float features[{d['FEATURES']}], proba[{d['CLASSES']}];")
+    buffers: dict[str, int] = {}
+    for decider in chip.deciders.values():
+        buffers |= {name: max(size, buffers.get(name, 0)) for name, size in decider.buffers.items()}
+    members += [f"float {name}[{size}];  /* the classifier works in it */" for name, size in buffers.items()]
+    if d["STOPPING"] == "1":
+        members.append(
+            "int remembered, label_at[32]; int16_t labels[32];  /* labels so far, and after how many frames */"
+        )
+    body = "".join(f"    {line}\n" for line in members)
+    part = PART.format(taxels=taxels) if chip.features == "touch" else ""
+    return f"{part}typedef struct {{\n{body}}} touch_t;\n{_watch_state(d)}"
+
+
+def _watch_state(d: dict[str, str]) -> str:
+    """What is kept between the frames of an endless stream; nothing for a system that watches none."""
+    if d["WATCH"] == "0":
+        return ""
+    members = (
+        "touch_t now;  /* the last frames, and what features and classifier work in */",
+        f"part_t parts[{max(int(d['PARTS']) - int(d['HELD']), 1)}];  /* hops of the last window, others lie in now */",
+        "int part, within, filled, unchanged;  /* the last part, frames in it, parts so far, frames since a change */",
+        "float touched, peak;  /* probability of touch at the last hop, largest log-odds since it rose */",
+        "int begun, falling, over, is_reported, label;  /* of the event that goes on */",
+        "uint32_t seen, rise, crossed, low, limit, first, reported;  /* frames; all of them may wrap */",
+        "uint32_t named, joined;  /* windows of the event, and of them those in the mean */",
+        f"uint32_t ends[{d['PENDING']}];  /* of the last windows */",
+        f"float waiting[{d['PENDING']}][{d['CLASSES']}], mean[{d['CLASSES']}];  /* probabilities of them, and mean */",
+    )
+    return "\ntypedef struct {\n" + "".join(f"    {line}\n" for line in members) + "} touch_watch_t;\n"
+
+
+WATCH = """
+#define TOUCH_UNKNOWN -1 /* label of a touch that is unlike all gestures */
+#define TOUCH_REPORTED 1 /* news: an event is reported, its label is another one, it is over */
+#define TOUCH_CHANGED 2
+#define TOUCH_ENDED 3
+
+/* An event: its label so far, mean probability of the label, and frames seen when it was reported and when it ended.
+   Frames are counted from touch_watch_init, modulo 2^32; end is 0 while the touch lasts. */
+typedef struct {
+    int label;
+    float confidence;
+    uint32_t reported, end;
+} touch_event_t;
+
+/* Begin to watch: once, at power-on. The state is all the memory that is needed; it holds that of a capture, too. */
+int touch_watch_init(touch_watch_t *w);
+
+/* Take a frame of an endless stream, as touch_push does: 0 without news, TOUCH_REPORTED, TOUCH_CHANGED or TOUCH_ENDED
+   with news, which the event then tells, or a code, which changes nothing. A touch that is over before it was reported
+   is news once, TOUCH_ENDED. */
+int touch_watch(touch_watch_t *w, const float *frame, touch_event_t *event);
+"""
+
+
+PART = """/* What the taxels did in a part of a window. */
+typedef struct {{
+    int n;
+    float mean[{taxels}], m2[{taxels}], most[{taxels}];
+}} part_t;
+
+"""
+
+
+def _touch_state(d: dict[str, str]) -> list[str]:
+    ring, points, taxels, classes = d["RING"], d["MOST_POINTS"], d["TAXELS"], d["CLASSES"]
+    early = d["EARLY"] != "0"
+    halves = "halves of the last window" + (", and of a shorter one" if early else "")
+    early_sum = f"float early_sum[{classes}]; int early_windows;  /* of shorter ones, before the first */"
+    return [
+        f"float before[{taxels}];  /* the last one */",
+        f"float signals[{ring}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
+        f"part_t parts[{4 if early else 2}];  /* {halves} */",
+        f"float sum[{classes}]; int windows;  /* of decisions */",
+        *([early_sum] if early else []),
+        f"float series[{ring}], sorted[{ring}], centre[{ring}], taxels[{taxels}];  /* to work in */",
+        f"float cosine[{points}], sine[{points}], power[{int(points) // 2}]; int points;  /* of spectra */",
+    ]
+
+
+def _convolved_state(d: dict[str, str]) -> list[str]:
+    maps = f"{d['FILTERS1']}][{d['MAP']}"
+    sums = f"{d['FILTERS2']}][{d['SUM_FRAMES']}][{d['SUM_ROWS']}][{d['SUM_COLS']}"
+    return [
+        f"float ring[{d['KERNEL1_FRAMES']}][{d['TAXELS']}];  /* the last frames */",
+        f"float maps[{maps}], kept_maps[{maps}];  /* of the first layer, at the last time */",
+        f"float sums[{d['OPEN']}][{sums}], kept_sums[{sums}];  /* of the second, of each open window */",
+        f"float sum[{d['CLASSES']}]; int windows;  /* of decisions */",
+    ]
+
+
+def _jung28_state(d: dict[str, str]) -> list[str]:
+    return [
+        f"float before[{d['TAXELS']}];  /* the last one */",
+        f"float total[{d['LONGEST']}];  /* of each frame */",
+        f"float row[{d['ROWS']}], col[{d['COLS']}], centre[2], distance[2];  /* means, the last, path so far */",
+        "float change, area, area_there, highest, highest_total;  /* means, and of the strongest frame */",
+    ]
+
+
+STATES = {"touch": _touch_state, "convolved": _convolved_state, "jung28": _jung28_state}
+
+
+def _tables(chip: Chip, bits: int) -> str:
+    names = ", ".join(f'"{_escaped(name)}"' for name in chip.classes)
+    constants = CONSTANTS if chip.features == "touch" else REMEMBERED
+    arrays = dict(chip.arrays)
+    for function, decider in chip.deciders.items():
+        arrays |= {f"{function}_{name}": values for name, values in decider.arrays.items()}
+    lines = []
+    for name, value in {**chip.defines, **constants, "NAMES": f"{{{names}}}"}.items():
+        if name in COMMENTS:
+            lines.append(f"\n/* {COMMENTS[name]} */")
+        lines.append(f"#define {name} {value}")
+    lines += ["", f"typedef {'int8_t' if bits == 8 else 'float'} weight_t;"]
+    if any(name.endswith("_vectors") for name in arrays):
+        lines.append(f"typedef {'int16_t' if bits == 8 else 'float'} vector_t;")
+    if any(name.endswith("_nodes") for name in arrays):
+        lines.append("typedef struct { int16_t feature; uint16_t right; float threshold; } node_t;")
+    lines += [_array(name, values) for name, values in arrays.items()]
+    return "/* Sizes, and what was learnt. */\n" + "\n".join(lines) + "\n"
+
+
+def _escaped(name: str) -> str:
+    """A class name inside a C string; what is not ASCII as its bytes."""
+    return "".join(chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in name.encode())
+
+
+def _array(name: str, values: np.ndarray) -> str:
+    flat = values.ravel()
+    if flat.dtype.names:
+        cells = [f"{{{v['feature']}, {v['right']}, {number(v['threshold'])}}}" for v in flat]
+        kind = "node_t"
+    elif flat.dtype.kind == "f":
+        cells, kind = [number(v) for v in flat], "float"
+    else:
+        cells, kind = [str(v) for v in flat.tolist()], TYPES[str(flat.dtype)]
+    rows, row = [], ""
+    for cell in cells:
+        if len(row) + len(cell) > 116:
+            rows.append(row)
+            row = ""
+        row += f"{cell}, "
+    inside = "\n    ".join([*rows, row])
+    return f"static const {kind} {name}[{len(cells)}] = {{\n    {inside.rstrip(', ')}}};"
+
+
+def _code(chip: Chip) -> str:
+    includes = '#include "touch.h"\n\n#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n'
+    pieces = [f"{TOP}\n{includes}", _fixed("frame.c"), _fixed(f"features_{chip.features}.c")]
+    bodies = "".join(decider.body for decider in chip.deciders.values())
+    bodies += "softmax(" if chip.defines["CALIBRATED"] == "1" else ""
+    pieces += [_fixed(f"{name}.c") for name in FUNCTIONS if f"{name}(" in bodies]
+    for function, decider in chip.deciders.items():
+        body = decider.body.format(**{name: f"{function}_{name}" for name in decider.arrays})
+        comment = (
+            f"/* {'Scores' if function == 'detect' else 'Probabilities'} from the features: {decider.comment}. */\n"
+        )
+        pieces.append(f"{comment}static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
+    pieces.append(_fixed("api.c"))
+    return "\n".join([*pieces, _fixed("watch.c")] if chip.defines["WATCH"] == "1" else pieces)

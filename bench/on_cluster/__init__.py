@@ -1,0 +1,1 @@
+"""Folds on the workers of a cluster of dask.distributed."""

@@ -1,0 +1,157 @@
+"""Systems as C beside themselves in Python: labels, costs, and what reads them."""
+
+import re
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.cli import main
+from bench.commands.printing import runs_table
+from bench.endless.broken import KINDS
+from bench.in_c import fold as onchip
+from bench.in_c import measure as compiled
+from bench.in_c import network
+from bench.in_c.circumstance import InC
+from bench.kinds.captures import Captures
+from bench.outcomes import scores
+from bench.plan.cells import cells
+from bench.plan.plan import planned
+from bench.work.tracking import key_of
+from tests.conftest import predictions, runs
+from tests.in_c.compiled import lacking
+from tests.results import result
+
+SMALL = ["features=jung28", "data.subjects=3", "data.repetitions=1", "data.variants=normal"]
+COSTS = {"flash_bytes": 9e3, "code_bytes": 2e3, "table_bytes": 5e3, "ram_bytes": 3e3, "program_ram_bytes": 11e3}
+COSTS |= {"stack_bytes": 400.0, "frame_instructions": 5e3, "most_instructions": 6e4}
+COSTS = {f"chip_{name}": value for name, value in COSTS.items()}
+WATCHED = {"chip_watch_flash_bytes": 31e3, "chip_watch_ram_bytes": 15e3, "chip_watch_most_instructions": 1.2e6}
+WATCHED |= {"chip_watch_stack_bytes": 420.0}
+WATCHED |= {"chip_watch_idle_instructions": 1.1e5, "chip_watch_frame_instructions": 2.6e5}
+
+
+def defined(folder):
+    """Classes of the detector that is exported, 0 without."""
+    text = (folder / "tables.h").read_text()
+    return int(text.split("#define DETECTED ")[1].split()[0]) if "#define DETECTED " in text else 0
+
+
+@pytest.fixture
+def costs(monkeypatch):
+    """No chip, whose compiler and emulator the marked test needs."""
+    monkeypatch.setattr(onchip, "measured", lambda folder: COSTS)
+    monkeypatch.setattr(onchip, "measured_watching", lambda folder: WATCHED | {"chip_watch_defined": defined(folder)})
+    monkeypatch.setattr(onchip, "lacking", lambda: [])
+
+
+@pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
+def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, capsys):
+    assert main(["chip", "model=bayes", "bits=8", *SMALL]) == 0
+    assert main(["run", "model=bayes", *SMALL]) == 0
+    out = capsys.readouterr().out
+    assert "in Python" in out and "60,000" in out and "9.0" in out
+    one = result(metrics=COSTS | {"c_accuracy": 0.5, "accuracy": 0.5}, **{"chip.bits": 8})
+    (row,) = runs_table([one], InC).texts
+    assert [row[name] for name in ("library RAM kB", "program RAM kB", "stack B")] == ["3.0", "11.0", "400"]
+    store, (run, plain) = runs("cell")
+    python, table = scores.captures(predictions(store, plain)), predictions(store, run, "c")
+    assert table["python"].tolist() == python["predicted"].tolist() and table["capture"].is_unique
+    in_c = scores.captures(table)["predicted"]
+    assert run.data.metrics["other_labels"] == (in_c != table["python"]).sum() <= 0.1 * len(table)
+    assert run.data.metrics["c_accuracy"] == pytest.approx((in_c == table["true"]).mean())
+    assert run.data.metrics["accuracy"] == pytest.approx((python["predicted"] == python["true"]).mean())
+    np.testing.assert_allclose(table.filter(like="p_").sum(axis=1), 1, rtol=1e-4)
+    assert run.data.params["chip.bits"] == "8"
+    assert main(["report"]) == 0
+    page = Path("report/index.html").read_text(encoding="utf-8")
+    titles = re.findall(r"<title>(bayes · jung28.*?)</title>", page)
+    counted = [title for title in titles if " 60 k;" in title]  # thousand instructions
+    assert len(counted) == 1 and counted[0].startswith("bayes · jung28 (in C, 8 bits): ")
+
+
+@pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
+def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, capsys):
+    words = ["chip", "model=lda", "bits=8", "features=touch", "model.window=1", "data.variants=normal"]
+    assert main([*words, "data.subjects=3", "data.repetitions=1"]) == 0
+    assert "not measured: background=quiet: no capture of synth begins or ends with 0.25 s" in capsys.readouterr().err
+    monkeypatch.setattr("bench.endless.teaching.usual", lambda corpus: "press")
+    assert main([*words, "data.subjects=2", "data.repetitions=1"]) == 0
+    assert "not measured: a fold trains on one subject" in capsys.readouterr().err
+    assert main([*words, "data.subjects=3", "data.repetitions=2"]) == 0
+    printed = capsys.readouterr()
+    assert "not measured" not in printed.err
+    table = printed.out.partition("touch_watch")[2].replace("│", " ")
+    assert " ".join(table.split()).count("8 31.0 15.0 420 110,000 260,000 1,200,000") == 1
+    *unmeasured, measured = runs("cell")[1]
+    assert {name: measured.data.metrics[name] for name in WATCHED} == WATCHED
+    most = 13 + 1 + len(KINDS)  # gestures, background, broken sensors; a gesture may be shorter than a window
+    assert most - 2 <= measured.data.metrics["chip_watch_defined"] <= most
+    assert not any(name in run.data.metrics for run in unmeasured for name in WATCHED)
+
+
+def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):
+    monkeypatch.setattr(compiled.shutil, "which", lambda name: None if "arm" in name else "/bin/true")
+    for arguments, fact in {
+        ("model=bayes", "features=jung28"): "needs arm-none-eabi-gcc, qemu-system-arm, which are not installed",
+        ("model=cnn85",): "has no C",
+        ("model=lda", "features=touch"): "fit with model.window=1",
+        ("model=bayes", "features=jung54"): "Jung54 has no C",
+        ("model=bayes", "features=jung28", "bits=16"): "bits=16: give 32 or 8",
+        ("model=lda", "features=touch", "model.window=1", "model.hop=0.1"): "leave model.hop= out",
+        ("model=reflex", "model.scale=peak"): "reflex with model.scale= or other steps has no C",
+    }.items():
+        assert main(["chip", *arguments, *SMALL[1:]]) == 2
+        assert fact in capsys.readouterr().err
+
+
+def test_c_that_does_not_fit_is_a_failed_fold(tmp_path):
+    (tmp_path / "Makefile").write_text(
+        "flash count chip:\n\t@echo x does not fit: FLASH=1K is 9 bytes too small >&2; echo make failed >&2; exit 1\n"
+    )
+    if shutil.which("make") is None:
+        pytest.skip("make not installed")
+    with pytest.raises(ValueError, match="flash count chip: x does not fit: FLASH=1K is 9 bytes too small$"):
+        compiled.measured(tmp_path)
+    (tmp_path / "Makefile").write_text("flash count chip:\n\t@echo nothing\n")
+    with pytest.raises(ValueError, match="printed nothing about flash"):
+        compiled.measured(tmp_path)
+
+
+def test_what_it_starts_ends_with_it(tmp_path, monkeypatch):
+    """QEMU in an endless loop would stay, as only make is ended."""
+    monkeypatch.setattr(compiled, "LIMIT_S", 1)
+    (tmp_path / "Makefile").write_text("flash count chip:\n\t@sleep 4321 & echo $$! > pid; wait\n")
+    with pytest.raises(ValueError, match="did not end within 1 s"):
+        compiled.measured(tmp_path)
+    pid = int((tmp_path / "pid").read_text())
+    time.sleep(0.2)
+    state = Path(f"/proc/{pid}/stat")
+    assert not state.exists() or state.read_text().split()[2] == "Z"
+
+
+def test_other_code_or_compilers_are_another_run(monkeypatch):
+    (plan,) = planned(cells({"model": "bayes", "features": "jung28", "data.subjects": "4"}), 1)
+    of = lambda bits: key_of(plan, Captures((InC("c", bits),)))  # noqa: E731
+    key = of("8")
+    assert key == of("8") != of("32")
+    monkeypatch.setattr(compiled, "toolchain", lambda: ["cc 99"])
+    assert of("8") != key
+    assert network in InC("c", "8").depends()
+
+
+@pytest.mark.live
+@pytest.mark.skipif(bool(compiled.lacking()), reason=f"{', '.join(compiled.lacking())} not installed")
+def test_a_chip_is_measured():
+    assert main(["chip", "model=bayes", *SMALL]) == 0
+    (run,) = runs("cell")[1]
+    metrics = run.data.metrics
+    assert metrics["chip_table_bytes"] == pytest.approx(metrics["flash_bytes"], rel=0.1)
+    assert metrics["chip_ram_bytes"] == pytest.approx(metrics["ram_bytes"], rel=0.15)
+    room = metrics["chip_program_ram_bytes"] - metrics["chip_ram_bytes"]  # a stack of 4 kB and the library of C
+    assert 4096 < room < 4096 + 8192
+    assert 50 < metrics["chip_stack_bytes"] < 2000
+    assert metrics["chip_code_bytes"] + metrics["chip_table_bytes"] < metrics["chip_flash_bytes"] < 64e3
+    assert 1000 < metrics["chip_frame_instructions"] < metrics["chip_most_instructions"] < 1e6

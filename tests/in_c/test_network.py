@@ -1,0 +1,142 @@
+"""Exported C of hughes2017_cnn: after every frame it says what a plain computation of its windows says."""
+
+from copy import deepcopy
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from torch.nn import functional
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.in_c.tables import check, chip_of
+from bench.models.nets.cnn85 import CNN85
+from bench.models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, in_bits
+from bench.models.quantised import rounded
+from bench.models.recipe import Recipe
+from tests.in_c.compiled import Library, fitted, lacking
+
+pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
+LENGTHS = (1, 5, 9, 10, 11, 26, 27, 28, 36, 44, 45, 46, 60, 75, 101)
+GRIDS = {  # kernels and pools of both layers; cut to one row, two, three; windows of 45 frames
+    "haart": (8, 8, 54.0),
+    "wide": (5, 7, 40.0),
+    "odd": (7, 6, 54.0),
+    "rows of three": (4, 3, 54.0),
+    "two by three": (2, 3, 20.0),
+    "one taxel": (1, 1, 20.0),
+    "cost": (8, 8, 135.0),
+    "cost, narrow": (2, 5, 120.0),
+}
+
+
+@cache
+def noise(name):
+    """Captures of noise that swells and fades, slowly or fast."""
+    rows, cols, rate_hz = GRIDS[name]
+    rng = np.random.default_rng(rows)
+    arrays = []
+    for i, n in enumerate(LENGTHS):
+        strength = 0.5 + 0.5 * np.sin(np.arange(n)[:, None, None] / (3 + 5 * (i % 3)) + rng.normal(0, 1, (rows, cols)))
+        arrays.append((rng.integers(0, 1024, (n, rows, cols)) * strength).astype(np.uint16))
+    gestures = [f"g{i % 3}" for i in range(len(arrays))]
+    return Corpus.from_captures(arrays, pd.DataFrame({"subject": "1", "gesture": gestures}), rate_hz)
+
+
+@cache
+def made(name):
+    """A system that has learnt a little of noise, its last layer such that classes are about equal and far apart."""
+    corpus = noise(name)
+    recogniser = fitted(Hughes2017CNN(epochs=3, batch=8, rate=1e-3), corpus)
+    scores = np.log(recogniser.estimator.decide(corpus)[1])
+    last = recogniser.estimator.net_[-1]
+    with torch.no_grad():
+        last.bias -= torch.from_numpy(scores.mean(axis=0))
+        for parameter in (last.weight, last.bias):
+            parameter /= float(scores.std(axis=0).mean())
+    return corpus, recogniser
+
+
+def by_hand(net, frames, full_scale, window, hop):
+    """Probabilities of a capture: windows, 0s where it has ended; PyTorch's convolutions, pools and linear layers."""
+    starts = [s for s in range(0, len(frames), hop) if s == 0 or s - hop + window < len(frames)]
+    parts = [frames[start : start + window].astype(np.float64) / full_scale for start in starts]
+    x = torch.zeros(len(parts), 1, window, *frames.shape[1:], dtype=torch.float64)
+    for i, part in enumerate(parts):
+        x[i, 0, : len(part)] = torch.from_numpy(part)
+    for conv in (net[0], net[3]):
+        x = functional.conv3d(x, conv.weight.double(), conv.bias.double())
+        x = functional.max_pool3d(x, [min(2, n) for n in x.shape[2:]]).relu()
+    x = functional.linear(x.flatten(1), net[7].weight.double(), net[7].bias.double()).relu()
+    proba = functional.linear(x, net[9].weight.double(), net[9].bias.double()).softmax(1)
+    return proba.mean(0).detach().numpy()
+
+
+def last(library, captures):
+    """Probabilities after each capture, asked for at its end only."""
+    return np.array([library(frames).proba[-1] for frames in captures])
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_after_every_frame_it_is_what_pytorch_says(name):
+    corpus, recogniser = made(name)
+    window, hop = recogniser.estimator.design_[1:3]
+    library = Library(recogniser)
+    frames = corpus[len(corpus) - 1]
+    answer = library(frames, every=True)
+    expected = [by_hand(recogniser.estimator.net_, frames[: n + 1], 1023, window, hop) for n in range(101)]
+    assert np.ptp(expected, axis=0).max() > 0.05  # there is something to be classified
+    np.testing.assert_allclose(answer.proba, expected, atol=2e-5)
+    assert np.flatnonzero(answer.ready).tolist() == list(range(window - 1, 101, hop))
+    for frames, proba in zip(corpus, last(library, corpus), strict=True):  # that a label was taken changes nothing
+        np.testing.assert_array_equal(library(frames, every=True).proba[-1], proba)
+
+
+@pytest.mark.parametrize("bits", [32, 8])
+@pytest.mark.parametrize("name", ["haart", "wide", "two by three", "cost"])
+def test_captures_have_the_probabilities_and_labels_of_python(name, bits):
+    corpus, recogniser = made(name)
+    in_python = deepcopy(recogniser)
+    if bits == 8:
+        in_bits(in_python.estimator.net_, 8)
+    table = in_python.label(corpus)
+    proba = last(Library(recogniser, bits), corpus)
+    np.testing.assert_allclose(proba, table.filter(like="p_"), atol=2e-5)
+    assert [recogniser.classes[label] for label in proba.argmax(axis=1)] == table["label"].tolist()
+
+
+def test_eight_bits_are_steps_of_each_filter_and_unit():
+    corpus = noise("haart")
+    plain, few = (Hughes2017CNN(epochs=1, bits=bits).fit(corpus, corpus.gestures).net_ for bits in (32, 8))
+    for before, after in zip(plain.parameters(), few.parameters(), strict=True):
+        if before.ndim == 1:
+            assert torch.equal(before, after)
+            continue
+        before, after = (p.detach().flatten(1).numpy() for p in (before, after))
+        step = np.abs(before).max(axis=1, keepdims=True) / 127
+        np.testing.assert_allclose(after, np.round(before / step) * step, rtol=1e-5)
+        np.testing.assert_array_equal(*(rounded(p, 8)[0] for p in (before, after)))  # twice as once
+
+
+def test_repair_and_a_person_go_along():
+    corpus, recogniser = made("haart")
+    captures = corpus[:6]
+    person = deepcopy(recogniser)
+    person.estimator = recogniser.estimator.adapt(captures, captures.gestures[::-1])
+    frames = corpus.frames.copy()
+    frames[:, 1, 2] = 1023
+    stuck = corpus.changed(frames=frames)
+    repaired = fitted(Recipe(Hughes2017CNN(epochs=1, batch=8), repair=("stuck", "dead")), stuck)
+    for each, captures in ((person, corpus), (repaired, stuck)):
+        np.testing.assert_allclose(last(Library(each), captures), each.label(captures).filter(like="p_"), atol=1e-5)
+    assert np.abs(person.label(corpus)["confidence"] - recogniser.label(corpus)["confidence"]).max() > 1e-3
+
+
+@pytest.mark.parametrize("system", [Hughes2017CNNRNN(), Hughes2017AERNN(), CNN85()], ids=lambda s: type(s).__name__)
+def test_other_networks_are_refused(system):
+    for refuse in (lambda: check(system), lambda: chip_of(SimpleNamespace(estimator=system), 32)):
+        with pytest.raises(InputError, match=f"^{type(system).__name__} has no C"):
+            refuse()

@@ -1,0 +1,303 @@
+"""Exported C watches an endless stream: its events are those of Python, for ever, and silence is none."""
+
+import ctypes
+import io
+import subprocess
+import sys
+from copy import copy
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.corpora import synth, synth_recordings
+from bench.corpora.corpus import Corpus, storage
+from bench.endless import live
+from bench.endless.composer import composed
+from bench.endless.watcher import UNKNOWN
+from bench.endless.watcher_training import learned
+from bench.features.touch import TouchFeatures
+from bench.in_c import measure
+from bench.models.classic.lda import lda
+from bench.models.recipe import Recipe
+from bench.models.reflex import Reflex
+from studies import watch_in_c
+from tests.in_c.compiled import STRICT, fitted, lacking, written
+
+pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
+EVENT = [("label", np.int32), ("confidence", np.float32), ("reported", np.uint32), ("end", np.uint32)]
+NEWS = np.dtype([*EVENT, ("news", np.int32), ("seen", np.uint32)])
+REPORTED, CHANGED, ENDED = 1, 2, 3
+LIBRARY = """#include "touch.c"
+static touch_watch_t w;
+typedef struct { touch_event_t event; int news; uint32_t seen; } news_t;
+void start(unsigned seen) { touch_watch_init(&w); w.seen = seen; }
+int stream(const float *frames, int n, news_t *news)
+{
+    int count = 0;
+    for (int i = 0; i < n; i++, count += news[count].news != 0) {
+        news[count].news = touch_watch(&w, frames + (long)i * TAXELS, &news[count].event);
+        news[count].seen = w.seen;
+        if (news[count].news < 0)
+            return -1;
+    }
+    return count;
+}
+"""
+
+
+class Watched:
+    """The C of a watcher; called with frames, it gives the news of them, a row each."""
+
+    def __init__(self, recogniser, folder, bits=32):
+        self.folder = written(recogniser, folder, bits)
+        (folder / "library.c").write_text(LIBRARY)
+        call = ["gcc", *STRICT, "-shared", "-fPIC", "library.c", "-lm", "-o", "library.so"]
+        subprocess.run(call, cwd=folder, check=True, capture_output=True, text=True)
+        self.code = ctypes.CDLL(str(folder / "library.so"))
+
+    def start(self, seen=0):
+        """Begin, as if after so many frames."""
+        self.code.start(ctypes.c_uint(seen))
+        return self
+
+    def __call__(self, frames):
+        values = np.ascontiguousarray(frames.reshape(len(frames), -1), dtype=np.float32)
+        news = np.zeros(len(frames) // 2 + 1, NEWS)
+        values, place = (a.ctypes.data_as(ctypes.c_void_p) for a in (values, news))
+        count = self.code.stream(values, len(frames), place)
+        assert count >= 0
+        return news[:count]
+
+
+def events_of(news, names):
+    """Events that are over, from the first news of each to its end: as the result of `Watcher.reports`."""
+    ended = np.flatnonzero(news["news"] == ENDED)
+    begun = np.append(0, ended[:-1] + 1)[: len(ended)]  # the first news of an event may be its end
+    words = np.append(names, UNKNOWN)
+    assert (news["news"][np.setdiff1d(begun, ended)] == REPORTED).all()
+    columns = {name: news[name][ended].astype(np.int64) for name in ("reported", "end")}
+    columns |= {"first": words[news["label"][begun]], "label": words[news["label"][ended]]}
+    return pd.DataFrame(columns | {"confidence": news["confidence"][ended]})
+
+
+@cache
+def recordings():
+    """Generated captures, and recordings composed of some of them and of generated idle time.
+
+    Readings have fractions: where sums of whole numbers are alike, rounding decides what turns, in Python as in C.
+    """
+    corpus = synth.generate(subjects=3, variants=("normal",))
+    streams = synth_recordings.generate(subjects=3, variants=("normal",))
+    idle = [streams.corpus[i][: streams.events.query("recording == @i")["start"].min()] for i in range(3)]
+    conditions = corpus.captures.drop_duplicates("subject")
+    quiet = Corpus.from_captures(idle, conditions, corpus.rate_hz, full_scale=corpus.full_scale)
+    streams = composed(corpus, quiet, seed=0)
+    frames, rng = storage(streams.corpus)[0].astype(np.float32), np.random.default_rng(0)
+    frames += rng.random(frames.shape, np.float32) * (frames < corpus.full_scale)
+    return synth.generate(subjects=6), replace(streams, corpus=streams.corpus.changed(frames=frames))
+
+
+@cache
+def watching(name):
+    """A fitted system and its watcher, which rejects a few touches."""
+    corpus, streams = recordings()
+    system = {
+        "lda": lambda: Recipe(lda(TouchFeatures()), window=1.0, repair=("stuck", "dead")),
+        "background": lambda: Recipe(lda(TouchFeatures()), window=0.4, scale="peak"),
+        "reflex": lambda: Reflex(units=6, copies=1),
+    }[name]()
+    recogniser = fitted(system, corpus if name != "reflex" else corpus[: len(corpus) // 3])
+    recogniser.watcher = learned(recogniser.estimator, streams, false_alarms=5.0)[0]
+    if name == "background":
+        recogniser.watcher.background = ("stroke",)
+        recogniser.watcher.reject = 0.7
+    return recogniser
+
+
+HOP = 15  # frames at 135 Hz, or fewer
+
+
+def check_equal(events, expected, wrong=0.0):
+    """The same events, and nearly the same confidences: what is counted of a signal may differ by one in rounding.
+
+    A share of them may have other labels, or times that are a hop apart, for that reason.
+    """
+    expected = expected.reset_index(drop=True)
+    times, labels = ["reported", "end"], ["first", "label"]
+    assert len(events) == len(expected)
+    if not len(expected):
+        return
+    late = np.abs(events[times].to_numpy(np.int64) - expected[times].to_numpy(np.int64))
+    assert (late > 0).any(axis=1).mean() <= wrong and late.max() <= HOP * bool(wrong)
+    assert (events[labels].astype(str) != expected[labels].astype(str)).any(axis=1).mean() <= wrong
+    apart = np.abs(events["confidence"].to_numpy() - expected["confidence"].to_numpy())
+    assert np.quantile(apart, 0.8) < 1e-3 and (wrong or apart.max() < 0.02)
+
+
+@pytest.mark.parametrize("name", ["lda", "background"])
+def test_events_are_those_of_python(name, tmp_path):
+    recogniser, (_, streams) = watching(name), recordings()
+    expected = recogniser.watcher.reports(streams.corpus)
+    watched, in_8_bits = Watched(recogniser, tmp_path / "32"), Watched(recogniser, tmp_path / "8", bits=8)
+    hop, labels = recogniser.watcher.clock.hop, 0
+    for i in range(len(streams)):
+        mine = expected[expected["recording"] == i]
+        news = watched.start()(streams.corpus[i])
+        check_equal(events_of(news, recogniser.classes), mine)
+        few = events_of(in_8_bits.start()(streams.corpus[i]), recogniser.classes)
+        assert len(few) == len(mine) and (np.abs(few["reported"].to_numpy() - mine["reported"]) <= hop).all()
+        changes = news[news["news"] == CHANGED]
+        assert (changes["end"] == 0).all() and (changes["reported"] < changes["seen"]).all()
+        labels += len(changes)
+    assert len(expected) > 30 and labels > 0
+    assert (UNKNOWN in set(expected["label"])) is (name == "background")
+
+
+def test_the_study_counts_equal_events():
+    recogniser, (_, streams) = watching("lda"), recordings()
+    expected = recogniser.watcher.reports(streams.corpus)
+    counted = watch_in_c.counted(watch_in_c.in_c(recogniser, 32, streams.corpus), expected)
+    counts = [value for value in counted.values() if isinstance(value, int)]
+    assert counts == [len(expected)] * 6
+    fewer = expected[1:].assign(end=expected["end"] + 1)
+    counts = [value for value in watch_in_c.counted(fewer, expected).values() if isinstance(value, int)]
+    assert counts == [len(fewer), len(expected), len(fewer), 0, len(fewer), len(fewer)]
+
+
+def silences(frames):
+    """Readings of a quiet, tared, saturated or disconnected sensor, and of one with a stuck taxel."""
+    corpus, _ = recordings()
+    rows, cols = corpus.grid
+    for value in (0, 7, corpus.full_scale / 2, corpus.full_scale):
+        yield np.full((frames, rows, cols), value, np.float32)
+    stuck = np.zeros((frames, rows, cols), np.float32)
+    stuck[:, 3, 4] = 700
+    yield stuck
+
+
+def reports(recogniser, frames):
+    """Events of one recording in Python."""
+    captures = pd.DataFrame({"subject": ["1"], "gesture": [""]})
+    corpus = Corpus.from_captures([frames], captures, recogniser.rate_hz, full_scale=recogniser.full_scale)
+    return recogniser.watcher.reports(corpus).drop(columns="recording")
+
+
+@pytest.mark.parametrize("gap_s", [0.4, 0.6, 0.8])
+def test_interrupted_touches_are_those_of_python(gap_s, tmp_path):
+    """A recording that begins with a touch, touches with a gap in the middle, and windows that are refused."""
+    recogniser, (_, streams) = watching("lda"), recordings()
+    detector = recogniser.watcher.detector
+    strict = replace(recogniser.watcher, detector=copy(detector))
+    strict.detector.limit_ = detector.limit_ * 0.6
+    watchers = recogniser.watcher, strict
+    counts = []
+    for watcher, place in zip(watchers, ("learned", "strict"), strict=True):
+        other = copy(recogniser)
+        other.watcher = watcher
+        watched, events_c, events_py = Watched(other, tmp_path / place), [], []
+        for i in range(len(streams)):
+            frames, gap = streams.corpus[i].copy(), round(gap_s * recogniser.rate_hz)
+            events = streams.events.query("recording == @i")
+            for middle in ((events["start"] + events["end"]) // 2).tolist():
+                frames[middle : middle + gap] = frames[:gap]
+            frames = frames[events["start"].min() :]
+            events_py.append(reports(other, frames))
+            events_c.append(events_of(watched.start()(frames), recogniser.classes))
+            assert len(events_c[-1]) == len(events_py[-1])
+        check_equal(pd.concat(events_c, ignore_index=True), pd.concat(events_py))
+        counts.append(len(pd.concat(events_py)))
+    assert counts[0] != counts[1] and min(counts) > 18  # windows were refused
+
+
+def check_silence(watched, recogniser, seconds, frames, seen=0):
+    """Nothing is reported in silence, and afterwards the same as without it, as much later.
+
+    The jump from silence to other readings may be an event, which is over within a window.
+    """
+    hop = recogniser.watcher.clock.hop
+    silent = hop * round(seconds * recogniser.rate_hz / hop)
+    expected = events_of(watched.start()(frames), recogniser.classes)
+    assert len(expected) > 5
+    for silence in silences(silent):
+        assert not len(watched.start(seen)(silence))
+        events = events_of(watched(frames), recogniser.classes)
+        for name in ("reported", "end"):
+            events[name] = (events[name] - silent - seen) % 2**32
+        jump = events["end"] <= recogniser.watcher.clock.detect + hop
+        assert jump.sum() <= 1
+        check_equal(events[~jump].reset_index(drop=True), expected)
+        if seconds <= 60:
+            both = reports(recogniser, np.concatenate([silence, frames]))
+            check_equal(events, both.assign(reported=both["reported"] - silent, end=both["end"] - silent))
+
+
+def test_silence_is_no_event_and_frames_are_counted_for_ever(tmp_path):
+    recogniser, (_, streams) = watching("lda"), recordings()
+    check_silence(Watched(recogniser, tmp_path), recogniser, 60, streams.corpus[0], seen=2**32 - 9000)
+
+
+@pytest.mark.skipif(bool(lacking("make")), reason=lacking("make"))
+def test_the_program_prints_what_bench_stream_prints_and_nothing_is_undefined(tmp_path, monkeypatch, capsys):
+    recogniser, (_, streams) = watching("background"), recordings()
+    written(recogniser, tmp_path)
+    frames = streams.corpus[0][:8000]
+    lines = "\n".join(" ".join(f"{v:.3f}" for v in frame.ravel()) for frame in frames) + "\n"
+    call = ["gcc", *STRICT, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "touch.c", "main.c", "-lm"]
+    subprocess.run([*call, "-o", "checked"], cwd=tmp_path, check=True, capture_output=True)
+
+    def printed(text):
+        return subprocess.run([tmp_path / "checked", "-w"], input=text, capture_output=True, text=True, check=False)
+
+    done = printed(lines)
+    assert (done.returncode, done.stderr) == (0, "")
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(lines.encode())))
+        assert live.watched(recogniser, recogniser.watcher) == 0
+    outputs = done.stdout, capsys.readouterr().out
+    mine, theirs = ([line.split(",") for line in out.splitlines()] for out in outputs)
+    assert [row[:3] for row in mine] == [row[:3] for row in theirs] and {"reported", "ended"} < {row[1] for row in mine}
+    np.testing.assert_allclose(*([float(row[3]) for row in rows[1:]] for rows in (mine, theirs)), atol=0.02)
+    assert len(mine) > 4 and printed("\n" + lines.replace("\n", "\n \n", 9)).stdout == done.stdout  # blank lines
+    done = printed("0 1\n")
+    assert (
+        done.returncode == 2
+        and done.stderr == "line 1: send 64 decimal numbers, all with commas or all with blanks between them\n"
+    )
+
+
+def test_what_is_no_frame_changes_nothing(tmp_path):
+    recogniser, (_, streams) = watching("lda"), recordings()
+    watched, frames = Watched(recogniser, tmp_path), streams.corpus[0]
+    expected = watched.start()(frames)
+    watched.start()
+    first = watched(frames[:1000])
+    for odd in (np.nan, np.inf, -1, 1023.5):
+        wrong = frames[:1].copy()
+        wrong[0, 7, 7] = odd
+        assert (
+            watched.code.stream(
+                wrong.ctypes.data_as(ctypes.c_void_p), 1, np.zeros(2, NEWS).ctypes.data_as(ctypes.c_void_p)
+            )
+            == -1
+        )
+    np.testing.assert_array_equal(np.append(first, watched(frames[1000:])), expected)
+
+
+@pytest.mark.live
+@pytest.mark.skipif(bool(measure.lacking()), reason=", ".join(measure.lacking()))
+@pytest.mark.parametrize("name", ["lda", pytest.param("reflex", marks=pytest.mark.nightly)])
+def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
+    folder = written(watching(name), tmp_path, 8)
+    captures, counted = measure.measured(folder), measure.measured_watching(folder)
+    assert 0 < counted["chip_watch_ram_bytes"] - captures["chip_ram_bytes"] < 8192
+    assert abs(counted["chip_watch_flash_bytes"] - captures["chip_flash_bytes"]) < 16384
+    assert 50 < counted["chip_watch_stack_bytes"] < 2000 and 50 < captures["chip_stack_bytes"] < 2000
+    idle, mean, most = (counted[f"chip_watch_{of}_instructions"] for of in ("idle", "frame", "most"))
+    assert 1e4 < idle < mean < most < 1e7
+    detector, hop = watching(name).watcher.detector.classifier_, watching(name).watcher.clock.hop
+    weights = detector.coef_.size  # of 8 bits; each is multiplied and added once in a window
+    assert weights < counted["chip_watch_flash_bytes"] and most > weights and mean < most < hop * mean
