@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.amounts import convert, text_of
+from bench.amounts import UNITS, convert, quantity, text_of
 from bench.errors import InputError, nearest
 from bench.measures import budgets
 from bench.options import OPTIONS, Option, options
@@ -15,6 +15,7 @@ from bench.words import PARTS, Values
 from bench.work.backend import Backend
 
 KEYS = {o.key for o in OPTIONS if "run" in o.commands.split() and "." not in o.key}  # of the cells of bench run
+FEW = 3  # values that a refusal lists
 MOVED = {"source": "bench live MODEL", "over": "bench tune smallest="}  # keys of the version before: commands of today
 
 
@@ -74,14 +75,19 @@ def check_key(key: str, known: Collection[str]) -> None:
         raise InputError(f"no key is called {key!r}; {nearest(key, known)}")
 
 
-def setting(command: str, key: str, values: Values) -> object:
-    """A value of the type that the table of options names, or its default.
+def settings(command: str, values: Values) -> dict[str, Any]:
+    """The options of a command in their types, as given or by default; those that it shares with ``bench run`` aside.
 
     Raises:
-        InputError: it is no such value, or none of those that the table lists.
+        InputError: a value of another type, or none of those that the table of options lists.
     """
-    option = options(command)[key]
-    return value_of(option, values[key]) if key in values else option.default
+    own = {key: option for key, option in options(command).items() if "run" not in option.commands.split()}
+    return {key: value_of(one, values[key]) if key in values else one.default for key, one in own.items()}
+
+
+def limits_of(given: Mapping[str, Any]) -> dict[str, float]:
+    """The budget of each cost, of the settings of a command."""
+    return {cost.key: given[key] for key, cost in budgets().items() if given.get(key) is not None}
 
 
 def value_of(option: Option, value: object) -> Any:
@@ -95,8 +101,11 @@ def value_of(option: Option, value: object) -> Any:
         return number(key, value)
     if option.type == "amount":
         return budgets()[key].typed(value)
+    if option.type in UNITS:
+        return quantity(key, value, option.type)
     if option.values and (text := text_of(value)) not in option.values:
-        raise InputError(f"{key}={text}: give {' or '.join(option.values)}")
+        words = f"give {' or '.join(option.values)}" if len(option.values) <= FEW else nearest(text, option.values)
+        raise InputError(f"{key}={text}: {words}")
     return convert(key, value, 0 if option.type == "count" else option.default)
 
 

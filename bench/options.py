@@ -14,9 +14,7 @@ from typing import Any
 from bench.measures import budgets, costs
 from bench.registry import classes, names
 from bench.usual import FALSE_ALARMS
-from bench.words import WIDTH
-
-SMALL = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"  # a small system, accurate on real touch
+from bench.words import DEFAULTS, WIDTH
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,8 @@ class Option:
     Attributes:
         key: key before the ``=``; one with a dot is a parameter that many models take.
         commands: commands that take it; ``data-show`` is ``bench data show``.
-        type: ``text``, ``number`` (above 0), ``count`` (a whole number), ``yes`` (or no) or ``amount`` (with a unit).
+        type: ``text``, ``number`` (above 0), ``count`` (a whole number), ``yes`` (or no), ``amount`` (of a cost), or
+            the unit of an amount, such as ``ms``.
         default: value if it is not given.
         help: text of the help; ``{models}`` stands for the names of a room.
         values: allowed values, if they can be listed.
@@ -76,14 +75,34 @@ OPTIONS = (
         "data",
         f"{FOLDS} fit extract",
         "text",
-        "synth",
+        DEFAULTS["data"],
         "synth (generated captures) or an imported corpus, several joined by +",
     ),
-    Option("where", f"{FOLDS} fit extract", "text", "", "captures to use, such as where=\"variant == 'rough'\""),
-    Option("target", f"{FOLDS} fit", "text", "gesture", "columns that define the class, such as gesture+variant"),
-    Option("protocol", f"{FOLDS}", "text", "loso", "{protocols}"),
-    Option("model", f"{FOLDS} fit audit", "text", "svm", "{models}; names with a year are published systems"),
-    Option("features", f"{FOLDS} fit audit extract", "text", "jung54", "{features}; not used by all models"),
+    Option(
+        "where",
+        f"{FOLDS} fit extract",
+        "text",
+        DEFAULTS["where"],
+        "captures to use, such as where=\"variant == 'rough'\"",
+    ),
+    Option(
+        "target", f"{FOLDS} fit", "text", DEFAULTS["target"], "columns that define the class, such as gesture+variant"
+    ),
+    Option("protocol", FOLDS, "text", DEFAULTS["protocol"], "{protocols}"),
+    Option(
+        "model",
+        f"{FOLDS} fit audit",
+        "text",
+        DEFAULTS["model"],
+        "{models}; names with a year are published systems",
+    ),
+    Option(
+        "features",
+        f"{FOLDS} fit audit extract",
+        "text",
+        DEFAULTS["features"],
+        "{features}; not used by all models",
+    ),
     Option("model.window", "run", "number", None, "seconds per window; a model of whole captures then uses windows"),
     Option("model.repair", "run", "text", "", "sensor damage to correct", ("stuck", "dead", "offset"), "+"),
     Option("model.scale", "run", "text", "", "divide by the largest reading so far, or take logs", ("peak", "log")),
@@ -91,7 +110,13 @@ OPTIONS = (
     Option("model.turns", "run", "count", 0, "number of mirrored or rotated copies of each training capture"),
     Option("model.person", "run", "text", "", "adapt to a person without labels", ("centre", "scale", "pool"), "+"),
     Option("model.device", "run", "text", "cpu", "device that trains networks", ("cpu", "cuda")),
-    Option("seed", f"{WORK} fit audit", "count", 0, "seed of models and feature sets; splits: protocol.seed="),
+    Option(
+        "seed",
+        f"{WORK} fit audit",
+        "count",
+        int(DEFAULTS["seed"]),
+        "seed of models and feature sets; splits: protocol.seed=",
+    ),
     Option("jobs", WORK, "count", None, "number of worker processes; default one per core"),
     Option("trials", "tune", "count", 50, "combinations to try in each fold; a grid of lists is tried completely"),
     Option("seconds", "tune", "number", None, "seconds after which a fold starts no new combination"),
@@ -129,8 +154,8 @@ OPTIONS = (
     Option("grid", "data-import", "text", "", "table or recording: rows and columns of the skin, such as 8x8"),
     Option("rate_hz", "data-import", "number", None, "table or recording: frame rate in Hz"),
     Option("full_scale", "data-import", "number", 1023, "table or recording: largest possible reading"),
-    Option("where", "data-show", "text", "", "captures to show"),
-    Option("target", "data-show", "text", "gesture", "columns whose classes are also counted"),
+    Option("where", "data-show", "text", DEFAULTS["where"], "captures to show"),
+    Option("target", "data-show", "text", DEFAULTS["target"], "columns whose classes are also counted"),
     Option("capture", "data-show", "count", None, "capture to animate, from 0; default one per gesture"),
     Option("out", "data-show", "text", "look", "folder for figures, an animation and index.html, which shows them"),
     Option("format", "data-export", "text", "cost", "file format, that of CoST.csv", ("cost",)),

@@ -15,6 +15,7 @@ from bench.candidate import Losses
 from bench.errors import InputError, nearest
 from bench.measures import Cost, costs
 from bench.outcomes.reactions import Reactions
+from bench.sentences import sentences
 from bench.words import FAULTS
 
 KEYS = ("by", "margin", "unit")  # of a scene and of `bench choose`
@@ -63,11 +64,8 @@ class Board:
         """What its budgets are, as far as no other line sets them, and how far counted instructions hold for it."""
         own = self.budgets(timed=False)
         names = [name for name in ("flash", "RAM") if values.get(f"max_{name.lower()}") == own[f"max_{name.lower()}"]]
-        share = "that" if self.share == 1 else f"{100 * self.share:g} % of that"
-        lines = [f"The budget of {' and of '.join(names)} is {share} of {self.title} ({self.source})."] if names else []
-        if not self.fpu and {"max_cycles", "max_decision"} & {*values}:
-            lines.append("It has no floating-point unit; instructions are counted for a Cortex-M4F, which has one.")
-        return lines
+        timed = bool({"max_cycles", "max_decision"} & {*values})
+        return sentences("bench.outcomes", "choice", "board", board=self, names=names, timed=timed)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,16 @@ PARTS = {"protocol": "protocols", "features": "features", "model": "models"}  # 
 WIDTH = 100  # columns of help
 FAULTS = "dead_taxels stuck_taxels dead_lines gain_drift offset_drift saturation noise fewer_bits dropped_frames "
 FAULTS += "lower_rate time_jitter late_start early_end shift rotation smaller_grid cover"  # names of the faults
+SMALL = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"  # a small system, accurate on real touch
+DEFAULTS = {  # of the keys of a run
+    "data": "synth",
+    "protocol": "loso",
+    "model": "svm",
+    "features": "jung54",
+    "seed": "0",
+    "where": "",
+    "target": "gesture",
+}
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 
 

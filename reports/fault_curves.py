@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.comparable import Row, several
+from bench.comparable import Row
 from bench.measures import Measure, percent, text
 from bench.outcomes.curves import clean_accuracy
 from bench.reports.contexts import context_words, contexts
@@ -18,6 +18,7 @@ from bench.reports.figures import save
 from bench.reports.part import Part, Section
 from bench.reports.stability_figures import heat_map
 from bench.result import Result
+from bench.sentences import sentences
 from bench.table import Table
 
 FAULTS = "Faults"  # heading
@@ -68,12 +69,15 @@ def robust(results: Sequence[Result]) -> tuple[str, str] | None:
         means = {m: 100 * np.mean([*loss.values()]) for m, loss in losses.items() if set(loss) == tested}
         least, most = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
         worst = max(losses[least], key=losses[least].__getitem__)
-        others = f" Of {len(means)} systems, {most} loses most: {means[most]:.1f} points." if len(means) > 1 else ""
-        return FAULTS, (
-            f"On {context_words(runs[0])}, {least} loses {means[least]:.1f} points of accuracy, mean over "
-            f"{several(len(tested), 'fault')} at five severities.{others} The worst fault for {least} is "
-            f"{worst.replace('_', ' ')}, with a loss of {100 * losses[least][worst]:.1f} points."
+        named = {"least": least, "most": most, "worst": worst, "loss": 100 * losses[least][worst]}
+        words = sentences(
+            *("bench.reports", "sentences", "robust"),
+            context=context_words(runs[0]),
+            means=means,
+            faults=len(tested),
+            **named,
         )
+        return FAULTS, words[0]
     return None
 
 

@@ -11,11 +11,12 @@ import re
 from importlib.resources import files
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_eval_context
+from jinja2 import pass_eval_context
 from jinja2.nodes import EvalContext
 from markupsafe import Markup, escape
 
 from bench.reports.figures import SYNTHETIC, Picture
+from bench.sentences import environment
 
 ROOM = files("bench.reports")
 
@@ -57,13 +58,7 @@ def markdown(template: str, **values: object) -> str:
 
 def _filled(template: str | Path, form: str, values: dict[str, object]) -> str:
     """A template filled in, in one of the two forms."""
-    env = Environment(
-        loader=FileSystemLoader([str(ROOM / "templates"), Path(template).parent]),
-        autoescape=form == "html",
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    env = environment(ROOM / "templates", Path(template).parent, html=form == "html")
     count = itertools.count(1)
     env.globals |= {"form": form, "next_number": lambda: next(count)}
     env.filters |= {"anchor": anchor, "md": md_escape, "code": _code, "svg": inline_svg, "base64": _base64}

@@ -18,6 +18,7 @@ from bench.reports.contexts import scarce
 from bench.reports.figures import MARKERS, bars, new_figure, save
 from bench.reports.part import Part, Section
 from bench.result import Result
+from bench.sentences import sentences
 from bench.table import Table, rows_of
 
 WITHOUT = "no labels"  # where half of the person's captures are known without them
@@ -75,9 +76,8 @@ def new_person_section(results: Sequence[Result], folder: Path) -> Section | Non
     """
     parts = []
     for i, (context, curves) in enumerate(curves_of(results), 1):
-        caption = "Accuracy of new persons against the number of their labelled captures of each class; mean and 95 % "
-        caption += f"interval over people. {WITHOUT.capitalize()}: adapted to half of their captures, without labels."
-        caption += f" {len(curves) - SHOWN} less accurate systems left out." if len(curves) > SHOWN else ""
+        left = max(len(curves) - SHOWN, 0)
+        (caption,) = sentences("bench.reports", "sentences", "shots", without=WITHOUT, left=left)
         figure = drawn(dict([*curves.items()][:SHOWN]), context)
         picture = save(figure, folder, f"0-newcomer-{i}", context, caption)
         parts.append(Part(picture, table_of(curves, context.split(",")[0]), CAPTION.format(context), scarce(results)))
@@ -91,10 +91,8 @@ def gained(results: Sequence[Result]) -> tuple[str, str] | None:
         row = curve[curve["known"] != WITHOUT].iloc[-1]
         if np.isfinite(row.get("gain", np.nan)):
             gain = Measure("gain", form="+.1f", ends="gain").of(row)
-            return PEOPLE, (
-                f"On {context}: {row['known']} labelled captures of each class change the accuracy of {system} by "
-                f"{gain} points."
-            )
+            told = {"context": context, "known": row["known"], "system": system, "gain": gain}
+            return PEOPLE, sentences("bench.reports", "sentences", "gained", **told)[0]
     return None
 
 

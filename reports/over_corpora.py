@@ -17,6 +17,7 @@ from bench.outcomes.runs import by_subject
 from bench.reports.figures import LINE, bars, new_figure, plain, width_of
 from bench.reports.numbers import listed
 from bench.result import Result
+from bench.sentences import sentences
 from bench.table import Table, rows_of
 
 NAMED = 20  # systems that a sentence names
@@ -80,27 +81,27 @@ def section(
     """
     title, total = "; ".join(about[data] for data in found.people), sum(found.people.values())
     counts = listed([f"{n} of {data}" for data, n in found.people.items()], len(found.people))
-    sentences = [
-        f"{title}. Unit: whole captures, one label each. Accuracies are those of {total} people: {counts}. "
-        + ("" if "(synthetic)" in title else "Whether any person is in more than one corpus is unknown. ")
-        + "Each person gives every system a rank, 1 for the most accurate. Ranks depend on which systems are compared.",
-        *(f"Kendall's tau of the orders on {a} and {b} is {tau:.2f}." for a, b, tau in found.taus if tau == tau),
-    ]
     lacking: dict[str, list[str]] = {}
     for system, corpora in found.lacking.items():
         lacking.setdefault(listed(corpora, len(corpora)), []).append(system)
-    for words, systems in lacking.items():
-        sentences.append(f"Not ranked, without a complete result on {words}: {listed(systems, NAMED)}.")
     reasons = dict(left_out) | dict.fromkeys(found.unranked, "too few systems in common with the ranked corpora")
-    if reasons:
-        sentences.append(f"Left out: {'; '.join(f'{name} ({why})' for name, why in reasons.items())}.")
     kept = found.table.iloc[: statistics.RANKED]
-    if len(kept) < len(found.table):
-        sentences.append(f"The first {len(kept)} of {len(found.table)} ranked systems are shown.")
-    sentences += statistics.warnings(total, len(found.table), min(found.people.values()), mixed=False)
+    lines = sentences(
+        *("bench.reports", "sentences", "over_corpora"),
+        title=title,
+        total=total,
+        counts=counts,
+        synthetic="(synthetic)" in title,
+        taus=found.taus,
+        lacking={corpora: listed(systems, NAMED) for corpora, systems in lacking.items()},
+        left_out=reasons,
+        shown=len(kept),
+        ranked=len(found.table),
+    )
+    lines += statistics.warnings(total, len(found.table), min(found.people.values()), mixed=False)
     remarks = [notes.get(system, []) for system in kept["system"]]
     table = Table(_columns([*found.people]), rows_of(kept), "over several corpora", remarks=remarks)
-    return OverCorpora(title, found, sentences, table)
+    return OverCorpora(title, found, lines, table)
 
 
 def _columns(corpora: list[str]) -> list[Measure]:

@@ -14,6 +14,7 @@ from bench.measures import Measure, p_value
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
 from bench.result import Result
+from bench.sentences import sentences
 
 P = Measure("p", form=p_value)
 
@@ -63,18 +64,13 @@ class Compared:
             object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
-        points = f"{abs(self.difference):.1f} points {'more' if self.difference >= 0 else 'less'} accurate"
-        told = f"95 % t-interval [{self.low:+.1f}, {self.high:+.1f}], " if self.low == self.low else ""
-        told += f"p = {P.of({'p': self.p})} (paired two-sided Wilcoxon test)." if self.p == self.p else ""
-        told += f"{words}." if (words := few.too_few(self.subjects)) else ""
-        lines = [
-            f"On {self.on}: {self.system} is {points} than {self.other}.",
-            told,
-            f"{self.subjects} subjects: {_counted(self.gain, 'gain')}, {_counted(self.lose, 'lose')}.",
-        ]
         notes = [note for name in (self.system, self.other) for note in notes_on(name, self.on.split(",")[0])]
-        lines += [f"{note.rstrip('.')}." for note in dict.fromkeys(notes)]
-        return "\n".join(lines)
+        told = {
+            "p": P.of({"p": self.p}),
+            "few": few.too_few(self.subjects),
+            "notes": [f"{note.rstrip('.')}." for note in dict.fromkeys(notes)],
+        }
+        return "\n".join(sentences("bench.reports", "sentences", "pair", pair=self, **told))
 
 
 def compared(sides: Sequence[tuple[str, Mapping[str, Sequence[Result]]]]) -> Compared:
@@ -126,7 +122,3 @@ def _is(name: str, system: str) -> bool:
 
 def _accuracy(name: str, results: Sequence[Result]) -> pd.Series:
     return by_subject([r for r in results if _is(name, r.system)])[0].iloc[0]
-
-
-def _counted(subjects: list[str], verb: str) -> str:
-    return f"{len(subjects)} {verb}" + (f" ({', '.join(subjects)})" if subjects else "")

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from bench.measures import Cost
 from bench.pareto import staircase
 from bench.reports.figures import LINE, TEXT, TITLE, bars, log_ticks, new_figure, plain, spread, width_of
+from bench.sentences import sentences
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,25 +65,15 @@ def _with_names(points: pd.DataFrame, cost: Cost) -> pd.DataFrame:
 
 def _caption(points: pd.DataFrame, budget: bool, left: int) -> str:
     """What is drawn, in sentences."""
-    marks = {
-        "published": "Filled circles: published systems run here.",
-        "changed": "Hollow circles: published systems with other settings.",
-        "other": "Squares: other systems.",
-        "C": "Triangles: measured in C.",
-    }
-    sentences = [
-        "Accuracy, mean over subjects with 95 % t-intervals, seeds averaged.",
-        *(text for kind, text in marks.items() if (points["kind"] == kind).any()),
-        "The line and the bold names show the Pareto front: no other system is both cheaper and more accurate.",
-    ]
-    sentences += ["Ring: the choice."] * bool(points["chosen"].any())
-    sentences += ["Dashed line: the budget."] * budget
-    sentences += ["Pale: ruled out by a budget."] * bool(points["out"].any())
-    if len(points) > NAMED:
-        sentences.append("Only systems on a Pareto front and the choice have names here; the SVG names every mark.")
-    if left:
-        sentences.append(f"{left} less accurate systems are not drawn.")
-    return " ".join(sentences)
+    return sentences(
+        *("bench.reports", "sentences", "chart"),
+        kinds={*points["kind"]},
+        chosen=points["chosen"].any(),
+        budget=budget,
+        out=points["out"].any(),
+        named=len(points) > NAMED,
+        left=left,
+    )[0]
 
 
 def _panel(ax: Axes, points: pd.DataFrame, cost: Cost, budget: float | None, inches: tuple[float, float]) -> None:

@@ -19,6 +19,7 @@ from bench.reports import stability_figures as figures
 from bench.reports.layout import markdown
 from bench.reports.numbers import noted
 from bench.result import Result
+from bench.sentences import sentences
 from bench.table import Table, of_text, rows_of, write_sheet
 from bench.usual import CLEAN
 
@@ -202,22 +203,19 @@ def _half_table(results: Sequence[Result]) -> Table:
 def _tests_words(slices: pd.DataFrame, mask: pd.Series) -> str:
     """How many slices were tested and failed, and what the number of subjects cannot show."""
     tested, failing = slices[mask & slices["tested"]], slices[mask & slices["failing"]]
-    words = [
-        f"{len(failing)} of {len(tested)} tested groups of captures have an accuracy significantly below that of the "
-        f"system (Benjamini-Hochberg, corrected p <= {ALPHA})."
-    ]
-    if untested := int((mask & ~slices["tested"]).sum()):
-        words.append(f"{untested} more have too few captures or subjects for a significant result.")
     several = tested[tested["subjects"] > 1]
-    if len(several):
-        floor, count = several["floor"].min(), families(tested).value_counts()
-        needed = {name: int(np.ceil(round(FAMILIES * n * floor / ALPHA, 6))) for name, n in count.items()}
-        those = " or ".join(f"{max(n, 1)} {name.replace('slices', 'groups')}" for name, n in needed.items())
-        words.append(
-            f"With {several['subjects'].max()} subjects, the p of a group of several subjects is at least {floor:.2g}. "
-            f"After correction, such a group can fail only if at least {those} have this p."
-        )
-    return " ".join(words)
+    floor, count = several["floor"].min(), families(tested).value_counts() if len(several) else pd.Series(dtype=int)
+    needed = {name: int(np.ceil(round(FAMILIES * n * floor / ALPHA, 6))) for name, n in count.items()}
+    return sentences(
+        *("bench.reports", "sentences", "groups"),
+        failing=len(failing),
+        tested=len(tested),
+        level=ALPHA,
+        untested=int((mask & ~slices["tested"]).sum()),
+        people=several["subjects"].max(),
+        floor=floor,
+        needed=[f"{max(n, 1)} {name.replace('slices', 'groups')}" for name, n in needed.items()],
+    )[0]
 
 
 def _as_such(slices: pd.DataFrame) -> pd.Series:

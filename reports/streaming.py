@@ -19,6 +19,7 @@ from bench.reports.figures import DASHES, MARKERS, bars, log_ticks, save
 from bench.reports.numbers import noted
 from bench.reports.part import Part, Section
 from bench.result import Result
+from bench.sentences import sentences
 from bench.table import Table, write_sheet
 
 Same = Mapping[str, tuple[str, str]]  # parameters that comparable replays share (`bench.comparable.shared`)
@@ -106,14 +107,11 @@ def early(results: Sequence[Result], same: Same) -> tuple[str, str] | None:
         if not runs:
             continue
         best = max(runs, key=lambda r: r["adaptive_accuracy"])
-        percent_right = f"{100 * best['replay_accuracy']:.1f} %"
-        whole = f"On {context_words(best, same)}, {best.method} correctly classifies {percent_right} of whole captures"
-        if not saves(best):
-            return EARLY, f"{whole}; {NO_SAVING}."
-        return EARLY, (
-            f"{whole}. With adaptive stopping, it correctly classifies {100 * best['adaptive_accuracy']:.1f} % after "
-            f"{best['adaptive_ms']:.0f} ms of touch on average."
+        nothing = "" if saves(best) else NO_SAVING
+        words = sentences(
+            "bench.reports", "sentences", "early", context=context_words(best, same), best=best, nothing=nothing
         )
+        return EARLY, words[0]
     return None
 
 

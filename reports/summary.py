@@ -8,6 +8,7 @@ from bench import few
 from bench.outcomes import statistics
 from bench.reports.numbers import listed
 from bench.reports.run_groups import Group
+from bench.sentences import sentences
 
 PEOPLE, STATISTICS = "People", "Statistics"
 
@@ -30,10 +31,7 @@ def people(groups: dict[str, Group]) -> str:
     for name, group in groups.items():
         if len(group.subjects) and group.subjects.shape[1] > 1:
             best = group.subjects.iloc[0]
-            return (
-                f"On {name}, the accuracy of the best system, {best.name}, ranges from {best.min():.1f} % (subject "
-                f"{best.idxmin()}) to {best.max():.1f} % (subject {best.idxmax()})."
-            )
+            return sentences("bench.reports", "sentences", "people", name=name, best=best)[0]
     return ""
 
 
@@ -41,18 +39,25 @@ def told_apart(group: Group) -> str:
     """The systems of a group that differ from the compared one, and the others, by the p Holm of its table."""
     subjects = statistics.kept_of(group.subjects, group.against)
     base, (systems, n) = group.base, subjects.shape
-    if systems == 1:
-        return f"{base} is the only system, so there is no comparison."
-    if words := few.too_few(n):
-        return f"{words}."
-    rows = statistics.against_best(subjects, against=base).set_index("system").drop(base)
-    differs, below = rows["p_holm"] < 0.05, rows["difference"] < 0
-    words = {"is significantly more accurate than": differs & below}
-    words |= {"is significantly less accurate than": differs & ~below, "does not differ significantly from": ~differs}
-    parts = [f"{base} {verb} {listed([*rows.index[those]])}" for verb, those in words.items() if those.any()]
-    whom = "the best system" if base == subjects.index[0] else base
-    test = f"(paired Wilcoxon tests against {whom}, Holm's correction, {n} subjects, 5 % level)"
-    scarce = " With so few subjects, no difference can be significant." * (statistics.least_p(n, systems - 1) > 0.05)
-    mixed = " Training and test captures come from the same subjects: expect lower accuracy for a new person."
-    mixed *= group.mixed
-    return f"{'; '.join(parts)} {test}.{scarce}{mixed}"
+    parts, scarce = [], False
+    if systems > 1 and not few.too_few(n):
+        rows = statistics.against_best(subjects, against=base).set_index("system").drop(base)
+        differs, below = rows["p_holm"] < 0.05, rows["difference"] < 0
+        words = {"is significantly more accurate than": differs & below}
+        words |= {"is significantly less accurate than": differs & ~below}
+        words |= {"does not differ significantly from": ~differs}
+        parts = [(verb, listed([*rows.index[those]])) for verb, those in words.items() if those.any()]
+        scarce = statistics.least_p(n, systems - 1) > 0.05
+    return sentences(
+        "bench.reports",
+        "sentences",
+        "told_apart",
+        base=base,
+        systems=systems,
+        few=few.too_few(n),
+        parts=parts,
+        chosen=base != subjects.index[0],
+        people=n,
+        scarce=scarce,
+        mixed=group.mixed,
+    )[0]

@@ -286,7 +286,7 @@ NAMED = {  # file: names that it may have, with the reason
     "bench/outcomes/earlier.py": {"cell", "stress", "stream", "chip", "under"},  # the reader of old runs
     "bench/scene_file.py": {"stream", "decision"},  # a section of scene files; what clock= adds to
     "bench/outcomes/candidates.py": {"decision", "cycles"},  # what clock= adds to, and what it adds
-    "bench/commands/choose.py": {"decision", "cycles"},  # the same; times at which a decision may fall
+    "bench/outcomes/chosen.py": {"decision", "cycles"},  # the same; times at which a decision may fall
     "reports/candidates.py": {"decision"},  # the same
     "reports/budgets.py": {"decision"},
     "bench/outcomes/scored.py": {"decision", "stream"},  # candidates, called from their files

@@ -19,7 +19,7 @@ PACKAGES = ("bench", "features", "models", "protocols", "reports")
 # Rooms from the bottom to the top: modules, or packages with all below them, and the rooms that they may import.
 GROUND = "bench.amounts bench.errors bench.few bench.machine bench.memory bench.paired bench.pareto bench.progress "
 GROUND += "bench.registry bench.scratch bench.source bench.timing bench.usual bench.work.backend"
-VALUES = "bench.candidate bench.comparable bench.described bench.measures bench.result bench.table "
+VALUES = "bench.candidate bench.comparable bench.described bench.measures bench.result bench.sentences bench.table "
 VALUES += "bench.words"
 ROOMS = {
     "ground": (GROUND, ""),

@@ -7,7 +7,7 @@ import tempfile
 from datetime import UTC, datetime
 from pathlib import Path
 
-from bench.arguments import parse, setting
+from bench.arguments import parse, settings
 from bench.board import answers, marks, rerun, submissions
 from bench.board.page import NOT_VERIFIED, board, note, over_corpora, reference
 from bench.board.submissions import Submission
@@ -41,7 +41,7 @@ def submit(arguments: list[str]) -> int:
     for key, what in NEEDED.items():
         if key not in values:
             raise InputError(f"bench submit needs {key}=, {what}; see bench submit --help")
-    task, out, batch = task_of(values["task"]), new_folder(Path(values["out"])), setting("submit", "batch", values)
+    task, out, batch = task_of(values["task"]), new_folder(Path(values["out"])), settings("submit", values)["batch"]
     wanted, how = _wanted(task, {k: v for k, v in values.items() if k not in (*NEEDED, "batch")})
     run, table = answers.find(every_result(connect()), task, wanted, how)
     if "batch" in answers.rests_on(run) and not batch:
@@ -86,7 +86,7 @@ def leaderboard(arguments: list[str]) -> int:
     others, left_out = collected(folders)
     ours = reference()
     entries = marks.marked([*ours, *others])
-    out = Path(values.get("out", "leaderboard.html"))
+    out = Path(settings("leaderboard", values)["out"])
     text = board(entries, left_out)
     with unwritable(out):
         out.parent.mkdir(parents=True, exist_ok=True)

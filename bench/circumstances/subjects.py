@@ -109,15 +109,13 @@ class Subjects(Circumstance):
     def told(cls, result: Result, reactions: Any) -> str:
         """The gain of more training people."""
         from bench.outcomes.expected import more_people
+        from bench.sentences import sentences
 
         if not (growth := more_people(result.tables[LABELS], reactions)):
             return ""
         most, gains = growth
-        words = [f"{r.more} more add {r.gain:.1f} [{r.low:.1f}, {r.high:.1f}]" for r in gains.itertuples()]
-        return (
-            f"By its learning curve on captures, {result['protocol_label']}: {', '.join(words)} points to a "
-            f"training set of {most} people (fit of a - b / people; 95 % intervals over people)."
-        )
+        words = {"gains": [*gains.itertuples()], "most": most, "protocol": result["protocol_label"]}
+        return sentences("bench.circumstances", "subjects", "told", **words)[0]
 
     @classmethod
     def promise(cls, trained: Mapping[str, str], others: int) -> tuple[str, str] | None:

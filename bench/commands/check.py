@@ -6,14 +6,13 @@ import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
-from bench.amounts import convert
 from bench.arguments import KEYS as RUN_KEYS
-from bench.arguments import backend_keys, backend_of, parse, setting
+from bench.arguments import backend_keys, backend_of, parse, settings
 from bench.commands.kind import evaluated
 from bench.commands.printing import failures, say
 from bench.comparable import several
 from bench.errors import InputError
-from bench.options import keys, options
+from bench.options import keys
 from bench.outcomes import gate
 from bench.outcomes.baseline import Measured, read, text
 from bench.outcomes.runs import SELECTING, asked_of, selected, stored
@@ -23,8 +22,7 @@ from bench.scratch import replacing
 from bench.words import PARTS
 from bench.work.backend import Backend
 
-OWN = ("baseline", "update", "stored", "junit")  # keys that are not of the runs
-LIMITS = ("error", "slower")
+LIMITS = ("error", "slower")  # keys
 
 
 def check(arguments: list[str]) -> int:
@@ -34,13 +32,13 @@ def check(arguments: list[str]) -> int:
         InputError: something in the arguments, the baseline or the data cannot be used; no file was changed.
     """
     values = parse(arguments, keys("check"))
-    how = {k: setting("check", k, values) for k in OWN}
-    limits = {k: float(str(convert(k, values.get(k, options("check")[k].default), 1.0))) for k in LIMITS}
-    if not 0 < limits["error"] < 100 or not limits["slower"] > 0:
-        raise InputError("error= is a percentage and slower= a factor above 0; give for example error=1 slower=2")
-    of_runs = {k: v for k, v in values.items() if k not in {*backend_keys(), *OWN, *LIMITS}}
+    how = settings("check", values)
+    limits = {k: float(how[k]) for k in LIMITS}
+    if limits["error"] >= 100:
+        raise InputError(f"error={limits['error']:g}: give a percentage below 100, such as error=1")
+    of_runs = {k: v for k, v in values.items() if k not in {*backend_keys(), *how}}
     added = [f"{k}={v}" for k, v in of_runs.items()]
-    path, report = Path(str(how["baseline"])), str(how["junit"])
+    path, report = Path(how["baseline"]), how["junit"]
     if how["update"]:
         if how["stored"]:
             raise InputError("stored=yes and update=yes exclude each other: an update needs runs; leave stored= out")

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bench.amounts import convert
-from bench.arguments import parse, setting
+from bench.arguments import parse, settings
 from bench.commands.printing import output, then, unwritable, writable
 from bench.comparable import several
 from bench.corpora.corpus import Corpus
@@ -21,7 +21,6 @@ from bench.corpora.recordings import Recordings
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
 from bench.measures import Measure, text
-from bench.options import SMALL, keys
 from bench.outcomes.runs import NothingTracked, grouped, stored
 from bench.outcomes.same_wrong import agreements
 from bench.outcomes.store import connect, exists
@@ -29,6 +28,7 @@ from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
 from bench.scratch import home
 from bench.table import Table, rows_of
+from bench.words import SMALL
 
 ACTIONS = ("import", "show", "verify", "export")
 EVENTS = (  # columns of the events of recordings
@@ -95,9 +95,10 @@ def show(name: str, values: dict[str, str]) -> int:
         if values:
             raise InputError(f"{next(iter(values))}=: {name} holds recordings, which bench data show prints whole")
         return show_recordings(value)
-    where, target, out = (str(setting("data-show", key, values)) for key in ("where", "target", "out"))
-    parameters: dict[str, object] = {key: value for key, value in values.items() if key not in keys("data-show")}
-    print(looked(name, where, target, Path(out), values.get("capture"), parameters))
+    given = settings("data-show", values)
+    where, target, out = given["where"], given["target"], given["out"]
+    parameters: dict[str, object] = {key: value for key, value in values.items() if key not in given}
+    print(looked(name, where, target, Path(out), given["capture"], parameters))
     if warnings := [] if name == "synth" else open_corpus(name, {}).info["warnings"]:
         print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
     same_wrong(captures_of(name, one_variant(name, parameters), where, target))
@@ -258,7 +259,7 @@ def check(name: str) -> int:
 
 def export(name: str, target: Path, values: dict[str, str]) -> int:
     """Write a corpus in the format of CoST.csv."""
-    setting("data-export", "format", values)
+    settings("data-export", values)
     corpus = open_corpus(name, one_variant(name, {key: value for key, value in values.items() if key != "format"}))
     write(corpus, target)
     kind = "synthetic " if corpus.synthetic else ""

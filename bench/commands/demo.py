@@ -9,9 +9,10 @@ import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
-from bench.arguments import parse
+from bench.arguments import parse, settings
 from bench.commands.printing import led, writable
-from bench.options import SMALL, keys
+from bench.options import keys
+from bench.words import SMALL
 
 SYNTH = ("data=synth", "data.subjects=6", "data.variants=normal", "data.repetitions=2", "protocol=loso")
 RUNS = (
@@ -41,7 +42,7 @@ def demo(arguments: list[str]) -> int:
     """
     from bench.cli import main
 
-    out = writable(Path(parse(arguments, keys("demo")).get("out", "demo")))
+    out = writable(Path(settings("demo", parse(arguments, keys("demo")))["out"]))
     print("synthetic: all captures are generated; the results say nothing about people")
     with inside(out), led():
         for step in _steps():

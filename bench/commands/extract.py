@@ -7,14 +7,14 @@ from pathlib import Path
 import pandas as pd
 
 from bench import contract
-from bench.arguments import parse
+from bench.arguments import parse, settings
 from bench.commands.printing import then, unwritable
 from bench.errors import InputError
 from bench.options import keys
 from bench.plan.cells import cells
 from bench.plan.plan import captures_of
 from bench.scratch import replacing
-from bench.words import typed
+from bench.words import DEFAULTS, typed
 
 
 def extract(arguments: list[str]) -> int:
@@ -24,10 +24,11 @@ def extract(arguments: list[str]) -> int:
         InputError: something in the arguments cannot be used, or the file cannot be written.
     """
     values = parse(arguments, keys("extract"))
-    out = Path(values.pop("out", ""))
+    given = settings("extract", values)
+    out = Path(given["out"])
     if out.suffix not in (".parquet", ".csv"):
         raise InputError(f"out={out.name}: give a file name that ends in .parquet or .csv")
-    cell, *more = cells(values | {"model": "svm"})
+    cell, *more = cells({k: v for k, v in values.items() if k not in given} | {"model": DEFAULTS["model"]})
     if more:
         raise InputError("bench extract writes one table; give one value of each key")
     corpus = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)

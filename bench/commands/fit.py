@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.arguments import parse, parse_words, setting
+from bench.arguments import parse, parse_words, settings
 from bench.commands.printing import then, unwritable
 from bench.corpora.read.table import read_unlabelled
 from bench.errors import InputError
@@ -47,15 +47,14 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     from bench.corpora.library import holds_recordings
     from bench.work.fit import fit
 
-    stopping = bool(setting("fit", "stopping", values))
-    watching = "watch" in keys("fit") and bool(setting("fit", "watch", values))
-    cell, *more = cells({k: v for k, v in values.items() if k not in ("out", "stopping", "watch")})
+    given = settings("fit", values)
+    cell, *more = cells({k: v for k, v in values.items() if k not in given})
     if more:
         raise InputError("bench fit saves one system; give one value of each key")
-    out = Path(str(values["out"])) if "out" in values else None
+    out = Path(given["out"]) if given["out"] else None
     if holds_recordings(cell.data):
         cell = cell.of_recordings()
-    return fit(cell, out, stopping, watching), out
+    return fit(cell, out, given["stopping"], bool(given.get("watch"))), out
 
 
 def predict(arguments: list[str]) -> int:
@@ -114,9 +113,9 @@ def _read(command: str, arguments: list[str]) -> tuple[str, Recogniser, Corpus, 
         raise InputError(f"give a model and a file: bench {command} MODEL FILE; see bench {command} --help")
     from bench.work.saved import load
 
-    rate = setting(command, "rate_hz", values)
+    rate = settings(command, values)["rate_hz"]
     recogniser = load(words[0])
-    if isinstance(rate, float):
+    if rate is not None:
         recogniser.check_rate(rate)
     corpus = read_unlabelled(Path(words[1]), recogniser.rate_hz, recogniser.grid, recogniser.full_scale)
     return words[0], recogniser, corpus, values

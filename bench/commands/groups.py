@@ -8,7 +8,7 @@ from statistics import mean
 import pandas as pd
 
 from bench import few
-from bench.arguments import parse, setting
+from bench.arguments import parse, settings
 from bench.commands.printing import output, say, then, unwritable, writable
 from bench.comparable import MIXED, facts_of
 from bench.errors import InputError
@@ -45,7 +45,7 @@ def groups(arguments: list[str]) -> int:
     """
     values = parse(arguments, keys("groups"))
     table, title, notes, results = grouped(values)
-    out = writable(Path(str(values.get("out", "groups"))))
+    out = writable(Path(settings("groups", values)["out"]))
     found = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
     Table(COLUMNS, found, f"{title}; accuracy is the mean over subjects with its 95 % t-interval").print(output())
     say(
@@ -90,7 +90,7 @@ def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str], list[Result]]
     every = stored(connect())
     for lacking in without_runs([every], asked):
         warn(f"warning: {lacking}: no run is stored")
-    results, notes = eligible(every, asked, batch=bool(setting("groups", "batch", values)))
+    results, notes = eligible(every, asked, batch=settings("groups", values)["batch"])
     by_system: dict[str, list[Result]] = {}
     for r in results:
         by_system.setdefault(r["system"], []).append(r)

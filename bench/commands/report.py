@@ -10,10 +10,9 @@ import time
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 
-from bench.arguments import parse
+from bench.arguments import limits_of, parse, settings
 from bench.commands.printing import then
 from bench.errors import InputError
-from bench.measures import budgets
 from bench.options import keys
 from bench.outcomes.runs import asked_of
 from bench.outcomes.store import connect, store_uri
@@ -46,15 +45,15 @@ def report(arguments: list[str]) -> int:
         InputError: something in the arguments cannot be used, or the folder cannot be written.
     """
     values = parse(arguments, keys("report"))
-    limits = {cost.key: cost.typed(values[key]) for key, cost in budgets().items() if key in values}
+    given = settings("report", values)
     asked = asked_of(values)
     from bench.reports.paper import columns_of
 
-    paper = columns_of(values.get("paper", "accuracy"))
+    paper = columns_of(given["paper"])
     from bench.reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
-    out = Path(values.get("out", "report"))
-    paths = write_report(connect(), out, limits, str(values.get("against", "")), asked, paper)
+    out = Path(given["out"])
+    paths = write_report(connect(), out, limits_of(given), given["against"], asked, paper)
     counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".png")}
     page = out / "index.html"
     what = "the selected runs" if asked else "all runs"
@@ -70,7 +69,7 @@ def ui(arguments: list[str]) -> int:
     Raises:
         InputError: a port that is not a number or is in use, or a store that cannot be opened.
     """
-    port = parse(arguments, keys("ui")).get("port", "5000")
+    port = settings("ui", parse(arguments, keys("ui")))["port"]
     if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
         raise InputError(f"port={port[:60]}: give a number from 1 to 65535")
     if _answers(port):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from bench import contract
 from bench.amounts import convert
-from bench.arguments import backend_of
+from bench.arguments import backend_of, settings
 from bench.commands.kind import evaluated
 from bench.errors import InputError, nearest
 from bench.plan.cells import Cell, cells
@@ -29,7 +29,8 @@ def smallest(values: Values) -> list[Result]:
     """
     if wrong := [key for key in ("trials", "seconds") if key in values]:
         raise InputError(f"{wrong[0]}= ends a search, and smallest= tries every value; leave one of them out")
-    over, inner = str(values["smallest"]), str(values.get("inner", "3"))
+    given = settings("tune", values)
+    over, inner = given["smallest"], given["inner"]
     rest = {k: v for k, v in values.items() if k not in ("smallest", "inner", f"model.{over}")}
     pairs = [
         (replace(cell, tuning=_tuning(cell, over, values.get(f"model.{over}"), inner)), cell) for cell in cells(rest)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 from bench import contract
 from bench.amounts import convert, text_of
-from bench.arguments import backend_of, number, parse
+from bench.arguments import backend_of, parse, settings
 from bench.commands.kind import evaluated, printed
 from bench.commands.smallest import smallest
 from bench.errors import InputError, nearest
@@ -16,12 +16,10 @@ from bench.options import keys
 from bench.plan.cells import Cell, cells
 from bench.registry import parameters
 from bench.result import Result
-from bench.words import Values, items
+from bench.words import DEFAULTS, Values, items
 
 if TYPE_CHECKING:
     from bench.models.search.space import How, Space, Tuning
-
-OPTIONS: How = {"trials": 50, "inner": "3"}
 
 
 def tune(arguments: list[str]) -> int:
@@ -44,21 +42,28 @@ def searched(values: Values) -> list[Result]:
     """
     if "smallest" in values:
         return smallest(values)
-    how = cast("How", {k: convert(k, values[k], default) for k, default in OPTIONS.items() if k in values})
-    if "seconds" in values:
-        how["budget"] = number("seconds", values["seconds"])
+    given = settings("tune", values)
+    how = cast("How", {k: given[k] for k in ("trials", "inner") if k in values})
+    if given["seconds"]:
+        how["budget"] = given["seconds"]
     params = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
     if "seed" in params:
         raise InputError(f"model.seed={params['seed']}: give seed= instead, which also sets the seed of the search")
-    own = {*OPTIONS, "seconds", "seed"}
+    own = {*given, "seed"}
     rest = {k: v for k, v in values.items() if not k.startswith("model.") and k not in own}
     untuned = cells(rest)
     names = {name for cell in untuned for name in _parameters(cell)}
     for name in params:
         if name not in names:
-            raise InputError(f"model={values.get('model', 'svm')} has no parameter {name!r}; {nearest(name, names)}")
-    seeds = [convert("seed", text, 0) for text in items("seed", values.get("seed", "0"))]
-    tuned = [replace(cell, tuning=_tuning(cell, params, how) | {"seed": seed}) for cell in untuned for seed in seeds]
+            raise InputError(
+                f"model={values.get('model', DEFAULTS['model'])} has no parameter {name!r}; {nearest(name, names)}"
+            )
+    seeds = [convert("seed", text, 0) for text in items("seed", values.get("seed", DEFAULTS["seed"]))]
+    tuned = [
+        replace(cell, tuning=_tuning(cell, params, how, given["trials"]) | {"seed": seed})
+        for cell in untuned
+        for seed in seeds
+    ]
     return evaluated(tuned, backend_of(values))
 
 
@@ -75,7 +80,7 @@ def _values(name: str, listed: object, default: object) -> list[object]:
     return list(dict.fromkeys(text_of(value) if isinstance(value, tuple) else value for value in values))
 
 
-def _tuning(cell: Cell, params: dict[str, object], how: How) -> Tuning:
+def _tuning(cell: Cell, params: dict[str, object], how: How, trials: int) -> Tuning:
     name = cell.model.short
     if cell.model.instance is not None:
         raise InputError(f"model={name}: an object has fixed parameters; give the name of its class or factory")
@@ -94,4 +99,4 @@ def _tuning(cell: Cell, params: dict[str, object], how: How) -> Tuning:
             )
         space = {**declared, **listed}
     is_grid = all(isinstance(values, list) for values in space.values())
-    return {"space": space, **how} if is_grid else {"space": space, "trials": OPTIONS["trials"], **how}
+    return {"space": space, **how} if is_grid else {"space": space, "trials": trials, **how}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from bench.arguments import parse_words, setting
+from bench.arguments import parse_words, settings
 from bench.errors import InputError
 from bench.options import keys
 
@@ -22,5 +22,5 @@ def live(arguments: list[str]) -> int:
         raise InputError("bench live: standard input is closed; send frames to it")
     from bench.endless.live import decide
 
-    hop_ms, events = (setting("live", key, values) for key in ("hop_ms", "events"))
-    return decide(words[0], float(str(hop_ms)), bool(events))
+    given = settings("live", values)
+    return decide(words[0], float(given["hop_ms"]), given["events"])

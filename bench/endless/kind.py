@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from bench.kinds.base import Kind, Spelling, option
 from bench.measures import Cost, Measure, percent
-from bench.options import SMALL, Command
+from bench.options import Command
 from bench.result import Result
 from bench.usual import FALSE_ALARMS
+from bench.words import SMALL
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -183,9 +184,11 @@ class Continuous(Kind):
     @classmethod
     def chosen(cls, row: Mapping[str, Any]) -> str:
         """False alarms and latency of a chosen system."""
+        from bench.sentences import sentences
+
         alarms, latency = (cost.amount(row[cost.key]) for cost in cls.costs)
         alarms = alarms.replace(" per", " false alarms per")
-        return f"It raises {alarms} of background; its median latency is {latency}."
+        return sentences("bench.endless", "touches", "chosen", alarms=alarms, latency=latency)[0]
 
     @classmethod
     def gestures(cls, result: Result) -> tuple[str, ...]:

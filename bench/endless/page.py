@@ -17,6 +17,7 @@ from bench.reports.contexts import context_words, contexts, scarce
 from bench.reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
 from bench.reports.part import Part, Section
 from bench.result import Result
+from bench.sentences import sentences
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,23 +56,22 @@ def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Sectio
 def sentence(run: Result, same: Same) -> str:
     """The scores of a system: data, protocol and unit first."""
     found, end, alarms, latency = (measure.of(run) for measure in TOLD)
-    return (
-        f"{context_words(run, same)}, {run['touches']:.0f} touches in "
-        f"{run['background_minutes']:.0f} minutes of background: "
-        f"{run.method} finds {found} percent of the touches, and {end} percent have the correct label at the end. "
-        f"It raises {alarms} {ALARMS}. Its median latency is {latency} s. Shares are means over subjects with 95 % "
-        "t-intervals; that of false alarms is the wider of a bootstrap over subjects and the exact Poisson interval."
-        + "".join(f" {words}" for words in scarce([run]))
-    )
+    return sentences(
+        *("bench.endless", "touches", "watched"),
+        context=context_words(run, same),
+        run=run,
+        found=found,
+        end=end,
+        alarms=alarms,
+        unit=ALARMS,
+        latency=latency,
+        few=scarce([run]),
+    )[0]
 
 
 def caption(result: Result) -> str:
     """The words below a figure whose timeline shows a system."""
-    return (
-        f"Above: one recording of a test subject and the touches that {result.method} reports, with the first and the "
-        "last label. Below: missed touches against false alarms, if the system reported more easily or less easily; "
-        "the star is the point that was learned on training subjects."
-    )
+    return sentences("bench.endless", "touches", "timeline", method=result.method)[0]
 
 
 def watching_figure(results: Sequence[Result], same: Same) -> Figure:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from bench.arguments import parse_words, setting
+from bench.arguments import parse_words, settings
 from bench.commands.printing import then
 from bench.errors import InputError
 from bench.options import keys
@@ -22,7 +22,7 @@ def export(arguments: list[str]) -> int:
     words, values = parse_words(arguments, keys("export"), 1)
     if not words or "out" not in values:
         raise InputError("give a model and out=, the folder for the C files: bench export MODEL out=FOLDER")
-    bits, out = int(str(setting("export", "bits", values))), new_folder(Path(values["out"]))
+    bits, out = int(settings("export", values)["bits"]), new_folder(Path(values["out"]))
     from bench.in_c.write import files_of
     from bench.work.saved import load
 

@@ -8,7 +8,7 @@ ADDS = {
     "options": {"clock": "bench.in_c.room:CLOCK"},
 }
 CLOCK = Option(
-    "clock", "choose", "text", "", "clock rate of the chip, such as 64MHz; adds its cycles to decision times"
+    "clock", "choose", "MHz", None, "clock rate of the chip, such as 64MHz; adds its cycles to decision times"
 )
 EXPORT = Command(
     "start here",

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from bench.amounts import quantity, text_of
+from bench.amounts import text_of
 from bench.arguments import value_of
 from bench.errors import InputError
 from bench.measures import Cost, Measure
@@ -89,7 +89,7 @@ def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "t
         default: value without the key.
         help: text of the help.
         values: allowed values, if they can be listed.
-        type: one of `bench.options.Option`, or ``ms`` for an amount of time.
+        type: one of `bench.options.Option`.
         alias: its key in the commands that spell it otherwise.
     """
     return dataclasses.field(
@@ -256,8 +256,6 @@ def read(one: Option, value: object) -> Any:
     Raises:
         InputError: it is no such value.
     """
-    if one.type == "ms":
-        return quantity(one.key, value, "ms")
     if one.type == "counts":
         number = value_of(dataclasses.replace(one, type="count", default=4), value)
         if number < 1:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, ClassVar, Self
 from bench.errors import InputError
 from bench.kinds.base import Kind, Shown, Spelling
 from bench.measures import Measure, columns, run_columns
-from bench.options import SMALL, Command, Option
+from bench.options import Command, Option
 from bench.registry import classes
 from bench.result import Result
 from bench.table import Table
-from bench.words import Values
+from bench.words import SMALL, Values
 
 if TYPE_CHECKING:
     import pandas as pd

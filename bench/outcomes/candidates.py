@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bench.candidate import Candidate, Losses, Wish
-from bench.comparable import COMPARABLE, CONDITIONS, Row, alike, context_of, facts_of, seed_number, several
+from bench.comparable import COMPARABLE, CONDITIONS, Row, alike, context_of, facts_of, seed_number
 from bench.errors import InputError
 from bench.measures import Interval, costs, costs_of
 from bench.outcomes.pick import People
@@ -19,6 +19,7 @@ from bench.outcomes.reactions import Reactions
 from bench.outcomes.runs import COLUMNS, NothingTracked, plain, selected
 from bench.registry import classes
 from bench.result import Result
+from bench.sentences import sentences
 from bench.words import quoted, typed
 
 TAGS = {  # columns of a candidate that repeat a tag of its last run
@@ -274,13 +275,10 @@ def eligible(
     if complete:
         failed = [r for r in failed if tuple(str(r[name]) for name in COMPARABLE) in same]
     if names := sorted({r["system"] for r in failed}):
-        notes.append(f"Left out because folds failed: {'; '.join(names)}. Repeat the command to run these folds again.")
+        notes += sentences("bench.outcomes", "choice", "failed", names=names)
     if not batch and (names := sorted({r["system"] for r in complete if not r.alone})):
         complete = [r for r in complete if r["system"] not in names]
-        notes.append(
-            "Left out because predictions depend on other test captures: "
-            f"{'; '.join(names)}. To include these systems, give batch=yes."
-        )
+        notes += sentences("bench.outcomes", "choice", "batch", names=names)
     if not complete:
         raise _nothing(command, notes)
     return complete, notes
@@ -328,11 +326,9 @@ def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
     notes = []
     if others := [r for r in results if r not in kept]:
         apart = dict.fromkeys(filter(None, (kinds[r.kind].other for r in others)))
-        versions = ", ".join(dict.fromkeys(str(r["corpus_digest"])[:8] for r in others))
-        notes.append(
-            f"Left out: {several(len(others), 'older run')} on other captures of {newest['data']} or under "
-            f"another version of the protocol{''.join(f', or {words}' for words in apart)} (corpus {versions})."
-        )
+        versions = [*dict.fromkeys(str(r["corpus_digest"])[:8] for r in others)]
+        told = {"others": len(others), "data": newest["data"], "apart": [*apart], "versions": versions}
+        notes += sentences("bench.outcomes", "choice", "older", **told)
     return kept, notes
 
 

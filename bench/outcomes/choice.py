@@ -10,10 +10,11 @@ import numpy as np
 import pandas as pd
 
 from bench import few
-from bench.comparable import MIXED, Row, several
+from bench.comparable import MIXED, Row
 from bench.measures import costs
 from bench.outcomes.pick import fitting, pick, within
 from bench.paired import mean_and_error
+from bench.sentences import sentences
 from bench.table import rows_of
 
 
@@ -147,19 +148,25 @@ def _limit(
     return Budget(cost, budgets[cost], over, len(table) - len(amounts), least, without, gain, error)
 
 
-def points(mean: float, error: float) -> str:
+def points(mean: float, error: float = np.nan) -> str:
     """A difference in points with its standard error, which a single subject does not have."""
     text = f"{mean:.1f}" if round(mean, 1) or abs(mean) < 1e-9 else f"{mean:.1g}"
     return text if np.isnan(error) else f"{text} ± {error:.1f}"
 
 
-def named(row: Mapping[Any, Any]) -> str:
-    """A candidate: the system, and in brackets its unit unless that is whole captures."""
+def named(row: Mapping[Any, Any], comma: str = "") -> str:
+    """A candidate: the system, and in brackets or behind a comma its unit, unless that is whole captures."""
     unit = "one window" if row["unit"] == "window" else row["unit"]
-    return str(row["system"]) + ("" if unit == "capture" else f" ({unit})")
+    words = f"{comma}{unit}" if comma else f" ({unit})"
+    return str(row["system"]) + ("" if unit == "capture" else words)
 
 
-def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixed: bool = False) -> list[str]:
+def said(block: str, **values: object) -> list[str]:
+    """Sentences of a block of ``templates/choice.jinja``."""
+    return sentences("bench.outcomes", "choice", block, named=named, points=points, **values)
+
+
+def reasons(choice: Choice, by: str, margin: float | None, subjects: int, mixed: bool = False) -> list[str]:
     """The choice, its reason, the cost of the next better system and of each budget, and its scope.
 
     Arguments are those of `verdict` and `scope`.
@@ -168,7 +175,7 @@ def sentences(choice: Choice, by: str, margin: float | None, subjects: int, mixe
     return lines if choice.chosen is None else [*lines, *scope(subjects, mixed)]
 
 
-def verdict(choice: Choice, by: str, margin: float | None, subjects: int) -> list[str]:
+def verdict(choice: Choice, by: str, margin: float | None, subjects: int, told: str = "") -> list[str]:
     """The choice and its reason; the first sentence alone if nothing can be chosen.
 
     Args:
@@ -176,51 +183,14 @@ def verdict(choice: Choice, by: str, margin: float | None, subjects: int) -> lis
         by: the cost to minimise.
         margin: points of accuracy that do not matter, or None.
         subjects: number of them.
+        told: sentence on the chosen candidate, which stands between the two; empty for none.
     """
-    rows, cost = _rows(choice), costs()[by]
-    if choice.chosen is None or choice.best is None:
-        if choice.unranked:
-            return [f"Nothing can be chosen: the {cost.noun} of every system that fits is unknown ({cost.unknown})."]
-        return ["Nothing fits the budgets."]
-    chosen, best = rows[choice.chosen], rows[choice.best]
-    lines = [f"Choose {named(chosen)}: {chosen['accuracy']:.1f} % with {cost.amount(chosen[by])} {cost.words}."]
-    fits = "that fits" + (f" and has a known {cost.noun}" if choice.unranked else "")
-    near, none_near, proof = "within one standard error of", "is within one standard error", ""
-    if margin is not None:
-        near, none_near = (f"{word} less than {margin:g} points" for word in ("that loses", "is shown to lose"))
-        near, none_near, proof = f"{near} to", f"{none_near} (p < 0.05)", ", p < 0.05"
-    if choice.chosen == choice.best or subjects < 2:
-        cheaper = f", and no cheaper one {none_near}" if subjects > 1 else ""
-        return [*lines, f"No system {fits} is more accurate{cheaper}."]
-    of_best = named(best).replace(" (", ", ").removesuffix(")") + f", {best['accuracy']:.1f} %"
-    return [*lines, f"It is the cheapest system {near} the best one {fits} ({of_best}{proof})."]
+    return said("verdict", **_told(choice, by), margin=margin, subjects=subjects, told=told)
 
 
 def details(choice: Choice, by: str, subjects: int) -> list[str]:
     """What the choice loses to the best system, the next better system, systems of unknown cost, and each budget."""
-    if choice.chosen is None:
-        return prices(choice)
-    rows, cost, lines = _rows(choice), costs()[by], []
-    chosen = rows[choice.chosen]
-    if choice.chosen != choice.best and subjects > 1:
-        lines.append(
-            f"It loses {points(chosen['loss'], chosen['error'])} points (mean ± standard error over {subjects} "
-            "subjects)."
-        )
-    if choice.costlier is not None:
-        better = rows[choice.costlier]
-        more, less = cost.apart(better[by], chosen[by])
-        gain = points(better["accuracy"] - chosen["accuracy"], np.nan)
-        lines.append(
-            f"The next better system, {named(better)}, gains {gain} points but {cost.needs} {more} {cost.words} "
-            f"instead of {less}."
-        )
-    if choice.unranked:
-        first = rows[choice.unranked[0]]
-        lines.append(
-            f"{several(len(choice.unranked), 'system')} cannot be chosen, because the {cost.noun} is unknown "
-            f"({cost.unknown}). The most accurate of these is {named(first)}, {first['accuracy']:.1f} %."
-        )
+    lines = [] if choice.chosen is None else said("details", **_told(choice, by), subjects=subjects)
     return [*lines, *prices(choice)]
 
 
@@ -233,7 +203,8 @@ def prices(choice: Choice, binding: bool = False) -> list[str]:
     """
     rows = _rows(choice)
     kept = [limit for limit in choice.budgets if limit.over or limit.unknown or not binding]
-    return [_limited(limit, rows, choice.best) for limit in kept]
+    limits = [(limit, costs()[limit.cost], rows[limit.without], rows[limit.least]) for limit in kept]
+    return said("prices", limits=limits, best=rows[choice.best], candidates=len(choice.table))
 
 
 def scope(subjects: int, mixed: bool) -> list[str]:
@@ -243,32 +214,17 @@ def scope(subjects: int, mixed: bool) -> list[str]:
         subjects: number of them.
         mixed: True if training and test captures share subjects.
     """
-    words = few.too_few(subjects)
-    return [f"{words}. The order may differ for other people."] * bool(words) + [MIXED] * mixed
+    return said("scope", few=few.too_few(subjects), mixed=MIXED if mixed else "")
 
 
-def _rows(choice: Choice) -> dict[int, Row]:
-    return dict(zip(choice.table.index, rows_of(choice.table), strict=True))
+def _told(choice: Choice, by: str) -> dict[str, object]:
+    """What sentences on a choice name."""
+    rows = _rows(choice)
+    named_by = {name: rows[i] for name, i in (("chosen", choice.chosen), ("best", choice.best))}
+    unranked = [rows[i] for i in choice.unranked]
+    return named_by | {"better": rows[choice.costlier], "unranked": unranked, "cost": costs()[by], "by": by}
 
 
-def _limited(limit: Budget, rows: Mapping[int, Row], best: int | None) -> str:
-    """What a budget costs, or where nothing fits, how far the systems are from it."""
-    cost, count = costs()[limit.cost], limit.over + limit.unknown
-    head = f"The budget of {cost.amount(limit.budget)} for {cost.noun}"
-    unknown = f" ({limit.unknown} with unknown {cost.noun}: {cost.unknown})" if limit.unknown else ""
-    without = "no system fits either"
-    if limit.without is not None:
-        row = rows[limit.without]
-        without = f"the best system that fits is {named(row)}, {row['accuracy']:.1f} %"
-    if best is not None:
-        price = f"costs {points(limit.gain, limit.error)} points: without it, {without}."
-        if limit.without == best:
-            price = "costs nothing: without it, the best system is the same."
-        return f"{head} {price}" + (f" It rules out {several(count, 'system')}{unknown}." if unknown else "")
-    if not count:
-        return f"{head} rules out no system."
-    lines = [f"{head} rules out {count} of {several(len(rows), 'system')}{unknown}."]
-    if limit.least is not None:
-        row = rows[limit.least]
-        lines.append(f"The {cost.extreme} {cost.noun} is {cost.apart(row[cost.key], limit.budget)[0]} ({named(row)}).")
-    return " ".join([*lines, f"Without this budget, {without}."])
+def _rows(choice: Choice) -> dict[int | None, Row | None]:
+    """The candidates by index; None has none."""
+    return {None: None, **dict(zip(choice.table.index, rows_of(choice.table), strict=True))}

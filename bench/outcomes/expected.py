@@ -12,7 +12,7 @@ from bench import few
 from bench.measures import costs
 from bench.outcomes import resampling, stability
 from bench.outcomes.candidates import Candidates
-from bench.outcomes.choice import named, points
+from bench.outcomes.choice import named, said
 from bench.outcomes.pick import People, fitting, pick
 from bench.outcomes.reactions import Reactions
 from bench.paired import interval
@@ -108,50 +108,29 @@ def expectation(one: Expected | None, among: Candidates, chosen: int | None) -> 
     """
     if one is None or chosen is None:
         return []
-    rows, people = rows_of(among.table), among.subjects.shape[1]
-    plain = f"{rows[chosen]['accuracy']:.1f} %"
-    empty = int(np.isnan(one.scores).sum())
-    who = "other people whose captures are in the training set" if among.mixed else "new people"
-    if empty:
-        lines = [f"When one person is left out of the choice, nothing fits or is scored in {empty} of {people} cases."]
-    else:
-        low, high = one.interval
-        lines = [
-            f"Expect {one.scores.mean():.1f} % [{low:.1f}, {high:.1f}] for {who}: each of {people} people was "
-            f"left out of the choice and scored with the system that the others chose (all people: {plain})."
-        ]
+    rows = rows_of(among.table)
     order = [int(i) for i in np.argsort(-one.shares, kind="stable") if one.shares[i] > 0]
-    often = [f"{named(rows[i])} {100 * one.shares[i]:.0f} %" for i in order[:SHOWN]]
-    often += [f"others {100 * one.shares[order[SHOWN:]].sum():.0f} %"] * (len(order) > SHOWN)
     nothing = float(1 - one.shares.sum())
-    often += [f"nothing fits {100 * nothing:.0f} %"] * (nothing > 0.5 / DRAWS)
-    lines.append(f"Chosen in {DRAWS} drawings of people with replacement: {', '.join(often)}.")
-    other: dict[str, list[str]] = {}
+    changes: dict[str, list[str]] = {}
     for person, i in zip(among.subjects, one.without, strict=True):
         if i != chosen:
-            other.setdefault("nothing" if i < 0 else named(rows[i]), []).append(str(person))
-    changed = "; ".join(f"{name} (without {', '.join(persons)})" for name, persons in other.items())
-    lines.append(
-        f"Leaving one person out changes the choice to {changed}."
-        if other
-        else "Leaving any one person out does not change the choice."
-    )
-    if one.rival is not None:
-        rival = named(rows[one.rival])
-        lines.append(f"Next comes {rival}, {_compared(one, people)}.")
-    return lines
-
-
-def _compared(one: Expected, people: int) -> str:
-    """The difference of the next system to the chosen one, and the smallest one that so many people can show."""
-    if abs(one.difference) < 1e-9:
-        return "which scores the same"
-    words = f"{points(abs(one.difference), np.nan)} points {'better' if one.difference > 0 else 'worse'}"
-    if np.isnan(one.smallest):
-        return words
-    return (
-        f"{words}. The smallest difference between these two that {people} people can show is "
-        f"{points(one.smallest, np.nan)} points (80 % power, paired t-test, p < 0.05)"
+            changes.setdefault("nothing" if i < 0 else named(rows[i]), []).append(str(person))
+    return said(
+        "expectation",
+        chosen=rows[chosen],
+        people=among.subjects.shape[1],
+        mixed=among.mixed,
+        failed=int(np.isnan(one.scores).sum()),
+        mean=one.scores.mean(),
+        interval=one.interval,
+        draws=DRAWS,
+        shares=[(rows[i], one.shares[i]) for i in order],
+        shown=SHOWN,
+        nothing=nothing if nothing > 0.5 / DRAWS else 0,
+        changes=changes,
+        rival=None if one.rival is None else rows[one.rival],
+        difference=one.difference,
+        smallest=None if np.isnan(one.smallest) else one.smallest,
     )
 
 

@@ -19,6 +19,7 @@ from scipy import special, stats
 from bench import few
 from bench.comparable import MIXED
 from bench.paired import interval as interval
+from bench.sentences import sentences
 
 RANKED = 30  # systems that are compared in one table and diagram
 PAIRED = 12  # systems whose pairs stand in one matrix
@@ -205,18 +206,14 @@ def least_p(subjects: int, comparisons: int) -> float:
 
 def warnings(subjects: int, systems: int, folds: int, mixed: bool, selected: bool = True) -> list[str]:
     """Limits of the conclusions, in sentences; systems are compared with the best one where that was ``selected``."""
-    lines = []
-    if words := few.too_few(subjects):
-        lines.append(f"{words}.")
-    elif least_p(subjects, systems - 1) > 0.05:
-        lines.append(
-            f"With {subjects} subjects, the smallest possible p is {least_p(subjects, 1):.2g}; corrected for "
-            f"{systems - 1} comparisons, no p can reach 0.05."
-        )
-    if folds < 2:
-        lines.append("There is only one split, so the variation between training sets is unknown.")
-    if mixed:
-        lines.append(MIXED)
-    if systems > 1 and selected:
-        lines.append("The best system was selected by these results, so its advantage may be overestimated.")
-    return lines
+    return sentences(
+        *("bench.outcomes", "choice", "limits"),
+        few=few.too_few(subjects),
+        least=least_p(subjects, systems - 1),
+        alone=least_p(subjects, 1),
+        subjects=subjects,
+        systems=systems,
+        folds=folds,
+        mixed=MIXED if mixed else "",
+        selected=selected,
+    )

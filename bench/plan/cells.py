@@ -22,14 +22,12 @@ from bench.errors import InputError, nearest
 from bench.models import recipe
 from bench.registry import load, names, parameters, required
 from bench.source import source_digest, versions
-from bench.words import PARTS, Values, items
+from bench.words import DEFAULTS, PARTS, Values, items
 
 if TYPE_CHECKING:
     from bench.models.search.space import Tuning
     from bench.plan.splits import Splitter
 
-DEFAULTS = {"data": "synth", "protocol": "loso", "model": "svm", "seed": "0", "where": "", "target": "gesture"}
-DEFAULT_FEATURES = "jung54"
 HOW = ("inner", "trials", "budget")  # of a search, as it is typed
 Made = TypeVar("Made")  # what a part is when it is built
 
@@ -282,7 +280,7 @@ def cells(values: Values) -> list[Cell]:
         InputError: an unknown part, parameter or value, or a combination that means nothing.
     """
     chosen = {key: items(key, values.get(key, default)) for key, default in DEFAULTS.items()}
-    feature_sets = items("features", values.get("features", DEFAULT_FEATURES))
+    feature_sets = chosen["features"]
     takes = [_takes_features(model) for model in chosen["model"]]
     if "features" in values and not any(takes):
         models = ", ".join(map(str, chosen["model"]))

@@ -15,8 +15,8 @@ from bench.cli import main
 from bench.commands.choose import chosen
 from bench.comparable import MARKED
 from bench.errors import InputError
-from bench.options import SMALL
 from bench.plan.cells import cells
+from bench.words import SMALL
 from tests.reports.store import made_up, stressed, tracked_run, watched
 
 

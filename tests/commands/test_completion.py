@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from bench.arguments import parse, setting
+from bench.arguments import parse, settings, value_of
 from bench.commands.completion import answer, values
 from bench.corpora.faults import all_faults
 from bench.options import OPTIONS, commands, keys, makers, options
@@ -21,9 +21,9 @@ def test_a_key_of_the_table_is_taken_completed_and_has_a_default_of_its_type(opt
         assert name in commands() and replace(listed, values=option.values) == option
         assert option.key in keys(name) or "." in option.key
         assert f"{option.key}=" in answer([*command.split("-"), *(["synth"] if "-" in command else []), option.key])
-        assert setting(command, option.key, {}) == option.default
+        assert settings(command, {}).get(option.key, option.default) == option.default
         for value in listed.values:
-            assert str(setting(command, option.key, {option.key: value})) == value
+            assert str(value_of(option, value)) == value
 
 
 def test_values_are_those_that_are_known(tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ from bench.candidate import Wish
 from bench.errors import InputError
 from bench.measures import Cost, budgets
 from bench.outcomes.candidates import PLAIN, candidates, eligible
-from bench.outcomes.choice import decide, sentences
+from bench.outcomes.choice import decide, reasons
 from bench.outcomes.runs import NothingTracked, selected, without_runs
 from bench.result import Result
 from tests.results import evaluated, made_up, systems_of
@@ -27,7 +27,7 @@ def table(accuracies, **costs):
 
 
 def words(choice, margin=None, subjects=4, **how):
-    return " ".join(sentences(choice, "flash", margin, subjects, **how))
+    return " ".join(reasons(choice, "flash", margin, subjects, **how))
 
 
 def test_the_cheapest_within_one_standard_error_is_chosen():
@@ -57,7 +57,7 @@ def test_a_better_system_has_only_a_smaller_amount_where_more_is_better(monkeypa
     for module in ("choice", "pick"):
         monkeypatch.setattr(f"bench.outcomes.{module}.costs", lambda: every)
     rows, subjects = table([[80, 70, 60, 90], [77, 71, 58, 92]], battery=[40.0, 80.0])
-    said = " ".join(sentences(decide(rows, subjects, "battery", {}, None), "battery", None, 4))
+    said = " ".join(reasons(decide(rows, subjects, "battery", {}, None), "battery", None, 4))
     assert "s0, gains 0.5 points but has only 40 h of battery instead of 80 h." in said
 
 

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 import bench
+from bench.api import results_of
 from bench.cli import main
 from bench.comparable import MARK
 from bench.errors import InputError
@@ -105,6 +106,18 @@ def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
         and "10-fold ‡: accuracy" in table
         and "‡" in table.loc["a", "note"]
     )
+
+
+def test_bench_latex_writes_the_paper_of_the_runs_of_a_table():
+    hits = {"LOSO": [10, 14, 18, 12], "10-fold": [20, 18, 20, 20]}
+    table = results_of([evaluated("a", with_hits(row), protocol_label=name, cost=2.0) for name, row in hits.items()])
+    text = bench.latex(table, paper=["accuracy", "flash"])
+    ((_, (row,)),) = tables_of(text)
+    means = {name: f"{np.mean(h) * 100 / 20:.1f} $\\pm$ {np.std(h, ddof=1) * 5:.1f}" for name, h in hits.items()}
+    assert {name: row[name].removeprefix(r"\textbf{").rstrip("}") for name in hits} == means and row["flash kB"] == "8"
+    assert bench.latex(table, paper="accuracy,flash") == text != bench.latex(table, paper="accuracy")
+    with pytest.raises(InputError, match="paper= needs what bench.results"):
+        bench.latex(pd.DataFrame(table), paper=["accuracy"])
 
 
 @pytest.mark.parametrize("wrong", ["f1", "fit", "accuracy,"])
