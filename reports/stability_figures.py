@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from bench.outcomes.curves import clean_accuracy
 from bench.outcomes.stability import learning
-from bench.reports.figures import DASHES, MARKERS, bars
+from bench.reports.figures import DASHES, MARKERS, bars, write_svg
 
 if TYPE_CHECKING:
     from bench.result import Result
@@ -34,7 +34,7 @@ def draw(results: Sequence[Result], folder: Path) -> list[Path]:
     paths = []
     for name, figure in figures.items():
         paths.append(folder / f"stability_{name}.svg")
-        figure.savefig(paths[-1])
+        write_svg(figure, paths[-1])
     return paths
 
 

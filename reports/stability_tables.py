@@ -214,7 +214,7 @@ def _tests_words(slices: pd.DataFrame, mask: pd.Series) -> str:
         untested=int((mask & ~slices["tested"]).sum()),
         people=several["subjects"].max(),
         floor=floor,
-        needed=[f"{max(n, 1)} {name.replace('slices', 'groups')}" for name, n in needed.items()],
+        needed=[f"{max(n, 1)} {name.replace('slices', 'groups' if n > 1 else 'group')}" for name, n in needed.items()],
     )[0]
 
 

@@ -15,7 +15,7 @@ from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.outcomes.stopping import NO_SAVING, saves
 from bench.reports.contexts import context_words, contexts, scarce
-from bench.reports.figures import DASHES, MARKERS, bars, log_ticks, save
+from bench.reports.figures import DASHES, MARKERS, bars, log_ticks, save, write_svg
 from bench.reports.numbers import noted
 from bench.reports.part import Part, Section
 from bench.result import Result
@@ -63,7 +63,7 @@ def write_streaming(results: Sequence[Result], folder: Path, same: Same) -> list
             paths.append(folder / f"{name}.csv")
             write_sheet(noted(table), paths[-1])
         paths.append(folder / "streaming.svg")
-        draw(results, same).savefig(paths[-1])
+        write_svg(draw(results, same), paths[-1])
         return paths
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e

@@ -12,16 +12,16 @@ def stretches_of(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
     """Positions as stretches, if that is shorter.
 
     Args:
-        positions: whole numbers [positions], in any order.
+        positions: int32 or int64 [positions], in any order.
 
     Returns:
-        The first position of each stretch [stretches] and how many follow each other, in the type of the positions; or
-        the positions themselves and None.
+        The first position of each stretch [stretches] and how many follow each other, int64; or the positions
+        themselves and None.
     """
     first = np.flatnonzero(np.diff(positions, prepend=positions[:1] - 2) != 1)
     if 2 * len(first) >= len(positions):
         return positions, None
-    return positions[first], np.diff(first, append=len(positions)).astype(positions.dtype)
+    return positions[first], np.diff(first, append=len(positions))
 
 
 def positions_of(first: np.ndarray, lengths: np.ndarray | None) -> np.ndarray:

@@ -149,3 +149,12 @@ def test_numbers_dashes_and_other_texts_stay(tmp_path):
     table["i"] = pd.array([-3, None], "Int64")
     write_sheet(table, tmp_path / "a.csv")
     assert (tmp_path / "a.csv").read_text() == table.to_csv(index=False)
+
+
+def test_a_figure_drawn_twice_is_the_same_file(tmp_path):
+    for name in ("a", "b"):
+        figure, axes = figures.new_figure((3, 2))
+        axes[0, 0].plot([1, 2], [3, 4], label="line")
+        axes[0, 0].legend()
+        figures.write_svg(figure, tmp_path / f"{name}.svg")
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
