@@ -173,9 +173,7 @@ def scene_of(table: Mapping[str, object]) -> Scene:
     if unwatched := [k for k in unmeasured if k in sections["budget"] and sections["stream"]]:
         raise InputError(f"[budget] {unwatched[0]}: runs on recordings do not measure it; leave it or [stream] out")
     if "shots" in sections["people"] and sections["stream"]:
-        raise InputError(
-            "[people] shots: runs on recordings have none; leave shots or [stream] out"
-        )
+        raise InputError("[people] shots: runs on recordings have none; leave shots or [stream] out")
     board = _of_board(sections["budget"])
     more = {} if board is None else board.budgets("decision" in sections["budget"])
     return Scene(more | values, _reactions(table), _faults(sections["faults"]), board)
