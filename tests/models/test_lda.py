@@ -7,11 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import softmax
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 
 from bench.errors import InputError
 from bench.features.base import labels
-from bench.models.classic.lda import Discriminants
+from bench.features.touch import TouchFeatures
+from bench.models import by_person
+from bench.models.classic.lda import Discriminants, lda
 
 
 def points(seed=0, counts=(20, 20, 20), d=4):
@@ -165,3 +168,36 @@ def test_a_feature_that_did_not_vary_in_training_tells_nothing_of_a_person():
     model = Discriminants().fit(X, np.array(["a", "b"] * 10))
     own = model.adapt(X[:4] + [0, 0, 3.0], np.array(["a", "b"] * 2))
     np.testing.assert_allclose(own.decision_function(X), own.decision_function(X + [0, 0, 9.0]))
+
+
+@given(st.integers(0, 10_000), st.sampled_from([1.0, 3.0]), st.sampled_from([1.0, 0.1]))
+def test_statistics_of_parts_add_up_to_those_of_all_rows(seed, windows, damaged):
+    X, y = of_captures(seed)
+    X["still"], X["shifted"] = 3.0, X[0] * 1e-3 + 100
+    part = X.index.get_level_values("capture").to_numpy() % 4
+    system = Discriminants(0.2, windows, damaged)
+    parts = [system.summed(X[part == k], y[part == k]) for k in range(4) if (part == k).any()]
+    expected = Discriminants(0.2, windows, damaged).fit(X, y)
+    np.testing.assert_allclose(system.fit_summed(parts).predict_proba(X), expected.predict_proba(X), rtol=0, atol=1e-9)
+    assert (system.learnt_.sd == np.inf).tolist() == (expected.learnt_.sd == np.inf).tolist()
+
+
+def test_leaving_persons_out_equals_a_fit_from_nothing_and_takes_nothing_of_them(stored, monkeypatch):
+    """The statistics of a tested person are put out of use: a fit that took them would raise."""
+    monkeypatch.setattr(by_person, "KEPT", {})
+    subjects, y = stored.subjects, stored.gestures
+    lda(TouchFeatures()).fit(stored, y)
+    whole = dict(by_person.KEPT)
+    assert len(whole) == len(set(subjects)) > 2
+    for name in set(subjects):
+        train = np.flatnonzero(subjects != name)
+        by_person.KEPT.clear()
+        fresh = lda(TouchFeatures()).fit(stored[train], y[train])
+        others = set(by_person.KEPT)
+        assert others < set(whole) and len(others) == len(whole) - 1
+        by_person.KEPT.update({key: None for key in set(whole) - others})
+        again = lda(TouchFeatures()).fit(stored[train], y[train])
+        assert np.array_equal(again.predict_proba(stored), fresh.predict_proba(stored))
+        plain = Pipeline(lda(TouchFeatures()).steps).fit(stored[train], y[train])
+        np.testing.assert_allclose(fresh.predict_proba(stored), plain.predict_proba(stored), rtol=0, atol=1e-9)
+        assert again.fit_seconds_[0] > sum(by_person.KEPT[key][1][0] for key in others)
