@@ -22,7 +22,7 @@ from bench.features.cache import cache_key
 
 MOST = 1 << 28  # bytes of statistics that a process keeps
 # Statistics of persons and the seconds that they took, by what else they depend on: the last system and corpus alone.
-KEPT: dict[tuple, dict[bytes, tuple[Any, tuple[float, float]]]] = {}
+KEPT: dict[tuple, dict[bytes, tuple[Any, np.ndarray]]] = {}
 
 
 class Additive(Protocol):
@@ -54,23 +54,33 @@ class ByPerson(Pipeline):
             super().fit(X, y)
             self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
             return self
-        parts, seconds = [], np.zeros(2)
         about = cache_key(features, origin(X).digest), type(classifier), repr(sorted(classifier.get_params().items()))
-        if about not in KEPT or 8 * (len(KEPT[about]) + len(persons)) * width**2 > MOST:
-            KEPT.clear()
-        kept = KEPT.setdefault(about, {})
-        for rows in persons:
-            key = _key(X, rows, y[rows])
-            if key in kept:
-                seconds += kept[key][1]
-            else:
-                began = time.perf_counter(), time.process_time()
-                statistics = classifier.summed(features.transform(X[rows]), y[rows])
-                kept[key] = statistics, (time.perf_counter() - began[0], time.process_time() - began[1])
-            parts.append(kept[key][0])
-        classifier.fit_summed(parts)
+        by_key = {_key(X, rows, y[rows]): rows for rows in persons}
+        kept = KEPT.get(about, {})
+        if 8 * len(by_key.keys() | kept.keys()) * width**2 > MOST:
+            kept = {}
+        KEPT.clear()
+        KEPT[about] = kept
+        seconds = sum((kept[key][1] for key in by_key if key in kept), np.zeros(2))
+        self._keep({key: rows for key, rows in by_key.items() if key not in kept}, X, y, kept)
+        classifier.fit_summed([kept[key][0] for key in by_key])
         self.fit_seconds_ = time.perf_counter() - wall + seconds[0], time.process_time() - cpu + seconds[1]
         return self
+
+    def _keep(self, persons: dict[bytes, np.ndarray], X: Corpus, y: np.ndarray, kept: dict) -> None:
+        """Add the statistics of some persons, by their captures, to those that are kept."""
+        if not persons:
+            return
+        (_, features), (_, classifier) = self.steps
+        wall, cpu = time.perf_counter(), time.process_time()
+        table = features.transform(X[np.concatenate([*persons.values()])])
+        ends = np.cumsum([len(rows) for rows in persons.values()])
+        sums = [
+            classifier.summed(table[end - len(rows) : end], y[rows])
+            for rows, end in zip(persons.values(), ends, strict=True)
+        ]
+        each = np.array([time.perf_counter() - wall, time.process_time() - cpu]) / len(sums)
+        kept.update({key: (one, each) for key, one in zip(persons, sums, strict=True)})
 
 
 def _persons(X: Corpus) -> list[np.ndarray]:

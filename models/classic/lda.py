@@ -131,8 +131,11 @@ class Discriminants(ClassifierMixin, BaseEstimator):
 
     def _scatter(self, Z: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Of rows about the centres of their classes, what is particular to a capture counting more by ``windows``."""
+        scatter = (Z.T * weight) @ Z
+        if self.windows == 1:
+            return scatter
         means, heavy = _means(Z, captures, weight)
-        return (Z.T * weight) @ Z + (self.windows - 1) * (means.T * heavy) @ means
+        return scatter + (self.windows - 1) * (means.T * heavy) @ means
 
     def _solve(self, total: float) -> None:
         """Coefficients from what was learnt of rows with a total weight."""

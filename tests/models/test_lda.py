@@ -224,7 +224,7 @@ def test_seconds_of_kept_statistics_count(stored):
     lda(TouchFeatures()).fit(stored, stored.gestures)
     (kept,) = by_person.KEPT.values()
     for key, (statistics, _) in kept.items():
-        kept[key] = statistics, (100.0, 10.0)
+        kept[key] = statistics, np.array([100.0, 10.0])
     wall, cpu = lda(TouchFeatures()).fit(stored[train], stored.gestures[train]).fit_seconds_
     persons = len(set(stored.subjects)) - 1
     assert 0 < wall - 100 * persons < 100 and 0 < cpu - 10 * persons < 10
