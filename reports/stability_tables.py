@@ -67,7 +67,7 @@ def write_all(results: Sequence[Result], out: Path) -> list[str]:
 
 
 def write(results: Sequence[Result], folder: Path) -> list[Path]:
-    """Write the tables as CSV, ``stability.md``, and the figures as PNG and SVG, for results of one context.
+    """Write the tables as CSV, ``stability.md``, and the figures as SVG, for results of one context.
 
     Raises:
         InputError: the folder cannot be written.

@@ -54,10 +54,10 @@ def report(arguments: list[str]) -> int:
 
     out = Path(given["out"])
     paths = write_report(connect(), out, limits_of(given), given["against"], asked, paper)
-    counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".png")}
+    counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".svg")}
     page = out / "index.html"
     what = "the selected runs" if asked else "all runs"
-    print(f"{page}: {what}; in the same folder .md, .tex, {counts['.csv']} CSV files and {counts['.png']} figures")
+    print(f"{page}: {what}; in the same folder .md, .tex, {counts['.csv']} CSV files and {counts['.svg']} figures")
     print(f"open: {page.resolve().as_uri()}")
     then("bench ui")
     return 0
