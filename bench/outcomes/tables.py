@@ -52,7 +52,7 @@ def read_table(find: Callable[[str], Path | None], name: str, of: str = "this ru
             from pyarrow import parquet
 
             with parquet.ParquetFile(path) as file:  # pandas takes twice as long
-                table = file.read(use_threads=False, use_pandas_metadata=True).to_pandas()
+                table = file.read(use_threads=False, use_pandas_metadata=True).to_pandas(use_threads=False)
         elif path := find(f"{name}.csv"):
             cells = pd.read_csv(path, dtype=str, keep_default_na=False)
             table = cells.apply(lambda column: column if column.name in text else _typed(column))
