@@ -78,8 +78,7 @@ def every_result(store: Store) -> list[Result]:
     kinds = classes("kinds").values()
     scores = {kind.tag: kind.score for kind in kinds}
     tracked = {name for kind in kinds for name in kind.tracked()}
-    runs = [run for tag in (*scores, *TAGS) for run in store.of_kind(tag)]
-    results = [adopted(result_of(store, run)) for run in runs]
+    results = [adopted(result_of(store, run)) for run in store.of_kind(*scores, *TAGS)]
     scored = [r for r in results if scores[r.kind] in r.metrics or (r.scored and not r.plain)]
     newest = {
         tuple(str(r.get(name)) for name in (*SAME, *tracked)): r
