@@ -23,8 +23,8 @@ def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, 
 
     Args:
         arguments: typed words.
-        known: keys that may appear, see `bench.options.keys`; those of `PARTS` and ``data`` may also be dotted. None
-            takes every key.
+        known: keys that may appear, see `bench.options.keys`; those of `PARTS`, ``data`` and ``detector`` may also
+            be dotted. None takes every key.
 
     Raises:
         InputError: an argument without ``=``, a key given twice, or an unknown key.
@@ -70,7 +70,7 @@ def check_key(key: str, known: Collection[str]) -> None:
     """
     if key in MOVED and key not in known:
         raise InputError(f"no key is called {key!r}; it is now {MOVED[key]}")
-    if key.split(".")[0] not in known or ("." in key and key.split(".")[0] not in (*PARTS, "data")):
+    if key.split(".")[0] not in known or ("." in key and key.split(".")[0] not in (*PARTS, "data", "detector")):
         raise InputError(f"no key is called {key!r}; {nearest(key, known)}")
 
 

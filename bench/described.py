@@ -12,14 +12,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from bench.amounts import text_of
-from bench.registry import load, names, parameters, required
+from bench.registry import KEYS, load, names, parameters, required
 from bench.usual import WIDTH
-from bench.words import PARTS, items
+from bench.words import items
 
 SECTION = re.compile(r"^(Args|Attributes|Raises|Returns):$", re.MULTILINE)
 ENTRY = re.compile(r"^ {4}(\w[\w, ]*):\s+(.*(?:\n {8}.*)*)", re.MULTILINE)
 SOURCE = " Default: "  # in the docstring of a parameter, before the origin of its default
 LISTED = re.compile(r"^(- | |=)", re.MULTILINE)  # a line of a list or a table
+ROOMS = {key: room for room, key in KEYS.items()}
 SEED = "seed"  # a parameter without a source: any is as good
 
 
@@ -105,9 +106,9 @@ def help_of_parts(arguments: Sequence[str]) -> str:
     """
     given = dict(argument.partition("=")[::2] for argument in arguments)
     sections = []
-    for key in sorted({*PARTS} & {*given}, key=list(given).index):
+    for key in sorted({*ROOMS} & {*given}, key=list(given).index):
         for name in items(key, given[key]):
-            one = described(PARTS[key], name)
+            one = described(ROOMS[key], name)
             rows = [_row(key, p) for p in one.parameters] or ["  no parameters"]
             words = [f"{key}={name}: {one.summary}.", *one.more]
             filled = [w if LISTED.search(w) else textwrap.fill(w, WIDTH, break_on_hyphens=False) for w in words]

@@ -455,7 +455,7 @@ def help_of(name: str) -> str:
 def _row(option: Option) -> str:
     """A key with its help, values and default."""
     text = option.help
-    for room in ("protocols", "models", "features"):
+    for room in ("protocols", "models", "features", "detectors"):
         if f"{{{room}}}" in text:
             text = text.replace(f"{{{room}}}", ", ".join(names(room)))
     if len(option.values) > 1:

@@ -19,9 +19,11 @@ from typing import Any
 
 from bench.errors import InputError, nearest
 
-ROOMS = {room: f"bench.{room}" for room in ("corpora", "features", "models", "protocols", "kinds", "circumstances")}
+ROOM_NAMES = ("corpora", "features", "models", "protocols", "detectors", "kinds", "circumstances")
+ROOMS = {room: f"bench.{room}" for room in ROOM_NAMES}
 FILE_MODULE = "touchbench_file_"  # what modules of files are called
-KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}  # of parts of a cell
+KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}  # of parts
+KEYS |= {"detectors": "detector"}
 
 
 def place_of(package: str) -> Path:

@@ -30,15 +30,16 @@ ROOMS = {
     "contract": ("bench.contract bench.models.search.space", "ground corpora features"),  # with the types that it names
     "models": ("bench.models", "ground corpora features contract"),
     "protocols": ("bench.protocols", "ground corpora"),
-    "plan": ("bench.plan", "ground values corpora contract models"),
     "outcomes": ("bench.outcomes bench.scene_file", "ground values corpora"),
+    "detectors": ("bench.detectors", "ground corpora features contract models outcomes"),
+    "plan": ("bench.plan", "ground values corpora contract models detectors"),
     "leaderboard": ("bench.leaderboard", "ground values grammar corpora outcomes plan"),
     "reports": ("bench.reports", "ground values corpora outcomes leaderboard"),
-    "work": ("bench.work", "ground values corpora features contract models plan outcomes"),
+    "work": ("bench.work", "ground values corpora features contract models outcomes detectors plan"),
     "export": ("bench.export", "ground corpora features contract models plan outcomes work"),
     "kinds": (
         "bench.kinds bench.circumstances",
-        "ground values grammar corpora contract plan outcomes reports work export",
+        "ground values grammar corpora contract detectors plan outcomes reports work export",
     ),
 }
 FRONT = "bench bench.api bench.cli bench.commands"  # may import every room

@@ -110,7 +110,7 @@ def _options(before: list[str]) -> dict[str, Option]:
 
 def values(key: str, table: Mapping[str, Option]) -> Iterable[str]:
     """List the possible names for a key."""
-    rooms = {"model": "models", "features": "features", "protocol": "protocols"}
+    rooms = {"model": "models", "features": "features", "protocol": "protocols", "detector": "detectors"}
     if key in rooms:
         return sorted(names(rooms[key]))
     if key in ("data", "protocol.source"):

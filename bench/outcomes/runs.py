@@ -23,7 +23,7 @@ from bench.words import Values, items, labelled, typed
 if TYPE_CHECKING:
     from mlflow.entities import Run
 
-ROOMS = {key: room for room, key in PARTS.items() if room != "corpora"}  # of the key of a part
+ROOMS = {key: room for room, key in PARTS.items() if room not in ("corpora", "detectors")}  # of the key of a part
 COLUMNS = {"where": "subset", "shots": "protocol.shots", "run": "run_id"}  # names in a result of other keys
 SAME = (*COMPARABLE, *SAME_SYSTEM, "features_name", "model_name")  # what makes two runs repetitions of one
 COLUMNS |= {part: f"{part}_name" for part in ROOMS}

@@ -15,7 +15,7 @@ from bench.outcomes.scores import captures
 from bench.outcomes.stopping import standing
 from bench.paired import TOLERANCE
 from bench.result import Result
-from bench.usual import FALSE_ALARMS, NO_TOUCH
+from bench.usual import DETECTOR, FALSE_ALARMS, NO_TOUCH
 
 NAMED = 3  # systems that a line names
 WINDOW = {"predict": "decide_ms_p50", "decision": "observed_ms"}  # what the costs of single windows read
@@ -61,6 +61,8 @@ def watched_candidates(result: Result, wish: Wish, unit: str) -> Iterator[Candid
         )
     aim = float(result["watch.false_alarms"])
     unit += "" if aim == FALSE_ALARMS else f", false_alarms={aim:g}"
+    detector = str(result.get("watch.detector") or DETECTOR)  # an earlier version had one
+    unit += "" if detector == DETECTOR else f", detector={detector}"
     alarms = (shares["false_alarms_per_hour"] * hours).fillna(0)
     yield Candidate(unit, scores, {"decision": "", "cycles": ""}, counts=(alarms, hours), whole=True)
 
