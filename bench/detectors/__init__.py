@@ -2,4 +2,5 @@
 
 PARTS = {
     "filter": "bench.work.filter:Filter",
+    "threshold": "bench.detectors.threshold:Threshold",
 }

@@ -1,14 +1,16 @@
 """The contract of detectors: what finds the touches of a stream, and when it reports them.
 
-A detector is made by a factory whose keyword arguments are its parameters (``detector.hold=``), and is registered in
-`bench.detectors`, by an installed package (entry point ``touchbench.detectors``) or as ``detector=my.py:Mine``.
+A detector is made by a factory whose keyword arguments are its parameters (``detector.tick=``), and is registered in
+`bench.detectors`, by an installed package (entry point ``touchbench.detectors``) or as ``detector=my.py:Mine``. One
+that decides tick by tick derives from `bench.detectors.ticks.Detector`; any other has ``learn``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 import pandas as pd
 
 from bench import contract
@@ -79,3 +81,31 @@ class Detects(Protocol):
         Raises:
             InputError: the recordings cannot teach it.
         """
+
+
+class Sign(NamedTuple):
+    """What the rules of a detector say after a tick.
+
+    Attributes:
+        touch: how sure they are of touch, 0 to 1.
+        since: ticks since the touch that lasts began, this one included; 0 without touch.
+        report: True if the touch is reported now. It may follow another one without a gap.
+    """
+
+    touch: float
+    since: int
+    report: bool
+
+
+class Rules(Protocol):
+    """When touches begin, are reported and end; one stream, fixed memory."""
+
+    def step(self, evidence: np.ndarray) -> Sign:
+        """Take the evidence of the next tick."""
+
+
+class Signals(Protocol):
+    """A few numbers for each frame; nothing is learned; one stream, fixed memory."""
+
+    def step(self, frame: np.ndarray) -> np.ndarray:
+        """The numbers of the next frame [rows, cols], float32 [signals]."""

@@ -20,9 +20,9 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
 from bench.corpora.steps import SETTLED_S
 from bench.features.touch import TouchFeatures
-from bench.models.recipe import taken
+from bench.models.recipe import behind, taken
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
-from bench.work.detector import Clock, Detector, behind, cut, seen_windows, touched, updated, windows_of
+from bench.work.detector import Clock, Detector, cut, seen_windows, touched, updated, windows_of
 
 ON, OFF = float(np.float32(0.95)), float(np.float32(0.1))  # as single precision has them
 BIASES = np.arange(-10, 4.25, 0.25, dtype=np.float32)  # one of them is learned

@@ -15,11 +15,11 @@ from bench.corpora.steps import Scale
 from bench.detectors.base import Watches
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
-from bench.models.recipe import taken
+from bench.models.recipe import behind, taken
 from bench.models.search.inner_folds import inner_folds
 from bench.outcomes.events import last_confidence
 from bench.work.broken import FEELING, KINDS, broken
-from bench.work.detector import BACKGROUND, BROKEN, Clock, Detector, behind, cut, windows_of
+from bench.work.detector import BACKGROUND, BROKEN, Clock, Detector, cut, windows_of
 from bench.work.watcher import Watcher, bias_table
 
 RARE = 8  # one of so many training windows is also learned as broken sensors show it
