@@ -2,5 +2,6 @@
 
 PARTS = {
     "filter": "bench.work.filter:Filter",
+    "frames": "bench.detectors.frames:Frames",
     "threshold": "bench.detectors.threshold:Threshold",
 }

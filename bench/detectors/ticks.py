@@ -13,7 +13,7 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.recordings import Recordings
-from bench.detectors.base import Rules, Signals
+from bench.detectors.base import Rules, Signals, Watches
 from bench.models.recipe import behind, taken
 from bench.models.search.inner_folds import inner_folds
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
