@@ -111,8 +111,14 @@ def signs_of(rules: Rules, evidence: np.ndarray) -> np.ndarray:
     return np.array([rules.step(each) for each in evidence], dtype=np.float64).reshape(-1, 3)
 
 
-def sweep(detector: Detector, recordings: Recordings, evidence: list[np.ndarray], count: int) -> pd.DataFrame:
+def sweep(detectors: list[Detector], recordings: Recordings, evidence: list[np.ndarray], count: int) -> pd.DataFrame:
     """Count what each level gives on recordings.
+
+    Args:
+        detectors: the fitted detector that watches each recording.
+        recordings: recordings with their events.
+        evidence: of each recording.
+        count: frames of a tick.
 
     Returns:
         Columns ``level``, ``alarms``, ``hours`` (of background), ``found`` (share), ``hits`` and ``reports`` (counts).
@@ -120,10 +126,10 @@ def sweep(detector: Detector, recordings: Recordings, evidence: list[np.ndarray]
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
     rows = []
-    for level in detector.levels:
+    for level in detectors[0].levels:
         reported = []
         for i, series in enumerate(evidence):
-            at = np.flatnonzero(signs_of(detector.rules(float(level)), series)[:, 2])
+            at = np.flatnonzero(signs_of(detectors[i].rules(float(level)), series)[:, 2])
             reported.append(pd.DataFrame({"recording": i, "reported": (at + 1) * count}))
         reports = pd.concat(reported, ignore_index=True).astype(np.int64)
         touch = touches_of(recordings.events, reports, rate_hz)
@@ -190,11 +196,12 @@ def learned(
     ticks = ticked(Recordings(corpus, recordings.events), count)
     signals = signals_of(detector, ticks.corpus)
     evidence: list[np.ndarray] = [np.zeros(0)] * len(signals)
+    detectors = [detector] * len(signals)
     for train, judged in inner_folds(recordings.subjects.astype(str), "loso"):
         fitted = copy(detector).fit([signals[i] for i in train], ticks[train])
         for i in judged:
-            evidence[i] = fitted.evidence(signals[i])
-    settings = sweep(detector, recordings, evidence, count)
+            detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
+    settings = sweep(detectors, recordings, evidence, count)
     level = float(best(settings, false_alarms)["level"])
     gestures = set(recordings.events["gesture"])
     background = tuple(sorted(set(np.asarray(system.classes_).astype(str)) - gestures))
@@ -256,7 +263,7 @@ class TickWatcher:
 
     def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
         """Touches found, false alarms and reports of all levels."""
-        settings = sweep(self.detector, recordings, evidence, self.count)
+        settings = sweep([self.detector] * len(evidence), recordings, evidence, self.count)
         return settings[["hits", "alarms", "reports"]].assign(offset=settings["level"] - self.level)
 
     def probability(self, evidence: np.ndarray, rate_hz: float) -> pd.DataFrame:
