@@ -1,4 +1,4 @@
-"""The detector `frames`: a classifier of ticks, and a filter whose times are learned from the labels."""
+"""The detector `frames`: a classifier of ticks, and hysteresis whose times are learned from the labels."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
 from bench.corpora.recordings import Recordings
@@ -16,10 +17,13 @@ from bench.detectors.ticks import Detector
 
 COMMON = 0.4  # quantile over taxels that a change of all taxels moves, too
 HIGHEST = 25  # one of so many taxels is among the highest
-OFFSET = 0.1  # of a logarithm, in units of the median of training touches
+OFFSET = 0.3  # of a logarithm, in units of the median of training touches
 MINIMA, MAXIMA, MEDIAN = (1, 2, 4, 10, 40), (2, 5, 15, 60), 30  # ticks that features look back
 CLIP = 6.0  # SDs of a feature
 AGES = 3  # ticks of the beginning of a touch
+WAIT_S = 0.25
+HOLD_S = 1.0
+SHORT = 0.1  # share of touches, or gaps, that may be shorter
 LEVELS = 3  # signals that are levels: mean, excess, highest
 
 
@@ -97,99 +101,79 @@ def _median(series, size):  # noqa
 
 @dataclass(frozen=True)
 class Times:
-    """How touches begin and end, counted on labels, per tick.
+    """Times that are learned from the labels, in ticks.
 
     Attributes:
-        start: touches that begin, per tick of background.
-        end: touches that end, by age: of those of 1, 2 and more ticks.
-        follow: share of touches that follow another one without a gap.
+        wait: of a touch before its report: `WAIT_S`, or less where one touch in ten is shorter.
+        hold: without touch before a touch is over: half of the gap that one in ten is shorter than, at most `HOLD_S`.
     """
 
-    start: float
-    end: tuple[float, ...]
-    follow: float
+    wait: int
+    hold: int
 
     @classmethod
     def of(cls, recordings: Recordings) -> Times:
-        """Count on recordings whose frames are ticks; half a touch more than there were, so nothing is impossible."""
-        events = recordings.events
-        length = (events["end"] - events["start"]).to_numpy()
-        ends = []
-        for age in range(1, AGES):
-            ends.append((0.5 * 0.2 + (length == age).sum()) / (0.5 + (length >= age).sum()))
-        late = np.maximum(length - AGES + 1, 0)
-        ends.append((0.1 + (late > 0).sum()) / (0.5 + late.sum()))
-        quiet = int(recordings.background_frames().sum())
-        same = events["recording"].to_numpy()[1:] == events["recording"].to_numpy()[:-1]
-        follow = (same & (events["start"].to_numpy()[1:] == events["end"].to_numpy()[:-1])).sum()
+        """Learn from recordings whose frames are ticks."""
+        events, rate_hz = recordings.events, recordings.corpus.rate_hz
+        start, end, recording = (events[name].to_numpy() for name in ("start", "end", "recording"))
+        gaps = (start[1:] - end[:-1])[recording[1:] == recording[:-1]]
+        short = np.quantile(end - start, SHORT) if len(events) else np.inf
+        near = np.quantile(gaps, SHORT) if len(gaps) else np.inf
         return cls(
-            float((len(events) - follow + 0.5) / (quiet + 1)),
-            tuple(map(float, ends)),
-            float((follow + 0.5) / (len(events) + 1)),
+            max(1, int(min(round(WAIT_S * rate_hz), short))), max(1, int(min(round(HOLD_S * rate_hz), near / 2)))
         )
 
 
-class States:
-    """A filter over seven states: background, and touches of 1, 2 and more ticks, new or reported.
+class Hysteresis:
+    """A touch begins above a level and is over below a lower one.
 
-    A touch is reported when a new one of at least two ticks is more probable than the level; from then on it is a
-    reported one. A dip and a rise make a new one, so touches may follow one another without a gap.
+    The evidence must be above the level for some ticks before a touch is reported, and below the lower one for some
+    ticks before it is over.
+
+    Args:
+        level: log-odds of touch.
+        drop: how far below the level the lower one is.
+        times: learned.
     """
 
-    def __init__(self, level: float, times: Times, wait: int) -> None:
-        self.level, self.times, self.wait = level, times, wait
-        self.p = np.zeros(1 + 2 * AGES)
-        self.p[0] = 1.0
-        self.since, self.new, self.reported = 0, 0, False
-        end, ages = np.array(times.end), AGES
-        move = np.zeros((1 + 2 * ages, 1 + 2 * ages))  # from, to
-        move[0, 0], move[0, 1] = 1 - times.start, times.start
-        for first in (1, 1 + ages):
-            for age in range(ages):
-                at = first + age
-                move[at, first + min(age + 1, ages - 1)] += 1 - end[age]
-                move[at, 0] += end[age] * (1 - times.follow)
-                move[at, 1] += end[age] * times.follow
-        self.move = move
+    def __init__(self, level: float, drop: float, times: Times) -> None:
+        self.level, self.drop, self.times = level, drop, times
+        self.above = self.below = self.since = 0
+        self.reported = False
 
     def step(self, evidence: np.ndarray) -> Sign:
-        """Take the log-likelihoods of background, beginning and rest of a touch."""
-        likely = np.exp(evidence - evidence.max())
-        of_touch = np.array([likely[1]] * (AGES - 1) + [max(likely[1], likely[2])])
-        prior = self.p @ self.move
-        self.p = prior * np.concatenate([likely[:1], of_touch, of_touch])
-        self.p /= self.p.sum()
-        fresh = self.p[1 : 1 + AGES]
-        touch = 1 - self.p[0]
-        self.new = self.new + 1 if fresh.sum() > 0.5 * self.level else 0
-        report = bool(fresh[self.wait - 1 :].sum() > self.level)
+        """Take the log-odds of touch in a tick."""
+        odds = float(evidence[0])
+        if self.reported:
+            self.since += 1
+            self.below = self.below + 1 if odds < self.level - self.drop else 0
+            if self.below >= self.times.hold:
+                self.reported, self.since, self.above = False, 0, 0
+        self.above = self.above + 1 if odds > self.level else 0
+        report = not self.reported and self.above >= self.times.wait
         if report:
-            self.p[1 + AGES :] += fresh
-            self.p[1 : 1 + AGES] = 0
-            self.since, self.new, self.reported = max(self.new, self.wait), 0, True
-        elif self.reported:
-            self.reported = touch > 0.5
-            self.since = self.since + 1 if self.reported else 0
-        return Sign(float(touch), self.since, report)
+            self.reported, self.since, self.below = True, self.above, 0
+        return Sign(float(expit(odds - self.level)), self.since, report)
 
 
 @dataclass
 class Frames(Detector):
-    """A logistic classifier of ticks (background, beginning, rest of a touch) and a filter with learned times.
+    """A logistic classifier of ticks (background, beginning, rest of a touch) and hysteresis with learned times.
 
     Args:
         tick: seconds of a tick, at least one frame. Default: chosen on recordings of a skin at 7 Hz.
         up: seconds in which the baseline follows a higher reading: much longer than a touch.
         down: seconds in which it follows a lower one: shorter than most gaps.
-        wait: ticks of a new touch before its report, 1 to 3. Default: chosen on sittings A to C.
+        drop: log-odds between the level that begins a touch and the one that ends it. Default: chosen on recordings of
+            that skin.
     """
 
     tick: float = 0.125
     up: float = 60.0
     down: float = 2.0
-    wait: int = 2
+    drop: float = 2.0
 
-    levels: ClassVar[np.ndarray] = 1 / (1 + np.exp(-np.linspace(-6, 6, 33)))
+    levels: ClassVar[np.ndarray] = np.arange(-3, 6.25, 0.25)
     memory: ClassVar[int] = 62
 
     def signals(self) -> Levels:
@@ -218,17 +202,18 @@ class Frames(Detector):
         return np.clip((table - self.mean_) / self.sd_, -CLIP, CLIP)
 
     def evidence(self, signals: np.ndarray) -> np.ndarray:
-        """Log-likelihoods of background, beginning and rest of a touch."""
-        return self.model_.predict_log_proba(self._units(features(signals, self.offsets_))) - self.prior_
+        """Log-odds of touch, as if touch and background were equally frequent [ticks, 1]."""
+        likely = self.model_.predict_log_proba(self._units(features(signals, self.offsets_))) - self.prior_
+        return (np.logaddexp.reduce(likely[:, 1:], axis=1) - likely[:, 0])[:, None]
 
-    def rules(self, level: float) -> States:
+    def rules(self, level: float) -> Hysteresis:
         """Rules of a new stream."""
-        return States(level, self.times_, self.wait)
+        return Hysteresis(level, self.drop, self.times_)
 
     @property
     def numbers(self) -> int:
         """Count of learned numbers."""
-        return self.model_.coef_.size + 3 + 2 * len(self.mean_) + LEVELS + AGES + 2
+        return self.model_.coef_.size + 3 + 2 * len(self.mean_) + LEVELS + 2
 
 
 def ages_of(recording: Recordings) -> tuple[np.ndarray, np.ndarray]:
