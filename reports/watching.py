@@ -28,6 +28,7 @@ Same = Mapping[str, tuple[str, str]]
 ALARMS = "false alarms per hour of background"
 TOLD = (
     percent("touches_found", ends="touches_found"),
+    Measure("fragments", form=".2f"),
     percent("end_correct", ends="end_correct"),
     Measure("false_alarms_per_hour", ends="false_alarms_per_hour"),
     Measure("latency_s_p50", form=".2f"),
@@ -54,11 +55,12 @@ def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Sectio
 
 def sentence(run: Result, same: Same) -> str:
     """The scores of a system: data, protocol and unit first."""
-    found, end, alarms, latency = (measure.of(run) for measure in TOLD)
+    found, reports, end, alarms, latency = (measure.of(run) for measure in TOLD)
     return (
         f"{context_words(run, same)}, {run['touches']:.0f} touches in "
         f"{run['background_minutes']:.0f} minutes of background: "
-        f"{run.method} finds {found} percent of the touches, and {end} percent have the correct label at the end. "
+        f"{run.method} finds {found} percent of the touches with {reports} reports per touch, and {end} percent have "
+        "the correct label at the end. "
         f"It raises {alarms} {ALARMS}. Its median latency is {latency} s. Shares are means over subjects with 95 % "
         "t-intervals; that of false alarms is the wider of a bootstrap over subjects and the exact Poisson interval."
         + "".join(f" {words}" for words in scarce([run]))

@@ -27,7 +27,7 @@ class Watches(Protocol):
         system: fitted to captures.
         reject: confidence below which a label is ``unknown``; 0 for never.
         numbers: count of learned numbers, besides those of the system.
-        chosen: what training has chosen, by name.
+        chosen: values that training has chosen, by name.
     """
 
     system: contract.System
@@ -87,7 +87,7 @@ class Sign(NamedTuple):
     """What the rules of a detector say after a tick.
 
     Attributes:
-        touch: how sure they are of touch, 0 to 1.
+        touch: confidence in touch, 0 to 1.
         since: ticks since the touch that lasts began, this one included; 0 without touch.
         report: True if the touch is reported now. It may follow another one without a gap.
     """

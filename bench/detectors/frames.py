@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -14,6 +15,7 @@ from sklearn.linear_model import LogisticRegression
 from bench.corpora.recordings import Recordings
 from bench.detectors.base import Sign
 from bench.detectors.ticks import Detector
+from bench.errors import InputError
 
 COMMON = 0.4  # quantile over taxels that a change of all taxels moves, too
 HIGHEST = 25  # one of so many taxels is among the highest
@@ -21,9 +23,9 @@ OFFSET = 0.3  # of a logarithm, in units of the median of training touches
 MINIMA, MAXIMA, MEDIAN = (1, 2, 4, 10, 40), (2, 5, 15, 60), 30  # ticks that features look back
 CLIP = 6.0  # SDs of a feature
 AGES = 3  # ticks of the beginning of a touch
-WAIT_S = 0.25
-HOLD_S = 1.0
 SHORT = 0.1  # share of touches, or gaps, that may be shorter
+FADED = 0.25  # of the highest log-odds of a touch: below, it is over after `hold` seconds; chosen on HAART
+BEGUN = -2.0  # log-odds of the beginning of a touch, without which none is reported; chosen on HAART and A to C
 LEVELS = 3  # signals that are levels: mean, excess, highest
 
 
@@ -89,12 +91,13 @@ def features(signals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     return np.stack(columns, axis=1).astype(np.float32)
 
 
-def _past(kind, series, size):  # noqa
-    """A filter over the last so many ticks."""
-    return kind(series, size, origin=(size - 1) // 2, mode="nearest")
+def _past(extreme: Callable[..., np.ndarray], series: np.ndarray, size: int) -> np.ndarray:
+    """The lowest or highest of the last so many ticks."""
+    return extreme(series, size, origin=(size - 1) // 2, mode="nearest")
 
 
-def _median(series, size):  # noqa
+def _median(series: np.ndarray, size: int) -> np.ndarray:
+    """The median of the last so many ticks."""
     padded = np.concatenate([np.full(size - 1, series[0], series.dtype), series])
     return np.median(np.lib.stride_tricks.sliding_window_view(padded, size), axis=1)
 
@@ -104,55 +107,66 @@ class Times:
     """Times that are learned from the labels, in ticks.
 
     Attributes:
-        wait: of a touch before its report: `WAIT_S`, or less where one touch in ten is shorter.
-        hold: without touch before a touch is over: half of the gap that one in ten is shorter than, at most `HOLD_S`.
+        wait: ticks of a touch before its report, fewer than asked for where one touch in ten is shorter.
+        hold: ticks without touch before a touch is over: half of the gap that one in ten is shorter than, or what
+            was asked for, where that is less.
+        fade: ticks of weak evidence before a touch is over.
     """
 
     wait: int
     hold: int
+    fade: int
 
     @classmethod
-    def of(cls, recordings: Recordings) -> Times:
-        """Learn from recordings whose frames are ticks."""
+    def of(cls, recordings: Recordings, wait: float, hold: float) -> Times:
+        """Learn from recordings whose frames are ticks.
+
+        Args:
+            recordings: recordings with their events.
+            wait: most seconds of a touch before its report.
+            hold: most seconds without touch before a touch is over.
+        """
         events, rate_hz = recordings.events, recordings.corpus.rate_hz
         start, end, recording = (events[name].to_numpy() for name in ("start", "end", "recording"))
         gaps = (start[1:] - end[:-1])[recording[1:] == recording[:-1]]
-        short = np.quantile(end - start, SHORT) if len(events) else np.inf
-        near = np.quantile(gaps, SHORT) if len(gaps) else np.inf
-        return cls(
-            max(1, int(min(round(WAIT_S * rate_hz), short))), max(1, int(min(round(HOLD_S * rate_hz), near / 2)))
-        )
+        near = np.quantile(gaps, SHORT) / 2 if len(gaps) else np.inf
+        short = np.quantile(end - start, SHORT)
+        waits, holds = round(wait * rate_hz), round(hold * rate_hz)
+        return cls(max(1, int(min(waits, short))), max(1, int(min(holds, near))), max(1, holds))
 
 
 class Hysteresis:
-    """A touch begins above a level and is over below a lower one.
+    """A touch begins above a level and is over below a lower one, each for some ticks.
 
-    The evidence must be above the level for some ticks before a touch is reported, and below the lower one for some
-    ticks before it is over.
+    It begins only where the classifier has seen its beginning, and is also over when the evidence has faded: background
+    whose level has changed keeps some.
 
     Args:
         level: log-odds of touch.
-        drop: how far below the level the lower one is.
+        drop: distance of the lower level.
         times: learned.
     """
 
     def __init__(self, level: float, drop: float, times: Times) -> None:
         self.level, self.drop, self.times = level, drop, times
-        self.above = self.below = self.since = 0
-        self.reported = False
+        self.since = self.above = self.below = self.weak = self.begun = 0
+        self.highest = 0.0
 
     def step(self, evidence: np.ndarray) -> Sign:
-        """Take the log-odds of touch in a tick."""
-        odds = float(evidence[0])
-        if self.reported:
+        """Take the log-odds of touch, and of the beginning of one, in a tick."""
+        odds, begins = map(float, evidence)
+        if self.since:
             self.since += 1
+            self.highest = max(self.highest, odds)
             self.below = self.below + 1 if odds < self.level - self.drop else 0
-            if self.below >= self.times.hold:
-                self.reported, self.since, self.above = False, 0, 0
+            self.weak = self.weak + 1 if odds < FADED * self.highest else 0
+            if self.below >= self.times.hold or self.weak >= self.times.fade:
+                self.since = self.above = 0
         self.above = self.above + 1 if odds > self.level else 0
-        report = not self.reported and self.above >= self.times.wait
+        self.begun = self.times.wait + 1 if begins > BEGUN else self.begun - 1
+        report = not self.since and self.above >= self.times.wait and self.begun > 0
         if report:
-            self.reported, self.since, self.below = True, self.above, 0
+            self.since, self.highest, self.below, self.weak = self.above, odds, 0, 0
         return Sign(float(expit(odds - self.level)), self.since, report)
 
 
@@ -162,8 +176,13 @@ class Frames(Detector):
 
     Args:
         tick: seconds of a tick, at least one frame. Default: chosen on recordings of a skin at 7 Hz.
-        up: seconds in which the baseline follows a higher reading: much longer than a touch.
-        down: seconds in which it follows a lower one: shorter than most gaps.
+        up: seconds in which the baseline of a taxel follows a higher reading; much longer than a touch. Default: a
+            touch of a minute is rare.
+        down: seconds in which it follows a lower one. Default: shorter than most gaps.
+        wait: most seconds of a touch before its report; fewer where training touches are shorter. Default: a touch that
+            lasts two frames at 7 Hz.
+        hold: most seconds without touch before a touch is over; fewer where training gaps are shorter. Default: a pat
+            every second is one touch.
         drop: log-odds between the level that begins a touch and the one that ends it. Default: chosen on recordings of
             that skin.
     """
@@ -171,6 +190,8 @@ class Frames(Detector):
     tick: float = 0.125
     up: float = 60.0
     down: float = 2.0
+    wait: float = 0.25
+    hold: float = 1.0
     drop: float = 2.0
 
     levels: ClassVar[np.ndarray] = np.arange(-3, 6.25, 0.25)
@@ -187,6 +208,8 @@ class Frames(Detector):
         every = np.concatenate(signals)
         age, length = (np.concatenate([each[k] for each in ages]) for k in (0, 1))
         touched = age > 0
+        if touched.all():
+            raise InputError("detector=frames: the training recordings have no background; record some, or use another")
         fitted.offsets_ = OFFSET * np.median(every[touched, :LEVELS], axis=0) + 1e-6
         table = np.concatenate([features(each, fitted.offsets_) for each in signals])
         classes = np.where(~touched, 0, np.where(age <= AGES, 1, 2))
@@ -195,25 +218,32 @@ class Frames(Detector):
         fitted.model_ = LogisticRegression(C=0.03, max_iter=300).fit(fitted._units(table), classes, weight)
         shares = np.array([weight[classes == k].sum() for k in fitted.model_.classes_])
         fitted.prior_ = np.log(shares / shares.sum())
-        fitted.times_ = Times.of(recordings)
+        fitted.times_ = Times.of(recordings, self.wait, self.hold)
         return fitted
 
     def _units(self, table: np.ndarray) -> np.ndarray:
         return np.clip((table - self.mean_) / self.sd_, -CLIP, CLIP)
 
     def evidence(self, signals: np.ndarray) -> np.ndarray:
-        """Log-odds of touch, as if touch and background were equally frequent [ticks, 1]."""
+        """Log-odds of touch, and of its beginning, as if all classes were equally frequent [ticks, 2]."""
         likely = self.model_.predict_log_proba(self._units(features(signals, self.offsets_))) - self.prior_
-        return (np.logaddexp.reduce(likely[:, 1:], axis=1) - likely[:, 0])[:, None]
+        touch = np.logaddexp.reduce(likely[:, 1:], axis=1) - likely[:, 0]
+        begun = likely[:, 1] - np.logaddexp.reduce(likely[:, [0, *range(2, likely.shape[1])]], axis=1)
+        return np.stack([touch, begun], axis=1)
 
     def rules(self, level: float) -> Hysteresis:
         """Rules of a new stream."""
         return Hysteresis(level, self.drop, self.times_)
 
     @property
+    def chosen(self) -> dict[str, object]:
+        """The learned times in ticks."""
+        return {"wait": self.times_.wait, "hold": self.times_.hold, "fade": self.times_.fade}
+
+    @property
     def numbers(self) -> int:
         """Count of learned numbers."""
-        return self.model_.coef_.size + 3 + 2 * len(self.mean_) + LEVELS + 2
+        return self.model_.coef_.size + 3 + 2 * len(self.mean_) + LEVELS + 3
 
 
 def ages_of(recording: Recordings) -> tuple[np.ndarray, np.ndarray]:

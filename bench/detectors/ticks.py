@@ -23,6 +23,7 @@ REPEATS = 0.2  # share of touches that a report per touch above `SPARE` costs; c
 SPARE = 1.15  # reports per touch that cost nothing
 GROWN_S = (0.25, 0.4, 0.65, 1.0, 1.6, 2.5)  # of training touches, from their start, that the recogniser learns from
 LONGEST_S = 4.0  # of a touch that is named: the last so many seconds of a longer one
+SHIFTS_S = (0.0, -0.125, 0.125, 0.25)  # of their starts: a detector is early or late
 UNKNOWN = "unknown"  # label of a gesture that is rejected
 GROWTH = 1.25  # a touch is named again when it is so many times as long
 
@@ -60,6 +61,11 @@ class Detector:
     def numbers(self) -> int:
         """Count of learned numbers."""
         return 0
+
+    @property
+    def chosen(self) -> dict[str, object]:
+        """What training has chosen, by name."""
+        return {}
 
     def learn(
         self,
@@ -117,7 +123,7 @@ def sweep(detectors: list[Detector], recordings: Recordings, evidence: list[np.n
     Args:
         detectors: the fitted detector that watches each recording.
         recordings: recordings with their events.
-        evidence: of each recording.
+        evidence: evidence of each recording.
         count: frames of a tick.
 
     Returns:
@@ -153,7 +159,7 @@ def grown(recordings: Recordings) -> Corpus:
     corpus, events = recordings.corpus, recordings.events
     rate_hz, rows = corpus.rate_hz, []
     wanted = sorted({max(2, round(seconds * rate_hz)) for seconds in GROWN_S})
-    shifts = [round(seconds * rate_hz) for seconds in (0.0, -0.125, 0.125, 0.25)]
+    shifts = [round(seconds * rate_hz) for seconds in SHIFTS_S]
     turn = 0
     for row, (recording, start, end) in enumerate(
         zip(events["recording"], events["start"], events["end"], strict=True)
@@ -246,7 +252,7 @@ class TickWatcher:
     @property
     def chosen(self) -> dict[str, object]:
         """What training has chosen, by name."""
-        return {"level": self.level, "reject": self.reject}
+        return {"level": self.level, "reject": self.reject} | self.detector.chosen
 
     def prepared(self, recordings: Corpus) -> Corpus:
         """Recordings without their labels, after the steps that are done frame by frame."""
@@ -262,9 +268,10 @@ class TickWatcher:
         return [self.detector.evidence(each) for each in series]
 
     def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
-        """Touches found, false alarms and reports of all levels."""
+        """Touches found, false alarms and reports of all levels, by their place relative to the learned one."""
         settings = sweep([self.detector] * len(evidence), recordings, evidence, self.count)
-        return settings[["hits", "alarms", "reports"]].assign(offset=settings["level"] - self.level)
+        learned = int(np.abs(self.detector.levels - self.level).argmin())
+        return settings[["hits", "alarms", "reports"]].assign(offset=np.arange(len(settings)) - float(learned))
 
     def probability(self, evidence: np.ndarray, rate_hz: float) -> pd.DataFrame:
         """How sure the rules are of touch in one recording."""
@@ -331,7 +338,8 @@ def spans_of(signs: np.ndarray, count: int) -> list[Span]:
     """The touches that are reported, from the signs of one recording; nothing looks ahead."""
     spans: list[Span] = []
     lasting, named = None, 0
-    for tick, (since, report) in enumerate(signs[:, 1:].astype(int).tolist(), 1):
+    for tick, (ticks, report) in enumerate(signs[:, 1:].astype(int).tolist(), 1):
+        since = min(ticks + 1, tick) if ticks else 0  # with the tick before, in which the touch may have begun
         if report:
             lasting, named = Span(tick * count, tick * count, [((tick - since) * count, tick * count)]), since
             spans.append(lasting)

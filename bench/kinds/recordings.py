@@ -11,7 +11,7 @@ from bench.kinds.base import Kind, Spelling, option
 from bench.measures import Cost, Measure, percent
 from bench.options import SMALL, Command
 from bench.result import Result
-from bench.usual import DETECTOR, FALSE_ALARMS
+from bench.usual import DETECTOR, FALSE_ALARMS, RATES
 from bench.words import Values, labelled
 
 if TYPE_CHECKING:
@@ -99,6 +99,12 @@ class Continuous(Kind):
 
         refuse(plan, self.background, self.unknown)
 
+    def warnings(self, plan: Plan) -> list[str]:
+        """A line where the training background of recordings is too short for the accepted rate."""
+        from bench.work.watch import too_short
+
+        return too_short(plan, self.false_alarms)
+
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects."""
         from bench.work.watch import fold_of
@@ -152,12 +158,15 @@ class Continuous(Kind):
         percent("rejected_known", "rejected known", spare=1),
         Measure("touches", form=".0f", spare=8),
         percent("touches_found", "found"),
+        Measure("fragments", "reports per touch", form=".2f"),
         percent("first_correct", "first"),
         percent("end_correct", "end", ends="end_correct"),
         Measure("false_alarms_per_hour", "alarms/h", ends="false_alarms_per_hour"),
         Measure("latency_s_p50", "latency s", form=".2f"),
         Measure("latency_s_p90", "90 % s", form=".2f", spare=9),
-        Measure("fragments", "reports per touch", form=".2f", spare=7),
+        percent("merged", spare=10),
+        percent("late", spare=11),
+        *(percent(f"missed_at_{rate}", f"missed at {rate}/h", spare=12) for rate in RATES),
     )
     costs: ClassVar[tuple[Cost, ...]] = (
         Cost(

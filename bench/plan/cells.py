@@ -335,10 +335,10 @@ def variants(values: Values, key: str, part: object, siblings: list, seed: int |
 
     Args:
         values: all that was typed.
-        key: of `ROOMS`.
+        key: one of `ROOMS`.
         part: a name, or an object.
         siblings: all parts of this key.
-        seed: of the run; a part that takes none has none.
+        seed: seed of the run; a part that takes none has none.
     """
     dotted = _dotted(values, key)
     names = [sibling for sibling in siblings if isinstance(sibling, str)]

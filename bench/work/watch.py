@@ -17,7 +17,7 @@ from bench.errors import InputError
 from bench.outcomes.events import REPORT, last_confidence, matched, over_people, per_subject, summary, unknown_scores
 from bench.outcomes.results import FoldResult, costs, table_of
 from bench.timing import Times, timed
-from bench.usual import NO_TOUCH
+from bench.usual import NO_TOUCH, RATES
 from bench.work.fold import (
     SOME,
     TIMED_CAPTURES,
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 SEED = 0  # of the composed recordings
 QUIET = "quiet"  # background from the ends of captures
+MOST_REPORTS = 1.25  # per touch
 SHOWN_S = 120.0  # of a recording in each fold, for the timeline
 
 
@@ -115,6 +116,25 @@ def refuse(plan: Plan, background: str, unknown: str) -> None:
             f"model={plan.cell.model}: it predicts with {', '.join(conditions)}, which a recording does not have; "
             "remove its conditions, or evaluate it with bench run"
         )
+
+
+def too_short(plan: Plan, false_alarms: float) -> list[str]:
+    """A line where the shortest training background of a fold is too short to learn a rate of false alarms.
+
+    One alarm in so much background is a higher rate. Without any alarm in 3 / rate hours, the rate is lower with a
+    confidence of 95 % (Poisson). Background of composed recordings is as long as their touches are many.
+    """
+    corpus = plan.corpus
+    if not is_recorded(corpus):
+        return []
+    quiet = np.where(corpus.gestures == GAP, corpus.lengths, 0)
+    minutes = min(float(quiet[fold.train].sum()) for fold in plan.folds) / corpus.rate_hz / 60
+    if not minutes or 60 / minutes <= false_alarms:
+        return []
+    return [
+        f"false_alarms={false_alarms:g}: the training background of {plan.cell.data} is {minutes:.1f} minutes, so "
+        f"rates below {60 / minutes:.2g} per hour cannot be learned; record {180 / false_alarms:.0f} minutes of it"
+    ]
 
 
 def fold_of(
@@ -209,7 +229,8 @@ def run_numbers(
     touches, reports, background_s = scored(table, rate_hz)
     numbers = summary(touches, reports, sum(background_s.values())) | over_people(touches, reports, background_s)
     hours = sum(background_s.values()) / 3600
-    counts = table[table["kind"] == "curve"].groupby("offset")[["hits", "alarms"]].sum()
+    swept = table[table["kind"] == "curve"].groupby("offset")[["hits", "alarms", "reports"]]
+    counts = swept.sum()[swept.size() == len(folds)]  # folds learn other thresholds, whose neighbours are not the same
     missed, alarms = 1 - counts["hits"] / max(len(touches), 1), counts["alarms"] / (hours or np.nan)
     tables = {
         "predictions": table,
@@ -218,9 +239,29 @@ def run_numbers(
         "per_subject": per_subject(touches, reports, background_s),
         "curve": pd.DataFrame({"missed": missed, "false_alarms_per_hour": alarms}).reset_index(),
     }
+    numbers |= missed_at(counts, len(touches), hours)
     if unknown:
         numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
     return _defined(numbers | {"background_minutes": 60 * hours}) | costs(folds), tables
+
+
+def missed_at(counts: pd.DataFrame, touches: int, hours: float) -> dict[str, float]:
+    """The lowest share of missed touches at so many false alarms per hour, of all thresholds around the learned ones.
+
+    A threshold counts only if a touch has at most `MOST_REPORTS` reports: others find each touch by reporting always.
+
+    Args:
+        counts: ``hits``, ``alarms`` and ``reports`` of each threshold.
+        touches: number of touches.
+        hours: hours of background.
+    """
+    per_touch = (counts["reports"] - counts["alarms"]) / counts["hits"].clip(lower=1)
+    usable = counts[per_touch <= MOST_REPORTS]
+    missed = {}
+    for rate in RATES:
+        hits = usable.loc[usable["alarms"] <= rate * hours, "hits"]
+        missed[f"missed_at_{rate}"] = 1 - hits.max() / touches if hours and touches and len(hits) else np.nan
+    return missed
 
 
 def scored(table: pd.DataFrame, rate_hz: float) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, float]]:
