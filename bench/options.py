@@ -407,8 +407,8 @@ def keys(command: str) -> set[str]:
 
 def rooms() -> dict[str, str]:
     """The rooms of parts, by the key that names them."""
-    every = (option for command in commands() for option in options(command).values())
-    return {option.key: option.room for option in every if option.room}
+    made = (option for maker in makers().values() for option in maker.options())
+    return {option.key: option.room for option in (*OPTIONS, *classes("options").values(), *made) if option.room}
 
 
 def overview() -> str:

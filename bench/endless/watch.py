@@ -14,7 +14,7 @@ from bench.comparable import several
 from bench.corpora.recordings import GAP, Recordings, is_recorded, recorded
 from bench.endless import RATES
 from bench.endless.composer import check_background, composed, pieces
-from bench.endless.watcher import UNKNOWN
+from bench.endless.detectors.base import UNKNOWN
 from bench.endless.watcher_training import learn_reject
 from bench.errors import InputError
 from bench.outcomes.events import REPORT, last_confidence, matched, over_people, per_subject, summary, unknown_scores

@@ -10,6 +10,7 @@ Everything is causal and has a fixed memory, so that `bench export` can write th
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
 from bench.corpora.steps import SETTLED_S
 from bench.endless.detector import Clock, Detector, cut, seen_windows, touched, updated, windows_of
+from bench.endless.detectors.base import UNKNOWN
 from bench.features.touch import TouchFeatures
 from bench.models.recipe import behind, taken
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
@@ -27,7 +29,6 @@ from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
 ON, OFF = float(np.float32(0.95)), float(np.float32(0.1))  # as single precision has them
 BIASES = np.arange(-10, 4.25, 0.25, dtype=np.float32)  # one of them is learned
 OFFSETS = np.arange(-4, 4.5, 0.5)  # from the learned bias, for the curve
-UNKNOWN = "unknown"  # label of a gesture that is rejected
 
 
 class Rules:
@@ -262,6 +263,10 @@ class Watcher:
                 end = tracker.rules.low or int(times[-1])
                 rows.append((i, event.reported, end, event.first, event.label, event.confidence))
         return report_table(rows)
+
+    def renamed(self, make_system: Callable[[], contract.System], captures: Corpus, recordings: Recordings) -> Watcher:
+        """As `bench.endless.detectors.base.Watches`."""
+        return replace(self, system=make_system().fit(captures, captures.gestures), reject=0.0)
 
     def prepared(self, recordings: Corpus) -> Corpus:
         """Recordings without their labels, after the steps that are done frame by frame."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 
 import numpy as np
 import pandas as pd
@@ -164,20 +163,12 @@ def learn_reject(
     """
     subjects = recordings.subjects.astype(str)
     confidence = []
-    for _, judged in inner_folds(subjects, GROUPS):
+    for others, judged in inner_folds(subjects, GROUPS):
         train = captures[~np.isin(captures.subjects.astype(str), subjects[judged])]
-        system = make_system().fit(train, train.gestures)
         held = recordings[judged]
-        reports = _with(watcher, system).reports(held.corpus)
+        reports = watcher.renamed(make_system, train, recordings[others]).reports(held.corpus)
         confidence.append(last_confidence(held.events, reports, held.corpus.rate_hz))
     return reject_threshold(np.concatenate(confidence))
-
-
-def _with(watcher: Watches, system: contract.System) -> Watches:
-    """The watcher with another system, which rejects nothing."""
-    other = copy(watcher)
-    other.system, other.reject = system, 0.0
-    return other
 
 
 def reject_threshold(confidence: np.ndarray, share: float = REJECTED) -> float:

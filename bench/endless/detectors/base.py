@@ -17,6 +17,8 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
 
+UNKNOWN = "unknown"  # label of a gesture that is rejected
+
 
 class Watches(Protocol):
     """A fitted system and a detector that learned from recordings; a dataclass, whose fields can be replaced.
@@ -50,6 +52,9 @@ class Watches(Protocol):
 
     def probability(self, evidence: Any, rate_hz: float) -> pd.DataFrame:
         """How sure it is of touch, 0 to 1: ``confidence`` after ``reported`` frames of one recording."""
+
+    def renamed(self, make_system: Callable[[], contract.System], captures: Corpus, recordings: Recordings) -> Watches:
+        """The same with names learned from other captures and their recordings; it rejects nothing."""
 
     def decide(self, recording: Corpus, end: int) -> None:
         """Do the work of one decision after so many frames, to be timed."""

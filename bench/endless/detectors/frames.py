@@ -136,10 +136,10 @@ class Times:
 
 
 class Hysteresis:
-    """A touch begins above a level and is over below a lower one, each for some ticks.
+    """A touch begins with a tick above a level, and is over when some are below a lower one.
 
     It begins only where the classifier has seen its beginning, and is also over when the evidence has faded: background
-    whose level has changed keeps some.
+    whose level has changed keeps some. It is reported after ``times.wait`` ticks, or when it is over before.
 
     Args:
         level: log-odds of touch.
@@ -149,25 +149,27 @@ class Hysteresis:
 
     def __init__(self, level: float, drop: float, times: Times) -> None:
         self.level, self.drop, self.times = level, drop, times
-        self.since = self.above = self.below = self.weak = self.begun = 0
-        self.highest = 0.0
+        self.since = self.below = self.weak = self.begun = 0
+        self.highest, self.reported, self.over = 0.0, False, True
 
     def step(self, evidence: np.ndarray) -> Sign:
         """Take the log-odds of touch, and of the beginning of one, in a tick."""
         odds, begins = map(float, evidence)
-        if self.since:
+        self.begun = AGES - 1 if begins > BEGUN else self.begun - 1
+        if not self.over:
             self.since += 1
             self.highest = max(self.highest, odds)
             self.below = self.below + 1 if odds < self.level - self.drop else 0
             self.weak = self.weak + 1 if odds < FADED * self.highest else 0
-            if self.below >= self.times.hold or self.weak >= self.times.fade:
-                self.since = self.above = 0
-        self.above = self.above + 1 if odds > self.level else 0
-        self.begun = self.times.wait + 1 if begins > BEGUN else self.begun - 1
-        report = not self.since and self.above >= self.times.wait and self.begun > 0
-        if report:
-            self.since, self.highest, self.below, self.weak = self.above, odds, 0, 0
-        return Sign(float(expit(odds - self.level)), self.since, report)
+            self.over = self.below >= self.times.hold or self.weak >= self.times.fade
+        elif odds > self.level and self.begun > 0:
+            self.since, self.highest, self.below, self.weak = 1, odds, 0, 0
+            self.reported = self.over = False
+        else:
+            self.since, self.reported = 0, True
+        report = not self.reported and (self.over or self.since >= self.times.wait)
+        self.reported = self.reported or report
+        return Sign(float(expit(odds - self.level)), self.since if report or not self.over else 0, report)
 
 
 @dataclass

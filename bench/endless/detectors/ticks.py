@@ -4,27 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.corpora.corpus import Corpus, storage
+from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
-from bench.endless.detectors.base import Rules, Signals, Watches
+from bench.endless.detectors.base import UNKNOWN, Rules, Signals, Watches
+from bench.endless.detectors.names import LONGEST_S, Names
+from bench.few import INTERVAL
 from bench.models.recipe import behind, taken
 from bench.models.search.inner_folds import inner_folds
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
 
 PRICE = 0.001  # share of touches that a false alarm per hour above the target costs; chosen on sittings A to C
 REPEATS = 0.2  # share of touches that a report per touch above `SPARE` costs; chosen there, too
+FOLDS = "12"  # at most, of training recordings for the choice of the threshold
 SPARE = 1.15  # reports per touch that cost nothing
-GROWN_S = (0.25, 0.4, 0.65, 1.0, 1.6, 2.5)  # of training touches, from their start, that the recogniser learns from
-LONGEST_S = 4.0  # of a touch that is named: the last so many seconds of a longer one
-SHIFTS_S = (0.0, -0.125, 0.125, 0.25)  # of their starts: a detector is early or late
-UNKNOWN = "unknown"  # label of a gesture that is rejected
 GROWTH = 1.25  # a touch is named again when it is so many times as long
 
 
@@ -154,37 +153,6 @@ def best(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
     return settings.iloc[int(np.argmax(worth))]
 
 
-def grown(recordings: Recordings) -> Corpus:
-    """The beginnings of all touches as captures, of several lengths, some with a late or an early start."""
-    corpus, events = recordings.corpus, recordings.events
-    rate_hz, rows = corpus.rate_hz, []
-    wanted = sorted({max(2, round(seconds * rate_hz)) for seconds in GROWN_S})
-    shifts = [round(seconds * rate_hz) for seconds in SHIFTS_S]
-    turn = 0
-    for row, (recording, start, end) in enumerate(
-        zip(events["recording"], events["start"], events["end"], strict=True)
-    ):
-        lengths = sorted(
-            {min(length, end - start) for length in wanted} | {min(end - start, round(LONGEST_S * rate_hz))}
-        )
-        for length in lengths:
-            begin = min(max(0, start + shifts[turn % len(shifts)]), end - 1)
-            turn += 1
-            rows.append((row, recording, begin, max(1, min(start + length, end) - begin)))
-    event, recording, begin, length = np.array(rows, dtype=np.int64).T
-    table = corpus.captures.iloc[recording].reset_index(drop=True)
-    table = table.assign(gesture=events["gesture"].to_numpy()[event])
-    return corpus.changed(
-        starts=storage(corpus)[1][recording] + begin,
-        lengths=length,
-        captures=table,
-        index=np.arange(len(rows)),
-        piece=np.zeros(len(rows), dtype=np.int64),
-        digest="",
-        path=None,
-    )
-
-
 def learned(
     detector: Detector,
     make_system: Callable[[], contract.System],
@@ -192,10 +160,10 @@ def learned(
     recordings: Recordings,
     false_alarms: float,
 ) -> tuple[TickWatcher, pd.DataFrame]:
-    """A watcher whose threshold is learned by leaving each training subject out, and the table of thresholds.
+    """A watcher whose threshold is learned by leaving training recordings out, and the table of thresholds.
 
     Raises:
-        InputError: fewer than two subjects.
+        InputError: fewer than two recordings.
     """
     corpus = taken(recordings.corpus, behind(system)[0])[0]
     count = frames_of_tick(detector.tick, corpus.rate_hz)
@@ -203,17 +171,23 @@ def learned(
     signals = signals_of(detector, ticks.corpus)
     evidence: list[np.ndarray] = [np.zeros(0)] * len(signals)
     detectors = [detector] * len(signals)
-    for train, judged in inner_folds(recordings.subjects.astype(str), "loso"):
+    for train, judged in inner_folds(left_out(recordings), FOLDS):
         fitted = copy(detector).fit([signals[i] for i in train], ticks[train])
         for i in judged:
             detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
     settings = sweep(detectors, recordings, evidence, count)
     level = float(best(settings, false_alarms)["level"])
-    gestures = set(recordings.events["gesture"])
-    background = tuple(sorted(set(np.asarray(system.classes_).astype(str)) - gestures))
-    touches = grown(recordings)
-    namer = make_system().fit(touches, touches.gestures)
-    return TickWatcher(namer, background, copy(detector).fit(signals, ticks), level, count), settings
+    names = Names.learned(make_system, system, recordings)
+    return TickWatcher(system, names, copy(detector).fit(signals, ticks), level, count), settings
+
+
+def left_out(recordings: Recordings) -> np.ndarray:
+    """What is left out together for the choice of the threshold: subjects, or single recordings of few subjects.
+
+    A classifier of one subject fewer than few is another one, whose evidence has another scale.
+    """
+    subjects = recordings.subjects.astype(str)
+    return subjects if len(set(subjects)) >= INTERVAL else np.arange(len(recordings)).astype(str)
 
 
 @dataclass(eq=False)
@@ -223,8 +197,8 @@ class TickWatcher:
     A touch is named when it is reported, from its frames so far, and again as it grows.
 
     Attributes:
-        system: fitted to the beginnings of training touches.
-        background: names of its classes that are no gesture.
+        system: fitted to captures.
+        names: names the touches.
         detector: fitted to training recordings.
         level: threshold, learned for a number of false alarms per hour.
         count: frames of a tick.
@@ -232,17 +206,11 @@ class TickWatcher:
     """
 
     system: contract.System
-    background: tuple[str, ...]
+    names: Names
     detector: Detector
     level: float
     count: int
     reject: float = 0.0
-
-    @property
-    def names(self) -> np.ndarray:
-        """Gestures that are reported, in the order of the system's classes."""
-        classes = np.asarray(self.system.classes_).astype(str)
-        return classes[~np.isin(classes, self.background)]
 
     @property
     def numbers(self) -> int:
@@ -283,8 +251,8 @@ class TickWatcher:
         frames = recording[0][max(0, end - self.count) : max(end, self.count)]
         ring = np.repeat(self.detector.signals().step(_means(frames, self.count)[0])[None], self.detector.memory, 0)
         self.detector.evidence(ring)
-        length = min(int(recording.lengths[0]), round(LONGEST_S * recording.rate_hz))
-        self._probabilities(recording, np.array([max(0, end - length)]), np.array([length]))
+        begin = max(0, end - round(LONGEST_S * recording.rate_hz))
+        self.names.probabilities(recording, np.array([begin]), np.array([end]))
 
     def reports(self, recordings: Corpus, evidence: list[np.ndarray] | None = None) -> pd.DataFrame:
         """Touches in recordings, each as if its frames came one by one."""
@@ -296,27 +264,23 @@ class TickWatcher:
             if not touches:
                 continue
             asked = [(start, end) for touch in touches for start, end in touch.named]
-            begin, end = np.array(asked, dtype=np.int64).T
-            begin = np.maximum(begin, end - max(1, round(LONGEST_S * seen.rate_hz)))
-            proba = iter(self._probabilities(seen[[i]], begin, end - begin))
+            proba = iter(self.names.probabilities(seen[[i]], *np.array(asked, dtype=np.int64).T))
             for touch in touches:
                 each = [next(proba) for _ in touch.named]
                 (first, _), (label, sure) = self._label(each[0]), self._label(each[-1])
                 rows.append((i, touch.reported, touch.end, first, label, sure))
         return report_table(rows)
 
-    def _label(self, proba: np.ndarray) -> tuple[str, float]:
-        sure = float(proba.max())
-        return (str(self.names[proba.argmax()]) if sure > 0 and sure >= self.reject else UNKNOWN), sure
+    def renamed(
+        self, make_system: Callable[[], contract.System], captures: Corpus, recordings: Recordings
+    ) -> TickWatcher:
+        """As `bench.endless.detectors.base.Watches`."""
+        system = make_system().fit(captures, captures.gestures)
+        return replace(self, system=system, names=Names.learned(make_system, system, recordings), reject=0.0)
 
-    def _probabilities(self, recording: Corpus, begin: np.ndarray, length: np.ndarray) -> np.ndarray:
-        """Probabilities of the gestures, without background, in some spans of one recording [spans, gestures]."""
-        inner = behind(self.system)[1]
-        spans = recording[np.zeros(len(begin), np.int64)]
-        spans = spans.changed(starts=storage(recording)[1][0] + begin, lengths=length, digest="", path=None)
-        gestures = ~np.isin(np.asarray(inner.classes_).astype(str), self.background)
-        proba = contract.probabilities(inner, spans)[:, gestures]
-        return (proba / np.maximum(proba.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
+    def _label(self, proba: np.ndarray) -> tuple[str, float]:
+        sure, gestures = float(proba.max()), self.names.gestures
+        return (str(gestures[proba.argmax()]) if sure > 0 and sure >= self.reject else UNKNOWN), sure
 
 
 @dataclass
