@@ -9,9 +9,9 @@ from typing import Any
 from bench.amounts import UNITS, convert, quantity, text_of
 from bench.errors import InputError, nearest
 from bench.measures import budgets
-from bench.options import OPTIONS, Option, options
+from bench.options import OPTIONS, Option, options, rooms
 from bench.registry import names
-from bench.words import PARTS, Values
+from bench.words import Values
 from bench.work.backend import Backend
 
 KEYS = {o.key for o in OPTIONS if "run" in o.commands.split() and "." not in o.key}  # of the cells of bench run
@@ -24,7 +24,7 @@ def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, 
 
     Args:
         arguments: typed words.
-        known: keys that may appear, see `bench.options.keys`; those of `PARTS` and ``data`` may also be dotted. None
+        known: keys that may appear, see `bench.options.keys`; those of parts and ``data`` may also be dotted. None
             takes every key.
 
     Raises:
@@ -71,7 +71,7 @@ def check_key(key: str, known: Collection[str]) -> None:
     """
     if key in MOVED and key not in known:
         raise InputError(f"no key is called {key!r}; it is now {MOVED[key]}")
-    if key.split(".")[0] not in known or ("." in key and key.split(".")[0] not in (*PARTS, "data")):
+    if key.split(".")[0] not in known or ("." in key and key.split(".")[0] not in (*rooms(), "data")):
         raise InputError(f"no key is called {key!r}; {nearest(key, known)}")
 
 

@@ -10,8 +10,8 @@ import os
 import sys
 
 from bench.errors import ClusterError, HiddenError, InputError, StoreError, nearest
-from bench.options import commands, help_of, makers, options, overview
-from bench.registry import KEYS, broken, check_loaded
+from bench.options import commands, help_of, makers, options, overview, rooms
+from bench.registry import broken, check_loaded
 from bench.scratch import scratch
 
 LONGEST = 300  # characters of a message
@@ -95,10 +95,10 @@ def _help(name: str, arguments: list[str]) -> str:
     Raises:
         InputError: there is no such part.
     """
-    if words := [a for a in arguments if (key := a.partition("=")[0]) in KEYS.values() and key in options(name)]:
+    if words := [a for a in arguments if (key := a.partition("=")[0]) in rooms() and key in options(name)]:
         from bench.described import help_of_parts
 
-        return help_of_parts(words)
+        return help_of_parts(words, rooms())
     return help_of(name)
 
 

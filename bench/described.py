@@ -8,12 +8,12 @@ from __future__ import annotations
 import inspect
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from bench.amounts import text_of
 from bench.registry import load, names, parameters, required
-from bench.words import PARTS, WIDTH, items
+from bench.words import WIDTH, items
 
 SECTION = re.compile(r"^(Args|Attributes|Raises|Returns):$", re.MULTILINE)
 ENTRY = re.compile(r"^ {4}(\w[\w, ]*):\s+(.*(?:\n {8}.*)*)", re.MULTILINE)
@@ -96,17 +96,21 @@ def definitions(systems: Iterable[str]) -> list[str]:
     return [described("models", name).definition for name in classifiers(first)]
 
 
-def help_of_parts(arguments: Sequence[str]) -> str:
+def help_of_parts(arguments: Sequence[str], rooms: Mapping[str, str]) -> str:
     """The parameters of the parts that arguments name (``model=svm,rf``), as ``--help`` prints them; else empty.
+
+    Args:
+        arguments: typed words.
+        rooms: room of the parts that each key names.
 
     Raises:
         InputError: no part has that name, or it cannot be imported.
     """
     given = dict(argument.partition("=")[::2] for argument in arguments)
     sections = []
-    for key in sorted({*PARTS} & {*given}, key=list(given).index):
+    for key in sorted({*rooms} & {*given}, key=list(given).index):
         for name in items(key, given[key]):
-            one = described(PARTS[key], name)
+            one = described(rooms[key], name)
             rows = [_row(key, p) for p in one.parameters] or ["  no parameters"]
             words = [f"{key}={name}: {one.summary}.", *one.more]
             filled = [w if LISTED.search(w) else textwrap.fill(w, WIDTH, break_on_hyphens=False) for w in words]

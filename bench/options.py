@@ -6,6 +6,7 @@ their keys, come from kinds and circumstances. Nothing heavy is imported, so tha
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,6 +16,8 @@ from bench.measures import budgets, costs
 from bench.registry import classes, names
 from bench.usual import FALSE_ALARMS
 from bench.words import DEFAULTS, WIDTH
+
+ROOM = re.compile(r"{(\w+)}")  # in the help of an option
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class Option:
         type: ``text``, ``number`` (above 0), ``count`` (a whole number), ``yes`` (or no), ``amount`` (of a cost), or
             the unit of an amount, such as ``ms``.
         default: value if it is not given.
-        help: text of the help; ``{models}`` stands for the names of a room.
+        help: text of the help; ``{models}`` stands for the names of a room, whose parts the key names.
         values: allowed values, if they can be listed.
         joint: separator of several values.
     """
@@ -39,6 +42,12 @@ class Option:
     help: str
     values: tuple[str, ...] = ()
     joint: str = ","
+
+    @property
+    def room(self) -> str:
+        """The room whose parts it names, with their parameters behind a dot; empty for any other key."""
+        found = ROOM.search(self.help)
+        return found[1] if found else ""
 
 
 @dataclass(frozen=True)
@@ -396,6 +405,12 @@ def keys(command: str) -> set[str]:
     return {key for key in options(command) if "." not in key}
 
 
+def rooms() -> dict[str, str]:
+    """The rooms of parts, by the key that names them."""
+    made = (option for maker in makers().values() for option in maker.options())
+    return {option.key: option.room for option in (*OPTIONS, *classes("options").values(), *made) if option.room}
+
+
 def overview() -> str:
     """The commands to begin with, each with its summary, and the names of the others."""
     groups: dict[str, list[str]] = {}
@@ -428,9 +443,8 @@ def help_of(name: str) -> str:
 def _row(option: Option) -> str:
     """A key with its help, values and default."""
     text = option.help
-    for room in ("protocols", "models", "features"):
-        if f"{{{room}}}" in text:
-            text = text.replace(f"{{{room}}}", ", ".join(names(room)))
+    if option.room:
+        text = text.replace(f"{{{option.room}}}", ", ".join(names(option.room)))
     if len(option.values) > 1:
         text += f": {(', ' if option.joint == ',' else option.joint).join(option.values)}"
     if option.type != "yes" and option.default not in (None, "", 0, ()):

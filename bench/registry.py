@@ -78,23 +78,23 @@ def load(room: str, name: str) -> Callable:
     """Import one part: a class or a function whose keyword arguments are its parameters.
 
     Args:
-        room: one of `KEYS`.
+        room: one of `KEYS`, or one that a room or a package adds: its key is its name without the s.
         name: registered name, or ``file.py:Name`` for a class or function of a file.
 
     Raises:
         InputError: no part has that name, or it cannot be imported.
     """
-    registered = names(room)
+    registered, key = names(room), KEYS.get(room, room.removesuffix("s"))
     file, _, attribute = name.rpartition(":")
     if file.endswith(".py"):
-        return _from_file(f"{KEYS[room]}={name}", Path(file), attribute)
+        return _from_file(f"{key}={name}", Path(file), attribute)
     if name not in registered:
-        raise InputError(f"{KEYS[room]}={name}: unknown; {nearest(name, registered)}")
+        raise InputError(f"{key}={name}: unknown; {nearest(name, registered)}")
     module, _, attribute = registered[name].partition(":")
     try:
         return getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError) as e:
-        raise InputError(f"{KEYS[room]}={name} cannot be loaded from {registered[name]}: {e}") from e
+        raise InputError(f"{key}={name} cannot be loaded from {registered[name]}: {e}") from e
 
 
 def classes(room: str) -> dict[str, Any]:

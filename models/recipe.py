@@ -291,6 +291,14 @@ def taken(X: Corpus, steps: list[Step]) -> tuple[Corpus, np.ndarray]:
     return X, row
 
 
+def behind(system: contract.System) -> tuple[list[Step], contract.System]:
+    """The causal steps that a whole recording goes through, and the system behind them, which is given windows."""
+    recipe = getattr(system, "whole_", system)
+    if not isinstance(recipe, Recipe):
+        return [], system
+    return [step for step in recipe.steps() if not isinstance(step, Windows)], recipe.system_
+
+
 def mean_of(proba: np.ndarray, capture: np.ndarray) -> np.ndarray:
     """Mean of the rows of each capture, which lie together [captures, classes]."""
     return np.add.reduceat(proba, np.flatnonzero(np.diff(capture, prepend=-1))) / np.bincount(capture)[:, None]

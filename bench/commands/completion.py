@@ -110,9 +110,8 @@ def _options(before: list[str]) -> dict[str, Option]:
 
 def values(key: str, table: Mapping[str, Option]) -> Iterable[str]:
     """List the possible names for a key."""
-    rooms = {"model": "models", "features": "features", "protocol": "protocols"}
-    if key in rooms:
-        return sorted(names(rooms[key]))
+    if key in table and table[key].room:
+        return sorted(names(table[key].room))
     if key in ("data", "protocol.source"):
         return ["synth", *corpora()]
     if key == "model.faults":

@@ -52,8 +52,9 @@ def planned(name: str, values: Values) -> tuple[list, str]:
     maker = makers()[name]
     given = dict(maker.spelling.given)
     own = {option.key for option in maker.options()} | {*given}
-    kinds = maker.kind.of({**given, **{k: v for k, v in values.items() if k in own}})
-    ready = maker.kind.ready(cells({k: v for k, v in values.items() if k not in own}))
+    of_cells = {k: v for k, v in values.items() if k not in own and k.partition(".")[0] not in own}
+    kinds = maker.kind.of({**given, **{k: v for k, v in values.items() if k not in of_cells}})
+    ready = maker.kind.ready(cells(of_cells))
     out = str(values.get("out", maker.spelling.out[0])) if maker.spelling.out[0] else ""
     return prepared(ready, kinds, backend_of(values).jobs), out
 

@@ -14,11 +14,9 @@ from scipy.special import logsumexp
 
 from bench import contract
 from bench.corpora.corpus import Corpus, storage
-from bench.corpora.steps import Step, Windows
 from bench.features.base import labels as row_labels
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import Discriminants
-from bench.models.recipe import Recipe
 
 BACKGROUND = ""  # class of background
 BROKEN = " "  # first letter of the class of each kind of broken sensor; sorts before all gestures
@@ -80,14 +78,6 @@ class Clock:
 def window_of(system: contract.System, rate_hz: float) -> int:
     """Frames of the window that a system names touches from: that of a network, otherwise 0.75 s."""
     return contract.window(system, rate_hz) or max(1, round(NAME_S * rate_hz))
-
-
-def behind(system: contract.System) -> tuple[list[Step], contract.System]:
-    """The causal steps that a whole recording goes through, and the system behind them, which is given windows."""
-    recipe = getattr(system, "whole_", system)
-    if not isinstance(recipe, Recipe):
-        return [], system
-    return [step for step in recipe.steps() if not isinstance(step, Windows)], recipe.system_
 
 
 @dataclass(eq=False)

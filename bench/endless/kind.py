@@ -3,27 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from bench.endless import DETECTOR, RATES
 from bench.kinds.base import Kind, Spelling, option
 from bench.measures import Cost, Measure, percent
 from bench.options import Command
 from bench.result import Result
 from bench.usual import FALSE_ALARMS
-from bench.words import SMALL
+from bench.words import SMALL, Values, labelled
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from bench.candidate import Candidate, Wish
     from bench.corpora.corpus import Corpus
+    from bench.endless.detectors.base import Detects
     from bench.outcomes.results import FoldResult
-    from bench.plan.cells import Cell
+    from bench.plan.cells import Cell, Part
     from bench.plan.plan import Fold, Plan
     from bench.reports.part import Section
     from bench.table import Table
+
+
+def others(detector: str) -> str | None:
+    """A detector in a table, where the usual one is not shown; one of a file without its folder."""
+    return Path(detector).name if detector != DETECTOR else None
 
 
 @dataclass(frozen=True)
@@ -35,11 +42,41 @@ class Continuous(Kind):
 
     tag: ClassVar[str] = "watch"
 
+    detector: str = option(DETECTOR, "finds the touches: {detectors}, or my.py:Mine; detector.NAME= sets a parameter")
     false_alarms: float = option(
         FALSE_ALARMS, "false alarms per hour of background accepted in training", type="number"
     )
     background: str = option("", "class without touch, or quiet: ends of captures; default notouch or quiet")
     unknown: str = option("", "gesture to leave out of training; its touches should be labelled unknown")
+
+    @classmethod
+    def of(cls, values: Values) -> list[Self]:
+        """Every combination of the typed values, with the detectors that they name.
+
+        Raises:
+            InputError: a value cannot be used.
+        """
+        from bench.endless.detectors.named import detectors
+
+        parts = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
+        made = super().of({key: value for key, value in values.items() if key not in parts})
+        return [replace(one, detector=part.typed()) for one in made for part in detectors(parts)]
+
+    @property
+    def part(self) -> Part[Detects]:
+        """Its detector, with all parameters."""
+        from bench.endless.detectors.named import detectors
+
+        return detectors(labelled("detector", self.detector))[0]
+
+    def identity(self) -> object:
+        """Kind and options, with the code of the detector."""
+        return repr(replace(self, detector="")), self.part.identity()
+
+    def arguments(self) -> dict[str, str]:
+        """The options as typed; defaults are left out."""
+        given = super().arguments()
+        return given | (labelled("detector", self.detector) if "detector" in given else {})
 
     @classmethod
     def ready(cls, cells: list[Cell]) -> list[Cell]:
@@ -63,11 +100,18 @@ class Continuous(Kind):
 
         refuse(plan, self.background, self.unknown)
 
+    def warnings(self, plan: Plan) -> list[str]:
+        """A line where the training background of recordings is too short for the accepted rate."""
+        from bench.endless.watch import too_short
+
+        return too_short(plan, self.false_alarms)
+
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects."""
         from bench.endless.watch import fold_of
 
-        return fold_of(cell, corpus, fold, threads, self.false_alarms, self.background, self.unknown)
+        detector = self.part.make()
+        return fold_of(cell, corpus, fold, threads, detector, self.false_alarms, self.background, self.unknown)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Scores and costs of one fold."""
@@ -109,17 +153,21 @@ class Continuous(Kind):
         "watch.unknown": ("unknown gesture: {}", ""),
     }
     shown: ClassVar[tuple[Measure, ...]] = (
+        Measure("detector", read=lambda row: others(row.get("watch.detector", DETECTOR)), left=True, spare=1),
         Measure("auroc", "AUROC", form=".2f", spare=1),
         percent("rejected_unknown", "rejected unknown", spare=1),
         percent("rejected_known", "rejected known", spare=1),
         Measure("touches", form=".0f", spare=8),
         percent("touches_found", "found"),
+        Measure("fragments", "reports per touch", form=".2f"),
         percent("first_correct", "first"),
         percent("end_correct", "end", ends="end_correct"),
         Measure("false_alarms_per_hour", "alarms/h", ends="false_alarms_per_hour"),
         Measure("latency_s_p50", "latency s", form=".2f"),
         Measure("latency_s_p90", "90 % s", form=".2f", spare=9),
-        Measure("fragments", "reports per touch", form=".2f", spare=7),
+        percent("merged", spare=10),
+        percent("late", spare=11),
+        *(percent(f"missed_at_{rate}", f"missed at {rate}/h", spare=12) for rate in RATES),
     )
     costs: ClassVar[tuple[Cost, ...]] = (
         Cost(

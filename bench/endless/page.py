@@ -29,6 +29,7 @@ Same = Mapping[str, tuple[str, str]]
 ALARMS = "false alarms per hour of background"
 TOLD = (
     percent("touches_found", ends="touches_found"),
+    Measure("fragments", form=".2f"),
     percent("end_correct", ends="end_correct"),
     Measure("false_alarms_per_hour", ends="false_alarms_per_hour"),
     Measure("latency_s_p50", form=".2f"),
@@ -55,12 +56,13 @@ def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Sectio
 
 def sentence(run: Result, same: Same) -> str:
     """The scores of a system: data, protocol and unit first."""
-    found, end, alarms, latency = (measure.of(run) for measure in TOLD)
+    found, reports, end, alarms, latency = (measure.of(run) for measure in TOLD)
     return sentences(
         *("bench.endless", "touches", "watched"),
         context=context_words(run, same),
         run=run,
         found=found,
+        reports=reports,
         end=end,
         alarms=alarms,
         unit=ALARMS,

@@ -6,6 +6,11 @@ ADDS = {
     "kinds": {"watch": "bench.endless.kind:Continuous"},
     "commands": {"live": "bench.endless.room:LIVE"},
     "options": {"watch": "bench.endless.room:WATCH"},
+    "detectors": {
+        "filter": "bench.endless.detectors.filter:Filter",
+        "frames": "bench.endless.detectors.frames:Frames",
+        "threshold": "bench.endless.detectors.threshold:Threshold",
+    },
     "watchers": {"detector": "bench.endless.teaching:Watching"},
 }
 WATCH = Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams")

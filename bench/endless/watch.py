@@ -12,14 +12,14 @@ import pandas as pd
 from bench import contract
 from bench.comparable import several
 from bench.corpora.recordings import GAP, Recordings, is_recorded, recorded
+from bench.endless import RATES
 from bench.endless.composer import check_background, composed, pieces
-from bench.endless.detector import behind, cut, touched
-from bench.endless.watcher import UNKNOWN
-from bench.endless.watcher_training import bias_table, learn_reject, learned
+from bench.endless.detectors.base import UNKNOWN
+from bench.endless.watcher_training import learn_reject
 from bench.errors import InputError
-from bench.features.touch import TouchFeatures
 from bench.outcomes.events import REPORT, last_confidence, matched, over_people, per_subject, summary, unknown_scores
 from bench.outcomes.results import FoldResult, costs, table_of
+from bench.sentences import sentences
 from bench.timing import Times, timed
 from bench.usual import NO_TOUCH
 from bench.work.fold import (
@@ -36,13 +36,13 @@ from bench.work.fold import (
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
-    from bench.endless.watcher import Watcher
+    from bench.endless.detectors.base import Detects, Watches
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
 
 SEED = 0  # of the composed recordings
 QUIET = "quiet"  # background from the ends of captures
-OFFSETS = np.arange(-4, 4.5, 0.5)  # from the learned bias, for the curve
+MOST_REPORTS = 1.25  # per touch
 SHOWN_S = 120.0  # of a recording in each fold, for the timeline
 
 
@@ -120,8 +120,38 @@ def refuse(plan: Plan, background: str, unknown: str) -> None:
         )
 
 
+def too_short(plan: Plan, false_alarms: float) -> list[str]:
+    """A line where the shortest training background of a fold is too short to learn a rate of false alarms.
+
+    One alarm in so much background is a higher rate. Without any alarm in 3 / rate hours, the rate is lower with a
+    confidence of 95 % (Poisson). Background of composed recordings is as long as their touches are many.
+    """
+    corpus = plan.corpus
+    if not is_recorded(corpus):
+        return []
+    quiet = np.where(corpus.gestures == GAP, corpus.lengths, 0)
+    minutes = min(float(quiet[fold.train].sum()) for fold in plan.folds) / corpus.rate_hz / 60
+    if not minutes or 60 / minutes <= false_alarms:
+        return []
+    return sentences(
+        *("bench.endless", "touches", "short"),
+        asked=f"{false_alarms:g}",
+        data=plan.cell.data,
+        minutes=f"{minutes:.1f}",
+        least=f"{60 / minutes:.2g}",
+        needed=f"{180 / false_alarms:.0f}",
+    )
+
+
 def fold_of(
-    cell: Cell, corpus: Corpus, fold: Fold, threads: int, false_alarms: float, background: str, unknown: str
+    cell: Cell,
+    corpus: Corpus,
+    fold: Fold,
+    threads: int,
+    detector: Detects,
+    false_alarms: float,
+    background: str,
+    unknown: str,
 ) -> FoldResult:
     """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects.
 
@@ -135,6 +165,7 @@ def fold_of(
         corpus: captures, or recordings as captures.
         fold: names its training and test captures by position.
         threads: threads for computing.
+        detector: before training.
         false_alarms: false alarms per hour of background that are accepted on training subjects.
         background: class of background, as of `usual`.
         unknown: gesture that is left out of training; empty for none.
@@ -147,14 +178,14 @@ def fold_of(
     recordings = composed(*pieces(train, background), SEED) if composing else recordings_of(train, background)
     with computing(threads):
         metrics = fitted(estimator, train)
-        watcher, settings = learned(estimator, recordings, false_alarms)
+        watcher, settings = detector.learn(cell.estimator, estimator, train, recordings, false_alarms)
         if unknown:
             watcher.reject = learn_reject(cell.estimator, train, recordings, watcher)
         test = recordings_of(corpus[fold.test], background)
         if unknown:
             test = replace(test, events=test.events.replace({"gesture": {unknown: UNKNOWN}}))
-        odds = watcher.log_odds(test.corpus)
-        reports = watcher.reports(test.corpus, odds)
+        evidence = watcher.evidence(test.corpus)
+        reports = watcher.reports(test.corpus, evidence)
         effects = batch_effects(estimator, corpus, fold.test, most=SOME)
         if not effects:
             check_agreement(estimator, corpus, fold.test)
@@ -167,8 +198,8 @@ def fold_of(
                 ("recording", frames),
                 ("touch", test.events),
                 ("report", reports),
-                ("curve", _curve(watcher, test, odds)),
-                ("probability", _probability(watcher, test.corpus.rate_hz, odds[0])),
+                ("curve", watcher.sweep(test, evidence).assign(recording=0)),
+                ("probability", _shown(watcher, test.corpus.rate_hz, evidence[0])),
             )
         ],
         ignore_index=True,
@@ -176,16 +207,14 @@ def fold_of(
     with computing(1):
         spent = _decision_ms(watcher, test)
     metrics |= footprint(estimator, corpus) | paced(spent)
-    metrics["flash_bytes"] += 4 * watcher.detector.numbers  # in C it is stored beside the system
-    chosen: dict[str, object] = {"bias": watcher.bias, "tail": watcher.tail, "strong": watcher.strong}
-    chosen |= {"refused": watcher.detector.limit_, "reject": watcher.reject}
+    metrics["flash_bytes"] += 4 * watcher.numbers  # in C it is stored beside the system
     return FoldResult(
         fold.name,
         table.assign(fold=fold.name),
         metrics,
         spent.ms,
         spent.ms,
-        chosen=chosen,
+        chosen=watcher.chosen,
         trials=settings,
         batch_effects=effects,
         times={"predict_wall_ms": spent.wall_ms, "decide_wall_ms": spent.wall_ms},
@@ -206,7 +235,8 @@ def run_numbers(
     touches, reports, background_s = scored(table, rate_hz)
     numbers = summary(touches, reports, sum(background_s.values())) | over_people(touches, reports, background_s)
     hours = sum(background_s.values()) / 3600
-    counts = table[table["kind"] == "curve"].groupby("offset")[["hits", "alarms"]].sum()
+    swept = table[table["kind"] == "curve"].groupby("offset")[["hits", "alarms", "reports"]]
+    counts = swept.sum()[swept.size() == len(folds)]  # folds learn other thresholds, whose neighbours are not the same
     missed, alarms = 1 - counts["hits"] / max(len(touches), 1), counts["alarms"] / (hours or np.nan)
     tables = {
         "predictions": table,
@@ -215,9 +245,29 @@ def run_numbers(
         "per_subject": per_subject(touches, reports, background_s),
         "curve": pd.DataFrame({"missed": missed, "false_alarms_per_hour": alarms}).reset_index(),
     }
+    numbers |= missed_at(counts, len(touches), hours)
     if unknown:
         numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
     return _defined(numbers | {"background_minutes": 60 * hours}) | costs(folds), tables
+
+
+def missed_at(counts: pd.DataFrame, touches: int, hours: float) -> dict[str, float]:
+    """The lowest share of missed touches at so many false alarms per hour, of all thresholds around the learned ones.
+
+    A threshold counts only if a touch has at most `MOST_REPORTS` reports: others find each touch by reporting always.
+
+    Args:
+        counts: ``hits``, ``alarms`` and ``reports`` of each threshold.
+        touches: number of touches.
+        hours: hours of background.
+    """
+    per_touch = (counts["reports"] - counts["alarms"]) / counts["hits"].clip(lower=1)
+    usable = counts[per_touch <= MOST_REPORTS]
+    missed = {}
+    for rate in RATES:
+        hits = usable.loc[usable["alarms"] <= rate * hours, "hits"]
+        missed[f"missed_at_{rate}"] = 1 - hits.max() / touches if hours and touches and len(hits) else np.nan
+    return missed
 
 
 def scored(table: pd.DataFrame, rate_hz: float) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, float]]:
@@ -271,32 +321,16 @@ def _defined(numbers: dict[str, float]) -> dict[str, float]:
     return {name: float(value) for name, value in numbers.items() if value == value}
 
 
-def _curve(watcher: Watcher, test: Recordings, odds: list[np.ndarray]) -> pd.DataFrame:
-    """Touches found and false alarms by offset of the bias."""
-    biases = (OFFSETS + watcher.bias).astype(np.float32)
-    settings = bias_table(test, odds, watcher.clock, biases, (watcher.strong,))
-    hits = (settings["found"] * len(test.events)).round()
-    return pd.DataFrame({"recording": 0, "offset": OFFSETS, "hits": hits, "alarms": settings["alarms"]})
-
-
-def _probability(watcher: Watcher, rate_hz: float, odds: np.ndarray) -> pd.DataFrame:
+def _shown(watcher: Watches, rate_hz: float, evidence: object) -> pd.DataFrame:
     """The probability of touch in the first two minutes of the first recording."""
-    probability = touched(odds + np.float32(watcher.bias), watcher.clock, rate_hz)
-    times = watcher.clock.detect + watcher.clock.hop * np.arange(len(probability))
-    shown = pd.DataFrame({"recording": 0, "reported": times, "confidence": probability})
+    shown = watcher.probability(evidence, rate_hz).assign(recording=0)
     return shown[shown["reported"] <= SHOWN_S * rate_hz]
 
 
-def _decision_ms(watcher: Watcher, test: Recordings) -> Times:
-    """Times of some decisions on one thread: the detector's window, and the recogniser's."""
-    clock, recording = watcher.clock, contract.blinded(watcher.system, test.corpus[[0]].detached())
-    inner = behind(watcher.system)[1]
-    ends = np.linspace(max(clock.name, clock.detect), recording.lengths[0], TIMED_CAPTURES + WARM_UP).astype(int)
-
-    def decide(end: int) -> None:
-        TouchFeatures().transform(cut(recording, np.array([end]), clock.detect))
-        contract.probabilities(inner, cut(recording, np.array([end]), clock.name))
-
+def _decision_ms(watcher: Watches, test: Recordings) -> Times:
+    """Times of some decisions on one thread."""
+    recording = contract.blinded(watcher.system, test.corpus[[0]].detached())
+    ends = np.linspace(1, recording.lengths[0], TIMED_CAPTURES + WARM_UP).astype(int)
     for end in ends[:WARM_UP]:
-        decide(end)
-    return timed(partial(decide, end) for end in ends[WARM_UP:])
+        watcher.decide(recording, end)
+    return timed(partial(watcher.decide, recording, end) for end in ends[WARM_UP:])

@@ -10,6 +10,7 @@ Everything is causal and has a fixed memory, so that `bench export` can write th
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,13 +18,17 @@ import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
+from bench.corpora.recordings import Recordings
 from bench.corpora.steps import SETTLED_S
-from bench.endless.detector import Clock, Detector, behind, cut, seen_windows, touched, updated, windows_of
-from bench.models.recipe import taken
-from bench.outcomes.events import report_table
+from bench.endless.detector import Clock, Detector, cut, seen_windows, touched, updated, windows_of
+from bench.endless.detectors.base import UNKNOWN
+from bench.features.touch import TouchFeatures
+from bench.models.recipe import behind, taken
+from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
 
 ON, OFF = float(np.float32(0.95)), float(np.float32(0.1))  # as single precision has them
-UNKNOWN = "unknown"  # label of a gesture that is rejected
+BIASES = np.arange(-10, 4.25, 0.25, dtype=np.float32)  # one of them is learned
+OFFSETS = np.arange(-4, 4.5, 0.5)  # from the learned bias, for the curve
 
 
 class Rules:
@@ -214,12 +219,23 @@ class Watcher:
         classes = np.asarray(self.system.classes_).astype(str)
         return classes[~np.isin(classes, self.background)]
 
-    def reports(self, recordings: Corpus, log_odds: list[np.ndarray] | None = None) -> pd.DataFrame:
+    @property
+    def numbers(self) -> int:
+        """Count of learned numbers, besides those of the system."""
+        return self.detector.numbers
+
+    @property
+    def chosen(self) -> dict[str, object]:
+        """What training has chosen, by name."""
+        learned: dict[str, object] = {"bias": self.bias, "tail": self.tail, "strong": self.strong}
+        return learned | {"refused": self.detector.limit_, "reject": self.reject}
+
+    def reports(self, recordings: Corpus, evidence: list[np.ndarray] | None = None) -> pd.DataFrame:
         """Events in recordings, each as if its frames came one by one.
 
         Args:
             recordings: whole recordings.
-            log_odds: result of `log_odds` for them; computed if not given.
+            evidence: result of `evidence` for them; computed if not given.
 
         Returns:
             A row per event: ``recording``, ``reported`` and ``end`` (frames seen when it was first reported and when
@@ -230,7 +246,7 @@ class Watcher:
         rows: list[tuple] = []
         for i in range(len(seen)):
             recording = seen[[i]]
-            odds = self._odds(recording) if log_odds is None else log_odds[i]
+            odds = self._odds(recording) if evidence is None else evidence[i]
             touch = touched(odds + np.float32(self.bias), self.clock, seen.rate_hz)
             times = self.clock.detect + self.clock.hop * np.arange(len(touch))
             _, wanted = events_of(Rules(self.clock, self.strong), times, touch, odds)
@@ -248,11 +264,15 @@ class Watcher:
                 rows.append((i, event.reported, end, event.first, event.label, event.confidence))
         return report_table(rows)
 
+    def renamed(self, make_system: Callable[[], contract.System], captures: Corpus, recordings: Recordings) -> Watcher:
+        """As `bench.endless.detectors.base.Watches`."""
+        return replace(self, system=make_system().fit(captures, captures.gestures), reject=0.0)
+
     def prepared(self, recordings: Corpus) -> Corpus:
         """Recordings without their labels, after the steps that are done frame by frame."""
         return taken(contract.blinded(self.system, recordings), behind(self.system)[0])[0]
 
-    def log_odds(self, recordings: Corpus) -> list[np.ndarray]:
+    def evidence(self, recordings: Corpus) -> list[np.ndarray]:
         """The detector's log-odds of touch in each recording, without the bias."""
         seen = self.prepared(recordings)
         return [self._odds(seen[[i]]) for i in range(len(seen))]
@@ -260,11 +280,72 @@ class Watcher:
     def _odds(self, recording: Corpus) -> np.ndarray:
         return self.detector.log_odds(*windows_of(recording, self.clock))
 
+    def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
+        """Touches found, false alarms and reports by offset of the bias."""
+        settings = bias_table(
+            recordings, evidence, self.clock, (OFFSETS + self.bias).astype(np.float32), (self.strong,)
+        )
+        hits = (settings["found"] * len(recordings.events)).round()
+        return pd.DataFrame({"offset": OFFSETS, "hits": hits, **settings[["alarms", "reports"]]})
+
+    def probability(self, evidence: np.ndarray, rate_hz: float) -> pd.DataFrame:
+        """The probability of touch in one recording."""
+        probability = touched(evidence + np.float32(self.bias), self.clock, rate_hz)
+        times = self.clock.detect + self.clock.hop * np.arange(len(probability))
+        return pd.DataFrame({"reported": times, "confidence": probability})
+
+    def decide(self, recording: Corpus, end: int) -> None:
+        """Do the work of one decision after so many frames: the detector's window, and the recogniser's."""
+        end = max(end, self.clock.name, self.clock.detect)
+        TouchFeatures().transform(cut(recording, np.array([end]), self.clock.detect))
+        contract.probabilities(behind(self.system)[1], cut(recording, np.array([end]), self.clock.name))
+
     def probabilities(self, inner: contract.System, windows: Corpus) -> np.ndarray:
         """Probabilities of the gestures, without background, float32 [windows, gestures]."""
         gestures = ~np.isin(np.asarray(inner.classes_).astype(str), self.background)
         proba = contract.probabilities(inner, windows)[:, gestures]
         return (proba / np.maximum(proba.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
+
+
+def bias_table(
+    recordings: Recordings,
+    odds: list[np.ndarray],
+    clock: Clock,
+    biases: np.ndarray = BIASES,
+    strong: tuple[float, ...] = (np.inf,),
+) -> pd.DataFrame:
+    """Count what each bias gives on recordings.
+
+    Args:
+        recordings: recordings with their events.
+        odds: log-odds of the windows of each recording.
+        clock: timing of the windows.
+        biases: values to try, float32.
+        strong: thresholds for short touches to try, each with each bias.
+
+    Returns:
+        Columns ``bias``, ``strong``, ``tail`` (frames), ``alarms``, ``hours`` (of background), ``found`` (share),
+        ``reports``.
+    """
+    rate_hz = recordings.corpus.rate_hz
+    hours = int(recordings.background_frames().sum()) / rate_hz / 3600
+    times: dict[tuple[float, float], list[np.ndarray]] = {(bias, level): [] for bias in biases for level in strong}
+    for i, series in enumerate(odds):
+        seen = clock.detect + clock.hop * np.arange(len(series))
+        for bias, touch in zip(biases, touched(series[:, None] + biases, clock, rate_hz).T, strict=True):
+            for level in strong:
+                events, _ = events_of(Rules(clock, level), seen, touch, series)
+                times[bias, level].append(np.insert(events, 0, i, axis=1))
+    rows = []
+    for (bias, level), each in times.items():
+        reports = pd.DataFrame(np.concatenate(each), columns=["recording", "reported", "end"])
+        touch = touches_of(recordings.events, reports, rate_hz)
+        hit = touch != FALSE_ALARM
+        late = reports["end"].to_numpy()[hit] - recordings.events["end"].to_numpy()[touch[hit]]
+        tail = max(int(np.median(late)), 0) if len(late) else 0
+        found = len(np.unique(touch[hit])) / max(len(recordings.events), 1)
+        rows.append((bias, level, tail, int((~hit).sum()), hours, found, len(reports)))
+    return pd.DataFrame(rows, columns=["bias", "strong", "tail", "alarms", "hours", "found", "reports"])
 
 
 class LiveStream:

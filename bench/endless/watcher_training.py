@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -13,16 +12,16 @@ from bench.corpora.corpus import Corpus, storage
 from bench.corpora.recordings import Recordings
 from bench.corpora.steps import Scale
 from bench.endless.broken import FEELING, KINDS, broken
-from bench.endless.detector import BACKGROUND, BROKEN, Clock, Detector, behind, cut, touched, windows_of
-from bench.endless.watcher import Rules, Watcher, events_of
+from bench.endless.detector import BACKGROUND, BROKEN, Clock, Detector, cut, windows_of
+from bench.endless.detectors.base import Watches
+from bench.endless.watcher import Watcher, bias_table
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
-from bench.models.recipe import taken
+from bench.models.recipe import behind, taken
 from bench.models.search.inner_folds import inner_folds
-from bench.outcomes.events import FALSE_ALARM, last_confidence, touches_of
+from bench.outcomes.events import last_confidence
 
 RARE = 8  # one of so many training windows is also learned as broken sensors show it
-BIASES = np.arange(-10, 4.25, 0.25, dtype=np.float32)  # one of them is learned
 STRONG = (np.inf, 40.0, 30.0, 25.0, 20.0, 16.0, 14.0, 12.0, 10.0)  # log-odds of short touches, one is learned
 PRICE = 0.01  # share of touches that one false alarm per hour too many is worth, where none too many is impossible
 GROUPS = "3"  # of subjects, each left out once for the threshold of unknown gestures
@@ -142,51 +141,11 @@ def _fitted(parts: list[Windowed], clock: Clock) -> Detector:
     return Detector(clock.detect).fit(*joined(parts))
 
 
-def bias_table(
-    recordings: Recordings,
-    odds: list[np.ndarray],
-    clock: Clock,
-    biases: np.ndarray = BIASES,
-    strong: tuple[float, ...] = (np.inf,),
-) -> pd.DataFrame:
-    """Count what each bias gives on recordings.
-
-    Args:
-        recordings: recordings with their events.
-        odds: log-odds of the windows of each recording.
-        clock: timing of the windows.
-        biases: values to try, float32.
-        strong: thresholds for short touches to try, each with each bias.
-
-    Returns:
-        Columns ``bias``, ``strong``, ``tail`` (frames), ``alarms``, ``hours`` (of background), ``found`` (share).
-    """
-    rate_hz = recordings.corpus.rate_hz
-    hours = int(recordings.background_frames().sum()) / rate_hz / 3600
-    times: dict[tuple[float, float], list[np.ndarray]] = {(bias, level): [] for bias in biases for level in strong}
-    for i, series in enumerate(odds):
-        seen = clock.detect + clock.hop * np.arange(len(series))
-        for bias, touch in zip(biases, touched(series[:, None] + biases, clock, rate_hz).T, strict=True):
-            for level in strong:
-                events, _ = events_of(Rules(clock, level), seen, touch, series)
-                times[bias, level].append(np.insert(events, 0, i, axis=1))
-    rows = []
-    for (bias, level), each in times.items():
-        reports = pd.DataFrame(np.concatenate(each), columns=["recording", "reported", "end"])
-        touch = touches_of(recordings.events, reports, rate_hz)
-        hit = touch != FALSE_ALARM
-        late = reports["end"].to_numpy()[hit] - recordings.events["end"].to_numpy()[touch[hit]]
-        tail = max(int(np.median(late)), 0) if len(late) else 0
-        found = len(np.unique(touch[hit])) / max(len(recordings.events), 1)
-        rows.append((bias, level, tail, int((~hit).sum()), hours, found))
-    return pd.DataFrame(rows, columns=["bias", "strong", "tail", "alarms", "hours", "found"])
-
-
 def learn_reject(
     make_system: Callable[[], contract.System],
     captures: Corpus,
     recordings: Recordings,
-    watcher: Watcher,
+    watcher: Watches,
 ) -> float:
     """The confidence below which a label is ``unknown`` (`Watcher.reject`), learned on training subjects.
 
@@ -204,11 +163,10 @@ def learn_reject(
     """
     subjects = recordings.subjects.astype(str)
     confidence = []
-    for _, judged in inner_folds(subjects, GROUPS):
+    for others, judged in inner_folds(subjects, GROUPS):
         train = captures[~np.isin(captures.subjects.astype(str), subjects[judged])]
-        system = make_system().fit(train, train.gestures)
         held = recordings[judged]
-        reports = replace(watcher, system=system, reject=0.0).reports(held.corpus)
+        reports = watcher.renamed(make_system, train, recordings[others]).reports(held.corpus)
         confidence.append(last_confidence(held.events, reports, held.corpus.rate_hz))
     return reject_threshold(np.concatenate(confidence))
 

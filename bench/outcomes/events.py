@@ -19,6 +19,11 @@ its end, and never before it starts, so that lateness is measured as latency and
 matches one report to one event and counts a second report of the same event as a false positive; here it is a
 fragment, and an insertion if its label is wrong. sed_eval matches each gesture for itself, so that a wrong label is a
 miss and a false positive; here the touch is found and its label incorrect.
+
+Three words for what else may happen to a touch are those of Ward, Lukowicz and Gellersen 2011 ("Performance metrics for
+activity recognition"), for events in place of segments: a touch is *fragmented* if it has several reports, *merged* if
+it has none because a touch before it was not over yet, and *late* if it was over at its first report. sed_eval has no
+such words: there, the first two are insertions and deletions.
 """
 
 from __future__ import annotations
@@ -63,6 +68,8 @@ def matched(
         The touches with the columns
 
         - ``found`` (bool): it has a report;
+        - ``late`` (bool): it is found, and was over at its first report;
+        - ``merged`` (bool): it is missed, and began while a touch reported before it had not ended;
         - ``latency_s``: seconds from its start to its first report;
         - ``first_correct``, ``end_correct`` (bool): ``first`` of its first report, ``label`` of its last report is
           its gesture; False for a missed touch;
@@ -85,6 +92,8 @@ def matched(
     fragments = _count(of_touches["touch"], truth)
     touches = truth.assign(
         found=fragments > 0,
+        late=(first["reported"] >= truth["end"]).to_numpy(),
+        merged=(fragments == 0) & _covered(truth, reports),
         latency_s=(first["reported"] - truth["start"]) / rate_hz,
         first_correct=first["first"].to_numpy(object) == truth["gesture"].to_numpy(object),
         end_correct=last["label"].to_numpy(object) == truth["gesture"].to_numpy(object),
@@ -92,7 +101,7 @@ def matched(
         fragments=fragments,
         insertions=_count(of_touches["touch"][again & wrong], truth),
     )
-    kinds = dict.fromkeys(SHARES, bool) | {"latency_s": np.float64}
+    kinds = dict.fromkeys((*SHARES, "late", "merged"), bool) | {"latency_s": np.float64}
     return touches.astype(kinds), reports
 
 
@@ -109,6 +118,18 @@ def touches_of(truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, colla
     of_recording = np.append(truth["recording"], -1)[latest] == recording  # -1: no touch started before
     in_time = reported - np.append(truth["end"], 0)[latest] <= collar
     return np.where(of_recording & in_time, latest, FALSE_ALARM).astype(np.int64)
+
+
+def _covered(truth: pd.DataFrame, reports: pd.DataFrame) -> np.ndarray:
+    """Whether a touch that was reported before each touch began had not ended then, bool [touches]."""
+    covered = np.zeros(len(truth), bool)
+    for recording, part in reports.groupby("recording"):
+        ordered = part.sort_values("reported")
+        last = np.maximum.accumulate(np.append(-1, ordered["end"].to_numpy()))  # of the reports so far
+        mine = (truth["recording"] == recording).to_numpy()
+        start = truth.loc[mine, "start"].to_numpy()
+        covered[mine] = last[np.searchsorted(ordered["reported"].to_numpy(), start, side="right")] > start
+    return covered
 
 
 def _count(rows: pd.Series, truth: pd.DataFrame) -> np.ndarray:
@@ -128,6 +149,7 @@ def summary(touches: pd.DataFrame, reports: pd.DataFrame, background_s: float) -
     Returns:
         ``touches`` (number); ``touches_found``, ``first_correct`` and ``end_correct`` (shares of all touches, a missed
         one is incorrect); ``first_correct_found`` and ``end_correct_found`` (shares of the touches found);
+        ``late``, ``merged`` and ``fragmented`` (shares of all touches; the last is found and has several reports);
         ``false_alarms_per_hour`` of background; ``latency_s_p50`` and ``latency_s_p90`` (of the touches found);
         ``fragments`` (mean number of reports of a touch found); ``insertions_per_touch`` (mean over all touches).
     """
@@ -138,6 +160,9 @@ def summary(touches: pd.DataFrame, reports: pd.DataFrame, background_s: float) -
         "touches_found": touches["found"].mean(),
         "first_correct": touches["first_correct"].mean(),
         "end_correct": touches["end_correct"].mean(),
+        "late": touches["late"].mean(),
+        "merged": touches["merged"].mean(),
+        "fragmented": (touches["fragments"] > 1).mean(),
         "first_correct_found": found["first_correct"].mean(),
         "end_correct_found": found["end_correct"].mean(),
         "false_alarms_per_hour": 3600 * false_alarms / background_s if background_s > 0 else np.nan,

@@ -102,6 +102,11 @@ class Part(Generic[Made]):
         changed = ", ".join(f"{k}={v}" for k, v in texts.items())
         return f"{self.short}[{changed}]" if changed else self.short
 
+    def typed(self) -> str:
+        """The same with the full name of a file, as `bench.words.labelled` reads it."""
+        changed = ", ".join(f"{k}={text_of(v)}" for k, v in self.changed().items())
+        return f"{self.name}[{changed}]" if changed else self.name
+
     def identity(self) -> tuple:
         """Identity of a part: name, parameters, and digest of its code."""
         if self.instance is None:
@@ -297,9 +302,9 @@ def cells(values: Values) -> list[Cell]:
         for features in feature_sets if takes_features else [None]:
             for data_parameters, *parts in itertools.product(
                 corpus_variants(values, data, chosen["data"]),
-                _variants(values, "protocol", protocol, chosen["protocol"], None),
-                _variants(values, "features", features, feature_sets, seed) if features is not None else [None],
-                _variants(values, "model", model, chosen["model"], seed),
+                variants(values, "protocol", protocol, chosen["protocol"]),
+                variants(values, "features", features, feature_sets, seed) if features is not None else [None],
+                variants(values, "model", model, chosen["model"], seed),
             ):
                 cell = Cell(data, data_parameters, where, target, *parts)
                 objects = [id(part.instance) for part in cell.parts if part.instance is not None]
@@ -320,39 +325,43 @@ def _takes_features(model: object) -> bool:
     return contract.reads_tables(factory)
 
 
-def _variants(values: Values, key: str, part: object, siblings: list, seed: int | None) -> list[Part]:
+def variants(
+    values: Values, key: str, part: object, siblings: list, seed: int | None = None, room: str = ""
+) -> list[Part]:
     """One part with every combination of its dotted parameters.
 
     In a grid of several parts, a parameter is for those that take it.
 
     Args:
         values: all that was typed.
-        key: of `PARTS`.
+        key: key that names it.
         part: a name, or an object.
         siblings: all parts of this key.
-        seed: of the run; a part that takes none has none.
+        seed: seed of the run; a part that takes none has none.
+        room: room of the parts; empty for that of `PARTS`.
     """
+    room = room or PARTS[key]
     dotted = _dotted(values, key)
     names = [sibling for sibling in siblings if isinstance(sibling, str)]
-    _refuse_unknown(f"{key}={part}", dotted, {p for name in names for p in _defaults(key, load(PARTS[key], name))})
+    _refuse_unknown(f"{key}={part}", dotted, {p for name in names for p in _defaults(key, load(room, name))})
     if not isinstance(part, str):
         method = "split" if key == "protocol" else "fit"
         if inspect.isclass(part) or not callable(getattr(part, method, None)):
             kind = getattr(part, "__name__", type(part).__name__)
             raise InputError(f"{key}={kind}: give a name, or an object with {method}(), such as {kind}()")
-        return [Part(PARTS[key], contract.shown(part), instance=part)]
-    factory, module = load(PARTS[key], part), ""
+        return [Part(room, contract.shown(part), instance=part)]
+    factory, module = load(room, part), ""
     if (file := part.rpartition(":")[0]).endswith(".py"):  # from wherever a worker is started
         part, module = f"{Path(file).absolute()}:{part.rpartition(':')[2]}", factory.__module__
     usual, defaults = parameters(factory), _defaults(key, factory)
     if seed is not None and "seed" in usual:
         usual["seed"] = seed
-    variants = []
+    made = []
     for chosen in _combinations(key, {p: text for p, text in dotted.items() if p in defaults}, defaults):
         # A step that any model can have is a parameter of one that has it, and not of the others.
         taken = {p: v for p, v in chosen.items() if p in usual or v != defaults[p]}
-        variants.append(Part[Any](PARTS[key], part, usual | taken, module=module))
-    return variants
+        made.append(Part[Any](room, part, usual | taken, module=module))
+    return made
 
 
 def _dotted(values: Values, key: str) -> dict[str, object]:

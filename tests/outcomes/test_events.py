@@ -50,12 +50,16 @@ def test_cases_by_hand():
     assert list(touches["end_correct"]) == [False, True, True, False, False]
     assert list(touches["fragments"]) == [1, 3, 1, 0, 1]
     assert list(touches["insertions"]) == [0, 1, 0, 0, 0]  # a first report with a wrong label is none
+    assert list(touches["late"]) == [False, False, True, False, False]
     assert summary(touches, reports, background_s=1800) == pytest.approx(
         {
             "touches": 5,
             "touches_found": 4 / 5,
             "first_correct": 2 / 5,
             "end_correct": 2 / 5,
+            "late": 1 / 5,
+            "merged": 0,
+            "fragmented": 1 / 5,
             "first_correct_found": 2 / 4,
             "end_correct_found": 2 / 4,
             "false_alarms_per_hour": 4,
@@ -65,6 +69,16 @@ def test_cases_by_hand():
             "insertions_per_touch": 1 / 5,
         }
     )
+
+
+def test_a_touch_without_a_report_is_merged_if_one_before_it_was_not_over():
+    truth = event_table([(0, 10, 30, "pat"), (0, 30, 50, "rub"), (0, 60, 70, "rub"), (1, 30, 50, "rub")])
+    lasting = report_table([(0, 12, 55, "pat", "pat", 0.9), (0, 20, 25, "pat", "pat", 0.9)])
+    touches, reports = matched(truth, lasting, rate_hz=10)
+    assert list(touches["found"]) == [True, False, False, False]
+    assert list(touches["merged"]) == [False, True, False, False]
+    numbers = summary(touches, reports, 60)
+    assert (numbers["merged"], numbers["fragmented"], numbers["late"]) == (0.25, 0.25, 0)
 
 
 @pytest.mark.parametrize("collar_s, touch", [(0, -1), (0.28, -1), (0.29, 0)])

@@ -1,0 +1,1 @@
+"""Detectors of touch in a stream, a file each."""

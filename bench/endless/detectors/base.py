@@ -1,0 +1,116 @@
+"""The contract of detectors: what finds the touches of a stream, and when it reports them.
+
+A detector is made by a factory whose keyword arguments are its parameters (``detector.tick=``), and is registered in
+`bench.endless.room`, by an installed package (entry point ``touchbench.detectors``) or as ``detector=my.py:Mine``. One
+that decides tick by tick derives from `bench.endless.detectors.ticks.Detector`; any other has ``learn``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import pandas as pd
+
+from bench import contract
+from bench.corpora.corpus import Corpus
+from bench.corpora.recordings import Recordings
+
+UNKNOWN = "unknown"  # label of a gesture that is rejected
+
+
+class Watches(Protocol):
+    """A fitted system and a detector that learned from recordings; a dataclass, whose fields can be replaced.
+
+    What it makes of a frame depends on this frame and those before it, and its memory does not grow.
+
+    Attributes:
+        system: fitted to captures.
+        reject: confidence below which a label is ``unknown``; 0 for never.
+        numbers: count of learned numbers, besides those of the system.
+        chosen: values that training has chosen, by name.
+    """
+
+    system: contract.System
+    reject: float
+
+    @property
+    def numbers(self) -> int: ...  # noqa: D102
+
+    @property
+    def chosen(self) -> dict[str, object]: ...  # noqa: D102
+
+    def evidence(self, recordings: Corpus) -> list[Any]:
+        """What the detector makes of each recording, for the other methods, which are called several times."""
+
+    def reports(self, recordings: Corpus, evidence: list[Any] | None = None) -> pd.DataFrame:
+        """The touches that it reports (columns of `bench.outcomes.events.REPORT`)."""
+
+    def sweep(self, recordings: Recordings, evidence: list[Any]) -> pd.DataFrame:
+        """What other thresholds find: ``offset`` from the learned one, ``hits``, ``alarms`` and ``reports``, counts."""
+
+    def probability(self, evidence: Any, rate_hz: float) -> pd.DataFrame:
+        """How sure it is of touch, 0 to 1: ``confidence`` after ``reported`` frames of one recording."""
+
+    def renamed(self, make_system: Callable[[], contract.System], captures: Corpus, recordings: Recordings) -> Watches:
+        """The same with names learned from other captures and their recordings; it rejects nothing."""
+
+    def decide(self, recording: Corpus, end: int) -> None:
+        """Do the work of one decision after so many frames, to be timed."""
+
+
+class Detects(Protocol):
+    """A detector before training; its parameters are arguments of its factory."""
+
+    def learn(
+        self,
+        make_system: Callable[[], contract.System],
+        system: contract.System,
+        captures: Corpus,
+        recordings: Recordings,
+        false_alarms: float,
+    ) -> tuple[Watches, pd.DataFrame]:
+        """Learn from recordings of training subjects.
+
+        Args:
+            make_system: factory of the system, not fitted.
+            system: fitted to the captures.
+            captures: captures of the same subjects.
+            recordings: their recordings.
+            false_alarms: accepted false alarms per hour of background.
+
+        Returns:
+            What watches, and a table of the thresholds that were tried.
+
+        Raises:
+            InputError: the recordings cannot teach it.
+        """
+
+
+class Sign(NamedTuple):
+    """What the rules of a detector say after a tick.
+
+    Attributes:
+        touch: confidence in touch, 0 to 1.
+        since: ticks since the touch that lasts began, this one included; 0 without touch.
+        report: True if the touch is reported now. It may follow another one without a gap.
+    """
+
+    touch: float
+    since: int
+    report: bool
+
+
+class Rules(Protocol):
+    """When touches begin, are reported and end; one stream, fixed memory."""
+
+    def step(self, evidence: np.ndarray) -> Sign:
+        """Take the evidence of the next tick."""
+
+
+class Signals(Protocol):
+    """A few numbers for each frame; nothing is learned; one stream, fixed memory."""
+
+    def step(self, frame: np.ndarray) -> np.ndarray:
+        """The numbers of the next frame [rows, cols], float32 [signals]."""

@@ -1,0 +1,256 @@
+"""The detector `frames`: a classifier of ticks, and hysteresis whose times are learned from the labels."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.special import expit
+from sklearn.linear_model import LogisticRegression
+
+from bench.corpora.recordings import Recordings
+from bench.endless.detectors.base import Sign
+from bench.endless.detectors.ticks import Detector
+from bench.errors import InputError
+
+COMMON = 0.4  # quantile over taxels that a change of all taxels moves, too
+HIGHEST = 25  # one of so many taxels is among the highest
+OFFSET = 0.3  # of a logarithm, in units of the median of training touches
+MINIMA, MAXIMA, MEDIAN = (1, 2, 4, 10, 40), (2, 5, 15, 60), 30  # ticks that features look back
+CLIP = 6.0  # SDs of a feature
+AGES = 3  # ticks of the beginning of a touch
+SHORT = 0.1  # share of touches, or gaps, that may be shorter
+FADED = 0.25  # of the highest log-odds of a touch: below, it is over after `hold` seconds; chosen on HAART
+BEGUN = -2.0  # log-odds of the beginning of a touch, without which none is reported; chosen on HAART and A to C
+LEVELS = 3  # signals that are levels: mean, excess, highest
+
+
+class Levels:
+    """Signals of a frame: its levels, how much of the skin it covers, where, and how it changes."""
+
+    def __init__(self, up: float, down: float) -> None:
+        self.up, self.down = np.float32(up), np.float32(down)
+        self.baseline: np.ndarray | None = None
+        self.before: deque[np.ndarray] = deque(maxlen=3)
+
+    def step(self, frame: np.ndarray) -> np.ndarray:
+        """Mean, mean excess over the baseline, mean of the highest taxels, effective area, cosines, centroid."""
+        flat = np.asarray(frame, np.float32).ravel()
+        if len(flat) > 1:
+            flat = np.maximum(flat - np.partition(flat, int(COMMON * len(flat)))[int(COMMON * len(flat))], 0)
+        if self.baseline is None:
+            self.baseline = flat.copy()
+        above = flat - self.baseline
+        self.baseline += np.where(above > 0, self.up, self.down) * above
+        above = np.maximum(above, 0)
+        few = max(1, len(flat) // HIGHEST)
+        highest = np.partition(above, len(above) - few)[-few:].mean()
+        total, squares = above.sum(), (above * above).sum()
+        area = total * total / squares / len(flat) if squares else 0.0
+        near, far = (self._cosine(above, back) for back in (1, 3))
+        rows, cols = np.divmod(np.arange(len(flat)), frame.shape[1])
+        y, x = ((above * where).sum() / total if total else 0.0 for where in (rows, cols))
+        self.before.append(above)
+        size = max(frame.shape)
+        return np.array([flat.mean(), above.mean(), highest, area, near, far, y / size, x / size], np.float32)
+
+    def _cosine(self, above: np.ndarray, back: int) -> float:
+        if len(self.before) < back:
+            return 1.0
+        old = self.before[-back]
+        length = float(np.sqrt((above @ above) * (old @ old)))
+        return float(above @ old) / length if length else 1.0
+
+
+def features(signals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """What the classifier sees of each tick, from the signals of this tick and those before it [ticks, features].
+
+    Args:
+        signals: result of `Levels`, one recording [ticks, signals].
+        offsets: added to each level before its logarithm is taken.
+    """
+    logs = np.log(signals[:, :LEVELS] + offsets)
+    columns = []
+    for level in logs.T:
+        columns.append(level)
+        columns += [level - _past(minimum_filter1d, level, back + 1) for back in MINIMA]
+        columns += [level - _past(maximum_filter1d, level, back + 1) for back in MAXIMA]
+        columns.append(level - _median(level, MEDIAN))
+    change = np.diff(logs[:, 1], prepend=logs[:1, 1])
+    rise, fall = np.maximum(change, 0), np.maximum(-change, 0)
+    columns += [rise, fall, rise - _median(rise, MEDIAN), fall - _median(fall, MEDIAN)]
+    columns.append(_past(maximum_filter1d, rise, 8))
+    area = signals[:, 3]
+    columns += [area, np.diff(area, prepend=area[:1]), signals[:, 4], signals[:, 5]]
+    speed = np.abs(np.diff(signals[:, 6:8], axis=0, prepend=signals[:1, 6:8])).sum(axis=1)
+    columns.append(speed)
+    return np.stack(columns, axis=1).astype(np.float32)
+
+
+def _past(extreme: Callable[..., np.ndarray], series: np.ndarray, size: int) -> np.ndarray:
+    """The lowest or highest of the last so many ticks."""
+    return extreme(series, size, origin=(size - 1) // 2, mode="nearest")
+
+
+def _median(series: np.ndarray, size: int) -> np.ndarray:
+    """The median of the last so many ticks."""
+    padded = np.concatenate([np.full(size - 1, series[0], series.dtype), series])
+    return np.median(np.lib.stride_tricks.sliding_window_view(padded, size), axis=1)
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times that are learned from the labels, in ticks.
+
+    Attributes:
+        wait: ticks of a touch before its report, fewer than asked for where one touch in ten is shorter.
+        hold: ticks without touch before a touch is over: half of the gap that one in ten is shorter than, or what
+            was asked for, where that is less.
+        fade: ticks of weak evidence before a touch is over.
+    """
+
+    wait: int
+    hold: int
+    fade: int
+
+    @classmethod
+    def of(cls, recordings: Recordings, wait: float, hold: float) -> Times:
+        """Learn from recordings whose frames are ticks.
+
+        Args:
+            recordings: recordings with their events.
+            wait: most seconds of a touch before its report.
+            hold: most seconds without touch before a touch is over.
+        """
+        events, rate_hz = recordings.events, recordings.corpus.rate_hz
+        start, end, recording = (events[name].to_numpy() for name in ("start", "end", "recording"))
+        gaps = (start[1:] - end[:-1])[recording[1:] == recording[:-1]]
+        near = np.quantile(gaps, SHORT) / 2 if len(gaps) else np.inf
+        short = np.quantile(end - start, SHORT)
+        waits, holds = round(wait * rate_hz), round(hold * rate_hz)
+        return cls(max(1, int(min(waits, short))), max(1, int(min(holds, near))), max(1, holds))
+
+
+class Hysteresis:
+    """A touch begins with a tick above a level, and is over when some are below a lower one.
+
+    It begins only where the classifier has seen its beginning, and is also over when the evidence has faded: background
+    whose level has changed keeps some. It is reported after ``times.wait`` ticks, or when it is over before.
+
+    Args:
+        level: log-odds of touch.
+        drop: distance of the lower level.
+        times: learned.
+    """
+
+    def __init__(self, level: float, drop: float, times: Times) -> None:
+        self.level, self.drop, self.times = level, drop, times
+        self.since = self.below = self.weak = self.begun = 0
+        self.highest, self.reported, self.over = 0.0, False, True
+
+    def step(self, evidence: np.ndarray) -> Sign:
+        """Take the log-odds of touch, and of the beginning of one, in a tick."""
+        odds, begins = map(float, evidence)
+        self.begun = AGES - 1 if begins > BEGUN else self.begun - 1
+        if not self.over:
+            self.since += 1
+            self.highest = max(self.highest, odds)
+            self.below = self.below + 1 if odds < self.level - self.drop else 0
+            self.weak = self.weak + 1 if odds < FADED * self.highest else 0
+            self.over = self.below >= self.times.hold or self.weak >= self.times.fade
+        elif odds > self.level and self.begun > 0:
+            self.since, self.highest, self.below, self.weak = 1, odds, 0, 0
+            self.reported = self.over = False
+        else:
+            self.since, self.reported = 0, True
+        report = not self.reported and (self.over or self.since >= self.times.wait)
+        self.reported = self.reported or report
+        return Sign(float(expit(odds - self.level)), self.since if report or not self.over else 0, report)
+
+
+@dataclass
+class Frames(Detector):
+    """A logistic classifier of ticks (background, beginning, rest of a touch) and hysteresis with learned times.
+
+    Args:
+        tick: seconds of a tick, at least one frame. Default: chosen on recordings of a skin at 7 Hz.
+        up: seconds in which the baseline of a taxel follows a higher reading; much longer than a touch. Default: a
+            touch of a minute is rare.
+        down: seconds in which it follows a lower one. Default: shorter than most gaps.
+        wait: most seconds of a touch before its report; fewer where training touches are shorter. Default: a touch that
+            lasts two frames at 7 Hz.
+        hold: most seconds without touch before a touch is over; fewer where training gaps are shorter. Default: a pat
+            every second is one touch.
+        drop: log-odds between the level that begins a touch and the one that ends it. Default: chosen on recordings of
+            that skin.
+    """
+
+    tick: float = 0.125
+    up: float = 60.0
+    down: float = 2.0
+    wait: float = 0.25
+    hold: float = 1.0
+    drop: float = 2.0
+
+    levels: ClassVar[np.ndarray] = np.arange(-3, 6.25, 0.25)
+    memory: ClassVar[int] = 62
+
+    def signals(self) -> Levels:
+        """Signals of a new stream."""
+        return Levels(self.tick / self.up, self.tick / self.down)
+
+    def fit(self, signals: list[np.ndarray], recordings: Recordings) -> Self:
+        """Fit the classifier, count the times."""
+        fitted = replace(self)
+        ages = [ages_of(recordings[[i]]) for i in range(len(recordings))]
+        every = np.concatenate(signals)
+        age, length = (np.concatenate([each[k] for each in ages]) for k in (0, 1))
+        touched = age > 0
+        if touched.all():
+            raise InputError("detector=frames: the training recordings have no background; record some, or use another")
+        fitted.offsets_ = OFFSET * np.median(every[touched, :LEVELS], axis=0) + 1e-6
+        table = np.concatenate([features(each, fitted.offsets_) for each in signals])
+        classes = np.where(~touched, 0, np.where(age <= AGES, 1, 2))
+        weight = np.where(touched, np.sqrt(np.minimum(1, 2 * AGES / np.maximum(length, 1))), 1.0)
+        fitted.mean_, fitted.sd_ = table.mean(axis=0), table.std(axis=0) + 1e-6
+        fitted.model_ = LogisticRegression(C=0.03, max_iter=300).fit(fitted._units(table), classes, weight)
+        shares = np.array([weight[classes == k].sum() for k in fitted.model_.classes_])
+        fitted.prior_ = np.log(shares / shares.sum())
+        fitted.times_ = Times.of(recordings, self.wait, self.hold)
+        return fitted
+
+    def _units(self, table: np.ndarray) -> np.ndarray:
+        return np.clip((table - self.mean_) / self.sd_, -CLIP, CLIP)
+
+    def evidence(self, signals: np.ndarray) -> np.ndarray:
+        """Log-odds of touch, and of its beginning, as if all classes were equally frequent [ticks, 2]."""
+        likely = self.model_.predict_log_proba(self._units(features(signals, self.offsets_))) - self.prior_
+        touch = np.logaddexp.reduce(likely[:, 1:], axis=1) - likely[:, 0]
+        begun = likely[:, 1] - np.logaddexp.reduce(likely[:, [0, *range(2, likely.shape[1])]], axis=1)
+        return np.stack([touch, begun], axis=1)
+
+    def rules(self, level: float) -> Hysteresis:
+        """Rules of a new stream."""
+        return Hysteresis(level, self.drop, self.times_)
+
+    @property
+    def chosen(self) -> dict[str, object]:
+        """The learned times in ticks."""
+        return {"wait": self.times_.wait, "hold": self.times_.hold, "fade": self.times_.fade}
+
+    @property
+    def numbers(self) -> int:
+        """Count of learned numbers."""
+        return self.model_.coef_.size + 3 + 2 * len(self.mean_) + LEVELS + 3
+
+
+def ages_of(recording: Recordings) -> tuple[np.ndarray, np.ndarray]:
+    """Ticks since the touch of each tick began, itself included, and the length of the touch; 0 without touch."""
+    age, length = (np.zeros(int(recording.corpus.lengths[0]), np.int64) for _ in range(2))
+    for start, end in zip(recording.events["start"], recording.events["end"], strict=True):
+        age[start:end], length[start:end] = np.arange(1, end - start + 1), end - start
+    return age, length

@@ -1,0 +1,317 @@
+"""Detectors that decide tick by tick: what they define, how they learn, and how they watch with a recogniser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+import pandas as pd
+
+from bench import contract
+from bench.corpora.corpus import Corpus
+from bench.corpora.recordings import Recordings
+from bench.endless.detectors.base import UNKNOWN, Rules, Signals, Watches
+from bench.endless.detectors.names import LONGEST_S, Names
+from bench.few import INTERVAL
+from bench.models.recipe import behind, taken
+from bench.models.search.inner_folds import inner_folds
+from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
+
+PRICE = 0.001  # share of touches that a false alarm per hour above the target costs; chosen on sittings A to C
+REPEATS = 0.2  # share of touches that a report per touch above `SPARE` costs; chosen there, too
+FOLDS = "12"  # at most, of training recordings for the choice of the threshold
+SPARE = 1.15  # reports per touch that cost nothing
+GROWTH = 1.25  # a touch is named again when it is so many times as long
+
+
+class Detector:
+    """A detector that decides tick by tick; a tick is a frame of a slow skin, or the mean of several.
+
+    Attributes:
+        tick: seconds of a tick; at least one frame.
+        levels: thresholds to choose among, from the most eager to the strictest.
+        memory: ticks that the evidence of one tick looks back.
+    """
+
+    tick: float = 0.125
+    levels: ClassVar[np.ndarray]
+    memory: ClassVar[int] = 1
+
+    def signals(self) -> Signals:
+        """Signals of a new stream."""
+        raise NotImplementedError
+
+    def fit(self, signals: list[np.ndarray], recordings: Recordings) -> Self:
+        """Learn from the signals of recordings whose frames are ticks."""
+        raise NotImplementedError
+
+    def evidence(self, signals: np.ndarray) -> np.ndarray:
+        """What the signals of each tick and those before it say [ticks, ...]."""
+        raise NotImplementedError
+
+    def rules(self, level: float) -> Rules:
+        """Rules of a new stream."""
+        raise NotImplementedError
+
+    @property
+    def numbers(self) -> int:
+        """Count of learned numbers."""
+        return 0
+
+    @property
+    def chosen(self) -> dict[str, object]:
+        """What training has chosen, by name."""
+        return {}
+
+    def learn(
+        self,
+        make_system: Callable[[], contract.System],
+        system: contract.System,
+        captures: Corpus,
+        recordings: Recordings,
+        false_alarms: float,
+    ) -> tuple[Watches, pd.DataFrame]:
+        """As `Detects`: each training subject is left out for the choice of the threshold."""
+        return learned(self, make_system, system, recordings, false_alarms)
+
+
+def frames_of_tick(tick: float, rate_hz: float) -> int:
+    """Frames of a tick of so many seconds."""
+    return max(1, round(tick * rate_hz))
+
+
+def ticked(recordings: Recordings, count: int) -> Recordings:
+    """Recordings whose frames are means of so many frames; a rest at the end is left out."""
+    corpus = recordings.corpus
+    streams = [_means(corpus[i], count) for i in range(len(corpus))]
+    ticks = Corpus.from_captures(streams, corpus.captures, corpus.rate_hz / count, full_scale=corpus.full_scale)
+    start, end = recordings.events["start"] // count, -(-recordings.events["end"] // count)
+    lengths = ticks.lengths[recordings.events["recording"]]
+    start = np.minimum(start, lengths - 1)
+    events = recordings.events.assign(start=start, end=np.minimum(np.maximum(end, start + 1), lengths))
+    return Recordings(ticks, events)
+
+
+def _means(frames: np.ndarray, count: int) -> np.ndarray:
+    """Means of blocks of frames, float32; of fewer frames than one block, their mean."""
+    count = min(count, len(frames))
+    whole = len(frames) // count * count
+    return frames[:whole].reshape(-1, count, *frames.shape[1:]).mean(axis=1, dtype=np.float64).astype(np.float32)
+
+
+def signals_of(detector: Detector, ticks: Corpus) -> list[np.ndarray]:
+    """Signals of each recording, whose frames are ticks."""
+    series = []
+    for i in range(len(ticks)):
+        signals = detector.signals()
+        series.append(np.stack([signals.step(frame) for frame in ticks[i]]))
+    return series
+
+
+def signs_of(rules: Rules, evidence: np.ndarray) -> np.ndarray:
+    """The signs of new rules over one recording, float64 [ticks, 3]."""
+    return np.array([rules.step(each) for each in evidence], dtype=np.float64).reshape(-1, 3)
+
+
+def sweep(detectors: list[Detector], recordings: Recordings, evidence: list[np.ndarray], count: int) -> pd.DataFrame:
+    """Count what each level gives on recordings.
+
+    Args:
+        detectors: the fitted detector that watches each recording.
+        recordings: recordings with their events.
+        evidence: evidence of each recording.
+        count: frames of a tick.
+
+    Returns:
+        Columns ``level``, ``alarms``, ``hours`` (of background), ``found`` (share), ``hits`` and ``reports`` (counts).
+    """
+    rate_hz = recordings.corpus.rate_hz
+    hours = int(recordings.background_frames().sum()) / rate_hz / 3600
+    rows = []
+    for level in detectors[0].levels:
+        reported = []
+        for i, series in enumerate(evidence):
+            at = np.flatnonzero(signs_of(detectors[i].rules(float(level)), series)[:, 2])
+            reported.append(pd.DataFrame({"recording": i, "reported": (at + 1) * count}))
+        reports = pd.concat(reported, ignore_index=True).astype(np.int64)
+        touch = touches_of(recordings.events, reports, rate_hz)
+        hits = len(np.unique(touch[touch != FALSE_ALARM]))
+        found = hits / max(len(recordings.events), 1)
+        rows.append((level, int((touch == FALSE_ALARM).sum()), hours, found, hits, len(reports)))
+    return pd.DataFrame(rows, columns=["level", "alarms", "hours", "found", "hits", "reports"])
+
+
+def best(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
+    """The row of `sweep` that finds most, less what alarms above the target and repeated reports cost."""
+    hours = settings["hours"].replace(0, np.nan)  # without background, rates are unknown
+    excess = (settings["alarms"] / hours - false_alarms).fillna(0).clip(lower=0)
+    per_touch = (settings["reports"] - settings["alarms"]) / settings["hits"].clip(lower=1)
+    worth = settings["found"] - PRICE * excess - REPEATS * (per_touch - SPARE).clip(lower=0)
+    return settings.iloc[int(np.argmax(worth))]
+
+
+def learned(
+    detector: Detector,
+    make_system: Callable[[], contract.System],
+    system: contract.System,
+    recordings: Recordings,
+    false_alarms: float,
+) -> tuple[TickWatcher, pd.DataFrame]:
+    """A watcher whose threshold is learned by leaving training recordings out, and the table of thresholds.
+
+    Raises:
+        InputError: fewer than two recordings.
+    """
+    corpus = taken(recordings.corpus, behind(system)[0])[0]
+    count = frames_of_tick(detector.tick, corpus.rate_hz)
+    ticks = ticked(Recordings(corpus, recordings.events), count)
+    signals = signals_of(detector, ticks.corpus)
+    evidence: list[np.ndarray] = [np.zeros(0)] * len(signals)
+    detectors = [detector] * len(signals)
+    for train, judged in inner_folds(left_out(recordings), FOLDS):
+        fitted = copy(detector).fit([signals[i] for i in train], ticks[train])
+        for i in judged:
+            detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
+    settings = sweep(detectors, recordings, evidence, count)
+    level = float(best(settings, false_alarms)["level"])
+    names = Names.learned(make_system, system, recordings)
+    return TickWatcher(system, names, copy(detector).fit(signals, ticks), level, count), settings
+
+
+def left_out(recordings: Recordings) -> np.ndarray:
+    """What is left out together for the choice of the threshold: subjects, or single recordings of few subjects.
+
+    A classifier of one subject fewer than few is another one, whose evidence has another scale.
+    """
+    subjects = recordings.subjects.astype(str)
+    return subjects if len(set(subjects)) >= INTERVAL else np.arange(len(recordings)).astype(str)
+
+
+@dataclass(eq=False)
+class TickWatcher:
+    """A system and a detector that decides tick by tick; see `bench.endless.detectors.base.Watches`.
+
+    A touch is named when it is reported, from its frames so far, and again as it grows.
+
+    Attributes:
+        system: fitted to captures.
+        names: names the touches.
+        detector: fitted to training recordings.
+        level: threshold, learned for a number of false alarms per hour.
+        count: frames of a tick.
+        reject: confidence below which a label is ``unknown``; 0 for never.
+    """
+
+    system: contract.System
+    names: Names
+    detector: Detector
+    level: float
+    count: int
+    reject: float = 0.0
+
+    @property
+    def numbers(self) -> int:
+        """Count of learned numbers of the detector."""
+        return self.detector.numbers
+
+    @property
+    def chosen(self) -> dict[str, object]:
+        """What training has chosen, by name."""
+        return {"level": self.level, "reject": self.reject} | self.detector.chosen
+
+    def prepared(self, recordings: Corpus) -> Corpus:
+        """Recordings without their labels, after the steps that are done frame by frame."""
+        return taken(contract.blinded(self.system, recordings), behind(self.system)[0])[0]
+
+    def evidence(self, recordings: Corpus) -> list[np.ndarray]:
+        """The evidence of each recording, tick by tick."""
+        seen = self.prepared(recordings)
+        series = []
+        for i in range(len(seen)):
+            signals = self.detector.signals()
+            series.append(np.stack([signals.step(frame) for frame in _means(seen[i], self.count)]))
+        return [self.detector.evidence(each) for each in series]
+
+    def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
+        """Touches found, false alarms and reports of all levels, by their place relative to the learned one."""
+        settings = sweep([self.detector] * len(evidence), recordings, evidence, self.count)
+        learned = int(np.abs(self.detector.levels - self.level).argmin())
+        return settings[["hits", "alarms", "reports"]].assign(offset=np.arange(len(settings)) - float(learned))
+
+    def probability(self, evidence: np.ndarray, rate_hz: float) -> pd.DataFrame:
+        """How sure the rules are of touch in one recording."""
+        signs = signs_of(self.detector.rules(self.level), evidence)
+        return pd.DataFrame({"reported": self.count * np.arange(1, len(signs) + 1), "confidence": signs[:, 0]})
+
+    def decide(self, recording: Corpus, end: int) -> None:
+        """Do the work of one decision after so many frames: signals and evidence of a tick, and a name."""
+        frames = recording[0][max(0, end - self.count) : max(end, self.count)]
+        ring = np.repeat(self.detector.signals().step(_means(frames, self.count)[0])[None], self.detector.memory, 0)
+        self.detector.evidence(ring)
+        begin = max(0, end - round(LONGEST_S * recording.rate_hz))
+        self.names.probabilities(recording, np.array([begin]), np.array([end]))
+
+    def reports(self, recordings: Corpus, evidence: list[np.ndarray] | None = None) -> pd.DataFrame:
+        """Touches in recordings, each as if its frames came one by one."""
+        seen = self.prepared(recordings)
+        evidence = self.evidence(recordings) if evidence is None else evidence
+        rows: list[tuple] = []
+        for i, series in enumerate(evidence):
+            touches = spans_of(signs_of(self.detector.rules(self.level), series), self.count)
+            if not touches:
+                continue
+            asked = [(start, end) for touch in touches for start, end in touch.named]
+            proba = iter(self.names.probabilities(seen[[i]], *np.array(asked, dtype=np.int64).T))
+            for touch in touches:
+                each = [next(proba) for _ in touch.named]
+                (first, _), (label, sure) = self._label(each[0]), self._label(each[-1])
+                rows.append((i, touch.reported, touch.end, first, label, sure))
+        return report_table(rows)
+
+    def renamed(
+        self, make_system: Callable[[], contract.System], captures: Corpus, recordings: Recordings
+    ) -> TickWatcher:
+        """As `bench.endless.detectors.base.Watches`."""
+        system = make_system().fit(captures, captures.gestures)
+        return replace(self, system=system, names=Names.learned(make_system, system, recordings), reject=0.0)
+
+    def _label(self, proba: np.ndarray) -> tuple[str, float]:
+        sure, gestures = float(proba.max()), self.names.gestures
+        return (str(gestures[proba.argmax()]) if sure > 0 and sure >= self.reject else UNKNOWN), sure
+
+
+@dataclass
+class Span:
+    """A touch that rules report; times are frames seen.
+
+    Attributes:
+        reported: time of the report.
+        end: time of the end.
+        named: beginning and end of the frames that it is named from, at the report and as it grows.
+    """
+
+    reported: int
+    end: int
+    named: list[tuple[int, int]]
+
+
+def spans_of(signs: np.ndarray, count: int) -> list[Span]:
+    """The touches that are reported, from the signs of one recording; nothing looks ahead."""
+    spans: list[Span] = []
+    lasting, named = None, 0
+    for tick, (ticks, report) in enumerate(signs[:, 1:].astype(int).tolist(), 1):
+        since = min(ticks + 1, tick) if ticks else 0  # with the tick before, in which the touch may have begun
+        if report:
+            lasting, named = Span(tick * count, tick * count, [((tick - since) * count, tick * count)]), since
+            spans.append(lasting)
+        elif lasting is not None and not since:
+            lasting = None
+        elif lasting is not None:
+            lasting.end = tick * count
+            if since >= GROWTH * named:
+                lasting.named.append(((tick - since) * count, tick * count))
+                named = since
+    return spans
