@@ -159,7 +159,7 @@ class Continuous(Kind):
         percent("rejected_known", "rejected known", spare=1),
         Measure("touches", form=".0f", spare=8),
         percent("touches_found", "found"),
-        Measure("fragments", "reports per touch", form=".2f"),
+        Measure("fragments", "reports/touch", form=".2f"),
         percent("first_correct", "first"),
         percent("end_correct", "end", ends="end_correct"),
         Measure("false_alarms_per_hour", "alarms/h", ends="false_alarms_per_hour"),

@@ -81,7 +81,7 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     evidence = np.stack([odds, np.zeros(len(odds))], axis=1)
     signs = signs_of(Hysteresis(1.0, 1.5, Times(wait=2, hold=1, fade=9)), evidence)
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 6]
-    assert signs[:, 1].astype(int).tolist() == [0, 0, 2, 3, 0, 0, 2, 0, 0, 0]
+    assert signs[:, 1].astype(int).tolist() == [0, 1, 2, 3, 0, 1, 2, 0, 0, 1]
     never = np.stack([odds, np.full(len(odds), -9.0)], axis=1)  # the beginning was not seen
     assert not signs_of(Hysteresis(1.0, 1.5, Times(2, 1, 9)), never)[:, 2].any()
     signs = signs_of(TwoInARow(2.0), np.array([[0], [3], [3], [1.5], [3], [0.5], [3], [3]]))
