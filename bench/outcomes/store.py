@@ -197,9 +197,13 @@ class Store:
         """An artifact, or a folder of them, that must be there, as local files."""
         return Path(self.client.download_artifacts(run_id, name))
 
+    def artifacts(self, run_id: str) -> str:
+        """Address of the artifacts of a run."""
+        return self._artifacts.get(run_id) or self.run(run_id).info.artifact_uri
+
     def where(self, run_id: str, name: str) -> str:
         """Location of an artifact: its path if the store is on this machine, else in words."""
-        folder = _local(self.run(run_id).info.artifact_uri)
+        folder = _local(self.artifacts(run_id))
         return f"{name} of run {run_id} in bench ui" if folder is None else str(folder / name)
 
     @patient
@@ -259,10 +263,8 @@ class Store:
         """Store a file, or the files of a folder, with a run."""
         from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
 
-        # MLflow's client would ask its database each time where they belong.
-        artifacts = get_artifact_repository(
-            self._artifacts.get(run_id) or self.client.get_run(run_id).info.artifact_uri
-        )
+        # MLflow's client would ask its database each time where they belong
+        artifacts = get_artifact_repository(self.artifacts(run_id))
         (artifacts.log_artifacts if path.is_dir() else artifacts.log_artifact)(str(path), where or None)
 
     @patient
