@@ -16,6 +16,7 @@ from bench.measures import Interval, columns, framed, run_columns
 from bench.outcomes.runs import of_captures
 from bench.reports.numbers import busy
 from bench.reports.paper import Paper, columns_of, papers
+from bench.sentences import sentences
 from bench.table import rows_of
 
 TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
@@ -82,10 +83,13 @@ def _side_by_side(one: Paper, position: int) -> str:
         if row is not None:
             cells.iloc[row, column] = rf"\textbf{{{cells.iloc[row, column]}}}"
     data, subset = one.data
-    where = "all captures" if subset == "all" else f"captures with {subset}"
-    words = [f"Recognition of touch on {data}, {where}.", *one.notes]
-    if defined := definitions(str(row["system"]) for row in one.table.rows):
-        words += ["Classifiers, with these parameters unless the name states others:", *defined]
+    words = sentences(
+        *("bench.reports", "sentences", "paper"),
+        data=data,
+        subset=subset,
+        notes=one.notes,
+        classifiers=definitions(str(row["system"]) for row in one.table.rows),
+    )
     return _written(cells.rename(columns=escaped), escaped(" ".join(words)), f"tab:touchbench-paper-{position}")
 
 
@@ -139,35 +143,25 @@ def _caption(part: pd.DataFrame) -> str:
     subset = "all captures" if one["subset"] == "all" else f"captures with {one['subset']}"
     where = f"{one['data']}{f' ({corpus[0]})' if corpus else ''}, {subset}, {one['protocol']}"
     tested = f"{_numbers(part['captures'])} captures of {_numbers(part['subjects'])} subjects, scored by {one['unit']}"
-    parts = [f"Recognition of touch on {where}: {tested}."]
-    if "(synthetic)" in str(one["data"]):
-        parts.append("The captures are generated and say nothing about people.")
-    if "origin" in part:
-        parts.append(f"Origin: {'; '.join(dict.fromkeys(part['origin']))}.")
-    interval = ", its 95 % t-interval" if part["low"].notna().any() else ""
-    parts.append(
-        f"In percent: accuracy by {one['unit']}, mean over subjects{interval} and SD; macro-F1. kB: learnt numbers, "
-        "without code."
-    )
-    parts += [f"{few.too_few(n)}." for n in sorted({int(n) for n in part["subjects"].dropna()}) if n < few.TEST]
-    if "predict_ms_p50" in part:
-        parts.append(
-            "ms: median time of one capture, from raw frames to label, on one thread; fit s: training in a fold. Both "
-            "are processor time on this machine when quiet."
-        )
-        parts += dict.fromkeys(note for row in rows_of(part) for note in busy(row))
     against = [name for name in dict.fromkeys(part.get("against", [])) if name]
-    if against and part["p_holm"].notna().any():
-        parts.append(
-            f"p: paired two-sided Wilcoxon test over subjects against {against[0]}, corrected by Holm's procedure."
-        )
-    if _shipped(part):
-        parts.append("These reference results come with touchbench; no test compares them.")
-    if defined := definitions(part["system"].astype(str)):
-        parts += ["Classifiers, with these parameters unless the name states others:", *defined]
     notes = [note for system in part["system"] for note in notes_on(str(system), str(one["data"]))]
-    parts += [note.rstrip(".") + "." for note in dict.fromkeys(notes)]
-    return escaped(" ".join(parts)).replace(r"95 \%", r"95\,\%")
+    words = sentences(
+        *("bench.reports", "sentences", "caption"),
+        where=where,
+        tested=tested,
+        synthetic="(synthetic)" in str(one["data"]),
+        origins=[*dict.fromkeys(part["origin"])] if "origin" in part else [],
+        unit=one["unit"],
+        interval=part["low"].notna().any(),
+        few=[few.too_few(n) for n in sorted({int(n) for n in part["subjects"].dropna()}) if n < few.TEST],
+        timed="predict_ms_p50" in part,
+        busy=[*dict.fromkeys(note for row in rows_of(part) for note in busy(row))],
+        against=against[0] if against and part["p_holm"].notna().any() else "",
+        shipped=_shipped(part),
+        classifiers=definitions(part["system"].astype(str)),
+        notes=[note.rstrip(".") for note in dict.fromkeys(notes)],
+    )
+    return escaped(" ".join(words)).replace(r"95 \%", r"95\,\%")
 
 
 def _shipped(part: pd.DataFrame) -> bool:

@@ -15,6 +15,7 @@ from bench.errors import InputError, nearest
 from bench.measures import Measure, percent, run_columns, text
 from bench.outcomes.runs import by_subject
 from bench.result import Result
+from bench.sentences import sentences
 from bench.table import Table
 
 SCORES = ("accuracy", "macro_f1")  # columns under each protocol
@@ -104,13 +105,15 @@ def _paper(data: tuple[str, str], protocols: Mapping[str, list[Result]], asked: 
         if "macro_f1" in asked:
             columns.append(percent(f"{words}: macro_f1", f"{words}, macro-F1"))
             best.append(None)
-    notes = ["The captures are generated and say nothing about people."] * ("(synthetic)" in data[0])
-    notes += [f"Protocols: {'; '.join((first, *others))}."]
-    notes += ["Accuracy is the mean over people ± SD, in percent."] * ("accuracy" in asked)
-    notes += ["Macro-F1 is over all captures, in percent."] * ("macro_f1" in asked)
-    notes += [f"Times and flash are those under {heads[first]}."] * bool(costs)
-    notes += [f"{MIXED_MARK} {MIXED}"] * bool(mixed)
-    notes += dict.fromkeys(f"{note.rstrip('.')}." for row in table for note in notes_on(row["system"], data[0]))
+    notes = sentences(
+        *("bench.reports", "sentences", "paper_notes"),
+        synthetic="(synthetic)" in data[0],
+        protocols=[first, *others],
+        asked=asked,
+        costs=heads[first] if costs else "",
+        mixed=f"{MIXED_MARK} {MIXED}" if mixed else "",
+        notes=[*dict.fromkeys(note.rstrip(".") for row in table for note in notes_on(row["system"], data[0]))],
+    )
     return Paper(data, Table([text("system"), *columns, *costs], table), [None, *best, *([None] * len(costs))], notes)
 
 
