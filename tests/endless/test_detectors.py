@@ -11,6 +11,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings, captures_in, event_table
 from bench.corpora.synth_recordings import generate
 from bench.endless.detectors.frames import Frames, Hysteresis, Times
+from bench.endless.detectors.named import detectors
 from bench.endless.detectors.threshold import Threshold, TwoInARow
 from bench.endless.detectors.ticks import best, signs_of
 from bench.endless.page import watch_section
@@ -98,6 +99,12 @@ def test_a_threshold_that_reports_always_is_not_chosen():
     table = pd.DataFrame([(n, a, 1.0, f, h, r) for n, a, f, h, r in rows])
     table.columns = ["level", "alarms", "hours", "found", "hits", "reports"]
     assert best(table, 5.0)["level"] == "fair"
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.inf, np.nan])
+def test_a_time_that_is_none_is_refused_before_anything_runs(value):
+    with pytest.raises(InputError, match="detector.up=.*above 0"):
+        detectors({"detector": "threshold,frames", "detector.up": value})
 
 
 def test_without_background_frames_says_so():

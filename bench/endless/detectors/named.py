@@ -17,9 +17,12 @@ def detectors(values: Values) -> list[Part[Detects]]:
     """The detectors that ``detector=`` names, the usual one without it, with every combination of their parameters.
 
     Raises:
-        InputError: an unknown detector, parameter or value.
+        InputError: an unknown detector or parameter, or a value that it refuses.
     """
     siblings = items("detector", values.get("detector", DETECTOR))
     if not all(isinstance(name, str) for name in siblings):
         raise InputError("detector= takes names; give one of them, or my.py:Mine")
-    return [part for name in siblings for part in variants(values, "detector", name, siblings, room="detectors")]
+    parts = [part for name in siblings for part in variants(values, "detector", name, siblings, room="detectors")]
+    for part in parts:
+        part.make()  # which refuses values
+    return parts

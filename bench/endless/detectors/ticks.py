@@ -15,6 +15,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
 from bench.endless.detectors.base import UNKNOWN, Rules, Signals, Watches
 from bench.endless.detectors.names import LONGEST_S, Names
+from bench.errors import InputError
 from bench.few import INTERVAL
 from bench.models.recipe import behind, taken
 from bench.models.search.inner_folds import inner_folds
@@ -39,6 +40,16 @@ class Detector:
     tick: float = 0.125
     levels: ClassVar[np.ndarray]
     memory: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        """Refuse times and distances that are not above 0.
+
+        Raises:
+            InputError: one of them.
+        """
+        for name, value in vars(self).items():
+            if isinstance(value, float) and not 0 < value < np.inf:
+                raise InputError(f"detector.{name}={value:g}: give a number above 0")
 
     def signals(self) -> Signals:
         """Signals of a new stream."""
