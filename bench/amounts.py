@@ -17,7 +17,7 @@ Usual = TypeVar("Usual")
 LARGEST, LARGEST_SEED = 10**6, 2**32 - 1  # of a whole number, of a seed, which NumPy and scikit-learn bound
 BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
 READERS: dict[type, tuple[str, Callable[[str], object]]] = {
-    bool: ("yes or no", BOOLEANS.__getitem__),
+    bool: ("yes or no", lambda text: BOOLEANS[text.lower()]),
     int: ("a whole number", int),
     float: ("a number", float),
     tuple: ("names joined by +", lambda text: tuple(text.split("+"))),
@@ -67,12 +67,12 @@ def convert(key: str, given: object, default: object) -> object:
     Raises:
         InputError: it is no such value.
     """
-    if given == () and isinstance(default, tuple):
+    if isinstance(given, tuple) and not given and isinstance(default, tuple):
         return given
     text = given if isinstance(given, str) else text_of(given)
     if text == "None" and default is None:
         return None
-    if text == "None":
+    if text == "None" and isinstance(default, tuple):
         raise InputError(f"{key}=None: give a value such as {default!r}")
     usual, seed = 0 if default is None else default, key.endswith("seed")
     words, read = next((reader for kind, reader in READERS.items() if isinstance(usual, kind)), READERS[str])
@@ -92,6 +92,6 @@ def convert(key: str, given: object, default: object) -> object:
 
 def text_of(value: object) -> str:
     """A value as it is typed; `convert` reads it again."""
-    if isinstance(value, bool):
+    if type(value).__name__ in ("bool", "bool_"):  # NumPy's own, too
         return str(value).lower()
     return "+".join(map(str, value)) if isinstance(value, tuple) else str(value)

@@ -82,7 +82,8 @@ def settings(command: str, values: Values) -> dict[str, Any]:
         InputError: a value of another type, or none of those that the table of options lists.
     """
     own = {key: option for key, option in options(command).items() if "run" not in option.commands.split()}
-    return {key: value_of(one, values[key]) if key in values else one.default for key, one in own.items()}
+    given = {key: values[key] for key in own if values.get(key) is not None}
+    return {key: value_of(one, given[key]) if key in given else one.default for key, one in own.items()}
 
 
 def limits_of(given: Mapping[str, Any]) -> dict[str, float]:
@@ -98,7 +99,7 @@ def value_of(option: Option, value: object) -> Any:
     """
     key = option.key
     if option.type == "number":
-        return number(key, value)
+        return quantity(key, value)
     if option.type == "amount":
         return budgets()[key].typed(value)
     if option.type in UNITS:
@@ -106,19 +107,7 @@ def value_of(option: Option, value: object) -> Any:
     if option.values and (text := text_of(value)) not in option.values:
         words = f"give {' or '.join(option.values)}" if len(option.values) <= FEW else nearest(text, option.values)
         raise InputError(f"{key}={text}: {words}")
-    return convert(key, value, 0 if option.type == "count" else option.default)
-
-
-def number(key: str, given: object) -> float:
-    """A number above 0.
-
-    Raises:
-        InputError: it is none.
-    """
-    value = convert(key, given, 1.0)
-    if not 0 < value < float("inf"):
-        raise InputError(f"{key}={given}: give a number above 0")
-    return value
+    return convert(key, value, option.default or 0 if option.type == "count" else option.default)
 
 
 def backend_of(values: Values) -> Backend:

@@ -196,8 +196,8 @@ OTHERS = {  # commands that make no runs of a kind
         "accurate one. This is the standard error of the paired difference over subjects. If no system fits the "
         "budgets, it prints the lowest cost for each budget; exit code 1. why=yes prints all reasons. Runs with failed "
         "folds, and older runs on other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, "
-        "except for runs of bench chip, which also count instructions. max_false_alarms= and max_latency= compare runs "
-        "of bench watch instead, by the share of touches whose label is correct at the end.",
+        "except where a run linked the system in C, which also counts instructions. max_false_alarms= and max_latency= "
+        "compare runs on recordings instead, by the share of touches whose label is correct at the end.",
         "bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB\n"
         f"bench choose data=haart protocol=loso max_false_alarms={FALSE_ALARMS:g} max_latency=1s",
     ),
@@ -206,7 +206,7 @@ OTHERS = {  # commands that make no runs of a kind
         "write the verdict, all runs and published numbers to one page",
         "Writes index.html, which loads no other file. It shows the verdict of bench choose within the budgets, "
         "accuracy against each cost, all runs with their commands, published numbers, figures and paired statistics. "
-        "The folder also has comparison.md, comparison.tex (booktabs), CSV tables, and figures as PNG and SVG. "
+        "The folder also has comparison.md, comparison.tex (booktabs), CSV tables, and figures as SVG. "
         "paper.tex and paper.csv have systems as rows and protocols side by side. The keys of bench run, run= and "
         "latest=yes select the stored runs.",
         "bench report max_flash=64kB max_decision=500ms\n"
@@ -273,7 +273,7 @@ OTHERS = {  # commands that make no runs of a kind
         "Merges gestures into fewer and fewer groups, the most confused groups first, and prints the accuracy with "
         "each number of groups. It uses stored predictions: of model= and features=, or else of the most accurate "
         "system. The groups of each subject are chosen on the other subjects. Prints the table [reactions] of a scene "
-        "file for 90, 95 and 99 % accuracy. Writes groups.csv and a dendrogram as PNG and SVG.",
+        "file for 90, 95 and 99 % accuracy. Writes groups.csv and a dendrogram as SVG.",
         "bench groups data=haart protocol=loso\nbench groups data=haart protocol=loso model=svm features=jung54",
     ),
     "ui": Command(
@@ -287,7 +287,7 @@ OTHERS = {  # commands that make no runs of a kind
         "start here",
         "train one system on all captures and save it as an MLflow model",
         "Prints the address of the model in the store. Use it in mlflow.pyfunc.load_model, mlflow models serve, bench "
-        "predict, bench export and bench live. Each key has one value.",
+        "predict and all commands that take MODEL. Each key has one value.",
         "bench fit data=haart model=svm features=jung54 out=svm\nmlflow models serve -m svm --env-manager local",
     ),
     "predict": Command(

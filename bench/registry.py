@@ -36,14 +36,15 @@ def _installed() -> Any:
     return entry_points()  # of all groups at once, as each look takes a while
 
 
-def plugged(group: str) -> Iterable[EntryPoint]:
+@cache
+def plugged(group: str) -> tuple[EntryPoint, ...]:
     """What installed packages add to ``touchbench.<group>``."""
-    return _installed().select(group=f"touchbench.{group}")
+    return tuple(_installed().select(group=f"touchbench.{group}"))
 
 
 def forget() -> None:
     """Look for installed packages again."""
-    for found in (_installed, names, _loaded):
+    for found in (_installed, plugged, names, _loaded):
         found.cache_clear()
 
 

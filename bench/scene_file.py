@@ -171,9 +171,9 @@ def scene_of(table: Mapping[str, object]) -> Scene:
             _check_amount(f"[{name}] {k} = {given[k]}", limits[name].get(k), OTHER[name].get(k, ""), values)
     unmeasured = [k for k, cost in limits["budget"].items() if not cost.watched] + ["clock"]
     if unwatched := [k for k in unmeasured if k in sections["budget"] and sections["stream"]]:
-        raise InputError(f"[budget] {unwatched[0]}: bench watch does not measure it; leave it or [stream] out")
+        raise InputError(f"[budget] {unwatched[0]}: runs on recordings do not measure it; leave it or [stream] out")
     if "shots" in sections["people"] and sections["stream"]:
-        raise InputError("[people] shots: bench watch has no captures of a new person; leave shots or [stream] out")
+        raise InputError("[people] shots: runs on recordings have none; leave shots or [stream] out")
     board = _of_board(sections["budget"])
     more = {} if board is None else board.budgets("decision" in sections["budget"])
     return Scene(more | values, _reactions(table), _faults(sections["faults"]), board)

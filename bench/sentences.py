@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING
 
 from bench.comparable import several
 
+HIDDEN = {ord(space): 0xE000 + i for i, space in enumerate(" \t\n")}  # white space of values, which is theirs
+SHOWN = {hidden: space for space, hidden in HIDDEN.items()}
+
 if TYPE_CHECKING:
     from jinja2 import Environment
 
@@ -38,7 +41,9 @@ def environment(*folders: Traversable | Path, html: bool = False) -> Environment
 
 @cache
 def _kept(package: str) -> Environment:
-    return environment(files(package) / "templates")
+    env = environment(files(package) / "templates")
+    env.finalize = lambda value: str(value).translate(HIDDEN)
+    return env
 
 
 def shortened(texts: Sequence[str], count: int) -> str:
@@ -58,4 +63,5 @@ def sentences(package: str, template: str, block: str, **values: object) -> list
     """
     found = _kept(package).get_template(f"{template}.jinja")
     text = "".join(found.blocks[block](found.new_context(values)))
-    return [" ".join(part.split()) for part in re.split(r"\n\s*\n", text) if part.strip()]
+    parts = (" ".join(part.split()) for part in re.split(r"\n\s*\n", text))
+    return [part.translate(SHOWN) for part in parts if part]

@@ -1,6 +1,8 @@
-"""How fast one command tracks: folds that do nothing, with the table of a fold of CoST, by the loop as it is.
+"""How fast one command tracks: folds that do nothing, with tables of as many captures as asked, by the loop as it is.
 
-python benchmarks/bench_scale.py [folds] [tcp://scheduler:8786]
+python benchmarks/bench_scale.py [folds [captures [tcp://scheduler:8786]]]
+
+A fold of CoST has 84 captures.
 
 Prints folds a second as it goes, and at last where the time of the command went. A new store in an empty folder; on a
 cluster, workers of the same code.
@@ -34,16 +36,32 @@ class Empty(Experiment):
 
     Attributes:
         number: tells runs apart.
+        captures: tested captures of a fold.
     """
 
     tag: ClassVar[str] = "empty"
     heading: ClassVar[str] = "Empty folds"
 
     number: int = 0
+    captures: int = 84
+
+    def command(self, cell):
+        """What would make such a run."""
+        return "bench run"
+
+    def arguments(self):
+        """None of its own."""
+        return {}
+
+    def options(self):
+        """Both."""
+        return {"number": self.number, "captures": self.captures}
 
     def fold(self, cell, corpus, fold, threads):
-        """A table of 84 captures in 14 classes, and ten numbers."""
-        table = pd.DataFrame({"fold": fold.name, "capture": np.arange(84), "start": 0, "frames": 135, "true": "a"})
+        """A table of captures in 14 classes, and ten numbers."""
+        table = pd.DataFrame(
+            {"fold": fold.name, "capture": np.arange(self.captures), "start": 0, "frames": 135, "true": "a"}
+        )
         table = table.assign(subject=fold.name, **{f"p_{c}": np.float32(1 / 14) for c in "abcdefghijklmn"})
         return FoldResult(fold.name, table, {f"cost_{i}": float(i) for i in range(10)}, [1.0] * 20, [1.0] * 20)
 
@@ -66,7 +84,7 @@ def timed(owner, name):
     setattr(owner, name, method)
 
 
-def run(folds: int, cluster: str) -> None:
+def run(folds: int, captures: int, cluster: str) -> None:
     """So many folds, in runs of 31."""
     from bench.on_cluster.cluster import Cluster
     from bench.outcomes.store import Store
@@ -81,7 +99,7 @@ def run(folds: int, cluster: str) -> None:
     (plan,) = planned(
         cells({"model": "bayes", "features": "jung28", "data.subjects": str(EACH), "data.repetitions": "1"}), 2
     )
-    todo = [(plan, Known(number)) for number in range(folds // EACH)]
+    todo = [(plan, Known(number, captures)) for number in range(folds // EACH)]
     for owner, names in (
         (TrackedRun, ("__init__", "add", "close")),
         (Processes, ("finished", "submit")),
@@ -118,7 +136,8 @@ def main(*given: str) -> None:
     os.environ.setdefault("TOUCHBENCH_HOME", str(home()))
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
-        run(int(given[0]) if given else 20_000, given[1] if len(given) > 1 else "")
+        folds, captures, cluster = (*given, *("20000", "84", "")[len(given) :])
+        run(int(folds), int(captures), cluster)
 
 
 if __name__ == "__main__":

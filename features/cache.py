@@ -22,6 +22,7 @@ from bench.features.signals import blocks
 from bench.scratch import home, owner
 from bench.source import source_digest
 
+BLOCK = 1 << 24  # sensor values of captures whose features are computed at once
 PIECES = ("of capture", "piece")  # columns of a kept table that tell its rows, where steps were taken
 
 
@@ -41,7 +42,7 @@ def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
         corpus = open_folder(stored.path)
         if corpus.digest != stored.digest:  # replaced by another corpus while this one is mapped
             return features.extract(X)
-        table = _by_column(_extracted(features, corpus.blind(visible), stored.steps))
+        table = _extracted(features, corpus.blind(visible), stored.steps)
         _keep(table, path, contents)
     if not stored.steps:
         return table.iloc[stored.index].reset_index(drop=True)
@@ -71,25 +72,22 @@ def is_kept(features: BaseEstimator, X: Corpus, steps: tuple = ()) -> bool:
 
 
 def _extracted(features: BaseEstimator, corpus: Corpus, steps: tuple) -> pd.DataFrame:
-    """Features of all captures of a corpus; after steps, with columns that tell of which piece."""
-    if not steps:
-        return features.extract(corpus)
-    parts = []
-    for block in blocks(corpus):
+    """Features of all captures of a corpus, computed in blocks; after steps, with columns that tell of which piece.
+
+    The table is laid out in memory as one that is read back, column by column. Matrix products round by this order, so
+    that a fit would else depend on whether its features were kept before.
+    """
+    columns: dict[str, list[np.ndarray]] = {}
+    for block in (blocks(corpus) if steps else blocks(corpus, BLOCK)) or [slice(0, 0)]:
         part = corpus[block]
         for step in steps:
             part = step(part)
         source = origin(part)
-        parts.append(features.extract(part).assign(**dict(zip(PIECES, (source.index, source.piece), strict=True))))
-    return pd.concat(parts, ignore_index=True)
-
-
-def _by_column(table: pd.DataFrame) -> pd.DataFrame:
-    """A table laid out in memory as one that is read back, column by column.
-
-    Matrix products round by this order, so that a fit would else depend on whether its features were kept before.
-    """
-    return pd.DataFrame({name: np.ascontiguousarray(column) for name, column in table.items()})
+        table = features.extract(part)
+        table = table.assign(**dict(zip(PIECES, (source.index, source.piece), strict=True))) if steps else table
+        for name, column in table.items():
+            columns.setdefault(name, []).append(np.ascontiguousarray(column))
+    return pd.DataFrame({name: np.concatenate(columns.pop(name)) for name in [*columns]})
 
 
 def cache_key(features: BaseEstimator, digest: str, steps: tuple = ()) -> str:

@@ -22,12 +22,14 @@ from bench.errors import InputError
 from bench.features.base import FeatureSet, labels
 from bench.features.cache import PIECES, after
 from bench.memory import ensure
+from bench.models.by_person import ByPerson
 from bench.models.most_probable import MostProbable
 from bench.models.person import WAYS, PersonScaler, pooled
 from bench.models.quantised import BITS, can_be, in_bits
 from bench.registry import parameters as defaults_of
 
 LONGEST_S = 3600.0  # of a window
+PLAIN = (Pipeline, ByPerson)  # whose fit is that of their steps
 
 
 def _inside(hook: Callable, attribute: str) -> property:
@@ -85,7 +87,7 @@ class Recipe(MostProbable):
         self._check_person()
         if self.bits not in BITS:
             raise InputError(f"model.bits={self.bits}: give 32 or 8")
-        if self.bits != 32 and not (type(self.system) is Pipeline and can_be(self.system.steps[-1][1])):
+        if self.bits != 32 and not (type(self.system) in PLAIN and can_be(self.system.steps[-1][1])):
             raise InputError(
                 f"model.bits={self.bits}: reflex, lda, softmax, bayes and hughes2017_cnn have it; leave it out"
             )
@@ -245,7 +247,7 @@ def besides(factory: Callable) -> dict[str, object]:
 
 def _behind_features(system: contract.System) -> list | None:
     """The steps behind the feature set of a pipeline; None for a system of another kind."""
-    if type(system) is Pipeline and system.memory is None and len(system.steps) > 1:
+    if type(system) in PLAIN and system.memory is None and len(system.steps) > 1:
         name, first = system.steps[0]
         if name == "features" or isinstance(first, FeatureSet):
             return system.steps[1:]

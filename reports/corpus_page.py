@@ -58,7 +58,7 @@ def write(corpus: Corpus, found: Survey, folder: Path, capture: int | None = Non
     values = {"survey": found, "sections": _sections(found), "pictures": pictures, "which": which, "motion": motion}
     values["synthetic"] = f"Synthetic: {SYNTHETIC}." if corpus.synthetic else ""
     index.write_text(page("corpus.jinja", title, **values), encoding="utf-8")
-    return [*(path for picture in pictures for path in picture.paths), motion, index]
+    return [*(picture.path for picture in pictures), motion, index]
 
 
 def place(corpus: Corpus, capture: int) -> int:

@@ -16,7 +16,7 @@ CAPTION = (
 
 
 def draw(table: pd.DataFrame, folder: Path, title: str) -> Picture:
-    """Write ``groups.png`` and ``groups.svg``.
+    """Write ``groups.svg``.
 
     Args:
         table: result of `bench.outcomes.groups.groupings`.

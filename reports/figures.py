@@ -29,9 +29,9 @@ class Picture:
     """A figure as it was written.
 
     Attributes:
-        name: name of the files ``<name>.png`` and ``<name>.svg``.
+        name: name of the file ``<name>.svg``.
         caption: description of the figure, including everything left out.
-        folder: folder of the files.
+        folder: folder of the file.
     """
 
     name: str
@@ -39,9 +39,9 @@ class Picture:
     folder: Path
 
     @property
-    def paths(self) -> list[Path]:
-        """The PNG and the SVG."""
-        return [self.folder / f"{self.name}.png", self.folder / f"{self.name}.svg"]
+    def path(self) -> Path:
+        """The SVG."""
+        return self.folder / f"{self.name}.svg"
 
 
 def new_figure(
@@ -95,24 +95,34 @@ def width_of(names: Iterable[str]) -> float:
 
 
 def save(figure: Figure, folder: Path, name: str, group: str, caption: str) -> Picture:
-    """Write a figure as PNG and SVG, all its text in one size; generated captures are marked on it."""
-    import matplotlib
-    from matplotlib.text import Text
-
+    """Write a figure as SVG, all its text in one size; generated captures are marked on it."""
     if "(synthetic)" in group:
         mark(figure)
         caption = f"{caption} Synthetic: {SYNTHETIC}."
     picture = Picture(name, caption, folder)
+    in_one_size(figure)
+    write_svg(figure, picture.path)
+    drawing = picture.path.read_text(encoding="utf-8")
+    picture.path.write_text(re.sub(f'<g id="{TITLE}(.*?)">', r"<g><title>\1</title>", drawing), encoding="utf-8")
+    return picture
+
+
+def write_svg(figure: Figure, path: Path) -> None:
+    """Write a figure as SVG with its text as text; drawn again, it is the same file."""
+    import matplotlib
+
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "touchbench"}):
+        figure.savefig(path, metadata={"Date": None})
+
+
+def in_one_size(figure: Figure) -> None:
+    """Give all text of a figure the size that places were computed for."""
+    from matplotlib.text import Text
+
     for ax in figure.axes:
         ax.tick_params(labelsize=TEXT)  # of ticks that are made while it is drawn, too
     for text in figure.findobj(Text):
         text.set_fontsize(TEXT)
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "touchbench"}):
-        figure.savefig(picture.paths[1], metadata={"Date": None})
-        figure.savefig(picture.paths[0], dpi=110)
-    drawing = picture.paths[1].read_text(encoding="utf-8")
-    picture.paths[1].write_text(re.sub(f'<g id="{TITLE}(.*?)">', r"<g><title>\1</title>", drawing), encoding="utf-8")
-    return picture
 
 
 def bars(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

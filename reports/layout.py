@@ -98,7 +98,7 @@ def inline_svg(picture: Picture, number: int) -> Markup:
 
     Its width is given in inches, so that the page draws all on one scale and their text in one size.
     """
-    text = picture.paths[1].read_text(encoding="utf-8")
+    text = picture.path.read_text(encoding="utf-8")
     text = " ".join(text[text.index("<svg") :].split())
     text = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>| transform=\"rotate\(-0[^\"]*\"", "", text)
     text = re.sub("<[^>]*>", lambda tag: _short(tag[0]), re.sub(r"> <", "><", text))

@@ -55,7 +55,7 @@ def write_report(
     asked: Mapping[str, Iterable[object]] | None = None,
     paper: Sequence[str] = ("accuracy",),
 ) -> list[Path]:
-    """Write ``index.html``, ``comparison.md``, LaTeX tables, a CSV file for each table, figures as PNG and SVG.
+    """Write ``index.html``, ``comparison.md``, LaTeX tables, a CSV file for each table, figures as SVG.
 
     Args:
         store: store of the runs.

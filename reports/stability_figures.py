@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from bench.outcomes.curves import clean_accuracy
 from bench.outcomes.stability import learning
-from bench.reports.figures import DASHES, MARKERS, bars
+from bench.reports.figures import DASHES, MARKERS, bars, write_svg
 
 if TYPE_CHECKING:
     from bench.result import Result
@@ -23,7 +23,7 @@ PANELS = 4  # side by side
 
 
 def draw(results: Sequence[Result], folder: Path) -> list[Path]:
-    """All figures for which there is something to show, as PNG and SVG."""
+    """All figures for which there is something to show, as SVG."""
     figures = {}
     if len(results[0].tables["faults"]):
         losses = pd.DataFrame({r.method: r.tables["margins"].set_index("fault")["loss"] for r in results}).T
@@ -33,10 +33,8 @@ def draw(results: Sequence[Result], folder: Path) -> list[Path]:
         figures["training_subjects"] = training_subjects(results)
     paths = []
     for name, figure in figures.items():
-        for kind in ("png", "svg"):
-            paths.append(folder / f"stability_{name}.{kind}")
-            figure.savefig(paths[-1], dpi=130)
-            figure.set_layout_engine("none")  # everything has its place now
+        paths.append(folder / f"stability_{name}.svg")
+        write_svg(figure, paths[-1])
     return paths
 
 

@@ -67,7 +67,7 @@ def write_all(results: Sequence[Result], out: Path) -> list[str]:
 
 
 def write(results: Sequence[Result], folder: Path) -> list[Path]:
-    """Write the tables as CSV, ``stability.md``, and the figures as PNG and SVG, for results of one context.
+    """Write the tables as CSV, ``stability.md``, and the figures as SVG, for results of one context.
 
     Raises:
         InputError: the folder cannot be written.
@@ -214,7 +214,7 @@ def _tests_words(slices: pd.DataFrame, mask: pd.Series) -> str:
         untested=int((mask & ~slices["tested"]).sum()),
         people=several["subjects"].max(),
         floor=floor,
-        needed=[f"{max(n, 1)} {name.replace('slices', 'groups')}" for name, n in needed.items()],
+        needed=[f"{max(n, 1)} {name.replace('slices', 'groups' if n > 1 else 'group')}" for name, n in needed.items()],
     )[0]
 
 

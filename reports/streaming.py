@@ -15,7 +15,7 @@ from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.outcomes.stopping import NO_SAVING, saves
 from bench.reports.contexts import context_words, contexts, scarce
-from bench.reports.figures import DASHES, MARKERS, bars, log_ticks, save
+from bench.reports.figures import DASHES, MARKERS, bars, log_ticks, save, write_svg
 from bench.reports.numbers import noted
 from bench.reports.part import Part, Section
 from bench.result import Result
@@ -41,7 +41,7 @@ RIGHT_LABEL = "mean ms of touch seen before the label"
 
 
 def write_streaming(results: Sequence[Result], folder: Path, same: Same) -> list[Path]:
-    """Write ``streaming.csv``, ``stopping.csv`` and ``streaming.png`` / ``.svg`` of some runs.
+    """Write ``streaming.csv``, ``stopping.csv`` and ``streaming.svg`` of some runs.
 
     Args:
         results: results of replays.
@@ -62,7 +62,9 @@ def write_streaming(results: Sequence[Result], folder: Path, same: Same) -> list
         for name, table in sheets(results).items():
             paths.append(folder / f"{name}.csv")
             write_sheet(noted(table), paths[-1])
-        return paths + figure(results, folder, same)
+        paths.append(folder / "streaming.svg")
+        write_svg(draw(results, same), paths[-1])
+        return paths
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
 
@@ -113,15 +115,6 @@ def early(results: Sequence[Result], same: Same) -> tuple[str, str] | None:
         )
         return EARLY, words[0]
     return None
-
-
-def figure(results: Sequence[Result], folder: Path, same: Same) -> list[Path]:
-    """Write the figure of `draw` as ``streaming.png`` and ``.svg``."""
-    fig = draw(results, same)
-    paths = [folder / "streaming.png", folder / "streaming.svg"]
-    for path in paths:
-        fig.savefig(path, dpi=130)
-    return paths
 
 
 def draw(results: Sequence[Result], same: Same) -> Figure:

@@ -16,6 +16,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
 import bench
+from bench.arguments import settings
 from bench.comparable import BATCH, MARKED
 from bench.features.jung28 import Jung28
 from tests.conftest import predictions, runs
@@ -181,3 +182,9 @@ def test_stress_stream_fit_and_tune():
 def test_mistakes_raise_with_the_key(values, fact):
     with pytest.raises(bench.InputError, match=fact):
         bench.run(**{"data__subjects": 2, **values})
+
+
+def test_options_take_numbers_of_numpy_and_none():
+    given = {"margin": np.float64(3), "why": np.True_, "shots": np.int64(3), "run": None}
+    typed = settings("choose", given)
+    assert [typed[key] for key in given] == [3.0, True, 3, ""] and typed["unit"] == "capture"

@@ -89,7 +89,7 @@ def test_shipped_scenes_and_boards_can_be_read():
         ("[people]\nworst_person = 101", "from 0 to 100"),
         ("[budget]\nflash = 256", r"\[budget\] flash = 256: give a number above 0"),
         ("[budget]\nboard = 'pico'\nshare = 0", "share above 0"),
-        ("[budget]\ndecision = '1s'\n[stream]\nlatency = '1s'", r"\[budget\] decision: bench watch"),
+        ("[budget]\ndecision = '1s'\n[stream]\nlatency = '1s'", r"\[budget\] decision: runs on recordings"),
         ("[faults]\nseverity = true", "from 1 to 5"),
         ("[people]\nshots = 3\n[stream]\nlatency = '1s'", "shots"),
         ("by = ['flash']", "by: give one value"),

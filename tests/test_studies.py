@@ -34,7 +34,7 @@ def test_learning_curves_are_extrapolated_and_compared(tmp_path, monkeypatch):
     keys = {"data__subjects": 4, "data__variants": "normal", "data__repetitions": 1}
     alone = bench.run(data="synth", model="lda", features="touch", **keys)
     assert 100 * measured["accuracy"].iloc[-1] == pytest.approx(alone["accuracy"][0])
-    assert table["kind"].str.startswith("above").sum() == 1 and (out / "learning.png").stat().st_size > 10_000
+    assert table["kind"].str.startswith("above").sum() == 1 and (out / "learning.svg").stat().st_size > 10_000
     assert "not people" in (out / "learning.svg").read_text()
     for more in (["+"], ["+", "features=touch"], ["until=x"]):
         with pytest.raises(bench.InputError):

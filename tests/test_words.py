@@ -16,7 +16,7 @@ FORBIDDEN = re.compile(
 )
 ALLOWED = re.compile(  # MLflow's tags and addresses, cells of CSV files, names of files, methods of classes
     r"touchbench\.cell|#/experiments/|(correct|fill) the cell|within a cell|instants\.csv|bench\.api\.plans"
-    r"|told apart|optional[ -]methods|attributes and methods|the method and the precision"
+    r"|bench\.outcomes\.chosen|told apart|optional[ -]methods|attributes and methods|the method and the precision"
 )
 REPLACED = {"single slices", "single slices under faults"}  # stored names that are printed as others
 TERMS = (
@@ -51,7 +51,7 @@ def texts():
     yield from ((f"bench {name} --help", help_of(name)) for name in commands())
     for path in [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("tests/net/golden/[rs][tu]*/*.txt")]:
         yield path.name, path.read_text()
-    for path in ROOT.glob("reports/templates/*.jinja"):
+    for path in [*ROOT.glob("reports/templates/*.jinja"), *ROOT.glob("bench/*/templates/*.jinja")]:
         yield path.name, re.sub(r"\{[{%].*?[}%]\}|<.*?>", "", path.read_text(), flags=re.DOTALL)
     for room in ("bench", "features", "models", "protocols", "reports"):
         for path in ROOT.glob(f"{room}/**/*.py"):

@@ -36,7 +36,7 @@ def find(results: Sequence[Result], task: Task, wanted: dict[str, str], how: str
         InputError: there is none; where there are others of the system, the message says what differs or is missing.
     """
     results = [run for run in results if task.held_by(run)]
-    system = ", ".join(v if k == "system" else f"{k} {v}" for k, v in wanted.items())
+    system = ", ".join(v if k == "system" else f"{k} {v}" for k, v in wanted.items() if v != "none")
     runs = [run for run in results if all(str(run.get(k, "")) == v for k, v in wanted.items())]
     if not runs:
         raise InputError(f"no run of bench {task.command} with {system} is stored; make one: {how}")

@@ -245,9 +245,10 @@ class Instants(Circumstance):
     @classmethod
     def figure(cls, result: Result, folder: Path) -> None:
         """Draw accuracy against touch seen."""
-        from bench.reports.streaming import figure
+        from bench.reports.figures import write_svg
+        from bench.reports.streaming import draw
 
-        figure([result], folder, cls.alike)
+        write_svg(draw([result], cls.alike), folder / "streaming.svg")
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:

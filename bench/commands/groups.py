@@ -68,7 +68,7 @@ def groups(arguments: list[str]) -> int:
 
     with unwritable(out):
         write_sheet(table.assign(grouping=table["grouping"].map(_words)), out / "groups.csv")
-        paths = [out / "groups.csv", *draw(table, out, title).paths]
+        paths = [out / "groups.csv", draw(table, out, title).path]
     say("", f"table and figure: {', '.join(map(str, paths))}")
     then(choosing(results))
     return 0

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from bench.arguments import limits_of, parse, settings
 from bench.commands.printing import then
+from bench.comparable import several
 from bench.errors import InputError
 from bench.options import keys
 from bench.outcomes.runs import asked_of
@@ -54,10 +55,11 @@ def report(arguments: list[str]) -> int:
 
     out = Path(given["out"])
     paths = write_report(connect(), out, limits_of(given), given["against"], asked, paper)
-    counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".png")}
+    counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".svg")}
     page = out / "index.html"
     what = "the selected runs" if asked else "all runs"
-    print(f"{page}: {what}; in the same folder .md, .tex, {counts['.csv']} CSV files and {counts['.png']} figures")
+    beside = f"{several(counts['.csv'], 'CSV file')} and {several(counts['.svg'], 'figure')}"
+    print(f"{page}: {what}; in the same folder .md, .tex, {beside}")
     print(f"open: {page.resolve().as_uri()}")
     then("bench ui")
     return 0

@@ -24,7 +24,7 @@ from bench.corpora.folder import Damaged, content_digest, open_stored, small_fil
 from bench.corpora.read.limits import plain
 from bench.corpora.recordings import Recordings
 from bench.errors import InputError, nearest
-from bench.registry import load
+from bench.registry import classes, load
 from bench.scratch import home, remove, replacing
 
 Stored = TypeVar("Stored", Corpus, Recordings)
@@ -116,7 +116,8 @@ def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
         return _synthetic(parameters)
     value = stored_value(name)
     if isinstance(value, Recordings):
-        raise InputError(f"{name} holds recordings; use bench watch data={name}")
+        watching = [f"; use bench {command} data={name}" for command, k in classes("kinds").items() if k.recordings]
+        raise InputError(f"{name} holds recordings{''.join(watching[:1])}")
     return value
 
 

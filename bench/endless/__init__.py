@@ -1,4 +1,11 @@
 """Endless streams: systems that find touches in recordings and in frames as they come."""
 
+from pathlib import Path
+
 DETECTOR = "filter"  # that of bench watch, unless told otherwise
 RATES = (1, 5, 10, 60)  # false alarms per hour of background, at which missed touches are counted
+
+
+def others(detector: str) -> str | None:
+    """A detector in words, where the usual one is not told; one of a file without its folder."""
+    return Path(detector).name if detector != DETECTOR else None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from bench.endless import DETECTOR, RATES
+from bench.endless import DETECTOR, RATES, others
 from bench.kinds.base import Kind, Spelling, option
 from bench.measures import Cost, Measure, percent
 from bench.options import Command
@@ -26,11 +26,6 @@ if TYPE_CHECKING:
     from bench.plan.plan import Fold, Plan
     from bench.reports.part import Section
     from bench.table import Table
-
-
-def others(detector: str) -> str | None:
-    """A detector in a table, where the usual one is not shown; one of a file without its folder."""
-    return Path(detector).name if detector != DETECTOR else None
 
 
 @dataclass(frozen=True)
@@ -159,7 +154,7 @@ class Continuous(Kind):
         percent("rejected_known", "rejected known", spare=1),
         Measure("touches", form=".0f", spare=8),
         percent("touches_found", "found"),
-        Measure("fragments", "reports per touch", form=".2f"),
+        Measure("fragments", "reports/touch", form=".2f"),
         percent("first_correct", "first"),
         percent("end_correct", "end", ends="end_correct"),
         Measure("false_alarms_per_hour", "alarms/h", ends="false_alarms_per_hour"),

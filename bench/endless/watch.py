@@ -138,7 +138,7 @@ def too_short(plan: Plan, false_alarms: float) -> list[str]:
         asked=f"{false_alarms:g}",
         data=plan.cell.data,
         minutes=f"{minutes:.1f}",
-        least=f"{60 / minutes:.2g}",
+        least=f"{60 / minutes:.3g}",
         needed=f"{180 / false_alarms:.0f}",
     )
 

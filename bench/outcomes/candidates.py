@@ -104,7 +104,7 @@ def candidates(
         for way in kinds[r.kind][1].candidates(r, replace(wish, plain=id(r) in as_they_are)):
             ways.setdefault((r["system"], way.mark, way.apart, way.unit), {})[r["seed"]] = (way, r)
     if not ways:
-        raise _nothing(command, notes)
+        raise _nothing(command, asked, notes)
     order = [*ways]
     rows: list[dict[Any, Any]] = []
     accuracies: list[pd.Series] = []
@@ -280,15 +280,14 @@ def eligible(
         complete = [r for r in complete if r["system"] not in names]
         notes += sentences("bench.outcomes", "choice", "batch", names=names)
     if not complete:
-        raise _nothing(command, notes)
+        raise _nothing(command, asked, notes)
     return complete, notes
 
 
-def _nothing(command: str, notes: Sequence[str]) -> NothingTracked:
+def _nothing(command: str, asked: Collection[str], notes: Sequence[str]) -> NothingTracked:
     why = "".join(f". {note.removesuffix('.')}" for note in notes)
-    return NothingTracked(
-        f"no complete run is stored for these values; make one with bench {command}, then choose{why}"
-    )
+    values = " for these values" if asked else ""
+    return NothingTracked(f"no complete run is stored{values}; make one with bench {command}, then choose{why}")
 
 
 def _asked(results: Sequence[Result], asked: Mapping[str, list[str]]) -> list[Result]:

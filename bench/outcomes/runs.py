@@ -44,16 +44,33 @@ def result_of(store: Store, run: Run) -> Result:
     about = data.params | data.tags | {"run_id": info.run_id, "status": info.status, "started": info.start_time}
     about |= {f"{part}_name": data.params.get(part, "") for part in ROOMS} | {"artifacts": info.artifact_uri}
 
-    this = f"{about.get('system', 'this system')} (run {info.run_id})"
+    return Result(
+        about, data.metrics, stored_tables(store, info.run_id, info.artifact_uri, about.get("system", "this system"))
+    )
+
+
+def stored_tables(store: Store, run_id: str, artifacts: str, system: str, names: Sequence[str] | None = None) -> Tables:
+    """The tables of a stored run, none of which is in memory; each is read when it is asked for.
+
+    Args:
+        store: store of the run.
+        run_id: id of the run.
+        artifacts: their address.
+        system: its name, for messages.
+        names: names of the tables; by default the store is asked.
+    """
+    this = f"{system} (run {run_id})"
 
     def read(name: str) -> pd.DataFrame | None:
-        return read_table(lambda file: store.path(info.run_id, info.artifact_uri, file), name, this)
+        return read_table(lambda file: store.path(run_id, artifacts, file), name, this)
 
-    def names() -> list[str]:
-        files = map(PurePosixPath, store.names(info.run_id, info.artifact_uri))
+    def listed() -> Sequence[str]:
+        if names is not None:
+            return names
+        files = map(PurePosixPath, store.names(run_id, artifacts))
         return [*dict.fromkeys(file.stem for file in files if file.suffix in (".csv", ".parquet"))]
 
-    return Result(about, data.metrics, Tables({}, read, f"{this} is missing in the store; {AGAIN}", names))
+    return Tables({}, read, f"{this} is missing in the store; {AGAIN}", listed)
 
 
 def choosing(results: Sequence[Result], **more: str) -> str:
@@ -78,8 +95,7 @@ def every_result(store: Store) -> list[Result]:
     kinds = classes("kinds").values()
     scores = {kind.tag: kind.score for kind in kinds}
     tracked = {name for kind in kinds for name in kind.tracked()}
-    runs = [run for tag in (*scores, *TAGS) for run in store.of_kind(tag)]
-    results = [adopted(result_of(store, run)) for run in runs]
+    results = [adopted(result_of(store, run)) for run in store.of_kind(*scores, *TAGS)]
     scored = [r for r in results if scores[r.kind] in r.metrics or (r.scored and not r.plain)]
     newest = {
         tuple(str(r.get(name)) for name in (*SAME, *tracked)): r

@@ -17,6 +17,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import open_corpus, recordings
 from bench.corpora.recordings import captures_in
+from bench.corpora.stretches import positions_of, stretches_of
 from bench.errors import InputError
 from bench.plan import splits
 from bench.plan.cells import Cell
@@ -31,6 +32,14 @@ class Fold:
     train: np.ndarray
     test: np.ndarray
     known: splits.Calibration | None = None
+
+    def __reduce__(self) -> tuple:
+        return _fold, (self.name, stretches_of(self.train), stretches_of(self.test), self.known)
+
+
+def _fold(name: str, train: tuple, test: tuple, known: splits.Calibration | None) -> Fold:
+    """A fold that has travelled."""
+    return Fold(name, positions_of(*train), positions_of(*test), known)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -107,14 +108,14 @@ def disagreement(estimator: contract.System, tested: Corpus) -> str:
     A label agrees if its probability is the highest within `TOLERANCE`, on average or in one decision on the capture,
     as of a system that votes. Where a system abstains in its probabilities, each label agrees.
     """
-    table = _decided(estimator, tested).drop(columns=["start", "frames"])
-    mean = table.groupby("capture").mean()
+    decided, names = _decided(estimator, tested), _names(estimator)
     found = []
     for place, label in enumerate(contract.labels(estimator, tested)):
-        every = pd.concat([table[table["capture"] == place].drop(columns="capture"), mean.loc[[place]]])
-        given = every.get(f"p_{label}", -1.0)
-        if not (every.max(axis=1) - given <= TOLERANCE).any() and every.to_numpy().any():
-            found.append((tested.index[place], str(label), str(mean.loc[place].idxmax()).removeprefix("p_")))
+        own = decided.of(place).proba
+        every = np.vstack([own, own.mean(axis=0)])
+        given = every[:, names.index(label)] if label in names else -1.0
+        if not (every.max(axis=1) - given <= TOLERANCE).any() and every.any():
+            found.append((tested.index[place], str(label), names[int(every[-1].argmax())]))
     if not found:
         return ""
     capture, label, probable = found[0]
@@ -149,20 +150,17 @@ def batch_effects(
     """
     if predictions is None:
         predictions = decisions(estimator, corpus, "", test)
-    chosen = some_of(test, most)[::-1]
+    chosen, names = some_of(test, most)[::-1], _names(estimator)
     together = _decided(estimator, corpus[chosen].detached())
-    names = [f"p_{name}" for name in np.asarray(estimator.classes_).astype(str)]
-    expected = predictions.groupby("capture", sort=False)
+    expected = Decided.from_table(predictions, predictions[[f"p_{name}" for name in names]].to_numpy())
+    ones = [corpus[[position]].detached() for position in chosen]
     effects = []
-    for place, position in enumerate(chosen):
-        capture = corpus.index[position]
-        rows = expected.get_group(capture)[["start", "frames", *names]]
-        one = corpus[[position]].detached()
-        alone = _decided(estimator, one)
-        ordered = together[together["capture"] == place]
-        for how, table in (("alone", alone), ("in another order", ordered)):
-            if effect := _difference(rows, table):
-                if _difference(alone, _decided(estimator, one)):
+    for place, decided in enumerate(contract.decide_alone(estimator, ones)):
+        alone, capture = Decided.from_table(*decided), corpus.index[chosen[place]]
+        rows = expected.of(capture)
+        for how, again in (("alone", alone), ("in another order", together.of(place))):
+            if effect := _difference(rows, again, names):
+                if _difference(alone, _decided(estimator, ones[place]), names):
                     effects.append(f"capture {capture} is predicted differently each time")
                 else:
                     before, now = effect
@@ -186,34 +184,56 @@ def some_of(test: np.ndarray, most: int) -> np.ndarray:
     return test[np.unique(np.linspace(0, len(test) - 1, min(most, len(test))).astype(int))]
 
 
-def _decided(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:
-    """Decisions on some captures: capture, start, frames and a column ``p_<class>`` for each class."""
-    table, proba = contract.decide(estimator, corpus)
-    names = [f"p_{name}" for name in np.asarray(estimator.classes_).astype(str)]  # a class may be called capture
-    values = pd.DataFrame(np.asarray(proba, dtype=np.float64), columns=names)
-    places = table[["capture", "start", "frames"]].reset_index(drop=True)
-    return pd.concat([places, values], axis=1)
+class Decided(NamedTuple):
+    """Decisions on some captures: arrays [decisions], and float64 probabilities [decisions, classes]."""
+
+    capture: np.ndarray
+    start: np.ndarray
+    frames: np.ndarray
+    proba: np.ndarray
+
+    @classmethod
+    def from_table(cls, table: pd.DataFrame, proba: np.ndarray) -> Decided:
+        """From a table with these columns, such as `bench.contract.decide` gives, and the probabilities beside it."""
+        capture, start, frames = (table[name].to_numpy() for name in ("capture", "start", "frames"))
+        return cls(capture, start, frames, np.asarray(proba, dtype=np.float64))
+
+    def of(self, capture: object) -> Decided:
+        """The decisions on one capture."""
+        rows = self.capture == capture
+        return Decided(*(values[rows] for values in self))
 
 
-def _difference(before: pd.DataFrame, now: pd.DataFrame) -> tuple[str, str] | None:
-    """What two tables of decisions on one capture do not have in common, in words; None if they agree."""
-    if len(before) != len(now):
-        return f"{len(before)} decisions", f"{len(now)}"
-    for name in ("start", "frames"):
-        if (moved := before[name].to_numpy() != now[name].to_numpy()).any():
+def _decided(estimator: contract.System, corpus: Corpus) -> Decided:
+    """All captures predicted together."""
+    return Decided.from_table(*contract.decide(estimator, corpus))
+
+
+def _names(estimator: contract.System) -> list[str]:
+    return np.asarray(estimator.classes_).astype(str).tolist()
+
+
+def _difference(before: Decided, now: Decided, names: list[str]) -> tuple[str, str] | None:
+    """What decisions on one capture do not have in common, in words; None if they agree."""
+    if len(before.proba) != len(now.proba):
+        return f"{len(before.proba)} decisions", f"{len(now.proba)}"
+    what = ("a window that begins at frame", "a window with a number of frames of")
+    for words, old, new in zip(what, before[1:3], now[1:3], strict=True):
+        if (moved := old != new).any():
             first = int(moved.argmax())
-            what = "a window that begins at frame" if name == "start" else "a window with a number of frames of"
-            return f"{what} {before[name].iloc[first]}", f"{what} {now[name].iloc[first]}"
-    old, new = (table.drop(columns=["start", "frames", "capture"], errors="ignore") for table in (before, now))
-    if (one := _label(new)) != (other := _label(old)):
-        return f"label {other}", f"label {one}"
-    if np.abs(old.to_numpy() - new.to_numpy()).max() <= TOLERANCE:
+            return f"{words} {old[first]}", f"{words} {new[first]}"
+    one, other = _label(now.proba), _label(before.proba)
+    if one != other:
+        return f"label {names[other]}", f"label {names[one]}"
+    if np.abs(before.proba - now.proba).max() <= TOLERANCE:
         return None
-    return f"label {one} with {old[f'p_{one}'].mean():.3f}", f"label {one} with {new[f'p_{one}'].mean():.3f}"
+    old, new = before.proba[:, one].mean(), now.proba[:, one].mean()
+    return f"label {names[one]} with {old:.3f}", f"label {names[one]} with {new:.3f}"
 
 
-def _label(proba: pd.DataFrame) -> str:
-    return str(proba.columns[int(np.float32(proba.to_numpy()).mean(axis=0).argmax())]).removeprefix("p_")
+def _label(proba: np.ndarray) -> int:
+    """Index of the class with the highest mean probability."""
+    return int(np.float32(proba).mean(axis=0).argmax())
 
 
 def latency(
@@ -222,16 +242,18 @@ def latency(
     """Milliseconds from raw frames to a label, one capture at a time, warm, on one thread (`bench.timing`).
 
     Returns:
-        One value per timed capture, for the whole capture and for no more of it than one decision needs; both by the
-        wall clock, by name; and ``predict_relative``, the mean time of a whole capture as a multiple of the reference
-        workload's, with `paced`.
+        One value per timed capture, for the whole capture and for no more of it than one decision needs (timed once
+        where each decision needs its whole capture); both by the wall clock, by name; and ``predict_relative``, the
+        mean time of a whole capture as a multiple of the reference workload's, with `paced`.
     """
     chosen = np.unique(np.linspace(0, len(tested) - 1, min(TIMED_CAPTURES, len(tested))).astype(int))
     whole = [contract.blinded(estimator, tested[i : i + 1].detached()) for i in chosen]
     first = [one.changed(lengths=np.minimum(one.lengths, frames)) for one in whole]
     for one in (whole * WARM_UP)[:WARM_UP]:
         estimator.predict(one)
-    predict, decide = (timed(partial(estimator.predict, one) for one in some) for some in (whole, first))
+    predict = decide = timed(partial(estimator.predict, one) for one in whole)
+    if any(len(early.frames) < len(one.frames) for early, one in zip(first, whole, strict=True)):
+        decide = timed(partial(estimator.predict, one) for one in first)
     walls = {"predict_wall_ms": predict.wall_ms, "decide_wall_ms": decide.wall_ms}
     relative = float(np.mean(predict.ms)) / predict.quiet_ms
     return predict.ms, decide.ms, walls, paced(predict) | {"predict_relative": relative}

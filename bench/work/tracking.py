@@ -17,7 +17,7 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.machine import Machine
 from bench.outcomes.results import FoldResult
-from bench.outcomes.runs import ROOMS
+from bench.outcomes.runs import ROOMS, stored_tables
 from bench.outcomes.store import Store
 from bench.outcomes.tables import AGAIN, FOR_PEOPLE, file_of, read_table, uniform, write_table
 from bench.plan.cells import Cell
@@ -252,7 +252,7 @@ class TrackedRun:
         return [self.done[fold.name] for fold in self.plan.folds if fold.name in self.done]
 
     def close(self) -> Result:
-        """Measure the run from its folds, draw its figures and end it."""
+        """Measure the run from its folds, draw its figures and end it; the result reads its tables from the store."""
         results, folds = self.results(), len(self.plan.folds)
         self.tags |= _batch_effects(results)
         if failed := dict.fromkeys(key for r in results for key in r.failed):
@@ -263,9 +263,7 @@ class TrackedRun:
         counts = {"folds": len(results), "folds_failed": folds - len(results)}
         tables = {name: result.tables[name] for name in result.tables} | _choices(results)
         result = Result(result.about, result.metrics | counts, tables, self.errors)
-        if self.finished:  # nothing was run, nothing is written
-            return result
-        if results:
+        if results and not self.finished:  # else nothing was run, and nothing is written
             self.store.log(self.run_id, result.metrics, tags=added | self.tags | self._machines())
             with tempfile.TemporaryDirectory() as folder:
                 for name, table in tables.items():
@@ -274,8 +272,10 @@ class TrackedRun:
                         table.to_csv(Path(folder) / f"{name}.csv", index=False)
                 self.experiment.figure(result, Path(folder))
                 self.store.keep(self.run_id, Path(folder))
-        self.store.end(self.run_id, result["status"])
-        return result
+        lazy = stored_tables(self.store, self.run_id, self.store.artifacts(self.run_id), result.system, [*tables])
+        if not self.finished:
+            self.store.end(self.run_id, result["status"])
+        return Result(result.about, result.metrics, lazy, self.errors)
 
     def _about(self, status: str) -> dict[str, Any]:
         """What a result of the run is of, as the store has it."""

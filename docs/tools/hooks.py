@@ -121,7 +121,8 @@ def fenced(text: str) -> str:
 def progress(output: dict) -> bool:
     """Whether an output of a cell is a progress bar or a line of it."""
     shown = output.get("data", {})
-    return output.get("name") == "stderr" or (output["output_type"] == "display_data" and "image/png" not in shown)
+    picture = {"image/png", "image/svg+xml"} & {*shown}
+    return output.get("name") == "stderr" or (output["output_type"] == "display_data" and not picture)
 
 
 def notebook(path: Path, runs: bool = True) -> dict[str, str | bytes]:
@@ -149,6 +150,10 @@ def notebook(path: Path, runs: bool = True) -> dict[str, str | bytes]:
         finally:
             os.environ.clear()
             os.environ.update(before)
+        for cell in book.cells:  # one whose result cannot be shown is no failure for Jupyter
+            for output in cell.get("outputs", []):
+                if output["output_type"] == "error":
+                    raise PluginError(f"{path.name}: {output['ename']}: {output['evalue']}")
         for cell in book.cells:  # progress is no result
             cell["outputs"] = [o for o in cell.get("outputs", []) if not progress(o)]
         text, resources = MarkdownExporter().from_notebook_node(book)

@@ -151,6 +151,7 @@ def chart(data: str, budget: float, path: Path) -> None:
     drawn = speed.cost_chart(answer.title, points, costs()["flash"], budget)
     if drawn is None:
         raise SystemExit(f"{data}: the flash of no system is known; run one whose size can be counted")
+    figures.in_one_size(drawn[0])
     done(drawn[0], path, "(synthetic)" in answer.title)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -13,6 +14,7 @@ from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
 from bench.features.base import constant
+from bench.models.by_person import ByPerson
 from bench.models.feature_rows import captures_of, undamaged
 from bench.models.person import WEIGHT, codes_of, share
 from bench.models.search.space import Range
@@ -34,6 +36,28 @@ class Learnt:
     centres: np.ndarray
     heavy: np.ndarray
     scatter: np.ndarray
+
+
+@dataclass(frozen=True)
+class Summed:
+    """Statistics of some training rows of `Discriminants`, in units of the features; those of several parts add up.
+
+    Attributes:
+        classes: names of their classes [classes].
+        heavy: weight of the rows of each class [classes].
+        centres: means of the classes [classes, features].
+        scatter: scatter of the rows about the means of their classes [features, features].
+        squares: sums of squares about the means of the classes [features].
+        low, high: least and largest values [features].
+    """
+
+    classes: np.ndarray
+    heavy: np.ndarray
+    centres: np.ndarray
+    scatter: np.ndarray
+    squares: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
 
 
 @dataclass(eq=False, repr=False)
@@ -77,10 +101,41 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         self._solve(weight.sum())
         return self
 
+    def summed(self, X: pd.DataFrame, y: np.ndarray) -> Summed:
+        """What `fit_summed` needs of some rows of training."""
+        classes, codes = np.unique(y, return_inverse=True)
+        Z = np.asarray(X, dtype=np.float64)
+        captures, weight = captures_of(X), np.where(undamaged(X), 1.0, self.damaged)
+        low, high = Z.min(axis=0), Z.max(axis=0)
+        centres, heavy = _means(Z, codes, weight)
+        Z = Z - centres[codes]
+        return Summed(classes, heavy, centres, self._scatter(Z, captures, weight), weight @ Z**2, low, high)
+
+    def fit_summed(self, parts: Sequence[Summed]) -> Discriminants:
+        """`fit` to the rows of several parts, which share no capture: equal but for rounding."""
+        self.classes_, codes = np.unique(np.concatenate([part.classes for part in parts]), return_inverse=True)
+        every, weight = np.concatenate([part.centres for part in parts]), np.concatenate([part.heavy for part in parts])
+        self.n_features_in_ = every.shape[1]
+        centres, heavy = _means(every, codes, weight)
+        apart = every - centres[codes]
+        mean = heavy @ centres / heavy.sum()
+        squares = sum(part.squares for part in parts) + weight @ apart**2 + heavy @ (centres - mean) ** 2
+        sd = np.sqrt(squares / heavy.sum())
+        sd[constant(np.stack([*(part.low for part in parts), *(part.high for part in parts)]))] = np.inf
+        scatter = self.windows * (apart.T * weight) @ apart
+        for part in parts:
+            scatter += part.scatter
+        self.learnt_ = Learnt(mean, sd, (centres - mean) / sd, heavy, scatter / sd[:, None] / sd)
+        self._solve(heavy.sum())
+        return self
+
     def _scatter(self, Z: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Of rows about the centres of their classes, what is particular to a capture counting more by ``windows``."""
+        scatter = (Z.T * weight) @ Z
+        if self.windows == 1:
+            return scatter
         means, heavy = _means(Z, captures, weight)
-        return (Z.T * weight) @ Z + (self.windows - 1) * (means.T * heavy) @ means
+        return scatter + (self.windows - 1) * (means.T * heavy) @ means
 
     def _solve(self, total: float) -> None:
         """Coefficients from what was learnt of rows with a total weight."""
@@ -182,7 +237,7 @@ def lda(features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0
         raise InputError(f"model.windows={windows:g}: give 1 or more")
     if not 0 < damaged < float("inf"):
         raise InputError(f"model.damaged={damaged:g}: give a number above 0")
-    return Pipeline([("features", features), ("classifier", Discriminants(shrinkage, windows, damaged))])
+    return ByPerson([("features", features), ("classifier", Discriminants(shrinkage, windows, damaged))])
 
 
 lda.space = {"shrinkage": Range(1e-3, 1, log=True), "windows": Range(1, 8, log=True)}

@@ -10,7 +10,7 @@ from bench.cli import main
 from bench.corpora.library import open_corpus
 
 ONE = ["subjects=1", "variants=normal", "repetitions=1"]
-FILES = {"pressure.png", "pressure.svg", "films.png", "films.svg", "motion.gif", "index.html"}
+FILES = {"pressure.svg", "films.svg", "motion.gif", "index.html"}
 
 
 def test_the_command_and_the_function_show_the_same(capsys):

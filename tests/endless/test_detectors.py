@@ -1,5 +1,7 @@
 """Detectors that decide tick by tick: nothing looks ahead, times are learned, reports cost, anybody can add one."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,9 +13,12 @@ from bench.corpora.synth_recordings import generate
 from bench.endless.detectors.frames import Frames, Hysteresis, Times
 from bench.endless.detectors.threshold import Threshold, TwoInARow
 from bench.endless.detectors.ticks import best, signs_of
+from bench.endless.page import watch_section
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
+from bench.outcomes.runs import every_result
+from bench.outcomes.store import connect
 from tests.conftest import SMALL, runs
 
 MINE = """
@@ -81,7 +86,7 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     evidence = np.stack([odds, np.zeros(len(odds))], axis=1)
     signs = signs_of(Hysteresis(1.0, 1.5, Times(wait=2, hold=1, fade=9)), evidence)
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 6]
-    assert signs[:, 1].astype(int).tolist() == [0, 0, 2, 3, 0, 0, 2, 0, 0, 0]
+    assert signs[:, 1].astype(int).tolist() == [0, 1, 2, 3, 0, 1, 2, 0, 0, 1]
     never = np.stack([odds, np.full(len(odds), -9.0)], axis=1)  # the beginning was not seen
     assert not signs_of(Hysteresis(1.0, 1.5, Times(2, 1, 9)), never)[:, 2].any()
     signs = signs_of(TwoInARow(2.0), np.array([[0], [3], [3], [1.5], [3], [0.5], [3], [3]]))
@@ -111,3 +116,6 @@ def test_a_detector_of_a_file_watches_like_any_other(tmp_path):
     assert own.data.params["watch.detector"] == "threshold[up=30.0]"
     same = ("touches_found", "end_correct", "fragments", "missed_at_60")
     assert [mine.data.metrics[name] for name in same] == [own.data.metrics[name] for name in same]
+    words = watch_section(every_result(connect()), tmp_path, {}).parts[0].sentences
+    named = {re.search(r"detector=\S+", line)[0] for line in words[:2]}
+    assert named == {"detector=my.py:Mine[up=30.0]", "detector=threshold[up=30.0]"}

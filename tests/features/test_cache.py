@@ -130,6 +130,12 @@ def test_features_are_computed_once_per_corpus(corpus, stored, tmp_path, monkeyp
     assert len(list((tmp_path / "home" / "features").iterdir())) == 1  # nothing is left beside the table
 
 
+def test_features_are_computed_in_blocks_of_captures(stored, extracted, monkeypatch):
+    monkeypatch.setattr(cache, "BLOCK", 1)
+    in_blocks = Jung28().transform(stored)
+    assert extracted == [1] * len(stored) and in_blocks.equals(Jung28().extract(stored))
+
+
 def test_the_key_depends_on_corpus_parameters_class_and_code(monkeypatch):
     features = [Jung54(), Jung54("capture"), Jung28(), Jung28(peaks="maxima")]
     key = cache_key(Jung54(), "a")

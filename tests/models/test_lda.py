@@ -7,11 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import softmax
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 
 from bench.errors import InputError
 from bench.features.base import labels
-from bench.models.classic.lda import Discriminants
+from bench.features.touch import TouchFeatures
+from bench.models import by_person
+from bench.models.classic.lda import Discriminants, lda
 
 
 def points(seed=0, counts=(20, 20, 20), d=4):
@@ -165,3 +168,63 @@ def test_a_feature_that_did_not_vary_in_training_tells_nothing_of_a_person():
     model = Discriminants().fit(X, np.array(["a", "b"] * 10))
     own = model.adapt(X[:4] + [0, 0, 3.0], np.array(["a", "b"] * 2))
     np.testing.assert_allclose(own.decision_function(X), own.decision_function(X + [0, 0, 9.0]))
+
+
+@given(st.integers(0, 10_000), st.sampled_from([1.0, 3.0]), st.sampled_from([1.0, 0.1]))
+def test_statistics_of_parts_add_up_to_those_of_all_rows(seed, windows, damaged):
+    X, y = of_captures(seed)
+    X["still"], X["shifted"] = 3.0, X[0] * 1e-3 + 100
+    part = X.index.get_level_values("capture").to_numpy() % 4
+    system = Discriminants(0.2, windows, damaged)
+    parts = [system.summed(X[part == k], y[part == k]) for k in range(4) if (part == k).any()]
+    expected = Discriminants(0.2, windows, damaged).fit(X, y)
+    np.testing.assert_allclose(system.fit_summed(parts).predict_proba(X), expected.predict_proba(X), rtol=0, atol=1e-9)
+    assert (system.learnt_.sd == np.inf).tolist() == (expected.learnt_.sd == np.inf).tolist()
+
+
+def left_out(stored, name):
+    """Probabilities of `lda` trained without a person: statistics kept of other training parts, none kept, plain fit.
+
+    Before, the process has kept statistics of all captures where this person goes by another one's name and has other
+    gestures, and of all as they are.
+    """
+    subjects, y = stored.subjects, stored.gestures
+    train = np.flatnonzero(subjects != name)
+    other = subjects[train[0]]
+    wrong = np.where(subjects == name, np.roll(y, 1), y)
+    renamed = stored.changed(captures=stored.captures.assign(subject=np.where(subjects == name, other, subjects)))
+    by_person.KEPT.clear()
+    for X, gestures in ((renamed, wrong), (stored, wrong), (stored, y)):
+        lda(TouchFeatures()).fit(X, gestures)
+    warm = lda(TouchFeatures()).fit(stored[train], y[train])
+    by_person.KEPT.clear()
+    cold = lda(TouchFeatures()).fit(stored[train], y[train])
+    plain = Pipeline(lda(TouchFeatures()).steps).fit(stored[train], y[train])
+    assert by_person.KEPT and warm.fit_seconds_[0] > 0
+    return [model.predict_proba(stored) for model in (warm, cold, plain)]
+
+
+def test_leaving_persons_out_equals_the_plain_fit_and_takes_nothing_of_them(stored):
+    for name in set(stored.subjects):
+        warm, cold, plain = left_out(stored, name)
+        assert np.array_equal(warm, cold)
+        np.testing.assert_allclose(cold, plain, rtol=0, atol=1e-9)
+
+
+def test_statistics_kept_of_the_person_who_is_left_out_would_be_found(stored, monkeypatch):
+    """The test above fails where kept statistics go by the person alone, whoever and whatever that was before."""
+    monkeypatch.setattr(by_person, "_key", lambda X, rows, y: X.subjects[rows[0]].encode())
+    unequal = [np.abs(warm - cold).max() for warm, cold, _ in (left_out(stored, n) for n in set(stored.subjects))]
+    assert min(unequal) > 1e-6
+
+
+def test_seconds_of_kept_statistics_count(stored):
+    train = np.flatnonzero(stored.subjects != stored.subjects[0])
+    by_person.KEPT.clear()
+    lda(TouchFeatures()).fit(stored, stored.gestures)
+    (kept,) = by_person.KEPT.values()
+    for key, (statistics, _) in kept.items():
+        kept[key] = statistics, np.array([100.0, 10.0])
+    wall, cpu = lda(TouchFeatures()).fit(stored[train], stored.gestures[train]).fit_seconds_
+    persons = len(set(stored.subjects)) - 1
+    assert 0 < wall - 100 * persons < 100 and 0 < cpu - 10 * persons < 10

@@ -197,7 +197,7 @@ def _compare_runs(found: Found, where: str, before: tuple[Side, Any], after: tup
             elif paths[0].suffix in TEXTS:
                 texts = [_text(side, path) for side, path in ((one, paths[0]), (other, paths[1]))]
                 found.equal("texts", f"{where}: {name}", *texts)
-            elif paths[0].suffix == ".png":
+            elif paths[0].suffix == ".svg":
                 found.equal("pictures", f"{where}: {name}", *(_digest(path) for path in paths))
 
 

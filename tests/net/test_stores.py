@@ -20,8 +20,8 @@ def before(tmp_path_factory, empty_store):
     with inside(folder, empty_store):
         table = made_up(subjects=2, per_class=1).assign(note="")
         run = tracked_run(store := connect(), "svm", table, history=[0.5, 0.25], **{"model.C": 8})
-        Path("figure.png").write_bytes(b"a")
-        store.keep(run, Path("figure.png"))
+        Path("figure.svg").write_bytes(b"a")
+        store.keep(run, Path("figure.svg"))
         per_class = Path(store.run(run).info.artifact_uri) / "per_class.parquet"
         pd.read_parquet(per_class).to_csv(per_class.with_suffix(".csv"), index=False)
         per_class.unlink()  # as earlier versions stored it
@@ -92,7 +92,7 @@ DIFFERENCES = {  # changes of the second store, and the words of the one line th
     ),
     "the number of rows": (lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t[1:]), "6 rows -> 5"),
     "another run": (lambda s, r, f: tracked_run(s, "lda", made_up(2, 1)), "run only after"),
-    "a picture": (lambda s, r, f: (f / "figure.png").write_bytes(b"b"), "figure.png: 'ca978112ca1b' -> '3e23e8160039'"),
+    "a picture": (lambda s, r, f: (f / "figure.svg").write_bytes(b"b"), "figure.svg: 'ca978112ca1b' -> '3e23e8160039'"),
     "a text file": (lambda s, r, f: (f / "stability.md").write_text("new"), "file stability.md only after"),
 }
 

@@ -118,7 +118,7 @@ def test_the_command_uses_all_seeds_of_the_most_accurate_system(store, tmp_path,
     assert main(["groups", "data=synth"]) == 0
     text = capsys.readouterr().out
     assert "LOSO (5 subjects); rf" in text
-    assert {p.name for p in (tmp_path / "groups").iterdir()} == {"groups.csv", "groups.png", "groups.svg"}
+    assert {p.name for p in (tmp_path / "groups").iterdir()} == {"groups.csv", "groups.svg"}
     found = bench.groups(data="synth")
     assert found["accuracy"][0] == pytest.approx(85) and found["low"][0] == pytest.approx(85)
     assert bench.groups(model="lda")["accuracy"][0] == pytest.approx(65)

@@ -140,4 +140,4 @@ def test_the_report_ranks_over_two_corpora(monkeypatch):
     assert "7 people: 4 of haart and 3 of cuddlebot" in text and "is unknown" in text
     assert table["mean_rank"].tolist() == [1, 2] and table["difference"].tolist() == [0, -20]
     assert 'id="over-several-corpora"' in Path("report/index.html").read_text()
-    assert [path.suffix for path in sorted(Path("report/figures").glob("*over-several*"))] == [".png", ".svg"]
+    assert [path.suffix for path in sorted(Path("report/figures").glob("*over-several*"))] == [".svg"]

@@ -17,6 +17,11 @@ def test_an_empty_line_ends_a_paragraph_and_a_forgotten_value_is_an_error():
     assert sentences("bench.outcomes", "choice", "scope", few="", mixed="") == []
     with pytest.raises(UndefinedError, match="mixed"):
         sentences("bench.outcomes", "choice", "scope", few="")
+    command = "bench stress 'where=gesture  !=  ''\n'"
+    lacking = {"lacking": {"The loss": [command]}, "shown": 1}
+    assert sentences("bench.outcomes", "choice", "lacking", **lacking) == [
+        f"The loss is not stored. To measure it: {command}."
+    ]
     assert shortened(["a", "b", "c"], 2) == "a; b; and 1 more" and shortened(["a"], 2) == "a"
 
 

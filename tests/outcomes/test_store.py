@@ -147,10 +147,49 @@ def test_runs_come_in_pages_newest_first_and_only_of_this_format(monkeypatch):
     monkeypatch.setattr(
         type(connected.client), "search_runs", lambda *a, **how: search(*a, **(how | {"max_results": 2}))
     )
+    connected.file = None
     assert {run.info.run_id for run in connected.of_kind("cell")} == {*ids[1:]}
-    connected.end(ids[3], "FINISHED")
-    assert [run.info.run_id for run in connected.of_kind("cell", finished=True)] == [ids[3]]
     assert connected.find("4", "cell").info.run_id == ids[4] and connected.find("0", "cell") is None
+
+
+def contents(runs):
+    """All that runs hold, in order, as text, in which what is no number equals itself."""
+    return [repr((dict(run.info), *(list(vars(run.data)[n].items()) for n in FIELDS))) for run in runs]
+
+
+FIELDS = ("_metrics", "_params", "_tags")
+
+
+@pytest.mark.parametrize("unreadable", ["no file", "cut off", "locked"])
+def test_a_file_is_read_as_mlflow_reads_it_and_by_mlflow_where_that_fails(unreadable, tmp_path, monkeypatch):
+    connected = store.connect()
+    for i in range(6):
+        run_id = connected.create(str(i), {"touchbench.kind": ("stream", "cell", "else")[i % 3], "x": "a\nb"})
+        connected.log(run_id, {"accuracy": i / 7, "cost": float("nan")}, {"C": 8.0}, [{"loss": 2.0}, {"loss": 1.0}])
+        connected.end(run_id, "FINISHED") if i > 2 else None
+    connected.create("of another version", {"touchbench.kind": "cell"})
+    connected.client.set_tag(connected.runs("")[0].info.run_id, "touchbench.format", "0")
+    connected.delete(connected.create("gone", {"touchbench.kind": "cell"}))
+    elsewhere = connected.client.create_experiment("another")
+    connected.client.create_run(elsewhere, tags={"touchbench.kind": "cell", "touchbench.format": store.FORMAT})
+    kinds = ("cell", "no run", "stream")
+    asked = []
+    by_mlflow = type(connected).runs
+    monkeypatch.setattr(type(connected), "runs", lambda self, *a: asked.append(a) or by_mlflow(self, *a))
+    read = contents(connected.of_kind(*kinds))
+    assert not asked and len(read) == 4 and "nan" in read[0]
+    file, connected.file = connected.file, None
+    expected = contents(connected.of_kind(*kinds))
+    assert len(asked) == 3 and read == expected
+    connected.file = tmp_path / "other.db"
+    if unreadable == "cut off":
+        connected.file.write_bytes(file.read_bytes()[:8192])
+    if unreadable == "locked":
+        connected.file.write_bytes(file.read_bytes())
+        monkeypatch.setattr(store, "LOCKED_S", 0.01)
+        holder = sqlite3.connect(connected.file, isolation_level=None)
+        holder.execute("begin exclusive")
+    assert contents(connected.of_kind(*kinds)) == expected and len(asked) == 6
 
 
 def test_numbers_by_the_thousand_and_by_epoch_and_files_are_kept(tmp_path):

@@ -210,7 +210,7 @@ def test_continuous_touch_on_the_page(quick, store):
     keep(store, watched(HOSTILE, [0.5] * 3, alarms=40.0, latency=1.0))
     page.write_report(store, Path("report"))
     words = " ".join(html.unescape(Path("report/index.html").read_text()).split())
-    assert '<details id="continuous-touch">' in words and Path("report/figures/0-watch-1.png").exists()
+    assert '<details id="continuous-touch">' in words and Path("report/figures/0-watch-1.svg").exists()
     assert f"LOSO (10 subjects), 2 touches in 2 minutes of background: {HOSTILE} finds 90.0 percent" in words
     assert "raises 40.0 false alarms per hour" in words and "latency is 1.00 s" in words
 
@@ -340,7 +340,7 @@ def test_one_subject_one_class_labels_only_folds_of_several_and_no_complete_run(
     assert not Parsed(text).open and ("no complete run" in text) == bool(failed)
     hard = np.isin(predictions.filter(like="p_").to_numpy(), (0, 1)).all()
     assert ("Labels only" in text) == bool(hard) and (
-        "calibration.png" in str([*Path("report/figures").iterdir()])
+        "calibration.svg" in str([*Path("report/figures").iterdir()])
     ) != (hard or failed)
     rows = pd.read_csv("report/statistics.csv") if not failed else pd.DataFrame()
     if predictions["fold"].nunique() < predictions["subject"].nunique():

@@ -69,7 +69,7 @@ def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lo
     assert ["cover" in name for name, _ in rest] == [True, False] and "(synthetic)" in rest[1][0]
     part = Faults.section(results, tmp_path).parts[0]
     picture, table = part.picture, part.table
-    drawn = picture.paths[1].read_text()
+    drawn = picture.path.read_text()
     assert all(f">{text}</text>" in drawn for text in ("23", "10", "5", "-", "svm (60 % clean)", "rf (70 % clean)"))
     row = table.shown().set_index("system").loc["svm"]
     assert row["half of the margin is lost at"] == "shift 2.2" and row["failing of tested groups"] == "3 of 40"
@@ -93,7 +93,7 @@ def test_early_decisions_by_start_and_hop(tmp_path):
     first, second = (words for words, _ in contexts(results, Instants.alike, "replay_accuracy"))
     part, _ = Instants.section(results, tmp_path).parts
     picture, table = part.picture, part.table
-    assert set(table.shown()["system"]) == {"rf", "svm"} and picture.paths[0].exists() and "middle" not in first
+    assert set(table.shown()["system"]) == {"rf", "svm"} and picture.path.exists() and "middle" not in first
     assert "middle" in second and "125.0 ms" in second
     row = table.shown().set_index("system").loc["svm"]
     assert (row["500 ms"], row["adaptive"], row["after ms"]) == ("50.0", "66.0", "812") and "250 ms" not in row
@@ -157,7 +157,7 @@ def test_runs_of_a_new_person_become_curves_with_those_that_are_drawn_alike(tmp_
     assert curves_of(results[:1]) == [] == curves_of(others)
     part = new_person_section(results, tmp_path).parts[0]
     picture, table = part.picture, part.table
-    assert "Synthetic" in picture.caption and all(path.exists() for path in picture.paths)
+    assert "Synthetic" in picture.caption and picture.path.exists()
     assert table.texts[0]["gain"] == "-" and table.texts[0]["enough"] in ("0", "1", "3")
 
 

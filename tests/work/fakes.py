@@ -47,6 +47,12 @@ class Memory:
     def fetched(self, run_id, name):
         return self.runs[run_id].folder / name
 
+    def artifacts(self, run_id):
+        return str(self.runs[run_id].folder)
+
+    def path(self, run_id, artifacts, name):
+        return path if (path := Path(artifacts) / name).exists() else None
+
     def where(self, run_id, name):
         return str(self.fetched(run_id, name))
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from sklearn.pipeline import Pipeline
 
 from bench import contract
@@ -24,10 +25,11 @@ from bench.models.classic.lda import Discriminants
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, planned
 from bench.plan.splits import Calibration
+from bench.timing import REPEATS
 from bench.work import loop
 from bench.work.evaluation import evaluated
 from bench.work.fit import fit
-from bench.work.fold import batch_effects, decisions
+from bench.work.fold import WARM_UP, batch_effects, decisions, latency
 from bench.work.loop import execute, prepared
 from bench.work.personal import met
 from bench.work.replay import prefix
@@ -181,9 +183,40 @@ def test_features_of_the_whole_corpus_do_not_hide_that_they_depend_on_the_batch(
     write_folder(FEW, tmp_path / "c")
     stored = open_folder(tmp_path / "c")
     for features, effects in ((Jung28(), False), (Ranks(), True)):
-        system = Pipeline([("features", features), ("classifier", Discriminants())])
-        system.fit(stored[TRAIN], stored.gestures[TRAIN])
-        assert bool(batch_effects(system, stored, TEST)) is effects
+        for last in (Discriminants(), RandomForestClassifier(9, random_state=0)):
+            system = Pipeline([("features", features), ("classifier", last)])
+            system.fit(stored[TRAIN], stored.gestures[TRAIN])
+            assert bool(batch_effects(system, stored, TEST)) is effects
+
+
+class Counting(RandomForestClassifier):
+    """Predicts otherwise in a batch."""
+
+    def predict_proba(self, X):
+        return np.roll(super().predict_proba(X), len(X) > 1, axis=1)
+
+
+def test_only_a_forest_of_the_library_itself_predicts_all_captures_of_the_check_in_one_call():
+    ones = [FEW[[position]].detached() for position in TEST]
+    for last in (RandomForestClassifier(9, random_state=0), ExtraTreesClassifier(9, random_state=0)):
+        forest = trained(Pipeline([("features", Jung28()), ("nothing", "passthrough"), ("classifier", last)]))
+        for (table, proba), one in zip(contract.decide_alone(forest, ones), ones, strict=True):
+            other, expected = contract.decide(forest, one)
+            pd.testing.assert_frame_equal(table, other, check_dtype=False)
+            assert np.array_equal(proba, expected)
+    mine = trained(Pipeline([("features", Jung28()), ("classifier", Counting(9, random_state=0))]))
+    assert len(batch_effects(mine, FEW, TEST)) == len(TEST)
+
+
+def test_a_decision_that_needs_its_whole_capture_is_timed_once():
+    system, frames = trained(Level()), int(FEW.lengths.max())
+    predict, lengths = system.predict, []
+    system.predict = lambda X: lengths.append(len(X.frames)) or predict(X)
+    once = latency(system, FEW[TEST], frames)
+    assert once[0] == once[1] and len(lengths) == WARM_UP + REPEATS * len(TEST)
+    lengths.clear()
+    latency(system, FEW[TEST], frames := int(FEW.lengths[TEST].max()) - 1)
+    assert len(lengths) == WARM_UP + 2 * REPEATS * len(TEST) and max(lengths[-REPEATS * len(TEST) :]) == frames
 
 
 def test_what_adapts_in_place_carries_nothing_into_other_tests():

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from filelock import FileLock
 
@@ -103,6 +104,14 @@ def test_the_same_run_twice_in_one_command_is_computed_once(store, plan, monkeyp
     assert sorted(DONE) == [(n, f) for n in (0, 1) for f in "1234"] and len(store.parents("echo")) == 2
     assert outcomes[0]["run_id"] == outcomes[1]["run_id"] != outcomes[2]["run_id"]
     assert re.search(r"all 4 folds .*stored", capsys.readouterr().err)
+
+
+def test_a_result_reads_its_tables_from_the_store(store, plan):
+    for _ in range(2):  # computed, and found again
+        (outcome,) = execute(todo(plan, 0))
+        shorter = pd.read_parquet(path := store.runs[outcome["run_id"]].folder / "all.parquet").iloc[1:]
+        shorter.to_parquet(path, index=False)
+        assert [*outcome.tables] == ["all"] and len(outcome.tables["all"]) == len(shorter)
 
 
 @pytest.mark.parametrize("workers", [Workers, Several])
@@ -234,7 +243,7 @@ def test_a_run_is_tracked_whole(capsys):
     metrics += "predict_ms_p50 predict_ms_p95 decision_ms parameters flash_bytes ram_bytes peak_rss_bytes"
     assert {*metrics.split()} <= set(svm.data.metrics) & set(cnn.data.metrics)
     assert {"window_accuracy", "vote_accuracy"} <= set(cnn.data.metrics)
-    assert cnn.inputs.dataset_inputs[0].dataset.name == "synth"
+    assert store.run(cnn.info.run_id).inputs.dataset_inputs[0].dataset.name == "synth"
     table = predictions(store, svm)
     assert len(table) == 4 * 14 and list(table["fold"].unique()) == ["1", "2", "3", "4"]
     assert (table["fold"] == table["subject"]).all() and {"variant", "true", "p_grab", "frames"} <= set(table)
@@ -242,7 +251,7 @@ def test_a_run_is_tracked_whole(capsys):
     assert svm.data.metrics["accuracy"] == pytest.approx(right.mean())
     child = store.folds(cnn.info.run_id)[0]
     assert [m.step for m in store.client.get_metric_history(child.info.run_id, "loss")] == [1, 2]
-    files = "predictions.parquet confusion.csv confusion.png confusion.svg per_subject.parquet per_class.csv "
+    files = "predictions.parquet confusion.csv confusion.svg per_subject.parquet per_class.csv "
     files += "confusion.parquet per_class.parquet"
     assert {a.path for a in store.client.list_artifacts(svm.info.run_id)} == {*files.split()}
     assert main(["run", "model=svm", *SMALL]) == 0  # the same again computes nothing
