@@ -5,6 +5,8 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import bench
 from bench.corpora.corpus import Corpus
@@ -12,8 +14,9 @@ from bench.corpora.recordings import Recordings, captures_in, event_table
 from bench.corpora.synth_recordings import generate
 from bench.endless.detectors.frames import Frames, Hysteresis, Times
 from bench.endless.detectors.named import detectors
+from bench.endless.detectors.names import touches
 from bench.endless.detectors.threshold import Threshold, TwoInARow
-from bench.endless.detectors.ticks import best, signs_of
+from bench.endless.detectors.ticks import best, left_out, signs_of, spans_of
 from bench.endless.page import watch_section
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
@@ -92,6 +95,46 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     assert not signs_of(Hysteresis(1.0, 1.5, Times(2, 1, 9)), never)[:, 2].any()
     signs = signs_of(TwoInARow(2.0), np.array([[0], [3], [3], [1.5], [3], [0.5], [3], [3]]))
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 7]
+
+
+@given(
+    lengths=st.lists(st.integers(3, 40), min_size=1, max_size=4),
+    seconds=st.lists(st.sampled_from([0.1, 0.5, 2.0, np.inf]), min_size=1, max_size=3, unique=True),
+    shifts=st.lists(st.sampled_from([-0.5, 0.0, 0.25]), min_size=1, max_size=3, unique=True),
+    data=st.data(),
+)
+def test_beginnings_are_frames_of_their_touch_and_at_most_its_shift_before(lengths, seconds, shifts, data):
+    frames = [1000 * i + np.arange(n).reshape(n, 1, 1) for i, n in enumerate(lengths)]
+    bounds = [sorted(data.draw(st.sets(st.integers(0, n), min_size=2, max_size=2))) for n in lengths]
+    table = pd.DataFrame({"subject": "1", "gesture": [""] * len(lengths)})
+    events = event_table([(i, start, end, f"g{i}") for i, (start, end) in enumerate(bounds)])
+    made = touches(Recordings(Corpus.from_captures(frames, table, 8.0, full_scale=9999), events), seconds, shifts)
+    assert len(made) == len(lengths) * len(seconds) * len(shifts)
+    expected = []
+    for i, (start, end) in enumerate(bounds):
+        for shift in shifts:
+            for s in seconds:
+                begin = min(max(start + round(8 * shift), 0), end - 1)
+                until = min(start + max(2, min(round(8 * min(s, 99)), max(lengths))), end)
+                expected.append((f"g{i}", tuple(frames[i][begin : max(until, begin + 1), 0, 0].tolist())))
+    got = [(str(made.gestures[k]), tuple(made[k][:, 0, 0].astype(int).tolist())) for k in range(len(made))]
+    assert sorted(got) == sorted(expected)
+
+
+def test_names_come_from_the_frames_up_to_the_last_sure_tick():
+    sure, since = [0.1, 0.9, 0.9, 0.9, 0.9, 0.2, 0.1, 0.1, 0.9, 0.2], [0, 1, 2, 3, 4, 5, 6, 0, 1, 0]
+    signs = np.column_stack([sure, since, np.isin(np.arange(10), [2, 8])])
+    first, second = spans_of(signs, 7)
+    assert (first.reported, first.end) == (21, 49) and first.named == [(0, 21), (0, 28), (0, 35)]
+    assert (second.reported, second.end) == (63, 63) and second.named == [(49, 63)]
+
+
+def test_few_subjects_are_left_out_by_recording():
+    few = of_one([9, 9, 9], [(0, 0, 3, "pat")])
+    assert left_out(few).tolist() == ["0", "1", "2"]
+    captures = few.corpus.captures.iloc[[0] * 6].assign(subject=list("aabcde"))
+    many = Recordings(few.corpus[[0] * 6].changed(captures=captures.reset_index(drop=True)), few.events)
+    assert left_out(many).tolist() == list("aabcde")
 
 
 def test_a_threshold_that_reports_always_is_not_chosen():

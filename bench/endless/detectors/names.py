@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -13,27 +13,33 @@ from bench.corpora.corpus import Corpus, storage
 from bench.corpora.recordings import Recordings
 from bench.models.recipe import behind
 
-BEGUN_S = (0.7, 2.0)  # of training touches, from their start, that the system for beginnings learns from
+BEGUN_S = (0.7, 2.0, np.inf)  # of training touches, from their start, that the system for beginnings learns from
 SHIFTS_S = (-0.125, 0.0, 0.125)  # of their starts: a detector is early or late
 WHOLE_S = 1.4  # from this age on, a touch is named by the system for whole touches
 LONGEST_S = 4.0  # of a touch that is named: the last so many seconds of a longer one
 
 
-def beginnings(recordings: Recordings) -> Corpus:
-    """The beginnings of all touches as captures, each in all lengths of `BEGUN_S` with all shifts of `SHIFTS_S`."""
+def touches(recordings: Recordings, seconds: Sequence[float], shifts: Sequence[float]) -> Corpus:
+    """All touches as captures, cut to each of some lengths from their start, which is shifted by each of some times.
+
+    Args:
+        recordings: recordings with their events.
+        seconds: most seconds of a touch.
+        shifts: seconds by which its start is moved; it stays before its end.
+    """
     corpus, events = recordings.corpus, recordings.events
-    recording, start, end = (events[name].to_numpy() for name in ("recording", "start", "end"))
-    lengths, shifts = (
-        np.round(np.multiply(seconds, corpus.rate_hz)).astype(np.int64) for seconds in (BEGUN_S, SHIFTS_S)
-    )
-    length, shift = (each.ravel()[:, None] for each in np.meshgrid(np.maximum(2, lengths), np.unique(shifts)))
+    recording, start, end = (events[name].to_numpy(np.int64) for name in ("recording", "start", "end"))
+    longest = int(corpus.lengths.max())
+    lengths = np.clip(np.round(np.multiply(seconds, corpus.rate_hz)), 2, longest).astype(np.int64)
+    moved = np.unique(np.round(np.multiply(shifts, corpus.rate_hz)).astype(np.int64))
+    length, shift = (each.reshape(-1, 1) for each in np.meshgrid(lengths, moved))
     begin = np.clip(start + shift, 0, end - 1)
-    until = np.maximum(np.minimum(start + length, end), begin + 1)
-    event = np.broadcast_to(np.arange(len(events)), begin.shape).ravel()
+    count = np.maximum(np.minimum(start + length, end) - begin, 1)
+    event = np.tile(np.arange(len(events)), len(begin))
     table = corpus.captures.iloc[recording[event]].reset_index(drop=True)
     return corpus.changed(
         starts=storage(corpus)[1][recording[event]] + begin.ravel(),
-        lengths=(until - begin).ravel(),
+        lengths=count.ravel(),
         captures=table.assign(gesture=events["gesture"].to_numpy()[event]),
         index=np.arange(len(event)),
         piece=np.zeros(len(event), dtype=np.int64),
@@ -48,28 +54,22 @@ class Names:
 
     Attributes:
         begun: fitted to the beginnings of training touches.
-        whole: fitted to training captures.
-        background: names of classes that are no gesture.
+        whole: fitted to whole training touches.
     """
 
     begun: contract.System
     whole: contract.System
-    background: tuple[str, ...]
 
     @classmethod
-    def learned(
-        cls, make_system: Callable[[], contract.System], whole: contract.System, recordings: Recordings
-    ) -> Self:
-        """Learn the beginnings from recordings of training subjects; the other system is fitted already."""
-        touches = beginnings(recordings)
-        background = {*np.asarray(whole.classes_).astype(str)} - {*recordings.events["gesture"].astype(str)}
-        return cls(make_system().fit(touches, touches.gestures), whole, tuple(sorted(background)))
+    def learned(cls, make_system: Callable[[], contract.System], recordings: Recordings) -> Self:
+        """Learn from recordings of training subjects."""
+        parts = touches(recordings, BEGUN_S, SHIFTS_S), touches(recordings, (np.inf,), (0.0,))
+        return cls(*(make_system().fit(part, part.gestures) for part in parts))
 
     @property
     def gestures(self) -> np.ndarray:
-        """Gestures that are named, in the order of the classes."""
-        classes = np.asarray(self.whole.classes_).astype(str)
-        return classes[~np.isin(classes, self.background)]
+        """Gestures in the order of their probabilities."""
+        return np.asarray(self.whole.classes_).astype(str)
 
     def probabilities(self, recording: Corpus, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Probabilities of the gestures in some spans of one recording, float32 [spans, gestures].
@@ -88,7 +88,5 @@ class Names:
                 spans = recording[np.zeros(some.sum(), np.int64)]
                 starts = storage(recording)[1][0] + begin[some]
                 spans = spans.changed(starts=starts, lengths=(end - begin)[some], digest="", path=None)
-                inner = behind(system)[1]
-                kept = ~np.isin(np.asarray(inner.classes_).astype(str), self.background)
-                found[some] = contract.probabilities(inner, spans)[:, kept]
-        return found / np.maximum(found.sum(axis=1, keepdims=True), 1e-9)
+                found[some] = contract.probabilities(behind(system)[1], spans)
+        return found

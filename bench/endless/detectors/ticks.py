@@ -26,6 +26,7 @@ REPEATS = 0.2  # share of touches that a report per touch above `SPARE` costs; c
 FOLDS = "12"  # at most, of training recordings for the choice of the threshold
 SPARE = 1.15  # reports per touch that cost nothing
 GROWTH = 1.25  # a touch is named again when it is so many times as long
+SURE = 0.5  # confidence in touch of the last tick that a name is made from
 
 
 class Detector:
@@ -188,7 +189,7 @@ def learned(
             detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
     settings = sweep(detectors, recordings, evidence, count)
     level = float(best(settings, false_alarms)["level"])
-    names = Names.learned(make_system, system, recordings)
+    names = Names.learned(make_system, recordings)
     return TickWatcher(system, names, copy(detector).fit(signals, ticks), level, count), settings
 
 
@@ -278,7 +279,7 @@ class TickWatcher:
             proba = iter(self.names.probabilities(seen[[i]], *np.array(asked, dtype=np.int64).T))
             for touch in touches:
                 each = [next(proba) for _ in touch.named]
-                (first, _), (label, sure) = self._label(each[0]), self._label(each[-1])
+                (first, _), (label, sure) = self._label(each[0]), self._label(np.mean(each, axis=0))
                 rows.append((i, touch.reported, touch.end, first, label, sure))
         return report_table(rows)
 
@@ -287,7 +288,7 @@ class TickWatcher:
     ) -> TickWatcher:
         """As `bench.endless.detectors.base.Watches`."""
         system = make_system().fit(captures, captures.gestures)
-        return replace(self, system=system, names=Names.learned(make_system, system, recordings), reject=0.0)
+        return replace(self, system=system, names=Names.learned(make_system, recordings), reject=0.0)
 
     def _label(self, proba: np.ndarray) -> tuple[str, float]:
         sure, gestures = float(proba.max()), self.names.gestures
@@ -312,17 +313,28 @@ class Span:
 def spans_of(signs: np.ndarray, count: int) -> list[Span]:
     """The touches that are reported, from the signs of one recording; nothing looks ahead."""
     spans: list[Span] = []
-    lasting, named = None, 0
-    for tick, (ticks, report) in enumerate(signs[:, 1:].astype(int).tolist(), 1):
-        since = min(ticks + 1, tick) if ticks else 0  # with the tick before, in which the touch may have begun
-        if report:
-            lasting, named = Span(tick * count, tick * count, [((tick - since) * count, tick * count)]), since
-            spans.append(lasting)
-        elif lasting is not None and not since:
+    lasting, start, named, sure = None, 0, 0, 0  # of the touch that lasts; all in ticks
+
+    def name(tick: int) -> None:
+        nonlocal named
+        if lasting is not None and tick > named:
+            lasting.named.append((start * count, tick * count))
+            named = tick
+
+    for tick, (touch, since, report) in enumerate(signs.tolist(), 1):
+        if report or not since:
+            name(sure)
             lasting = None
+        if report:
+            start = max(tick - int(since) - 1, 0)  # with the tick before, in which the touch may have begun
+            lasting = Span(tick * count, tick * count, [])
+            spans.append(lasting)
+            name(tick)
         elif lasting is not None:
             lasting.end = tick * count
-            if since >= GROWTH * named:
-                lasting.named.append(((tick - since) * count, tick * count))
-                named = since
+        if touch >= SURE:
+            sure = tick
+            if tick - start >= GROWTH * (named - start):
+                name(tick)
+    name(sure)
     return spans
