@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from copy import copy, deepcopy
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -34,7 +34,6 @@ from bench.registry import required
 
 SUM = 1e-3  # by which probabilities of a capture may miss a sum of 1: they may be float32, or printed and read
 TABLES = {"sklearn", "xgboost", "lightgbm", "catboost", "imblearn"}  # packages whose estimators learn from tables
-FORESTS = {("sklearn.ensemble._forest", f"{kind}Classifier") for kind in ("RandomForest", "ExtraTrees")}  # by row
 STARRED = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 Value = TypeVar("Value")
 Part = TypeVar("Part")
@@ -325,56 +324,8 @@ def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
     X = blinded(estimator, X)
     if method := DECIDE(estimator):
         table, proba = method(X)
-        return table, _probable(estimator, proba, len(table), "decide")
+        return table, probable(estimator, proba, len(table), "decide")
     return pd.DataFrame({"capture": np.arange(len(X)), "start": 0, "frames": X.lengths}), probabilities(estimator, X)
-
-
-def decide_alone(estimator: System, ones: Sequence[Corpus]) -> list[tuple[pd.DataFrame, np.ndarray]]:
-    """`decide` for each of several captures alone.
-
-    A forest of scikit-learn predicts each row of a table by itself, and a call takes as long for many rows as for one.
-    What stands before it is computed for each capture alone; the forest predicts these rows in one call.
-
-    Args:
-        estimator: fitted.
-        ones: captures, each in a corpus of its own.
-
-    Raises:
-        PredictionError: a label is no class, or probabilities are none.
-    """
-    if not _is_forest(estimator):
-        return [decide(estimator, one) for one in ones]
-    tables = [_before_forest(estimator, one) for one in ones]
-    first = tables[0]
-    if any(len(one) != 1 or not _same_columns(one, first) for one in tables):
-        return [decide(estimator, one) for one in ones]
-    rows = pd.concat(tables) if isinstance(first, pd.DataFrame) else np.concatenate(tables)
-    proba = _probable(estimator, estimator[-1].predict_proba(rows), len(ones), "predict_proba")
-    about = ({"capture": [0], "start": 0, "frames": one.lengths} for one in ones)
-    return [(pd.DataFrame(each), row[None]) for each, row in zip(about, proba, strict=True)]
-
-
-def _is_forest(estimator: System) -> TypeGuard[Pipeline]:
-    """Whether it is a pipeline that ends in a forest, both scikit-learn's own and not derived from it."""
-    if not isinstance(estimator, Pipeline) or type(estimator) is not Pipeline:
-        return False
-    last = type(estimator.steps[-1][1])
-    return (last.__module__, last.__name__) in FORESTS
-
-
-def _before_forest(estimator: Pipeline, X: Corpus) -> Any:
-    """The table that the last step of a pipeline predicts."""
-    table: Any = blinded(estimator, X)
-    for _, step in estimator.steps[:-1]:
-        if step not in (None, "passthrough"):
-            table = step.transform(table)
-    return table
-
-
-def _same_columns(one: object, other: object) -> bool:
-    """Whether two tables can stand below each other."""
-    names = [list(t) if isinstance(t, pd.DataFrame) else None for t in (one, other)]
-    return type(one) is type(other) and names[0] == names[1]
 
 
 def has_probabilities(estimator: System) -> bool:
@@ -390,7 +341,7 @@ def probabilities(estimator: System, X: Corpus) -> np.ndarray:
     """
     X = blinded(estimator, X)
     if has_probabilities(estimator):
-        return _probable(estimator, estimator.predict_proba(X), len(X), "predict_proba")  # type: ignore[attr-defined]
+        return probable(estimator, estimator.predict_proba(X), len(X), "predict_proba")  # type: ignore[attr-defined]
     return labels(estimator, X)[:, None] == np.asarray(estimator.classes_).astype(str)
 
 
@@ -414,8 +365,14 @@ def labels(estimator: System, X: Corpus) -> np.ndarray:
     return given.astype(str)
 
 
-def _probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarray:
+def probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarray:
     """Probabilities that a method gives, zeros for a row of NaN of a system that abstains.
+
+    Args:
+        estimator: fitted.
+        proba: what the method gave, [rows, classes].
+        rows: decisions that were asked for.
+        method: its name, for messages.
 
     Raises:
         PredictionError: they are no probabilities; the message says what to do.

@@ -19,6 +19,7 @@ from bench.corpora.corpus import Corpus
 from bench.errors import PredictionError
 from bench.models.sizes import sizes
 from bench.timing import Times, timed, timed_once
+from bench.work.alone import decide_alone
 
 ALONE = 32  # test captures of a fold that are predicted alone, too
 SOME = 8  # the same of captures that are damaged, or of which the beginning is seen
@@ -155,7 +156,7 @@ def batch_effects(
     expected = Decided.from_table(predictions, predictions[[f"p_{name}" for name in names]].to_numpy())
     ones = [corpus[[position]].detached() for position in chosen]
     effects = []
-    for place, decided in enumerate(contract.decide_alone(estimator, ones)):
+    for place, decided in enumerate(decide_alone(estimator, ones)):
         alone, capture = Decided.from_table(*decided), corpus.index[chosen[place]]
         rows = expected.of(capture)
         for how, again in (("alone", alone), ("in another order", together.of(place))):

@@ -53,6 +53,9 @@ def test_a_later_frame_changes_no_report_and_no_first_label(detector, recordings
     captures = captures_in(train)
     make = lambda: lda(TouchFeatures())  # noqa: E731
     watcher, _ = detector.learn(make, make().fit(captures, captures.gestures), captures, train, 60.0)
+    classifiers = [s[-1] for s in (watcher.names.begun, watcher.names.whole, watcher.system)]
+    begun, ended, replaced = (c.coef_.size + c.intercept_.size for c in classifiers)
+    assert watcher.numbers == watcher.detector.numbers + begun + ended - replaced
     whole = recordings[[2]].corpus
     reports = watcher.reports(whole)
     assert len(reports) >= 5

@@ -27,6 +27,7 @@ from bench.plan.plan import Fold, planned
 from bench.plan.splits import Calibration
 from bench.timing import REPEATS
 from bench.work import loop
+from bench.work.alone import decide_alone
 from bench.work.evaluation import evaluated
 from bench.work.fit import fit
 from bench.work.fold import WARM_UP, batch_effects, decisions, latency
@@ -200,7 +201,7 @@ def test_only_a_forest_of_the_library_itself_predicts_all_captures_of_the_check_
     ones = [FEW[[position]].detached() for position in TEST]
     for last in (RandomForestClassifier(9, random_state=0), ExtraTreesClassifier(9, random_state=0)):
         forest = trained(Pipeline([("features", Jung28()), ("nothing", "passthrough"), ("classifier", last)]))
-        for (table, proba), one in zip(contract.decide_alone(forest, ones), ones, strict=True):
+        for (table, proba), one in zip(decide_alone(forest, ones), ones, strict=True):
             other, expected = contract.decide(forest, one)
             pd.testing.assert_frame_equal(table, other, check_dtype=False)
             assert np.array_equal(proba, expected)

@@ -28,7 +28,7 @@ class Watches(Protocol):
     Attributes:
         system: fitted to captures.
         reject: confidence below which a label is ``unknown``; 0 for never.
-        numbers: count of learned numbers, besides those of the system.
+        numbers: count of learned numbers beyond those of the system.
         chosen: values that training has chosen, by name.
     """
 

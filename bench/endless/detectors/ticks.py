@@ -19,6 +19,7 @@ from bench.errors import InputError
 from bench.few import INTERVAL
 from bench.models.recipe import behind, taken
 from bench.models.search.inner_folds import inner_folds
+from bench.models.sizes import parameter_count
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
 
 PRICE = 0.001  # share of touches that a false alarm per hour above the target costs; chosen on sittings A to C
@@ -114,13 +115,10 @@ def _means(frames: np.ndarray, count: int) -> np.ndarray:
     return frames[:whole].reshape(-1, count, *frames.shape[1:]).mean(axis=1, dtype=np.float64).astype(np.float32)
 
 
-def signals_of(detector: Detector, ticks: Corpus) -> list[np.ndarray]:
-    """Signals of each recording, whose frames are ticks."""
-    series = []
-    for i in range(len(ticks)):
-        signals = detector.signals()
-        series.append(np.stack([signals.step(frame) for frame in ticks[i]]))
-    return series
+def signals_of(detector: Detector, ticks: np.ndarray) -> np.ndarray:
+    """Signals of a recording whose frames are ticks [ticks, signals]."""
+    signals = detector.signals()
+    return np.stack([signals.step(frame) for frame in ticks])
 
 
 def signs_of(rules: Rules, evidence: np.ndarray) -> np.ndarray:
@@ -180,7 +178,7 @@ def learned(
     corpus = taken(recordings.corpus, behind(system)[0])[0]
     count = frames_of_tick(detector.tick, corpus.rate_hz)
     ticks = ticked(Recordings(corpus, recordings.events), count)
-    signals = signals_of(detector, ticks.corpus)
+    signals = [signals_of(detector, ticks.corpus[i]) for i in range(len(ticks))]
     evidence: list[np.ndarray] = [np.zeros(0)] * len(signals)
     detectors = [detector] * len(signals)
     for train, judged in inner_folds(left_out(recordings), FOLDS):
@@ -226,8 +224,9 @@ class TickWatcher:
 
     @property
     def numbers(self) -> int:
-        """Count of learned numbers of the detector."""
-        return self.detector.numbers
+        """Those of the detector and of both systems that name, in place of the one fitted to captures."""
+        named = parameter_count(self.names.begun) + parameter_count(self.names.whole) - parameter_count(self.system)
+        return self.detector.numbers + named
 
     @property
     def chosen(self) -> dict[str, object]:
@@ -241,10 +240,7 @@ class TickWatcher:
     def evidence(self, recordings: Corpus) -> list[np.ndarray]:
         """The evidence of each recording, tick by tick."""
         seen = self.prepared(recordings)
-        series = []
-        for i in range(len(seen)):
-            signals = self.detector.signals()
-            series.append(np.stack([signals.step(frame) for frame in _means(seen[i], self.count)]))
+        series = (signals_of(self.detector, _means(seen[i], self.count)) for i in range(len(seen)))
         return [self.detector.evidence(each) for each in series]
 
     def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
