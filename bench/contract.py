@@ -370,7 +370,7 @@ def probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarra
 
     Args:
         estimator: fitted.
-        proba: what the method gave, [rows, classes].
+        proba: result of the method, [rows, classes].
         rows: decisions that were asked for.
         method: its name, for messages.
 
