@@ -85,6 +85,7 @@ def test_times_come_from_the_labels():
     assert Times.of(of_one([200], quick), 0.25, 1.0) == Times(wait=1, hold=1, fade=8)
     slow = [(0, 60 * k, 60 * k + 20, "pat") for k in range(3)]
     assert Times.of(of_one([200], slow), 0.25, 1.0) == Times(wait=2, hold=8, fade=8)
+    assert Times.of(of_one([200], slow), 5.0, 1.0).wait == 15  # three quarters of a touch
 
 
 def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():

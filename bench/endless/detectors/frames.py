@@ -24,6 +24,7 @@ MINIMA, MAXIMA, MEDIAN = (1, 2, 4, 10, 40), (2, 5, 15, 60), 30  # ticks that fea
 CLIP = 6.0  # SDs of a feature
 AGES = 3  # ticks of the beginning of a touch
 SHORT = 0.1  # share of touches, or gaps, that may be shorter
+SEEN = 0.75  # of such a touch is seen at least: its beginning is noticed late; chosen on A to C
 FADED = 0.25  # of the highest log-odds of a touch: below, it is over after `hold` seconds; chosen on HAART
 BEGUN = -2.0  # log-odds of the beginning of a touch, without which none is reported; chosen on HAART and A to C
 LEVELS = 5  # signals that are levels: mean, excess, highest, movement, highest movement
@@ -113,7 +114,7 @@ class Times:
     """Times that are learned from the labels, in ticks.
 
     Attributes:
-        wait: ticks of a touch before its report, fewer than asked for where one touch in ten is shorter.
+        wait: ticks that a touch has held at its report, fewer than asked for where one touch in ten is nearly as short.
         hold: ticks without touch before a touch is over: half of the gap that one in ten is shorter than, or what
             was asked for, where that is less.
         fade: ticks of weak evidence before a touch is over.
@@ -136,7 +137,7 @@ class Times:
         start, end, recording = (events[name].to_numpy() for name in ("start", "end", "recording"))
         gaps = (start[1:] - end[:-1])[recording[1:] == recording[:-1]]
         near = np.quantile(gaps, SHORT) / 2 if len(gaps) else np.inf
-        short = np.quantile(end - start, SHORT)
+        short = SEEN * np.quantile(end - start, SHORT)
         waits, holds = round(wait * rate_hz), round(hold * rate_hz)
         return cls(max(1, int(min(waits, short))), max(1, int(min(holds, near))), max(1, holds))
 
@@ -145,8 +146,8 @@ class Hysteresis:
     """A touch begins with a tick above a level, and is over when some are below a lower one.
 
     It begins only where the classifier has seen its beginning, and is also over when the evidence has faded: background
-    whose level has changed keeps some. It is reported at the first tick, ``times.wait`` or more after its beginning, that
-    is not below the lower level. What is over before is no touch.
+    whose level has changed keeps some. It is reported at the first tick that is not below the lower level, once it has
+    lasted ``times.wait`` ticks. What is over before is no touch.
 
     Args:
         level: log-odds of touch.
