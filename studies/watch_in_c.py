@@ -21,6 +21,7 @@ from sklearn.pipeline import Pipeline
 import bench
 from bench.arguments import KEYS, parse
 from bench.corpora.corpus import Corpus
+from bench.corpora.recordings import certain
 from bench.endless.watch import recordings_of, usual
 from bench.endless.watcher import UNKNOWN
 from bench.endless.watcher_training import learned
@@ -90,7 +91,7 @@ def compared(values: dict[str, str], bits: int) -> dict[str, object]:
     cell, *more = cells(values | ({"model.bits": "8"} if bits == 8 else {}))
     if more or not check(cell.untrained):
         raise bench.InputError("give one system whose C can watch a stream: reflex, or a classifier on touch")
-    corpus = corpus_of(cell)
+    corpus = certain(corpus_of(cell))
     recordings = recordings_of(corpus, usual(corpus))
     with computing(usable_cores()):
         estimator = cell.estimator().fit(corpus, corpus.gestures)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pandas as pd
@@ -9,6 +10,7 @@ import pandas as pd
 from bench import contract
 from bench.arguments import parse, settings
 from bench.commands.printing import then, unwritable
+from bench.corpora.recordings import as_touches, is_recorded
 from bench.errors import InputError
 from bench.options import keys
 from bench.plan.cells import cells
@@ -37,6 +39,8 @@ def extract(arguments: list[str]) -> int:
     columns = features.fit(corpus, corpus.gestures).transform(corpus)
     if both := sorted(set(corpus.captures.columns) & set(columns.columns)):
         raise InputError(f"{corpus.name} has a column {both[0]!r}, which is also a feature; rename it and import again")
+    if is_recorded(corpus):
+        print(as_touches(corpus), file=sys.stderr)
     table = pd.concat([corpus.captures, columns], axis=1)
     with unwritable(out), replacing(out) as beside:
         table.to_parquet(beside, index=False) if out.suffix == ".parquet" else table.to_csv(beside, index=False)

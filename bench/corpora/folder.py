@@ -123,8 +123,8 @@ def content_digest(value: Corpus | Recordings) -> str:
 
 
 def _parts(value: Corpus | Recordings) -> tuple[Corpus, pd.DataFrame | None]:
-    """The corpus, and the events of recordings."""
-    return (value.corpus, value.events) if isinstance(value, Recordings) else (value, None)
+    """The corpus, and the events and doubtful stretches of recordings."""
+    return (value.corpus, value.labelled) if isinstance(value, Recordings) else (value, None)
 
 
 def write_folder(value: Corpus | Recordings, folder: Path, digest: str = "") -> None:
@@ -207,7 +207,7 @@ def open_stored(folder: Path, key: str = "") -> Corpus | Recordings:
     except (Damaged, OSError, ValueError) as e:
         raise InputError(f"{plain(folder, 150)} was changed or damaged ({plain(e)}); import it again") from e
     corpus = Corpus(frames, np.cumsum(lengths) - lengths, lengths, captures, path=folder, **fields)
-    return corpus if events is None else Recordings(corpus, events)
+    return corpus if events is None else Recordings.of(corpus, events)
 
 
 def verified(folder: Path, key: str = "") -> dict[str, str]:

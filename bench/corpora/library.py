@@ -22,9 +22,9 @@ from bench.corpora import cuts, duplicates
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import Damaged, content_digest, open_stored, small_file, verified, write_folder
 from bench.corpora.read.limits import plain
-from bench.corpora.recordings import Recordings
+from bench.corpora.recordings import Recordings, touches_in
 from bench.errors import InputError, nearest
-from bench.registry import classes, load
+from bench.registry import load
 from bench.scratch import home, remove, replacing
 
 Stored = TypeVar("Stored", Corpus, Recordings)
@@ -102,23 +102,22 @@ def _unwritable(folder: Path, error: OSError) -> InputError:
 def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
     """Open an imported corpus or several as one, or generate and open the synthetic one.
 
+    Recordings are cut at their labels (`bench.corpora.recordings.touches_in`).
+
     Args:
         name: name of a corpus, or several joined by ``+``.
         parameters: parameters of ``synth``.
 
     Raises:
-        InputError: there is no such corpus, it holds recordings, it is no longer what was imported, or corpora do not
-            go together (`bench.corpora.skins.together`).
+        InputError: there is no such corpus, it is no longer what was imported, it has no touch, or corpora do not go
+            together (`bench.corpora.skins.together`).
     """
     if "+" in name:
         return _together(name)
     if name == "synth":
         return _synthetic(parameters)
     value = stored_value(name)
-    if isinstance(value, Recordings):
-        watching = [f"; use bench {command} data={name}" for command, k in classes("kinds").items() if k.recordings]
-        raise InputError(f"{name} holds recordings{''.join(watching[:1])}")
-    return value
+    return touches_in(value) if isinstance(value, Recordings) else value
 
 
 def recordings(name: str, parameters: dict[str, object] | None = None) -> Recordings:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -14,33 +15,52 @@ from bench.errors import InputError
 COLUMNS = ("recording", "start", "end", "gesture")
 BACKGROUND = ("", "None", "none")  # labels of frames outside of events
 GAP = "background"  # class of the captures between the events of a recording, so no gesture
+DOUBT = "?"  # label of frames that count neither as touch nor as background
 RECORDED = "cut from recordings"  # in the corpus's info
 
 
 @dataclass(frozen=True, eq=False)
 class Recordings:
-    """Continuous recordings of touch, and the events in them; all other time is background.
+    """Continuous recordings of touch, and the events in them; all other time is background, or doubtful.
 
     Attributes:
         corpus: one capture per recording, whole; its table has ``subject``, ``gesture`` (always empty) and conditions.
         events: one row per event, sorted by recording and start: ``recording`` (position in ``corpus``), ``start`` and
             ``end`` (frames from the start of the recording, end exclusive), all int64, and ``gesture`` (str). Events
             of a recording do not overlap.
+        doubtful: stretches that are labelled ``?``, neither touch nor background, with the columns of ``events``.
     """
 
     corpus: Corpus
     events: pd.DataFrame
+    doubtful: pd.DataFrame = dataclasses.field(default_factory=lambda: event_table([]))
+
+    @classmethod
+    def of(cls, corpus: Corpus, labelled: pd.DataFrame) -> Recordings:
+        """Recordings whose table has events and doubtful stretches together, as `labelled`."""
+        doubt = labelled["gesture"] == DOUBT
+        if not doubt.any():
+            return cls(corpus, labelled)
+        return cls(corpus, labelled[~doubt].reset_index(drop=True), labelled[doubt].reset_index(drop=True))
+
+    @property
+    def labelled(self) -> pd.DataFrame:
+        """Events and doubtful stretches in one table, sorted by recording and start."""
+        if not len(self.doubtful):
+            return self.events
+        both = pd.concat([self.events, self.doubtful])
+        return both.sort_values(["recording", "start"], kind="stable", ignore_index=True)
 
     def __len__(self) -> int:
         return len(self.corpus)
 
     def __getitem__(self, key: int | slice | np.ndarray | list) -> Recordings:
         """Some of the recordings, with their events; ``recording`` counts from 0 again."""
-        chosen = np.atleast_1d(np.arange(len(self))[key])
-        rows = [np.flatnonzero(self.events["recording"] == old) for old in chosen]
-        events = self.events.iloc[np.concatenate([np.zeros(0, np.int64), *rows])].reset_index(drop=True)
+        chosen, labelled = np.atleast_1d(np.arange(len(self))[key]), self.labelled
+        rows = [np.flatnonzero(labelled["recording"] == old) for old in chosen]
+        events = labelled.iloc[np.concatenate([np.zeros(0, np.int64), *rows])].reset_index(drop=True)
         events["recording"] = np.repeat(np.arange(len(chosen)), [len(r) for r in rows])
-        return Recordings(self.corpus[chosen], events)
+        return Recordings.of(self.corpus[chosen], events)
 
     @property
     def subjects(self) -> np.ndarray:
@@ -48,15 +68,16 @@ class Recordings:
         return self.corpus.subjects
 
     def background_frames(self) -> np.ndarray:
-        """Number of frames outside of events, int64 [recordings]."""
-        touched = (self.events["end"] - self.events["start"]).groupby(self.events["recording"]).sum()
+        """Number of frames outside of events and doubtful stretches, int64 [recordings]."""
+        labelled = self.labelled
+        touched = (labelled["end"] - labelled["start"]).groupby(labelled["recording"]).sum()
         return self.corpus.lengths - touched.reindex(range(len(self)), fill_value=0).to_numpy(dtype=np.int64)
 
     def frame_labels(self) -> np.ndarray:
-        """Gesture of each frame, ``""`` for background, object [frames]: the recordings one after another."""
+        """Gesture of each frame, object [frames], ``""`` for background: the recordings one after another."""
         labels = np.full(int(self.corpus.lengths.sum()), "", dtype=object)
         firsts = np.cumsum(self.corpus.lengths) - self.corpus.lengths
-        for recording, start, end, gesture in self.events[[*COLUMNS]].itertuples(index=False):
+        for recording, start, end, gesture in self.labelled[[*COLUMNS]].itertuples(index=False):
             labels[firsts[recording] + start : firsts[recording] + end] = gesture
         return labels
 
@@ -69,7 +90,8 @@ class Recordings:
         """
         if missing := [name for name in COLUMNS if name not in self.events]:
             raise InputError(f"events of {self.corpus.name}: no column {', '.join(missing)}; add it")
-        recording, start, end = (self.events[name].to_numpy() for name in COLUMNS[:3])
+        labelled = self.labelled
+        recording, start, end = (labelled[name].to_numpy() for name in COLUMNS[:3])
         if any(column.dtype != np.int64 for column in (recording, start, end)):
             raise InputError(f"events of {self.corpus.name}: recording, start and end must be int64; convert them")
         known = (recording >= 0) & (recording < len(self))
@@ -81,8 +103,8 @@ class Recordings:
             (start < 0, "starts before its recording"),
             (end <= start, "has no frames; end must be above start"),
             (end > lengths, "ends after its recording"),
-            (self.events["gesture"].isin(BACKGROUND) | self.events["gesture"].isna(), "has no gesture"),
-            (self.events["gesture"] == GAP, f"is called {GAP}, but time between touches has an empty label"),
+            (labelled["gesture"].isin(BACKGROUND) | labelled["gesture"].isna(), "has no gesture"),
+            (labelled["gesture"] == GAP, f"is called {GAP}, but time between touches has an empty label"),
             (np.append(False, ~sorted_)[: len(start)], "comes too late; sort events by recording and start"),
             (np.append(False, same & (start[1:] < end[:-1]))[: len(start)], "overlaps the event before it"),
         ):
@@ -126,22 +148,22 @@ def event_table(rows: Iterable[tuple[int, int, int, str]]) -> pd.DataFrame:
 
 
 def captures_in(recordings: Recordings) -> Corpus:
-    """Recordings as captures, one per event and one per gap between events; no frame is copied.
+    """Recordings as captures: one per event, doubtful stretch and gap between them; no frame is copied.
 
-    The class of a gap is ``background``. The table has the position of the recording as ``recording``, and the
-    conditions of the recordings.
+    The class of a gap is ``background``, that of a doubtful stretch ``?``. The table has the position of the recording
+    as ``recording``, and the conditions of the recordings.
 
     Raises:
         InputError: as of `Recordings.check`: an earlier version may have imported them.
     """
     recordings.check()
-    lengths = recordings.corpus.lengths
+    lengths, labelled = recordings.corpus.lengths, recordings.labelled
     labels = pd.Series(recordings.frame_labels())
     firsts = np.cumsum(lengths) - lengths
     recording = np.repeat(np.arange(len(recordings)), lengths)
     edges = np.append(True, recording[1:] != recording[:-1])
-    edges[(firsts[recordings.events["recording"]] + recordings.events["start"]).to_numpy()] = True
-    ends = (firsts[recordings.events["recording"]] + recordings.events["end"]).to_numpy()
+    edges[(firsts[labelled["recording"]] + labelled["start"]).to_numpy()] = True
+    ends = (firsts[labelled["recording"]] + labelled["end"]).to_numpy()
     edges[ends[ends < len(edges)]] = True
     starts = np.flatnonzero(edges)
     table = recordings.corpus.captures.iloc[recording[starts]].reset_index(drop=True)
@@ -157,31 +179,64 @@ def captures_in(recordings: Recordings) -> Corpus:
     )
 
 
-def recorded(captures: Corpus) -> Recordings:
-    """The recordings that `captures_in` has cut, from all captures of some of them.
+def touches_in(recordings: Recordings) -> Corpus:
+    """Recordings as captures of their touches alone, for all that knows captures only; no frame is copied.
+
+    The table is that of `captures_in`, with the recordings' own column ``recording`` where they have one.
 
     Raises:
-        ValueError: captures of a recording are missing.
+        InputError: as of `Recordings.check`, or there is no touch.
+    """
+    captures = captures_in(recordings)
+    touches = captures[~np.isin(captures.gestures, [GAP, DOUBT])]
+    if not len(touches):
+        raise InputError(f"data={captures.name}: its recordings have no touch; label the frames of touches")
+    if "recording" not in recordings.corpus.captures:
+        return touches
+    names = recordings.corpus.captures["recording"].to_numpy()[touches.captures["recording"]]
+    return touches.changed(captures=touches.captures.assign(recording=names))
+
+
+def as_touches(touches: Corpus) -> str:
+    """A line about captures from `touches_in`."""
+    return (
+        f"{touches.name} holds recordings: its {len(touches)} touches, cut at their labels, are the captures; their "
+        "background is left out"
+    )
+
+
+def certain(captures: Corpus) -> Corpus:
+    """Captures from `captures_in` without doubtful stretches; any other captures as they are."""
+    return captures[captures.gestures != DOUBT] if is_recorded(captures) else captures
+
+
+def recorded(captures: Corpus) -> Recordings:
+    """The recordings that `captures_in` has cut.
+
+    A recording of which captures are missing, such as doubtful stretches in training, becomes one recording for each
+    part without a gap: nothing that learns from it sees a frame in between, or a frame beyond as if it came next.
+
+    Returns:
+        Recordings whose table has ``subject``, ``gesture`` and, as ``recording``, the number in the whole.
     """
     table = captures.captures.assign(start=storage(captures)[1], length=captures.lengths)
     table = table.sort_values(["recording", "start"])
-    groups = table.groupby("recording", sort=True)
-    first, lengths = groups["start"].min(), groups["length"].sum()
-    if (groups["start"].max() + groups["length"].last() != first + lengths).any():
-        raise ValueError("captures of a recording are missing")
-    number = table["recording"].map({name: i for i, name in enumerate(first.index)}).to_numpy()
-    start = (table["start"] - table["recording"].map(first)).to_numpy()
-    touched = (table["gesture"] != GAP).to_numpy()
-    events = zip(number, start, start + table["length"], table["gesture"], strict=True)
-    subjects = pd.DataFrame({"subject": groups["subject"].first().to_numpy(), "gesture": ""})
+    same = table["recording"] == table["recording"].shift()
+    part = ((table["start"] != (table["start"] + table["length"]).shift()) | ~same).cumsum() - 1
+    groups = table.groupby(part, sort=True)
+    first = groups["start"].min()
+    start = (table["start"] - part.map(first)).to_numpy()
+    labelled = (table["gesture"] != GAP).to_numpy()
+    events = zip(part, start, start + table["length"], table["gesture"], strict=True)
+    whole = pd.DataFrame({"subject": groups["subject"].first().to_numpy(), "gesture": ""})
     corpus = captures.changed(
         starts=first.to_numpy(),
-        lengths=lengths.to_numpy(),
-        captures=subjects,
+        lengths=groups["length"].sum().to_numpy(),
+        captures=whole.assign(recording=groups["recording"].first().to_numpy()),
         index=np.arange(len(first)),
         piece=np.zeros(len(first), dtype=np.int64),
     )
-    return Recordings(corpus, event_table([event for event, kept in zip(events, touched, strict=True) if kept]))
+    return Recordings.of(corpus, event_table([event for event, kept in zip(events, labelled, strict=True) if kept]))
 
 
 def is_recorded(captures: Corpus) -> bool:

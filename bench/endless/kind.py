@@ -75,11 +75,7 @@ class Continuous(Kind):
 
     @classmethod
     def ready(cls, cells: list[Cell]) -> list[Cell]:
-        """The cells, marked where their data holds recordings.
-
-        Raises:
-            InputError: a condition selects captures of recordings.
-        """
+        """The cells, marked where their data holds recordings."""
         from bench.corpora.library import holds_recordings
 
         recorded = {name: name == "synth" or holds_recordings(name) for name in dict.fromkeys(c.data for c in cells)}
@@ -158,6 +154,7 @@ class Continuous(Kind):
         percent("first_correct", "first"),
         percent("end_correct", "end", ends="end_correct"),
         Measure("false_alarms_per_hour", "alarms/h", ends="false_alarms_per_hour"),
+        Measure("doubtful_reports", "alarms in ?", form=".0f", spare=1),
         Measure("latency_s_p50", "latency s", form=".2f"),
         Measure("latency_s_p90", "90 % s", form=".2f", spare=9),
         percent("merged", spare=10),
@@ -242,9 +239,9 @@ class Continuous(Kind):
 
     @classmethod
     def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-        """Recordings, touches and reported events."""
+        """Recordings, touches, doubtful stretches and reported events."""
         table = result.tables["predictions"]
-        return table[table["kind"].isin(["recording", "touch", "report"])]
+        return table[table["kind"].isin(["recording", "touch", "doubtful", "report"])]
 
     @classmethod
     def offers(cls, result: Result, wish: Wish) -> bool:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from bench.comparable import notes_on
 from bench.endless import DETECTOR, others
 from bench.measures import Measure, percent
-from bench.outcomes.events import FALSE_ALARM, matched
+from bench.outcomes.events import DOUBTFUL, FALSE_ALARM, matched
 from bench.reports.contexts import context_words, contexts, scarce
 from bench.reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
 from bench.reports.part import Part, Section
@@ -83,7 +83,8 @@ def sentence(run: Result, same: Same) -> str:
 
 def caption(result: Result) -> str:
     """The words below a figure whose timeline shows a system."""
-    return sentences("bench.endless", "touches", "timeline", method=result.method)[0]
+    doubtful = bool((result.tables["predictions"]["kind"] == "doubtful").any())
+    return sentences("bench.endless", "touches", "timeline", method=result.method, doubtful=doubtful)[0]
 
 
 def watching_figure(results: Sequence[Result], same: Same) -> Figure:
@@ -121,8 +122,8 @@ def _timeline(ax: Axes, result: Result, same: Same) -> None:
     rate_hz = frame_rate(table, result["background_minutes"])
     shown = table[(table["fold"] == table["fold"].iloc[0]) & (table["recording"] == 0)]
     of = {kind: part.reset_index(drop=True) for kind, part in shown.groupby("kind")}
-    truth, reports = (of.get(kind, shown.iloc[:0]) for kind in ("touch", "report"))
-    touches, reports = matched(truth, reports, rate_hz)
+    truth, doubtful, reports = (of.get(kind, shown.iloc[:0]) for kind in ("touch", "doubtful", "report"))
+    touches, reports = matched(truth, reports, rate_hz, doubtful=doubtful)
     last = touches["end"].iloc[:TOUCHES].max() / rate_hz + 3 if len(touches) else 0.0
     length = min(float(np.clip(last, SHORTEST_S, LONGEST_S)), of["recording"]["end"].iloc[0] / rate_hz)
     touches, reports = (part[part[at] < length * rate_hz] for part, at in ((touches, "start"), (reports, "reported")))
@@ -133,9 +134,13 @@ def _timeline(ax: Axes, result: Result, same: Same) -> None:
         _bar(ax, (touch.start / rate_hz, min(touch.end / rate_hz, length)), TRUTH, colours[touch.gesture], words, i % 2)
     for i, report in enumerate(reports.itertuples()):
         words = report.label if report.first == report.label else f"{report.first} → {report.label}"
-        words += " (false alarm)" * (report.touch == FALSE_ALARM)
+        words += {FALSE_ALARM: " (false alarm)", DOUBTFUL: " (doubtful)"}.get(report.touch, "")
         span = (report.reported / rate_hz, min(max(report.end, report.reported) / rate_hz, length))
         _bar(ax, span, REPORTED, colours[report.label], words, -1 - i % 2)
+    for start, end in zip(doubtful["start"] / rate_hz, doubtful["end"] / rate_hz, strict=True):
+        ax.axvspan(min(start, length), min(end, length), color="0.93", linewidth=0, zorder=0)
+        if start < length:
+            ax.text(start, TRUTH, "?", va="center", ha="left", color="0.35")
     probability = of.get("probability", shown.iloc[:0])
     ax.fill_between(probability["reported"] / rate_hz, 0, probability["confidence"], color="0.8", linewidth=0)
     ax.plot(probability["reported"] / rate_hz, probability["confidence"], color="0.3", linewidth=0.8)
@@ -159,8 +164,8 @@ def _bar(ax: Axes, span: tuple[float, float], height: float, colour: str, words:
 def frame_rate(predictions: pd.DataFrame, background_minutes: float) -> float:
     """Frames per second of the recordings of a run, from its table and the minutes of its background."""
     kinds = predictions["kind"]
-    touch, recording = predictions[kinds == "touch"], predictions[kinds == "recording"]
-    frames = recording["end"].sum() - (touch["end"] - touch["start"]).sum()
+    labelled, recording = predictions[kinds.isin(["touch", "doubtful"])], predictions[kinds == "recording"]
+    frames = recording["end"].sum() - (labelled["end"] - labelled["start"]).sum()
     return float(frames / (60 * background_minutes))
 
 

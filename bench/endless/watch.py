@@ -11,13 +11,22 @@ import pandas as pd
 
 from bench import contract
 from bench.comparable import several
-from bench.corpora.recordings import GAP, Recordings, is_recorded, recorded
+from bench.corpora.recordings import DOUBT, GAP, Recordings, is_recorded, recorded
 from bench.endless import RATES
 from bench.endless.composer import check_background, composed, pieces
 from bench.endless.detectors.base import UNKNOWN
 from bench.endless.watcher_training import learn_reject
 from bench.errors import InputError
-from bench.outcomes.events import REPORT, last_confidence, matched, over_people, per_subject, summary, unknown_scores
+from bench.outcomes.events import (
+    DOUBTFUL,
+    REPORT,
+    last_confidence,
+    matched,
+    over_people,
+    per_subject,
+    summary,
+    unknown_scores,
+)
 from bench.outcomes.results import FoldResult, costs, table_of
 from bench.sentences import sentences
 from bench.timing import Times, timed
@@ -62,7 +71,7 @@ def recordings_of(captures: Corpus, background: str) -> Recordings:
     """Recordings of the subjects of some captures: their own, or composed ones.
 
     Args:
-        captures: captures; all captures of each recording.
+        captures: captures; of recordings all captures, or in training those without doubtful stretches.
         background: result of `usual` for the whole corpus.
 
     Raises:
@@ -102,7 +111,8 @@ def refuse(plan: Plan, background: str, unknown: str) -> None:
         raise InputError(f"unknown={unknown}: {plan.cell.data} has no such gesture beside the background")
     if plan.cell.target != "gesture":
         raise InputError(f"target={plan.cell.target}: bench watch names gestures; leave it out")
-    touches = ~np.isin(corpus.gestures, [usual(corpus, background), unknown])
+    doubt = [DOUBT] if is_recorded(corpus) else []
+    touches = ~np.isin(corpus.gestures, [usual(corpus, background), unknown, *doubt])
     if not is_recorded(corpus):
         check_background(*pieces(corpus, usual(corpus, background)))
     elif not touches.any():
@@ -156,9 +166,9 @@ def fold_of(
     """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects.
 
     The stored table has rows of several kinds (``kind``): a ``recording`` (``end`` is its number of frames), a
-    ``touch`` (``start``, ``end``, ``gesture``), a ``report`` (columns of `bench.outcomes.events.REPORT`), a point of
-    the ``curve`` (``offset`` of the bias, ``hits`` and ``alarms``: touches found and false alarms) and the
-    ``probability`` of touch after ``reported`` frames of the first two minutes.
+    ``touch`` (``start``, ``end``, ``gesture``), a ``doubtful`` stretch (the same), a ``report`` (columns of
+    `bench.outcomes.events.REPORT`), a point of the ``curve`` (``offset`` of the bias, ``hits`` and ``alarms``: touches
+    found and false alarms) and the ``probability`` of touch after ``reported`` frames of the first two minutes.
 
     Args:
         cell: cell of the run.
@@ -197,6 +207,7 @@ def fold_of(
             for kind, part in (
                 ("recording", frames),
                 ("touch", test.events),
+                ("doubtful", test.doubtful),
                 ("report", reports),
                 ("curve", watcher.sweep(test, evidence).assign(recording=0)),
                 ("probability", _shown(watcher, test.corpus.rate_hz, evidence[0])),
@@ -224,7 +235,7 @@ def fold_of(
 def fold_numbers(result: FoldResult, rate_hz: float) -> dict[str, float]:
     """Scores and costs of one fold."""
     touches, reports, background_s = scored(result.table, rate_hz)
-    return costs([result]) | _defined(summary(touches, reports, sum(background_s.values())))
+    return costs([result]) | _defined(summary(touches, reports, sum(background_s.values())) | _doubtful(reports))
 
 
 def run_numbers(
@@ -234,6 +245,7 @@ def run_numbers(
     table = table_of(folds)
     touches, reports, background_s = scored(table, rate_hz)
     numbers = summary(touches, reports, sum(background_s.values())) | over_people(touches, reports, background_s)
+    numbers |= _doubtful(reports)
     hours = sum(background_s.values()) / 3600
     swept = table[table["kind"] == "curve"].groupby("offset")[["hits", "alarms", "reports"]]
     counts = swept.sum()[swept.size() == len(folds)]  # folds learn other thresholds, whose neighbours are not the same
@@ -249,6 +261,12 @@ def run_numbers(
     if unknown:
         numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
     return _defined(numbers | {"background_minutes": 60 * hours}) | costs(folds), tables
+
+
+def _doubtful(reports: pd.DataFrame) -> dict[str, float]:
+    """The number of reports in doubtful stretches, if there are any."""
+    count = float((reports["touch"] == DOUBTFUL).sum())
+    return {"doubtful_reports": count} if count else {}
 
 
 def missed_at(counts: pd.DataFrame, touches: int, hours: float) -> dict[str, float]:
@@ -280,22 +298,26 @@ def scored(table: pd.DataFrame, rate_hz: float) -> tuple[pd.DataFrame, pd.DataFr
     background: dict[str, float] = {}
     touches, reports = [], []
     for _, part in table.groupby("fold", sort=False):
-        truth, reported = _touches_and_reports(part)
-        matches = matched(truth, reported, rate_hz)
+        truth, doubtful, reported = _touches_and_reports(part)
+        matches = matched(truth, reported, rate_hz, doubtful=doubtful)
         touches.append(matches[0])
         reports.append(matches[1])
-        touched = (truth["end"] - truth["start"]).groupby(truth["subject"]).sum()
+        labelled = pd.concat([truth, doubtful])
+        touched = (labelled["end"] - labelled["start"]).groupby(labelled["subject"]).sum()
         for subject, frames in part[part["kind"] == "recording"].groupby("subject")["end"].sum().items():
             background[str(subject)] = background.get(str(subject), 0.0) + (frames - touched.get(subject, 0)) / rate_hz
     return pd.concat(touches, ignore_index=True), pd.concat(reports, ignore_index=True), background
 
 
-def _touches_and_reports(part: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The touches and the reports in the table of a fold."""
+def _touches_and_reports(part: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    """The touches, the doubtful stretches and the reports in the table of a fold."""
     kinds = {"recording": np.int64, "start": np.int64, "end": np.int64}
-    truth = part.loc[part["kind"] == "touch", [*kinds, "gesture", "subject", "fold"]].astype(kinds)
+    truth, doubtful = (
+        part.loc[part["kind"] == kind, [*kinds, "gesture", "subject", "fold"]].astype(kinds).reset_index(drop=True)
+        for kind in ("touch", "doubtful")
+    )
     reported = part.loc[part["kind"] == "report", [*REPORT, "subject", "fold"]].astype(REPORT)
-    return truth.reset_index(drop=True), reported
+    return truth, doubtful, reported
 
 
 def _rejection(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float) -> dict[str, float]:
@@ -308,8 +330,8 @@ def _rejection(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float
     """
     known, unknown = [np.zeros(0)], [np.zeros(0)]
     for name, part in table.groupby("fold", sort=False):
-        truth, reported = _touches_and_reports(part)
-        above = last_confidence(truth, reported, rate_hz) - thresholds[str(name)]
+        truth, doubtful, reported = _touches_and_reports(part)
+        above = last_confidence(truth, reported, rate_hz, doubtful) - thresholds[str(name)]
         strange = (truth["gesture"] == UNKNOWN).loc[above.index]
         known.append(above[~strange].to_numpy())
         unknown.append(above[strange].to_numpy())

@@ -325,7 +325,7 @@ def bias_table(
 
     Returns:
         Columns ``bias``, ``strong``, ``tail`` (frames), ``alarms``, ``hours`` (of background), ``found`` (share),
-        ``reports``.
+        ``reports`` outside of doubtful stretches.
     """
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
@@ -339,12 +339,13 @@ def bias_table(
     rows = []
     for (bias, level), each in times.items():
         reports = pd.DataFrame(np.concatenate(each), columns=["recording", "reported", "end"])
-        touch = touches_of(recordings.events, reports, rate_hz)
-        hit = touch != FALSE_ALARM
+        touch = touches_of(recordings.events, reports, rate_hz, doubtful=recordings.doubtful)
+        hit = touch >= 0
         late = reports["end"].to_numpy()[hit] - recordings.events["end"].to_numpy()[touch[hit]]
         tail = max(int(np.median(late)), 0) if len(late) else 0
         found = len(np.unique(touch[hit])) / max(len(recordings.events), 1)
-        rows.append((bias, level, tail, int((~hit).sum()), hours, found, len(reports)))
+        alarms = int((touch == FALSE_ALARM).sum())
+        rows.append((bias, level, tail, alarms, hours, found, int(hit.sum()) + alarms))
     return pd.DataFrame(rows, columns=["bias", "strong", "tail", "alarms", "hours", "found", "reports"])
 
 

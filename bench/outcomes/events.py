@@ -9,6 +9,9 @@ and ``gesture``, sorted by recording and start, without overlaps. Reports have t
 - ``first``, ``label``: gesture reported at first and at the end of the event;
 - ``confidence``: of the final label, 0 to 1.
 
+Doubtful stretches (`Recordings.doubtful`) have the columns of touches. A report inside of one, or at most ``collar_s``
+after it, is neither a hit nor a false alarm.
+
 No column has missing values, except ``latency_s``, NaN for a missed touch. A table without rows keeps its columns and
 their types, also in parquet files. Both tables may have more columns, such as ``subject``; they are kept.
 
@@ -41,6 +44,7 @@ REPORT = {"recording": np.int64, "reported": np.int64, "end": np.int64, "first":
 REPORT |= {"confidence": np.float64}
 COLLAR_S = 0.5  # seconds after the end of a touch in which a report still belongs to it
 FALSE_ALARM = -1  # the touch of a report that belongs to none
+DOUBTFUL = -2  # the touch of a report that belongs to a doubtful stretch
 SHARES = ("found", "first_correct", "end_correct")
 
 
@@ -50,19 +54,24 @@ def report_table(rows: Iterable[tuple[int, int, int, str, str, float]]) -> pd.Da
 
 
 def matched(
-    truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, collar_s: float = COLLAR_S
+    truth: pd.DataFrame,
+    reports: pd.DataFrame,
+    rate_hz: float,
+    collar_s: float = COLLAR_S,
+    doubtful: pd.DataFrame | None = None,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Touches with the reports that belong to them.
 
-    A report belongs to the touch with start <= reported < end; else to the latest touch of its recording that ended at
-    most ``collar_s`` before the report; else it is a false alarm. The first and the last report of a touch are told by
-    ``reported``, then by ``end``.
+    A report belongs to the touch or doubtful stretch with start <= reported < end; else to the latest one of its
+    recording if it ended at most ``collar_s`` before the report; else it is a false alarm. The first and the last
+    report of a touch are told by ``reported``, then by ``end``.
 
     Args:
         truth: touches, as described above.
         reports: reports, as described above, in any order.
         rate_hz: frames per second.
         collar_s: seconds after the end of a touch in which a report still belongs to it.
+        doubtful: doubtful stretches, as described above; None for none.
 
     Returns:
         The touches with the columns
@@ -77,14 +86,14 @@ def matched(
         - ``fragments`` (int64): number of its reports;
         - ``insertions`` (int64): reports after the first whose ``label`` is not its gesture;
 
-        and the reports with ``touch`` (int64): row of their touch, -1 for a false alarm. Rows stay in order and are
-        numbered from 0.
+        and the reports with ``touch`` (int64): row of their touch, -1 for a false alarm, -2 in a doubtful stretch.
+        Rows stay in order and are numbered from 0.
     """
     truth, reports = truth.reset_index(drop=True), reports.reset_index(drop=True)
-    touch = touches_of(truth, reports, rate_hz, collar_s)
+    touch = touches_of(truth, reports, rate_hz, collar_s, doubtful)
     reports = reports.assign(touch=touch)
 
-    of_touches = reports[touch != FALSE_ALARM].sort_values(["reported", "end"], kind="stable")
+    of_touches = reports[touch >= 0].sort_values(["reported", "end"], kind="stable")
     wrong = of_touches["label"].to_numpy(object) != truth["gesture"].to_numpy(object)[of_touches["touch"]]
     again = of_touches.duplicated("touch").to_numpy()
     first = of_touches.drop_duplicates("touch").set_index("touch").reindex(truth.index)
@@ -105,11 +114,23 @@ def matched(
     return touches.astype(kinds), reports
 
 
-def touches_of(truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, collar_s: float = COLLAR_S) -> np.ndarray:
-    """Row of the touch that each report belongs to, -1 for a false alarm, int64 [reports]; arguments of `matched`.
+def touches_of(
+    truth: pd.DataFrame,
+    reports: pd.DataFrame,
+    rate_hz: float,
+    collar_s: float = COLLAR_S,
+    doubtful: pd.DataFrame | None = None,
+) -> np.ndarray:
+    """Row of the touch that each report belongs to, int64 [reports]; arguments, -1 and -2 are those of `matched`.
 
     Touches do not overlap: if the latest one that started by the time of the report ended too early, all others did.
     """
+    row = np.arange(len(truth))
+    if doubtful is not None and len(doubtful):
+        row = np.append(row, np.full(len(doubtful), DOUBTFUL))
+        truth = pd.concat([truth[["recording", "start", "end"]], doubtful[["recording", "start", "end"]]])
+        order = np.lexsort([truth["start"], truth["recording"]])
+        row, truth = row[order], truth.iloc[order].reset_index(drop=True)
     collar = int(collar_s * rate_hz + 1e-6)
     recording, reported = reports["recording"].to_numpy(), reports["reported"].to_numpy()
     span = 1 + max(truth["start"].max(), reported.max()) if len(truth) and len(reports) else 1
@@ -117,7 +138,7 @@ def touches_of(truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, colla
     latest = np.searchsorted(starts, recording * span + reported, side="right") - 1
     of_recording = np.append(truth["recording"], -1)[latest] == recording  # -1: no touch started before
     in_time = reported - np.append(truth["end"], 0)[latest] <= collar
-    return np.where(of_recording & in_time, latest, FALSE_ALARM).astype(np.int64)
+    return np.where(of_recording & in_time, np.append(row, FALSE_ALARM)[latest], FALSE_ALARM).astype(np.int64)
 
 
 def _covered(truth: pd.DataFrame, reports: pd.DataFrame) -> np.ndarray:
@@ -144,7 +165,7 @@ def summary(touches: pd.DataFrame, reports: pd.DataFrame, background_s: float) -
     Args:
         touches: touches, from `matched`.
         reports: reports, from `matched`.
-        background_s: seconds outside of touches in the recordings.
+        background_s: seconds outside of touches and doubtful stretches in the recordings.
 
     Returns:
         ``touches`` (number); ``touches_found``, ``first_correct`` and ``end_correct`` (shares of all touches, a missed
@@ -250,16 +271,19 @@ def _check_subjects(touches: pd.DataFrame, reports: pd.DataFrame, background_s: 
         raise ValueError(f"background_s has no entry for subject {lacking[0]}; add its seconds of background")
 
 
-def last_confidence(truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float) -> pd.Series:
+def last_confidence(
+    truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, doubtful: pd.DataFrame | None = None
+) -> pd.Series:
     """Confidence of the last label of each touch that was found, by the row of the touch, in order of the touches.
 
     Args:
         truth: touches, as described above.
         reports: reports, as described above.
         rate_hz: frames per second.
+        doubtful: doubtful stretches, as described above; None for none.
     """
-    reports = reports.assign(touch=touches_of(truth, reports, rate_hz))
-    ordered = reports[reports["touch"] != FALSE_ALARM].sort_values(["touch", "reported", "end"], kind="stable")
+    reports = reports.assign(touch=touches_of(truth, reports, rate_hz, doubtful=doubtful))
+    ordered = reports[reports["touch"] >= 0].sort_values(["touch", "reported", "end"], kind="stable")
     return ordered.drop_duplicates("touch", keep="last").set_index("touch")["confidence"]
 
 

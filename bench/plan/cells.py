@@ -227,15 +227,7 @@ class Cell:
         return {"faults": [(f.name, f.amounts, source_digest(f.damage)) for f in trained]} if trained else {}
 
     def of_recordings(self) -> Cell:
-        """The cell, marked: its data holds recordings.
-
-        Raises:
-            InputError: a condition selects captures of recordings.
-        """
-        if self.where:
-            raise InputError(
-                f"where={self.where}: {self.data} holds recordings, which are used whole; leave where= out"
-            )
+        """The cell, marked: its data holds recordings, which are used whole."""
         return replace(self, recordings=True)
 
     def arguments(self) -> dict[str, str]:

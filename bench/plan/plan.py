@@ -16,8 +16,9 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import open_corpus, recordings
-from bench.corpora.recordings import captures_in
+from bench.corpora.recordings import DOUBT, captures_in
 from bench.corpora.stretches import positions_of, stretches_of
+from bench.corpora.where import chosen
 from bench.errors import InputError
 from bench.plan import splits
 from bench.plan.cells import Cell
@@ -191,13 +192,27 @@ def corpus_of(cell: Cell) -> Corpus:
         InputError: they cannot be opened, chosen, joined, or told apart by the target.
     """
     if cell.recordings:
-        return captures_in(recordings(cell.data, cell.data_parameters))
+        return whole_recordings(cell)
     corpus = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
     corpus = splits.captures(cell.splitter, corpus)
     if len(set(corpus.gestures)) < 2:
         where = f" where={quoted(cell.where)}" if cell.where else ""
         raise InputError(f"data={cell.data}{where}: only one {corpus.target} is left; choose captures of two or more")
     return corpus
+
+
+def whole_recordings(cell: Cell) -> Corpus:
+    """The recordings that satisfy the condition of a cell, cut into events, doubtful stretches and gaps.
+
+    Raises:
+        InputError: they cannot be opened or chosen.
+    """
+    whole = recordings(cell.data, cell.data_parameters)
+    captures = captures_in(whole)
+    if not cell.where:
+        return captures
+    mask = chosen(cell.where, whole.corpus.captures.drop(columns="gesture"), cell.data)
+    return captures[mask[captures.captures["recording"]]]
 
 
 def captures_of(data: str, parameters: dict[str, object], where: str, target: str) -> Corpus:
@@ -225,13 +240,15 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
         pairs = cell.splitter.split(corpus, gestures, subjects)
         folds = [Fold("", _positions(train), _positions(test), next(calibrations)) for train, test in pairs]
     mixed = mixes_subjects(corpus, folds)
+    if cell.recordings:  # doubtful stretches teach nothing
+        folds = [replace(fold, train=fold.train[gestures[fold.train] != DOUBT]) for fold in folds]
     codes, names = pd.factorize(gestures)
     named = []
     for i, fold in enumerate(folds, 1):
         tested = pd.unique(subjects[fold.test])
         name = tested[0] if len(tested) == 1 and not mixed else f"fold{i:02d}"
         trained, needed = (np.bincount(codes[side], minlength=len(names)) > 0 for side in (fold.train, fold.test))
-        if lacking := sorted(names[needed & ~trained]):
+        if lacking := sorted({*names[needed & ~trained]} - ({DOUBT} if cell.recordings else set())):
             leave = "" if "+" in corpus.target else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
             raise InputError(
                 f"protocol={cell.protocol}: fold {name} tests {corpus.target} {lacking[0]} but has no training "

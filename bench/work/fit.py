@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench import contract
+from bench.corpora.recordings import certain
 from bench.errors import InputError
 from bench.machine import this_machine
 from bench.outcomes.results import FoldResult, costs
@@ -86,7 +87,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: bool 
     if out is not None:
         new_folder(out)
     checked(cell)
-    estimator, corpus = cell.estimator(), corpus_of(cell)
+    estimator, corpus = cell.estimator(), certain(corpus_of(cell))
     if conditions := contract.conditions(estimator):
         raise InputError(
             f"model={cell.model}: it predicts with {', '.join(conditions)}, which a saved model does not get; "

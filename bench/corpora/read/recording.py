@@ -27,10 +27,11 @@ KNOWN = ["label", "recording", "subject", "gesture", "frame"]
 def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> Recordings:
     """Read continuous recordings, with one row per frame.
 
-    Each row has a ``label``: a gesture, or nothing, ``None`` or ``none`` for background. Each run of equal labels is an
-    event. Columns ``recording`` and ``subject`` are optional; a new recording begins where one of them changes. A
-    column ``frame`` is optional, too; if there is one, it must go up by one within a recording. Other columns are
-    conditions and stay the same within a recording. The channels are read as in `bench.corpora.read.table.read`.
+    Each row has a ``label``: a gesture, or nothing, ``None`` or ``none`` for background, or ``?`` where it is doubtful.
+    Each run of equal labels is an event. Columns ``recording`` and ``subject`` are optional; a new recording begins
+    where one of them changes. A column ``frame`` is optional, too; if there is one, it must go up by one within a
+    recording. Other columns are conditions and stay the same within a recording. The channels are read as in
+    `bench.corpora.read.table.read`.
 
     Args:
         path: the file.
@@ -66,7 +67,7 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> R
         captures["recording"] = captures["recording"].astype(str)
     lengths = np.diff(starts, append=len(gestures))
     corpus = Corpus(values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
-    return Recordings(described(corpus, path, warnings, "recording"), events_of(gestures, lengths))
+    return Recordings.of(described(corpus, path, warnings, "recording"), events_of(gestures, lengths))
 
 
 def _gestures(column: pd.Series, where: str) -> np.ndarray:

@@ -20,7 +20,7 @@ from bench.few import INTERVAL
 from bench.models.recipe import behind, taken
 from bench.models.search.inner_folds import inner_folds
 from bench.models.sizes import parameter_count
-from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
+from bench.outcomes.events import DOUBTFUL, FALSE_ALARM, report_table, touches_of
 
 PRICE = 0.001  # share of touches that a false alarm per hour above the target costs; chosen on sittings A to C
 REPEATS = 0.2  # share of touches that a report per touch above `SPARE` costs; chosen there, too
@@ -136,7 +136,8 @@ def sweep(detectors: list[Detector], recordings: Recordings, evidence: list[np.n
         count: frames of a tick.
 
     Returns:
-        Columns ``level``, ``alarms``, ``hours`` (of background), ``found`` (share), ``hits`` and ``reports`` (counts).
+        Columns ``level``, ``alarms``, ``hours`` (of background), ``found`` (share), ``hits`` and ``reports``
+        (counts; of reports, those outside of doubtful stretches).
     """
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
@@ -147,10 +148,10 @@ def sweep(detectors: list[Detector], recordings: Recordings, evidence: list[np.n
             at = np.flatnonzero(signs_of(detectors[i].rules(float(level)), series)[:, 2])
             reported.append(pd.DataFrame({"recording": i, "reported": (at + 1) * count}))
         reports = pd.concat(reported, ignore_index=True).astype(np.int64)
-        touch = touches_of(recordings.events, reports, rate_hz)
-        hits = len(np.unique(touch[touch != FALSE_ALARM]))
+        touch = touches_of(recordings.events, reports, rate_hz, doubtful=recordings.doubtful)
+        hits = len(np.unique(touch[touch >= 0]))
         found = hits / max(len(recordings.events), 1)
-        rows.append((level, int((touch == FALSE_ALARM).sum()), hours, found, hits, len(reports)))
+        rows.append((level, int((touch == FALSE_ALARM).sum()), hours, found, hits, int((touch != DOUBTFUL).sum())))
     return pd.DataFrame(rows, columns=["level", "alarms", "hours", "found", "hits", "reports"])
 
 
@@ -194,10 +195,14 @@ def learned(
 def left_out(recordings: Recordings) -> np.ndarray:
     """What is left out together for the choice of the threshold: subjects, or single recordings of few subjects.
 
-    A classifier of one subject fewer than few is another one, whose evidence has another scale.
+    A classifier of one subject fewer than few is another one, whose evidence has another scale. Parts of one recording
+    stay together (`bench.corpora.recordings.recorded`).
     """
     subjects = recordings.subjects.astype(str)
-    return subjects if len(set(subjects)) >= INTERVAL else np.arange(len(recordings)).astype(str)
+    if len(set(subjects)) >= INTERVAL:
+        return subjects
+    numbers = recordings.corpus.captures.get("recording", pd.Series(np.arange(len(recordings))))
+    return pd.factorize(numbers)[0].astype(str)
 
 
 @dataclass(eq=False)
