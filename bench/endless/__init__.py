@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-DETECTOR = "filter"  # that of bench watch, unless told otherwise
+DETECTOR = "best"  # that of bench watch, unless told otherwise
+FORMER = "filter"  # that of runs of versions that had no other
 RATES = (1, 5, 10, 60)  # false alarms per hour of background, at which missed touches are counted
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bench.candidate import Candidate, Wish
-from bench.endless import DETECTOR
+from bench.endless import DETECTOR, FORMER
 from bench.errors import InputError
 from bench.result import Result
 from bench.usual import FALSE_ALARMS, NO_TOUCH
@@ -24,7 +24,7 @@ def watched_candidates(result: Result, wish: Wish, unit: str) -> Iterator[Candid
         )
     aim = float(result["watch.false_alarms"])
     unit += "" if aim == FALSE_ALARMS else f", false_alarms={aim:g}"
-    detector = str(result.get("watch.detector") or DETECTOR)  # an earlier version had one
+    detector = str(result.get("watch.detector") or FORMER)
     unit += "" if detector == DETECTOR else f", detector={detector}"
     alarms = (shares["false_alarms_per_hour"] * hours).fillna(0)
     yield Candidate(unit, scores, {"decision": "", "cycles": ""}, counts=(alarms, hours), whole=True)

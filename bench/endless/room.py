@@ -7,6 +7,7 @@ ADDS = {
     "commands": {"live": "bench.endless.room:LIVE"},
     "options": {"watch": "bench.endless.room:WATCH"},
     "detectors": {
+        "best": "bench.endless.detectors.best:Best",
         "filter": "bench.endless.detectors.filter:Filter",
         "frames": "bench.endless.detectors.frames:Frames",
         "threshold": "bench.endless.detectors.threshold:Threshold",

@@ -227,7 +227,7 @@ class Watcher:
     @property
     def chosen(self) -> dict[str, object]:
         """What training has chosen, by name."""
-        learned: dict[str, object] = {"bias": self.bias, "tail": self.tail, "strong": self.strong}
+        learned: dict[str, object] = {"detector": "filter", "bias": self.bias, "tail": self.tail, "strong": self.strong}
         return learned | {"refused": self.detector.limit_, "reject": self.reject}
 
     def reports(self, recordings: Corpus, evidence: list[np.ndarray] | None = None) -> pd.DataFrame:

@@ -12,11 +12,13 @@ import bench
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings, captures_in, event_table
 from bench.corpora.synth_recordings import generate
+from bench.endless.detectors.best import Best
+from bench.endless.detectors.filter import Filter
 from bench.endless.detectors.frames import Frames, Hysteresis, Times
 from bench.endless.detectors.named import detectors
 from bench.endless.detectors.names import of_all, touches
 from bench.endless.detectors.threshold import Threshold, TwoInARow
-from bench.endless.detectors.ticks import best, left_out, signs_of, spans_of
+from bench.endless.detectors.ticks import left_out, signs_of, spans_of, worth
 from bench.endless.page import watch_section
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
@@ -141,6 +143,17 @@ def test_longer_spans_count_more_up_to_four_seconds():
     np.testing.assert_allclose(of_all(named, np.array([2, 4, 900]), 2.0), [2 / 14, 12 / 14])
 
 
+@pytest.mark.parametrize("better", ["filter", "frames"])
+def test_the_better_detector_watches(better, monkeypatch):
+    found = {"filter": [0.5, 0.9], "frames": [0.8, 0.3]} if better == "filter" else {"filter": [0.7], "frames": [0.7]}
+    for cls, name in ((Filter, "filter"), (Frames, "frames")):
+        table = pd.DataFrame({"found": found[name], "alarms": 0, "hours": 1.0, "reports": 0})
+        monkeypatch.setattr(cls, "learn", lambda self, *given, name=name, table=table: (name, table))
+    watcher, table = Best().learn(None, None, None, of_one([9], [(0, 0, 3, "pat")]), 5.0)
+    assert watcher == better
+    assert table.groupby("detector")["worth"].max().to_dict() == {n: max(shares) for n, shares in found.items()}
+
+
 def test_few_subjects_are_left_out_by_recording():
     few = of_one([9, 9, 9], [(0, 0, 3, "pat")])
     assert left_out(few).tolist() == ["0", "1", "2"]
@@ -153,7 +166,8 @@ def test_a_threshold_that_reports_always_is_not_chosen():
     rows = [("always", 0, 1.0, 100, 1300), ("fair", 2, 0.9, 90, 99 + 2), ("many alarms", 500, 0.95, 95, 595)]
     table = pd.DataFrame([(n, a, 1.0, f, h, r) for n, a, f, h, r in rows])
     table.columns = ["level", "alarms", "hours", "found", "hits", "reports"]
-    assert best(table, 5.0)["level"] == "fair"
+    assert table["level"][worth(table, 5.0).idxmax()] == "fair"
+    np.testing.assert_allclose(worth(table, 5.0), [1 - 0.2 * (13 - 1.15), 0.9, 0.95 - 0.001 * 495])
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.inf, np.nan])

@@ -155,13 +155,17 @@ def sweep(detectors: list[Detector], recordings: Recordings, evidence: list[np.n
     return pd.DataFrame(rows, columns=["level", "alarms", "hours", "found", "hits", "reports"])
 
 
-def best(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
-    """The row of `sweep` that finds most, less what alarms above the target and repeated reports cost."""
+def worth(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
+    """The share of touches that each threshold finds, less what alarms above the target and repeated reports cost.
+
+    Args:
+        settings: result of `sweep`.
+        false_alarms: accepted false alarms per hour of background.
+    """
     hours = settings["hours"].replace(0, np.nan)  # without background, rates are unknown
     excess = (settings["alarms"] / hours - false_alarms).fillna(0).clip(lower=0)
     per_touch = (settings["reports"] - settings["alarms"]) / settings["hits"].clip(lower=1)
-    worth = settings["found"] - PRICE * excess - REPEATS * (per_touch - SPARE).clip(lower=0)
-    return settings.iloc[int(np.argmax(worth))]
+    return settings["found"] - PRICE * excess - REPEATS * (per_touch - SPARE).clip(lower=0)
 
 
 def learned(
@@ -187,7 +191,7 @@ def learned(
         for i in judged:
             detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
     settings = sweep(detectors, recordings, evidence, count)
-    level = float(best(settings, false_alarms)["level"])
+    level = float(settings["level"][worth(settings, false_alarms).idxmax()])
     names = learned_names(make_system, recordings)
     return TickWatcher(system, names, copy(detector).fit(signals, ticks), level, count), settings
 
@@ -235,7 +239,8 @@ class TickWatcher:
     @property
     def chosen(self) -> dict[str, object]:
         """What training has chosen, by name."""
-        return {"level": self.level, "reject": self.reject} | self.detector.chosen
+        learned = {"level": self.level, "reject": self.reject} | self.detector.chosen
+        return {"detector": type(self.detector).__name__.lower()} | learned
 
     def prepared(self, recordings: Corpus) -> Corpus:
         """Recordings without their labels, after the steps that are done frame by frame."""
