@@ -12,6 +12,7 @@ from bench.errors import InputError
 from bench.options import keys
 from bench.outcomes.stopping import NO_SAVING
 from bench.plan.cells import cells
+from bench.registry import parts
 from bench.scratch import new_folder, replacing
 from bench.table import write_sheet
 from bench.words import Values, quoted
@@ -47,14 +48,16 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     from bench.corpora.library import holds_recordings
     from bench.work.fit import fit
 
-    given = settings("fit", values)
-    cell, *more = cells({k: v for k, v in values.items() if k not in given})
+    given, watching = settings("fit", values), None
+    if given.get("watch"):
+        watching = parts("watchers")[0](values)
+    cell, *more = cells({k: v for k, v in values.items() if k.partition(".")[0] not in given})
     if more:
         raise InputError("bench fit saves one system; give one value of each key")
     out = Path(given["out"]) if given["out"] else None
     if holds_recordings(cell.data):
         cell = cell.of_recordings()
-    return fit(cell, out, given["stopping"], bool(given.get("watch"))), out
+    return fit(cell, out, given["stopping"], watching), out
 
 
 def predict(arguments: list[str]) -> int:

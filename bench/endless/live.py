@@ -20,7 +20,7 @@ from bench.outcomes.stopping import NO_SAVING
 from bench.work.replay import GROWTH
 
 if TYPE_CHECKING:
-    from bench.endless.watcher import Watcher
+    from bench.endless.detectors.base import Watches
     from bench.work.saved import Recogniser
 
 CHARACTERS = 32  # most of a number; a line has at most as many for each channel, its end included
@@ -72,22 +72,20 @@ def decide(model: str, hop_ms: float, events: bool) -> int:
     return 0
 
 
-def watched(recogniser: Recogniser, watcher: Watcher) -> int:
+def watched(recogniser: Recogniser, watcher: Watches) -> int:
     """Report the touches of an endless stream until standard input ends; empty lines mean nothing.
 
     Raises:
         InputError: a line that is not a frame; news before it is printed already.
     """
-    from bench.endless.watcher import LiveStream
-
     rows, cols = recogniser.grid
     frame_ms = 1000 / recogniser.rate_hz
     print(
         f"expecting frames of {rows}x{cols}, values 0 to {recogniser.full_scale:g}, at {recogniser.rate_hz:g} Hz; "
-        f"a touch is reported after {(watcher.clock.name + watcher.clock.wait) * frame_ms:.0f} ms or later",
+        f"a touch is reported after {watcher.soonest * frame_ms:.0f} ms or later",
         file=sys.stderr,
     )
-    stream = LiveStream(watcher, recogniser.grid, recogniser.rate_hz, recogniser.full_scale)
+    stream, seen = watcher.stream(recogniser.grid, recogniser.rate_hz, recogniser.full_scale), 0
     out = csv.writer(sys.stdout, lineterminator="\n")
     out.writerow(["ms", "news", "label", "confidence"])
     sys.stdout.flush()
@@ -95,11 +93,11 @@ def watched(recogniser: Recogniser, watcher: Watcher) -> int:
     for frame in frames_of(sys.stdin.buffer, rows * cols, recogniser.full_scale):
         if frame is None:
             continue
-        event = stream.push(checked(frame.reshape(1, rows, cols), recogniser.full_scale, "input", "frame")[0])
-        if event is not None:
+        seen += 1
+        for event in stream.push(checked(frame.reshape(1, rows, cols), recogniser.full_scale, "input", "frame")[0]):
             news = "ended" if event.end is not None else "changed" if lasting else "reported"
             lasting = event.end is None
-            out.writerow([f"{stream.seen * frame_ms:.0f}", news, event.label, f"{event.confidence:.3f}"])
+            out.writerow([f"{seen * frame_ms:.0f}", news, event.label, f"{event.confidence:.3f}"])
             sys.stdout.flush()
     return 0
 

@@ -1,11 +1,18 @@
 """What endless streams add to touchbench: as entry points ``touchbench.<group>`` of a package would."""
 
+from bench.endless import FORMER
 from bench.options import TRUSTED, Command, Option
+from bench.usual import FALSE_ALARMS
 
 ADDS = {
     "kinds": {"watch": "bench.endless.kind:Continuous"},
     "commands": {"live": "bench.endless.room:LIVE"},
-    "options": {"watch": "bench.endless.room:WATCH"},
+    "options": {
+        "watch": "bench.endless.room:WATCH",
+        "detector": "bench.endless.room:FINDS",
+        "false_alarms": "bench.endless.room:ALARMS",
+        "background": "bench.endless.room:IDLE",
+    },
     "detectors": {
         "best": "bench.endless.detectors.best:Best",
         "filter": "bench.endless.detectors.filter:Filter",
@@ -15,6 +22,17 @@ ADDS = {
     "watchers": {"detector": "bench.endless.teaching:Watching"},
 }
 WATCH = Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams")
+FINDS = Option(
+    "detector",
+    "fit",
+    "text",
+    FORMER,
+    "finds the touches of a stream: {detectors}, or my.py:Mine; detector.NAME= sets a parameter; filter alone has C",
+)
+ALARMS = Option(
+    "false_alarms", "fit", "number", FALSE_ALARMS, "false alarms per hour of background accepted in training"
+)
+IDLE = Option("background", "fit", "text", "", "background of the stream, as of bench watch")
 LIVE = Command(
     "ship",
     "classify frames from standard input with a saved model",

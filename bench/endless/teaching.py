@@ -2,37 +2,79 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
+
 from bench import contract
+from bench.amounts import quantity
 from bench.corpora.corpus import Corpus
+from bench.corpora.recordings import is_recorded
+from bench.endless import FORMER
+from bench.endless.background import further, joined
 from bench.endless.composer import check_background, pieces
+from bench.endless.detectors.base import Watches
+from bench.endless.detectors.named import detectors
 from bench.endless.watch import recordings_of, usual
-from bench.endless.watcher import Watcher
-from bench.endless.watcher_training import learned
+from bench.errors import InputError
 from bench.usual import FALSE_ALARMS
+from bench.words import Values
 
 
 class Watching:
-    """The post-processing for endless streams, learned from captures with the usual background."""
+    """The post-processing for endless streams, learned from all captures or recordings.
 
-    @staticmethod
-    def check(captures: Corpus) -> None:
+    Args:
+        values: ``detector`` with its parameters behind a dot, ``false_alarms`` and ``background``, as ``bench fit``
+            takes them.
+
+    Raises:
+        InputError: one of them cannot be used, or they name several detectors.
+    """
+
+    def __init__(self, values: Values) -> None:
+        parts = detectors({"detector": FORMER} | {k: v for k, v in values.items() if k.partition(".")[0] == "detector"})
+        if len(parts) > 1:
+            raise InputError("bench fit saves one detector; give one value of detector= and its parameters")
+        self.part, self.background = parts[0], str(values.get("background") or "")
+        self.false_alarms = quantity("false_alarms", values.get("false_alarms", FALSE_ALARMS))
+
+    @property
+    def params(self) -> dict[str, str]:
+        """What it is, as parameters of a run."""
+        return {
+            "watch.detector": self.part.typed(),
+            "watch.false_alarms": f"{self.false_alarms:g}",
+            "watch.background": self.background,
+        }
+
+    def check(self, captures: Corpus) -> None:
         """Refuse captures that cannot teach it.
 
         Raises:
             InputError: there is no background to compose recordings with.
         """
-        check_background(*pieces(captures, usual(captures)))
+        if is_recorded(captures):
+            if self.background:
+                further(self.background, captures)
+            return
+        check_background(*pieces(captures, usual(captures, self.background)))
 
-    @staticmethod
-    def learned(system: contract.System, captures: Corpus, whole: Corpus) -> Watcher:
+    def learned(
+        self, make_system: Callable[[], contract.System], system: contract.System, captures: Corpus, whole: Corpus
+    ) -> Watches:
         """A fitted system that watches.
 
         Args:
-            system: the system.
+            make_system: factory of the system, not fitted.
+            system: fitted to the captures.
             captures: captures that teach, of two subjects at least.
             whole: the captures that tell which background is the usual one.
 
         Raises:
             InputError: they cannot teach it.
         """
-        return learned(system, recordings_of(captures, usual(whole)), FALSE_ALARMS)[0]
+        recordings = recordings_of(captures, usual(whole, self.background))
+        if self.background and is_recorded(captures):
+            recordings = joined(recordings, further(self.background, captures), np.array([], str))
+        return self.part.make().learn(make_system, system, captures, recordings, self.false_alarms)[0]

@@ -19,9 +19,9 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
-from bench.corpora.steps import SETTLED_S
 from bench.endless.detector import Clock, Detector, cut, seen_windows, touched, updated, windows_of
-from bench.endless.detectors.base import UNKNOWN
+from bench.endless.detectors.base import UNKNOWN, Event
+from bench.endless.recent import Recent
 from bench.features.touch import TouchFeatures
 from bench.models.recipe import behind, taken
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
@@ -112,25 +112,6 @@ def events_of(
     if rules.begun and not rules.over and rules.reported:  # the recording ends before the touch does
         events.append((rules.reported, rules.low or int(times[-1])))
     return np.array(events, dtype=np.int64).reshape(-1, 2), wanted
-
-
-@dataclass
-class Event:
-    """A touch that a `Tracker` reports; times are frames seen.
-
-    Attributes:
-        reported: time of the first report.
-        first: gesture then.
-        label: gesture by now.
-        confidence: mean probability of ``label``.
-        end: time of the end; None while the touch lasts.
-    """
-
-    reported: int
-    first: str
-    label: str
-    confidence: float
-    end: int | None = None
 
 
 class Tracker:
@@ -229,6 +210,19 @@ class Watcher:
         """What training has chosen, by name."""
         learned: dict[str, object] = {"detector": "filter", "bias": self.bias, "tail": self.tail, "strong": self.strong}
         return learned | {"refused": self.detector.limit_, "reject": self.reject}
+
+    @property
+    def soonest(self) -> int:
+        """Frames from the start of a touch to its report, at least."""
+        return self.clock.name + self.clock.wait
+
+    def stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> LiveStream:
+        """The same on frames that come one by one; arguments of `LiveStream`."""
+        return LiveStream(self, grid, rate_hz, full_scale)
+
+    def adapted(self, system: contract.System, captures: Corpus, y: np.ndarray | None) -> Watcher:
+        """The same with a system that was adapted to a person."""
+        return replace(self, system=system)
 
     def reports(self, recordings: Corpus, evidence: list[np.ndarray] | None = None) -> pd.DataFrame:
         """Events in recordings, each as if its frames came one by one.
@@ -361,36 +355,21 @@ class LiveStream:
 
     def __init__(self, watcher: Watcher, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
         self.watcher, self.tracker = watcher, Tracker(watcher)
-        self.rate_hz, self.full_scale = rate_hz, full_scale
-        self.frames: deque[np.ndarray] = deque(maxlen=max(watcher.clock.detect, watcher.clock.name) + 1)
-        self.seen, self.touch = 0, np.zeros((), np.float32)
-        self.least, self.most = np.full(grid, np.inf), np.full(grid, -np.inf)  # of frames that were dropped
+        self.recent = Recent(max(watcher.clock.detect, watcher.clock.name) + 1, grid, rate_hz, full_scale)
+        self.touch = np.zeros((), np.float32)
 
-    def push(self, frame: np.ndarray) -> Event | None:
-        """Take a frame [rows, cols]; the event that it reports, renames or ends, None without news."""
-        if len(self.frames) == self.frames.maxlen:
-            self.least = np.minimum(self.least, self.frames[0])
-            self.most = np.maximum(self.most, self.frames[0])
-        self.frames.append(frame)
-        self.seen += 1
-        clock = self.watcher.clock
-        if self.seen < clock.detect or (self.seen - clock.detect) % clock.hop:
-            return None
-        recording = self._recent()
+    def push(self, frame: np.ndarray) -> list[Event]:
+        """Take a frame [rows, cols]; the event that it reports, renames or ends, none without news."""
+        self.recent.push(frame)
+        clock, seen, rate_hz = self.watcher.clock, self.recent.seen, self.recent.rate_hz
+        if seen < clock.detect or (seen - clock.detect) % clock.hop:
+            return []
+        recording = self.recent.recording(self.watcher.prepared)
         ends = recording.lengths
         odds = self.watcher.detector.log_odds(*seen_windows(recording, ends, clock.detect))[0]
-        self.touch = updated(self.touch, odds + np.float32(self.watcher.bias), clock, self.rate_hz)
-        if self.tracker.step(self.seen, float(self.touch), float(odds)):
+        self.touch = updated(self.touch, odds + np.float32(self.watcher.bias), clock, rate_hz)
+        if self.tracker.step(seen, float(self.touch), float(odds)):
             inner = behind(self.watcher.system)[1]
-            self.tracker.name(self.seen, self.watcher.probabilities(inner, cut(recording, ends, clock.name))[0])
-        return self.tracker.news(self.seen)
-
-    def _recent(self) -> Corpus:
-        """The frames that are kept, after the steps; older frames count by their smallest and largest values."""
-        older = min(self.seen - len(self.frames), max(2, int(np.ceil(SETTLED_S * self.rate_hz))))
-        before = [self.least] * (older - 1) + [self.most] * bool(older)
-        frames = np.stack([*before, *self.frames])
-        table = pd.DataFrame({"subject": [""], "gesture": [""]})
-        whole = Corpus.from_captures([frames], table, self.rate_hz, full_scale=self.full_scale)
-        seen = self.watcher.prepared(whole)
-        return seen.changed(starts=np.array([older]), lengths=np.array([len(self.frames)]))
+            self.tracker.name(seen, self.watcher.probabilities(inner, cut(recording, ends, clock.name))[0])
+        event = self.tracker.news(seen)
+        return [] if event is None else [event]

@@ -66,7 +66,7 @@ def fold(at: Fitted, bits: int) -> FoldResult:
         metrics = measured(folder)
     if check(at.cell.untrained) and parts("watchers"):
         with computing(at.threads):
-            metrics |= _watching(recogniser, bits, train)
+            metrics |= _watching(at, recogniser, bits, train)
     table[[f"p_{name}" for name in scores.classes_of(at.predictions)]] = np.float32(0)
     table[[f"p_{name}" for name in recogniser.classes]] = proba
     return FoldResult(at.fold.name, metrics=metrics, tables={"c": table})
@@ -79,7 +79,7 @@ def _written(recogniser: Recogniser, bits: int, folder: Path) -> Path:
     return folder
 
 
-def _watching(recogniser: Recogniser, bits: int, train: Corpus) -> dict[str, float]:
+def _watching(at: Fitted, recogniser: Recogniser, bits: int, train: Corpus) -> dict[str, float]:
     """Costs of the system with a watcher; none where the captures cannot teach one.
 
     Two training subjects with all gestures teach a watcher of the same size in a tenth of the time, except for the
@@ -90,7 +90,7 @@ def _watching(recogniser: Recogniser, bits: int, train: Corpus) -> dict[str, flo
     fewer = (train[np.isin(subjects, names[:count])] for count in range(2, len(names) + 1))
     few = next((one for one in fewer if set(one.gestures) == set(train.gestures)), train)
     try:
-        recogniser.watcher = parts("watchers")[0].learned(recogniser.estimator, few, train)
+        recogniser.watcher = parts("watchers")[0]({}).learned(at.cell.estimator, recogniser.estimator, few, train)
     except InputError:
         return {}
     with tempfile.TemporaryDirectory() as name:
@@ -102,7 +102,7 @@ def _unwatched(plan: Plan) -> str:
     if any(len(set(plan.corpus.subjects[fold.train])) < 2 for fold in plan.folds):
         return "a fold trains on one subject"
     try:
-        parts("watchers")[0].check(plan.corpus)
+        parts("watchers")[0]({}).check(plan.corpus)
     except InputError as e:
         return str(e)
     return ""

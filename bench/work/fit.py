@@ -6,7 +6,7 @@ import hashlib
 import tempfile
 import time
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,6 @@ from bench.outcomes.store import connect, only_one, reached
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
 from bench.progress import telling, warn
-from bench.registry import parts
 from bench.scratch import made_whole, new_folder
 from bench.work.bar import Bar
 from bench.work.experiment import Experiment
@@ -71,14 +70,14 @@ class _Fit(Experiment):
     tag = "fit"
 
 
-def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: bool = False) -> Fitted:
+def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: Any = None) -> Fitted:
     """Train on all captures of a cell, and save.
 
     Args:
         cell: cell to train; its protocol is ignored.
         stopping: True to learn, from three more fits that leave subjects out, the calibration and the stopping rule; a
             warning appears if there are too few captures for it.
-        watch: True to learn the post-processing for endless streams, too.
+        watching: learns the post-processing for endless streams, one of ``touchbench.watchers``; None for none.
         out: a folder that is new or empty, to save the model there too.
 
     Raises:
@@ -102,7 +101,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: bool 
         with computing(threads):
             learned_stopping = _stopping(cell, corpus) if stopping else None
             metrics = fitted(estimator, corpus)
-            watcher = _watcher(estimator, corpus) if watch else None
+            watcher = None if watching is None else _watcher(watching, cell, estimator, corpus)
     with computing(1):
         milliseconds = latency(estimator, corpus, int(corpus.lengths.max()))[:2]
     metrics = costs([FoldResult("", None, metrics | footprint(estimator, corpus), *milliseconds)])
@@ -122,7 +121,9 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: bool 
             store.delete(cut_off.info.run_id)
         run_id = store.create(f"fit {cell.system()} | {cell.data} | all captures", tags)
         machine = this_machine()._asdict()
-        store.log(run_id, metrics, params_of(cell, corpus, threads) | machine | {"captures": len(corpus)})
+        learned_to_watch = {} if watcher is None else watching.params
+        params = params_of(cell, corpus, threads) | machine | {"captures": len(corpus)} | learned_to_watch
+        store.log(run_id, metrics, params)
         log_captures(store, run_id, cell, corpus, "training")
         with own_code() as code, quiet(), reached(), mlflow.start_run(run_id=run_id):
             model["code_paths"] = [code]
@@ -133,12 +134,12 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watch: bool 
     return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus))
 
 
-def _watcher(estimator: contract.System, corpus: Corpus) -> Any:
+def _watcher(watching: Any, cell: Cell, estimator: contract.System, corpus: Corpus) -> Any:
     """The post-processing for endless streams; None, with a warning, where the captures cannot teach it."""
     try:
         if len(set(corpus.subjects)) < 2:
             raise InputError("only one subject trains")
-        return parts("watchers")[0].learned(estimator, corpus, corpus)
+        return watching.learned(cell.estimator, estimator, corpus, corpus)
     except InputError as e:
         warn(f"warning: the model cannot watch an endless stream: {e}")
         return None
@@ -186,7 +187,7 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
     personal.adapted = True
     personal.estimator = contract.adapted(recogniser.estimator, corpus, y)
     if recogniser.watcher is not None:
-        personal.watcher = replace(recogniser.watcher, system=personal.estimator)
+        personal.watcher = recogniser.watcher.adapted(personal.estimator, corpus, y)
     seconds = time.perf_counter() - began
     by_value()
     with own_code() as code, quiet():

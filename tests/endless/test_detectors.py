@@ -136,6 +136,28 @@ def test_names_come_from_the_frames_up_to_the_last_sure_tick():
     first, second = spans_of(signs, 7)
     assert (first.reported, first.end) == (21, 49) and first.named == [(0, 21), (0, 28), (0, 35)]
     assert (second.reported, second.end) == (63, 63) and second.named == [(49, 63)]
+    assert first.last is None
+    longer = [0.1, *[0.9] * 8, 0.2, 0.9, 0.2, 0.1, 0.1]
+    (span,) = spans_of(np.column_stack([longer, [*range(13), 0], np.arange(14) == 2]), 1)
+    assert span.named == [(0, 3), (0, 4), (0, 5), (0, 7), (0, 9)] and span.last == (0, 11)
+
+
+@pytest.mark.parametrize("detector", [Frames(), Threshold()])
+def test_frames_one_by_one_give_the_reports_of_whole_recordings(detector, recordings):
+    train, tested = recordings[np.arange(2)], recordings[[2]].corpus
+    captures = captures_in(train)
+    make = lambda: lda(TouchFeatures())  # noqa: E731
+    watcher, _ = detector.learn(make, make().fit(captures, captures.gestures), captures, train, 60.0)
+    live = watcher.stream(tested.grid, tested.rate_hz, tested.full_scale)
+    news = [(n, event) for n, frame in enumerate(tested[0], 1) for event in live.push(frame.astype(np.float32))]
+    reports = watcher.reports(tested)
+    ended = [(e.reported, e.end, e.first, e.label) for _, e in news if e.end is not None]
+    whole = [*reports[["reported", "end", "first", "label"]].itertuples(index=False, name=None)]
+    assert len(whole) >= 5
+    assert ended == whole[: len(ended)] and len(whole) - len(ended) <= 1  # the recording may end before a touch does
+    sure = [e.confidence for _, e in news if e.end is not None]
+    assert sure == pytest.approx(reports["confidence"][: len(sure)].tolist(), abs=1e-5)
+    assert {e.reported for n, e in news if n == e.reported} == {e.reported for _, e in news}  # at once
 
 
 def test_longer_spans_count_more_up_to_four_seconds():

@@ -144,7 +144,7 @@ def test_the_filter_is_bayes_rule_for_two_states():
 def test_frames_one_by_one_give_the_events_of_whole_recordings(recordings, watcher):
     one = recordings[[3]].corpus
     live = LiveStream(watcher, one.grid, one.rate_hz, one.full_scale)
-    news = [event for frame in one[0] if (event := live.push(frame.astype(np.float32))) and event.end]
+    news = [event for frame in one[0] for event in live.push(frame.astype(np.float32)) if event.end]
     reports = watcher.reports(one)
     assert len(reports) >= 5
     rows = [(e.reported, e.end, e.first, e.label) for e in news]

@@ -8,6 +8,7 @@ that decides tick by tick derives from `bench.endless.detectors.ticks.Detector`;
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -18,6 +19,32 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
 
 UNKNOWN = "unknown"  # label of a gesture that is rejected
+
+
+@dataclass
+class Event:
+    """A touch of a stream that is reported; times are frames seen.
+
+    Attributes:
+        reported: time of the first report.
+        first: gesture then.
+        label: gesture by now.
+        confidence: mean probability of ``label``.
+        end: time of the end; None while the touch lasts.
+    """
+
+    reported: int
+    first: str
+    label: str
+    confidence: float
+    end: int | None = None
+
+
+class Stream(Protocol):
+    """A watcher on frames that come one by one; memory does not grow."""
+
+    def push(self, frame: np.ndarray) -> list[Event]:
+        """Take a frame [rows, cols]; the events that it ends, reports or renames, in this order."""
 
 
 class Watches(Protocol):
@@ -40,6 +67,22 @@ class Watches(Protocol):
 
     @property
     def chosen(self) -> dict[str, object]: ...  # noqa: D102
+
+    @property
+    def soonest(self) -> int:
+        """Frames from the start of a touch to its report, at least."""
+
+    def stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> Stream:
+        """The same on frames that come one by one.
+
+        Args:
+            grid: (rows, cols) of the sensor.
+            rate_hz: frames per second.
+            full_scale: largest value of a channel.
+        """
+
+    def adapted(self, system: contract.System, captures: Corpus, y: np.ndarray | None) -> Watches:
+        """The same with a system that was adapted to a person, and whatever else names, adapted to these captures."""
 
     def evidence(self, recordings: Corpus) -> list[Any]:
         """What the detector makes of each recording, for the other methods, which are called several times."""

@@ -247,6 +247,11 @@ class Frames(Detector):
         return Hysteresis(level, self.drop, self.times_)
 
     @property
+    def soonest(self) -> int:
+        """Ticks of a touch before its report, at least."""
+        return self.times_.wait
+
+    @property
     def chosen(self) -> dict[str, object]:
         """The learned times in ticks."""
         return {"wait": self.times_.wait, "hold": self.times_.hold, "fade": self.times_.fade}

@@ -75,5 +75,10 @@ def of_all(named: np.ndarray, frames: np.ndarray, rate_hz: float) -> np.ndarray:
         frames: length of each span [spans].
         rate_hz: frames per second.
     """
-    weight = np.minimum(frames, LONGEST_S * rate_hz)
+    weight = weights(frames, rate_hz)
     return weight @ named / weight.sum()
+
+
+def weights(frames: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Weights of names from spans of so many frames [spans]; arguments of `of_all`."""
+    return np.minimum(frames, LONGEST_S * rate_hz)

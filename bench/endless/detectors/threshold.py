@@ -87,6 +87,11 @@ class Threshold(Detector):
         return TwoInARow(level)
 
     @property
+    def soonest(self) -> int:
+        """Ticks of a touch before its report."""
+        return 2
+
+    @property
     def numbers(self) -> int:
         """Count of learned numbers."""
         return 1

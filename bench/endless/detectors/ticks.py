@@ -13,7 +13,7 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
-from bench.endless.detectors.base import UNKNOWN, Rules, Signals, Watches
+from bench.endless.detectors.base import UNKNOWN, Rules, Sign, Signals, Stream, Watches
 from bench.endless.detectors.names import LONGEST_S, learned_names, of_all, probabilities
 from bench.errors import InputError
 from bench.few import INTERVAL
@@ -70,6 +70,11 @@ class Detector:
         raise NotImplementedError
 
     @property
+    def soonest(self) -> int:
+        """Ticks of a touch before its report, at least."""
+        return 1
+
+    @property
     def numbers(self) -> int:
         """Count of learned numbers."""
         return 0
@@ -99,7 +104,7 @@ def frames_of_tick(tick: float, rate_hz: float) -> int:
 def ticked(recordings: Recordings, count: int) -> Recordings:
     """Recordings whose frames are means of so many frames; a rest at the end is left out."""
     corpus = recordings.corpus
-    streams = [_means(corpus[i], count) for i in range(len(corpus))]
+    streams = [means(corpus[i], count) for i in range(len(corpus))]
     ticks = Corpus.from_captures(streams, corpus.captures, corpus.rate_hz / count, full_scale=corpus.full_scale)
     start, end = recordings.events["start"] // count, -(-recordings.events["end"] // count)
     lengths = ticks.lengths[recordings.events["recording"]]
@@ -108,7 +113,7 @@ def ticked(recordings: Recordings, count: int) -> Recordings:
     return Recordings(ticks, events)
 
 
-def _means(frames: np.ndarray, count: int) -> np.ndarray:
+def means(frames: np.ndarray, count: int) -> np.ndarray:
     """Means of blocks of frames, float32; of fewer frames than one block, their mean."""
     count = min(count, len(frames))
     whole = len(frames) // count * count
@@ -242,6 +247,21 @@ class TickWatcher:
         learned = {"level": self.level, "reject": self.reject} | self.detector.chosen
         return {"detector": type(self.detector).__name__.lower()} | learned
 
+    @property
+    def soonest(self) -> int:
+        """Frames from the start of a touch to its report, at least."""
+        return self.detector.soonest * self.count
+
+    def stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> Stream:
+        """The same on frames that come one by one."""
+        from bench.endless.detectors.stream import TickStream
+
+        return TickStream(self, grid, rate_hz, full_scale)
+
+    def adapted(self, system: contract.System, captures: Corpus, y: np.ndarray | None) -> TickWatcher:
+        """As `bench.endless.detectors.base.Watches`."""
+        return replace(self, system=system, names=contract.adapted(self.names, captures, y))
+
     def prepared(self, recordings: Corpus) -> Corpus:
         """Recordings without their labels, after the steps that are done frame by frame."""
         return taken(contract.blinded(self.system, recordings), behind(self.system)[0])[0]
@@ -249,7 +269,7 @@ class TickWatcher:
     def evidence(self, recordings: Corpus) -> list[np.ndarray]:
         """The evidence of each recording, tick by tick."""
         seen = self.prepared(recordings)
-        series = (signals_of(self.detector, _means(seen[i], self.count)) for i in range(len(seen)))
+        series = (signals_of(self.detector, means(seen[i], self.count)) for i in range(len(seen)))
         return [self.detector.evidence(each) for each in series]
 
     def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
@@ -266,7 +286,7 @@ class TickWatcher:
     def decide(self, recording: Corpus, end: int) -> None:
         """Do the work of one decision after so many frames: signals and evidence of a tick, and a name."""
         frames = recording[0][max(0, end - self.count) : max(end, self.count)]
-        ring = np.repeat(self.detector.signals().step(_means(frames, self.count)[0])[None], self.detector.memory, 0)
+        ring = np.repeat(self.detector.signals().step(means(frames, self.count)[0])[None], self.detector.memory, 0)
         self.detector.evidence(ring)
         begin = max(0, end - round(LONGEST_S * recording.rate_hz))
         probabilities(self.names, recording, np.array([begin]), np.array([end]))
@@ -280,11 +300,12 @@ class TickWatcher:
             touches = spans_of(signs_of(self.detector.rules(self.level), series), self.count)
             if not touches:
                 continue
-            begin, end = np.array([span for touch in touches for span in touch.named], dtype=np.int64).T
+            asked = [[*touch.named, *filter(None, [touch.last])] for touch in touches]
+            begin, end = np.array([span for each in asked for span in each], dtype=np.int64).T
             named = probabilities(self.names, seen[[i]], begin, end)
-            parts = np.cumsum([len(touch.named) for touch in touches])[:-1]
+            parts = np.cumsum([len(each) for each in asked])[:-1]
             for touch, each, frames in zip(touches, np.split(named, parts), np.split(end - begin, parts), strict=True):
-                (first, _), (label, sure) = self._label(each[0]), self._label(of_all(each, frames, seen.rate_hz))
+                (first, _), (label, sure) = self.label(each[0]), self.label(of_all(each, frames, seen.rate_hz))
                 rows.append((i, touch.reported, touch.end, first, label, sure))
         return report_table(rows)
 
@@ -295,7 +316,8 @@ class TickWatcher:
         system = make_system().fit(captures, captures.gestures)
         return replace(self, system=system, names=learned_names(make_system, recordings), reject=0.0)
 
-    def _label(self, proba: np.ndarray) -> tuple[str, float]:
+    def label(self, proba: np.ndarray) -> tuple[str, float]:
+        """The gesture that is named, and how sure it is."""
         sure, gestures = float(proba.max()), np.asarray(self.names.classes_).astype(str)
         return (str(gestures[proba.argmax()]) if sure > 0 and sure >= self.reject else UNKNOWN), sure
 
@@ -306,40 +328,74 @@ class Span:
 
     Attributes:
         reported: time of the report.
-        end: time of the end.
+        end: time of the end, or of the last tick so far.
         named: beginning and end of the frames that it is named from, at the report and as it grows.
+        last: the same for its name at the end, if it ends before it is named again; None if that is the last of
+            ``named``.
     """
 
     reported: int
     end: int
     named: list[tuple[int, int]]
+    last: tuple[int, int] | None = None
+
+
+class Touches:
+    """The touches of a stream from its signs, one tick after another; nothing looks ahead.
+
+    Args:
+        count: frames of a tick.
+
+    Attributes:
+        lasting: the touch that goes on.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.lasting: Span | None = None
+        self.tick = self.start = self.named = self.sure = 0  # in ticks
+
+    def step(self, sign: Sign | tuple[float, float, bool]) -> Span | None:
+        """Take the sign of the next tick; the touch that is over with it."""
+        touch, since, report = sign
+        self.tick += 1
+        over = bool(report or not since)
+        if over or touch < SURE:
+            self._last()
+        ended = self.lasting if over else None
+        if over:
+            self.lasting = None
+        if report:
+            self.start = max(self.tick - int(since) - 1, 0)  # with the tick before, in which the touch may have begun
+            self.lasting = Span(self.tick * self.count, self.tick * self.count, [])
+            self._name()
+        elif self.lasting is not None:
+            self.lasting.end = self.tick * self.count
+        if touch >= SURE:
+            self.sure = self.tick
+            if self.lasting is not None and self.tick - self.start >= GROWTH * (self.named - self.start):
+                self._name()
+        return ended
+
+    def finish(self) -> Span | None:
+        """The touch that lasts where the stream ends."""
+        self._last()
+        return self.lasting
+
+    def _name(self) -> None:
+        if self.lasting is not None:
+            self.lasting.named.append(self._span(self.tick))
+            self.lasting.last, self.named = None, self.tick
+
+    def _last(self) -> None:
+        if self.lasting is not None and self.sure > self.named:
+            self.lasting.last = self._span(self.sure)
+
+    def _span(self, tick: int) -> tuple[int, int]:
+        return self.start * self.count, tick * self.count
 
 
 def spans_of(signs: np.ndarray, count: int) -> list[Span]:
-    """The touches that are reported, from the signs of one recording; nothing looks ahead."""
-    spans: list[Span] = []
-    lasting, start, named, sure = None, 0, 0, 0  # of the touch that lasts; all in ticks
-
-    def name(tick: int) -> None:
-        nonlocal named
-        if lasting is not None and tick > named:
-            lasting.named.append((start * count, tick * count))
-            named = tick
-
-    for tick, (touch, since, report) in enumerate(signs.tolist(), 1):
-        if report or not since:
-            name(sure)
-            lasting = None
-        if report:
-            start = max(tick - int(since) - 1, 0)  # with the tick before, in which the touch may have begun
-            lasting = Span(tick * count, tick * count, [])
-            spans.append(lasting)
-            name(tick)
-        elif lasting is not None:
-            lasting.end = tick * count
-        if touch >= SURE:
-            sure = tick
-            if tick - start >= GROWTH * (named - start):
-                name(tick)
-    name(sure)
-    return spans
+    """The touches that are reported, from the signs of one recording."""
+    touches = Touches(count)
+    return [span for span in [*map(touches.step, signs.tolist()), touches.finish()] if span is not None]

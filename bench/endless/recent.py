@@ -1,0 +1,49 @@
+"""The last frames of an endless stream, as a detector and a recogniser see them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.steps import SETTLED_S
+
+
+class Recent:
+    """The last frames; of those before, the smallest and largest values, from which steps tell what is stuck.
+
+    Args:
+        most: frames that are kept.
+        grid: (rows, cols) of the sensor.
+        rate_hz: frames per second.
+        full_scale: largest value of a channel.
+
+    Attributes:
+        seen: frames so far.
+    """
+
+    def __init__(self, most: int, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
+        self.rate_hz, self.full_scale = rate_hz, full_scale
+        self.frames: deque[np.ndarray] = deque(maxlen=most)
+        self.seen = 0
+        self.least, self.most = np.full(grid, np.inf), np.full(grid, -np.inf)  # of frames that were dropped
+
+    def push(self, frame: np.ndarray) -> None:
+        """Take a frame [rows, cols]."""
+        if len(self.frames) == self.frames.maxlen:
+            self.least = np.minimum(self.least, self.frames[0])
+            self.most = np.maximum(self.most, self.frames[0])
+        self.frames.append(frame)
+        self.seen += 1
+
+    def recording(self, prepared: Callable[[Corpus], Corpus]) -> Corpus:
+        """The frames that are kept, after the steps; older frames count by their smallest and largest values."""
+        older = min(self.seen - len(self.frames), max(2, int(np.ceil(SETTLED_S * self.rate_hz))))
+        before = [self.least] * (older - 1) + [self.most] * bool(older)
+        frames = np.stack([*before, *self.frames])
+        table = pd.DataFrame({"subject": [""], "gesture": [""]})
+        whole = Corpus.from_captures([frames], table, self.rate_hz, full_scale=self.full_scale)
+        return prepared(whole).changed(starts=np.array([older]), lengths=np.array([len(self.frames)]))
