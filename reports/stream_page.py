@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,9 +11,13 @@ from bench.corpora.recordings import DOUBT, Recordings
 from bench.corpora.streams import StreamSurvey
 from bench.reports.figures import Picture, new_figure, plain, save, short, width_of
 
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+
 DRAWN = 24  # recordings of a figure
 POINTS = 1500  # of a line; of more frames, the highest of each part is drawn
-HIGH = 0.8  # inches of a recording
+HIGH, BETWEEN = 0.8, 0.27  # inches of a recording, and between two
+ACROSS = 8  # gestures of a line of the key
 DARK = "0.15"
 
 
@@ -34,12 +39,14 @@ def levels_figure(recordings: Recordings, found: StreamSurvey, group: str, folde
     rate_hz, labelled = recordings.corpus.rate_hz, recordings.labelled
     gestures = sorted(set(recordings.events["gesture"]))
     colours = {gesture: f"C{i % 10}" for i, gesture in enumerate(gestures)} | {DOUBT: "0.6"}
-    key = 0.22 * -(-(len(colours) + 2) // 8)
-    size = (11.0, shown * (HIGH + 0.32) + 0.9 + key)
-    figure, axes = new_figure(size, (shown, 1), (0.7, 0.15, 0.5, 0.4 + key), (0.7, 0.32))
+    rows = -(-len(colours) // ACROSS)
+    key = 0.22 * (rows + 1) + 0.1
+    size = (11.0, shown * HIGH + (shown - 1) * BETWEEN + 0.9 + key)
+    figure, axes = new_figure(size, (shown, 1), (0.7, 0.15, 0.5, 0.4 + key), (0.7, BETWEEN))
     figure.suptitle(f"Mean pressure of each recording, {plain([group])[0]}", y=1 - 0.08 / size[1], va="top")
     longest = max(len(level) for level in found.levels[:shown]) / rate_hz
-    drawn = {}
+    drawn: dict[str, Artist] = {}
+    lines: dict[str, Artist] = {}
     for i, ax in enumerate(axes[:, 0]):
         level, row = found.levels[i], found.recordings.iloc[i]
         mine = labelled[labelled["recording"] == i]
@@ -54,28 +61,22 @@ def levels_figure(recordings: Recordings, found: StreamSurvey, group: str, folde
         ax.plot((starts + 0.5) / rate_hz, np.maximum.reduceat(level, starts), color=DARK, linewidth=0.8)
         name = row.get("recording", i)
         for start, end in found.stretches.loc[found.stretches["recording"] == name, ["start", "end"]].to_numpy():
-            (drawn["background with the pressure of touches"],) = ax.plot(
+            (lines["background with the pressure of touches"],) = ax.plot(
                 [start, end], [0, 0], color="tab:red", linewidth=4, solid_capstyle="butt", clip_on=False, zorder=4
             )
         if row["touch"] == row["touch"]:
-            drawn["a quarter of the touch frames is below"] = ax.axhline(
+            lines["lower quartile of touch frames"] = ax.axhline(
                 row["touch"], color="tab:red", linewidth=0.7, linestyle="--"
             )
         ax.set(xlim=(0, longest), ylim=(min(0.0, float(level.min())), None))
         ax.set_title(plain([f"{short(str(name), 40)}, subject {short(str(row['subject']), 20)}"])[0], loc="left", pad=2)
         ax.spines[["top", "right"]].set_visible(False)
+        ax.tick_params(labelbottom=i == shown - 1)
     axes[-1, 0].set_xlabel("seconds of the recording")
-    words = plain(drawn)
-    figure.legend(
-        drawn.values(),
-        words,
-        loc="upper left",
-        bbox_to_anchor=(0.02, 1 - 0.3 / size[1]),
-        ncols=8,
-        frameon=False,
-        columnspacing=1.2,
-        handlelength=1.4,
-    )
+    for artists, row, columns in ((dict(sorted(drawn.items())), 0, ACROSS), (lines, rows, 2)):
+        corner = (0.02, 1 - (0.3 + 0.22 * row) / size[1])
+        look = {"frameon": False, "columnspacing": 1.2, "handlelength": 1.4, "borderpad": 0.2}
+        figure.legend(artists.values(), plain(artists), loc="upper left", bbox_to_anchor=corner, ncols=columns, **look)
     rest = f" {len(recordings) - shown} more recordings are not drawn." if len(recordings) > shown else ""
     caption = (
         "Mean reading of each frame; colours: labels. Red below: background with more pressure than the dashed line, "
