@@ -39,14 +39,14 @@ EVENTS = (  # columns of the events of recordings
     Measure("median", "median s", form=".2f"),
     Measure("longest", "longest s", form=".2f"),
 )
-NUMBERS = {  # columns of recordings: heading and form
-    "minutes": ("minutes", ".2f"),
-    "background": ("background", ".2f"),
-    "doubtful": ("doubtful", ".2f"),
-    "events": ("events", ".0f"),
-    "idle": ("idle", ".3g"),
-    "touch": ("touch", ".3g"),
-    "above": ("above %", ".1f"),
+NUMBERS = {  # columns of recordings
+    "minutes": Measure("minutes", form=".2f"),
+    "background": Measure("background", form=".2f"),
+    "doubtful": Measure("doubtful", form=".2f"),
+    "events": Measure("events", form=".0f"),
+    "idle": Measure("idle", form=".3g"),
+    "touch": Measure("touch", form=".3g"),
+    "above": Measure("above", "above %", form=".1f"),
 }
 STRETCHES = (  # columns of background with the pressure of touches
     text("subject"),
@@ -149,11 +149,13 @@ def print_recordings(found: StreamSurvey, name: str) -> None:
     """Print the recordings, the events of each gesture, gaps, background like touches, and odd taxels."""
     out = output()
     table = found.recordings if found.recordings["doubtful"].any() else found.recordings.drop(columns="doubtful")
-    columns = []
-    for column in table:
-        heading, form = NUMBERS.get(str(column), ("", ""))
-        spare = 0 if column in ("subject", "recording") else 1 + len(columns)
-        columns.append(Measure(str(column), heading, form=form) if form else text(str(column), spare=spare))
+    conditions = [name for name in table if name not in ("subject", "recording", *NUMBERS)]
+    columns = [
+        NUMBERS[str(name)]
+        if name in NUMBERS
+        else text(str(name), spare=len(conditions) - conditions.index(name) if name in conditions else 0)
+        for name in table
+    ]
     synthetic = "synthetic " if found.captures.synthetic else ""
     title = f"{name}: {len(table)} {synthetic}recordings; {PRESSURES}"
     Table(columns, rows_of(table), title).print(out)
@@ -171,12 +173,12 @@ def print_recordings(found: StreamSurvey, name: str) -> None:
 
 def looked(
     name: str, where: str, target: str, out: Path | None, capture: object, parameters: dict[str, object]
-) -> Survey:
-    """Survey the captures of a corpus, and draw them if a folder is given.
+) -> Survey | StreamSurvey:
+    """Survey the captures of a corpus, or recordings, and draw them if a folder is given.
 
     Args:
         name: name of the corpus.
-        where: captures to look at.
+        where: captures, or recordings, to look at.
         target: columns whose classes are counted besides.
         out: folder for the figures, or None.
         capture: the one to animate, by its position in the whole corpus; None for one of each gesture.
@@ -189,18 +191,17 @@ def looked(
     from bench.reports.corpus_page import write as draw
 
     number = None if capture is None else convert("capture", capture, 0)
+    variant = one_variant(name, parameters)
     value = stored_value(name) if name in imported() else None
+    streams = None
     if isinstance(value, Recordings):
-        one_variant(name, parameters)  # refuses all
         if target != DEFAULTS["target"]:
             raise InputError(f"target={target}: {name} holds recordings, whose labels are gestures; leave it out")
-        corpus = parts_of(value, where)
-        chosen = value[np.flatnonzero(value.chosen(where))] if where else value
-        streams: StreamSurvey | None = survey_recordings(chosen, corpus)
-        result = streams.captures
-        recordings = (chosen, streams)
+        corpus, value = parts_of(value, where), value[value.chosen(where)] if where else value
+        streams = survey_recordings(value, corpus)
+        result, recordings = streams.captures, (value, streams)
     else:
-        corpus, streams, recordings = captures_of(name, one_variant(name, parameters), where, target), None, None
+        corpus, recordings = captures_of(name, variant, where, target), None
         result = survey(corpus)
     if number is not None:
         place(corpus, number)  # refuses one that is not there

@@ -162,7 +162,7 @@ WRONG = [  # commands that are refused
     ["run", *PEOPLE, "protocol=transfer"],
     ["run", *PEOPLE, "protocol=personal", "protocol.shots=-1"],
     ["run", *PEOPLE, "model.repair=hope"],
-    ["run", "data=day"],
+    ["run", "data=day+people"],
     ["tune", *PEOPLE, "model=lda", "model.window=x"],
     ["tune", *PEOPLE, *TREE, "model.level=1,9", "trials=0"],
     ["tune", *PEOPLE, *TREE, "inner=0"],
