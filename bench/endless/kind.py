@@ -159,7 +159,7 @@ class Continuous(Kind):
         Measure("latency_s_p90", "90 % s", form=".2f", spare=9),
         percent("merged", spare=10),
         percent("late", spare=11),
-        *(percent(f"missed_at_{rate}", f"missed at {rate}/h", spare=12) for rate in RATES),
+        *(percent(f"missed_at_{rate}", f"missed at {rate}/h", ends=f"missed_at_{rate}", spare=12) for rate in RATES),
     )
     costs: ClassVar[tuple[Cost, ...]] = (
         Cost(

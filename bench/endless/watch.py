@@ -12,8 +12,8 @@ import pandas as pd
 from bench import contract
 from bench.comparable import several
 from bench.corpora.recordings import DOUBT, GAP, Recordings, is_recorded, recorded
-from bench.endless import RATES
 from bench.endless.composer import check_background, composed, pieces
+from bench.endless.curve import missed_at, swept
 from bench.endless.detectors.base import UNKNOWN
 from bench.endless.watcher_training import learn_reject
 from bench.errors import InputError
@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 
 SEED = 0  # of the composed recordings
 QUIET = "quiet"  # background from the ends of captures
-MOST_REPORTS = 1.25  # per touch
 SHOWN_S = 120.0  # of a recording in each fold, for the timeline
 
 
@@ -209,7 +208,7 @@ def fold_of(
                 ("touch", test.events),
                 ("doubtful", test.doubtful),
                 ("report", reports),
-                ("curve", watcher.sweep(test, evidence).assign(recording=0)),
+                ("curve", _curve(watcher, test, evidence)),
                 ("probability", _shown(watcher, test.corpus.rate_hz, evidence[0])),
             )
         ],
@@ -247,8 +246,8 @@ def run_numbers(
     numbers = summary(touches, reports, sum(background_s.values())) | over_people(touches, reports, background_s)
     numbers |= _doubtful(reports)
     hours = sum(background_s.values()) / 3600
-    swept = table[table["kind"] == "curve"].groupby("offset")[["hits", "alarms", "reports"]]
-    counts = swept.sum()[swept.size() == len(folds)]  # folds learn other thresholds, whose neighbours are not the same
+    by_person = swept(table[table["kind"] == "curve"])
+    counts = by_person.groupby("offset").sum()
     missed, alarms = 1 - counts["hits"] / max(len(touches), 1), counts["alarms"] / (hours or np.nan)
     tables = {
         "predictions": table,
@@ -257,7 +256,7 @@ def run_numbers(
         "per_subject": per_subject(touches, reports, background_s),
         "curve": pd.DataFrame({"missed": missed, "false_alarms_per_hour": alarms}).reset_index(),
     }
-    numbers |= missed_at(counts, len(touches), hours)
+    numbers |= missed_at(by_person, touches["subject"].value_counts(), pd.Series(background_s) / 3600)
     if unknown:
         numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
     return _defined(numbers | {"background_minutes": 60 * hours}) | costs(folds), tables
@@ -267,25 +266,6 @@ def _doubtful(reports: pd.DataFrame) -> dict[str, float]:
     """The number of reports in doubtful stretches, if there are any."""
     count = float((reports["touch"] == DOUBTFUL).sum())
     return {"doubtful_reports": count} if count else {}
-
-
-def missed_at(counts: pd.DataFrame, touches: int, hours: float) -> dict[str, float]:
-    """The lowest share of missed touches at so many false alarms per hour, of all thresholds around the learned ones.
-
-    A threshold counts only if a touch has at most `MOST_REPORTS` reports: others find each touch by reporting always.
-
-    Args:
-        counts: ``hits``, ``alarms`` and ``reports`` of each threshold.
-        touches: number of touches.
-        hours: hours of background.
-    """
-    per_touch = (counts["reports"] - counts["alarms"]) / counts["hits"].clip(lower=1)
-    usable = counts[per_touch <= MOST_REPORTS]
-    missed = {}
-    for rate in RATES:
-        hits = usable.loc[usable["alarms"] <= rate * hours, "hits"]
-        missed[f"missed_at_{rate}"] = 1 - hits.max() / touches if hours and touches and len(hits) else np.nan
-    return missed
 
 
 def scored(table: pd.DataFrame, rate_hz: float) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, float]]:
@@ -341,6 +321,14 @@ def _rejection(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float
 def _defined(numbers: dict[str, float]) -> dict[str, float]:
     """The numbers that are defined."""
     return {name: float(value) for name, value in numbers.items() if value == value}
+
+
+def _curve(watcher: Watches, test: Recordings, evidence: list) -> pd.DataFrame:
+    """The sweep of thresholds on the recordings of each subject, under the first of them."""
+    parts = []
+    for rows in pd.Series(range(len(test))).groupby(test.subjects.astype(str)).groups.values():
+        parts.append(watcher.sweep(test[[*rows]], [evidence[i] for i in rows]).assign(recording=rows[0]))
+    return pd.concat(parts)
 
 
 def _shown(watcher: Watches, rate_hz: float, evidence: object) -> pd.DataFrame:

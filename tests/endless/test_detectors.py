@@ -14,7 +14,7 @@ from bench.corpora.recordings import Recordings, captures_in, event_table
 from bench.corpora.synth_recordings import generate
 from bench.endless.detectors.frames import Frames, Hysteresis, Times
 from bench.endless.detectors.named import detectors
-from bench.endless.detectors.names import touches
+from bench.endless.detectors.names import of_all, touches
 from bench.endless.detectors.threshold import Threshold, TwoInARow
 from bench.endless.detectors.ticks import best, left_out, signs_of, spans_of
 from bench.endless.page import watch_section
@@ -53,9 +53,8 @@ def test_a_later_frame_changes_no_report_and_no_first_label(detector, recordings
     captures = captures_in(train)
     make = lambda: lda(TouchFeatures())  # noqa: E731
     watcher, _ = detector.learn(make, make().fit(captures, captures.gestures), captures, train, 60.0)
-    classifiers = [s[-1] for s in (watcher.names.begun, watcher.names.whole, watcher.system)]
-    begun, ended, replaced = (c.coef_.size + c.intercept_.size for c in classifiers)
-    assert watcher.numbers == watcher.detector.numbers + begun + ended - replaced
+    named, replaced = (s[-1].coef_.size + s[-1].intercept_.size for s in (watcher.names, watcher.system))
+    assert watcher.numbers == watcher.detector.numbers + named - replaced
     whole = recordings[[2]].corpus
     reports = watcher.reports(whole)
     assert len(reports) >= 5
@@ -86,14 +85,19 @@ def test_times_come_from_the_labels():
     assert Times.of(of_one([200], quick), 0.25, 1.0) == Times(wait=1, hold=1, fade=8)
     slow = [(0, 60 * k, 60 * k + 20, "pat") for k in range(3)]
     assert Times.of(of_one([200], slow), 0.25, 1.0) == Times(wait=2, hold=8, fade=8)
+    assert Times.of(of_one([200], slow), 5.0, 1.0).wait == 15  # three quarters of a touch
 
 
 def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
-    odds = [-5, 3, 3, 3, -1, 3, 3, -5, -5, 3]
+    odds = [-5, 3, 3, 3, -1, 3, 3, -5, 3, -5, 3]  # the tick before the last dip is too short
     evidence = np.stack([odds, np.zeros(len(odds))], axis=1)
     signs = signs_of(Hysteresis(1.0, 1.5, Times(wait=2, hold=1, fade=9)), evidence)
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 6]
-    assert signs[:, 1].astype(int).tolist() == [0, 1, 2, 3, 0, 1, 2, 0, 0, 1]
+    assert signs[:, 1].astype(int).tolist() == [0, 1, 2, 3, 0, 1, 2, 0, 1, 0, 1]
+    signs = signs_of(
+        Hysteresis(1.0, 1.5, Times(wait=3, hold=3, fade=9)), evidence
+    )  # a dip is no end, but does not hold
+    assert np.flatnonzero(signs[:, 2]).tolist() == [3]
     never = np.stack([odds, np.full(len(odds), -9.0)], axis=1)  # the beginning was not seen
     assert not signs_of(Hysteresis(1.0, 1.5, Times(2, 1, 9)), never)[:, 2].any()
     signs = signs_of(TwoInARow(2.0), np.array([[0], [3], [3], [1.5], [3], [0.5], [3], [3]]))
@@ -132,6 +136,11 @@ def test_names_come_from_the_frames_up_to_the_last_sure_tick():
     assert (second.reported, second.end) == (63, 63) and second.named == [(49, 63)]
 
 
+def test_longer_spans_count_more_up_to_four_seconds():
+    named = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
+    np.testing.assert_allclose(of_all(named, np.array([2, 4, 900]), 2.0), [2 / 14, 12 / 14])
+
+
 def test_few_subjects_are_left_out_by_recording():
     few = of_one([9, 9, 9], [(0, 0, 3, "pat")])
     assert left_out(few).tolist() == ["0", "1", "2"]
@@ -156,7 +165,7 @@ def test_a_time_that_is_none_is_refused_before_anything_runs(value):
 def test_without_background_frames_says_so():
     full = of_one([20], [(0, 0, 20, "pat")])
     with pytest.raises(InputError, match="no background"):
-        Frames().fit([np.ones((20, 8), np.float32)], full)
+        Frames().fit([np.ones((20, 10), np.float32)], full)
 
 
 def test_a_detector_of_a_file_watches_like_any_other(tmp_path):

@@ -24,9 +24,10 @@ MINIMA, MAXIMA, MEDIAN = (1, 2, 4, 10, 40), (2, 5, 15, 60), 30  # ticks that fea
 CLIP = 6.0  # SDs of a feature
 AGES = 3  # ticks of the beginning of a touch
 SHORT = 0.1  # share of touches, or gaps, that may be shorter
+SEEN = 0.75  # of such a touch is seen at least: its beginning is noticed late; chosen on A to C
 FADED = 0.25  # of the highest log-odds of a touch: below, it is over after `hold` seconds; chosen on HAART
 BEGUN = -2.0  # log-odds of the beginning of a touch, without which none is reported; chosen on HAART and A to C
-LEVELS = 3  # signals that are levels: mean, excess, highest
+LEVELS = 5  # signals that are levels: mean, excess, highest, movement, highest movement
 
 
 class Levels:
@@ -38,7 +39,7 @@ class Levels:
         self.before: deque[np.ndarray] = deque(maxlen=3)
 
     def step(self, frame: np.ndarray) -> np.ndarray:
-        """Mean, mean excess over the baseline, mean of the highest taxels, effective area, cosines, centroid."""
+        """Mean, mean excess over the baseline, mean of its highest, the same of its change, area, cosines, centroid."""
         flat = np.asarray(frame, np.float32).ravel()
         if len(flat) > 1:
             flat = np.maximum(flat - np.partition(flat, int(COMMON * len(flat)))[int(COMMON * len(flat))], 0)
@@ -47,8 +48,7 @@ class Levels:
         above = flat - self.baseline
         self.baseline += np.where(above > 0, self.up, self.down) * above
         above = np.maximum(above, 0)
-        few = max(1, len(flat) // HIGHEST)
-        highest = np.partition(above, len(above) - few)[-few:].mean()
+        moved = np.abs(above - self.before[-1]) if self.before else np.zeros_like(above)
         total, squares = above.sum(), (above * above).sum()
         area = total * total / squares / len(flat) if squares else 0.0
         near, far = (self._cosine(above, back) for back in (1, 3))
@@ -56,7 +56,8 @@ class Levels:
         y, x = ((above * where).sum() / total if total else 0.0 for where in (rows, cols))
         self.before.append(above)
         size = max(frame.shape)
-        return np.array([flat.mean(), above.mean(), highest, area, near, far, y / size, x / size], np.float32)
+        levels = flat.mean(), above.mean(), _highest(above), moved.mean(), _highest(moved)
+        return np.array([*levels, area, near, far, y / size, x / size], np.float32)
 
     def _cosine(self, above: np.ndarray, back: int) -> float:
         if len(self.before) < back:
@@ -64,6 +65,12 @@ class Levels:
         old = self.before[-back]
         length = float(np.sqrt((above @ above) * (old @ old)))
         return float(above @ old) / length if length else 1.0
+
+
+def _highest(values: np.ndarray) -> float:
+    """The mean of the highest values."""
+    few = max(1, len(values) // HIGHEST)
+    return float(np.partition(values, len(values) - few)[-few:].mean())
 
 
 def features(signals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
@@ -84,9 +91,9 @@ def features(signals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     rise, fall = np.maximum(change, 0), np.maximum(-change, 0)
     columns += [rise, fall, rise - _median(rise, MEDIAN), fall - _median(fall, MEDIAN)]
     columns.append(_past(maximum_filter1d, rise, 8))
-    area = signals[:, 3]
-    columns += [area, np.diff(area, prepend=area[:1]), signals[:, 4], signals[:, 5]]
-    speed = np.abs(np.diff(signals[:, 6:8], axis=0, prepend=signals[:1, 6:8])).sum(axis=1)
+    area, near, far = signals[:, LEVELS : LEVELS + 3].T
+    columns += [area, np.diff(area, prepend=area[:1]), near, far]
+    speed = np.abs(np.diff(signals[:, -2:], axis=0, prepend=signals[:1, -2:])).sum(axis=1)
     columns.append(speed)
     return np.stack(columns, axis=1).astype(np.float32)
 
@@ -107,7 +114,7 @@ class Times:
     """Times that are learned from the labels, in ticks.
 
     Attributes:
-        wait: ticks of a touch before its report, fewer than asked for where one touch in ten is shorter.
+        wait: ticks that a touch has held at its report, fewer than asked for where one touch in ten is nearly as short.
         hold: ticks without touch before a touch is over: half of the gap that one in ten is shorter than, or what
             was asked for, where that is less.
         fade: ticks of weak evidence before a touch is over.
@@ -130,7 +137,7 @@ class Times:
         start, end, recording = (events[name].to_numpy() for name in ("start", "end", "recording"))
         gaps = (start[1:] - end[:-1])[recording[1:] == recording[:-1]]
         near = np.quantile(gaps, SHORT) / 2 if len(gaps) else np.inf
-        short = np.quantile(end - start, SHORT)
+        short = SEEN * np.quantile(end - start, SHORT)
         waits, holds = round(wait * rate_hz), round(hold * rate_hz)
         return cls(max(1, int(min(waits, short))), max(1, int(min(holds, near))), max(1, holds))
 
@@ -139,7 +146,8 @@ class Hysteresis:
     """A touch begins with a tick above a level, and is over when some are below a lower one.
 
     It begins only where the classifier has seen its beginning, and is also over when the evidence has faded: background
-    whose level has changed keeps some. It is reported after ``times.wait`` ticks, or when it is over before.
+    whose level has changed keeps some. It is reported at the first tick that is not below the lower level, once it has
+    lasted ``times.wait`` ticks. What is over before is no touch.
 
     Args:
         level: log-odds of touch.
@@ -149,7 +157,7 @@ class Hysteresis:
 
     def __init__(self, level: float, drop: float, times: Times) -> None:
         self.level, self.drop, self.times = level, drop, times
-        self.since = self.below = self.weak = self.begun = 0
+        self.since = self.below = self.weak = self.begun = self.held = 0
         self.highest, self.reported, self.over = 0.0, False, True
 
     def step(self, evidence: np.ndarray) -> Sign:
@@ -160,14 +168,15 @@ class Hysteresis:
             self.since += 1
             self.highest = max(self.highest, odds)
             self.below = self.below + 1 if odds < self.level - self.drop else 0
+            self.held = self.held if self.below else self.since
             self.weak = self.weak + 1 if odds < FADED * self.highest else 0
             self.over = self.below >= self.times.hold or self.weak >= self.times.fade
         elif odds > self.level and self.begun > 0:
-            self.since, self.highest, self.below, self.weak = 1, odds, 0, 0
+            self.since, self.held, self.highest, self.below, self.weak = 1, 1, odds, 0, 0
             self.reported = self.over = False
         else:
             self.since, self.reported = 0, True
-        report = not self.reported and (self.over or self.since >= self.times.wait)
+        report = not self.reported and self.held >= self.times.wait
         self.reported = self.reported or report
         return Sign(float(expit(odds - self.level)), self.since if report or not self.over else 0, report)
 
@@ -181,8 +190,8 @@ class Frames(Detector):
         up: seconds in which the baseline of a taxel follows a higher reading; much longer than a touch. Default: a
             touch of a minute is rare.
         down: seconds in which it follows a lower one. Default: shorter than most gaps.
-        wait: most seconds of a touch before its report; fewer where training touches are shorter. Default: a touch that
-            lasts two frames at 7 Hz.
+        wait: most seconds of a touch before its report; fewer where training touches are shorter. Default: chosen on
+            HAART, for the first label.
         hold: most seconds without touch before a touch is over; fewer where training gaps are shorter. Default: a pat
             every second is one touch.
         drop: log-odds between the level that begins a touch and the one that ends it. Default: chosen on recordings of
@@ -192,7 +201,7 @@ class Frames(Detector):
     tick: float = 0.125
     up: float = 60.0
     down: float = 2.0
-    wait: float = 0.25
+    wait: float = 0.7
     hold: float = 1.0
     drop: float = 2.0
 

@@ -1,10 +1,8 @@
-"""Names of touches as they grow: one system for their beginnings, and one for whole touches."""
+"""Names of touches as they grow."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -13,9 +11,8 @@ from bench.corpora.corpus import Corpus, storage
 from bench.corpora.recordings import Recordings
 from bench.models.recipe import behind
 
-BEGUN_S = (0.7, 2.0, np.inf)  # of training touches, from their start, that the system for beginnings learns from
+BEGUN_S = (0.7, 2.0, np.inf)  # of training touches, from their start, that a system learns from
 SHIFTS_S = (-0.125, 0.0, 0.125)  # of their starts: a detector is early or late
-WHOLE_S = 1.4  # from this age on, a touch is named by the system for whole touches
 LONGEST_S = 4.0  # of a touch that is named: the last so many seconds of a longer one
 
 
@@ -48,45 +45,35 @@ def touches(recordings: Recordings, seconds: Sequence[float], shifts: Sequence[f
     )
 
 
-@dataclass(eq=False)
-class Names:
-    """What names touches.
+def learned_names(make_system: Callable[[], contract.System], recordings: Recordings) -> contract.System:
+    """A system that names touches, fitted to beginnings of touches and to whole ones."""
+    parts = touches(recordings, BEGUN_S, SHIFTS_S)
+    return make_system().fit(parts, parts.gestures)
 
-    Attributes:
-        begun: fitted to the beginnings of training touches.
-        whole: fitted to whole training touches.
+
+def probabilities(system: contract.System, recording: Corpus, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Probabilities of the gestures in some spans of one recording, float32 [spans, gestures].
+
+    Args:
+        system: result of `learned_names`.
+        recording: one recording, after the steps that are done frame by frame.
+        begin: first frames of the spans, int64 [spans].
+        end: frames behind the last ones.
     """
+    begin = np.maximum(begin, end - max(1, round(LONGEST_S * recording.rate_hz)))
+    spans = recording[np.zeros(len(begin), np.int64)]
+    starts = storage(recording)[1][0] + begin
+    spans = spans.changed(starts=starts, lengths=end - begin, digest="", path=None)
+    return contract.probabilities(behind(system)[1], spans).astype(np.float32)
 
-    begun: contract.System
-    whole: contract.System
 
-    @classmethod
-    def learned(cls, make_system: Callable[[], contract.System], recordings: Recordings) -> Self:
-        """Learn from recordings of training subjects."""
-        parts = touches(recordings, BEGUN_S, SHIFTS_S), touches(recordings, (np.inf,), (0.0,))
-        return cls(*(make_system().fit(part, part.gestures) for part in parts))
+def of_all(named: np.ndarray, frames: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Probabilities of a touch from those of its names as it grows, whose mean counts longer spans more [gestures].
 
-    @property
-    def gestures(self) -> np.ndarray:
-        """Gestures in the order of their probabilities."""
-        return np.asarray(self.whole.classes_).astype(str)
-
-    def probabilities(self, recording: Corpus, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Probabilities of the gestures in some spans of one recording, float32 [spans, gestures].
-
-        Args:
-            recording: one recording, after the steps that are done frame by frame.
-            begin: first frames of the spans, int64 [spans].
-            end: frames behind the last ones.
-        """
-        rate_hz = recording.rate_hz
-        whole = end - begin >= WHOLE_S * rate_hz
-        begin = np.maximum(begin, end - max(1, round(LONGEST_S * rate_hz)))
-        found = np.empty((len(begin), len(self.gestures)), np.float32)
-        for system, some in ((self.begun, ~whole), (self.whole, whole)):
-            if some.any():
-                spans = recording[np.zeros(some.sum(), np.int64)]
-                starts = storage(recording)[1][0] + begin[some]
-                spans = spans.changed(starts=starts, lengths=(end - begin)[some], digest="", path=None)
-                found[some] = contract.probabilities(behind(system)[1], spans)
-        return found
+    Args:
+        named: probabilities of each span [spans, gestures].
+        frames: length of each span [spans].
+        rate_hz: frames per second.
+    """
+    weight = np.minimum(frames, LONGEST_S * rate_hz)
+    return weight @ named / weight.sum()

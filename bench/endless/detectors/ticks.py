@@ -14,7 +14,7 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
 from bench.endless.detectors.base import UNKNOWN, Rules, Signals, Watches
-from bench.endless.detectors.names import LONGEST_S, Names
+from bench.endless.detectors.names import LONGEST_S, learned_names, of_all, probabilities
 from bench.errors import InputError
 from bench.few import INTERVAL
 from bench.models.recipe import behind, taken
@@ -188,7 +188,7 @@ def learned(
             detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
     settings = sweep(detectors, recordings, evidence, count)
     level = float(best(settings, false_alarms)["level"])
-    names = Names.learned(make_system, recordings)
+    names = learned_names(make_system, recordings)
     return TickWatcher(system, names, copy(detector).fit(signals, ticks), level, count), settings
 
 
@@ -213,7 +213,7 @@ class TickWatcher:
 
     Attributes:
         system: fitted to captures.
-        names: names the touches.
+        names: the system that names touches, fitted to beginnings and whole touches.
         detector: fitted to training recordings.
         level: threshold, learned for a number of false alarms per hour.
         count: frames of a tick.
@@ -221,7 +221,7 @@ class TickWatcher:
     """
 
     system: contract.System
-    names: Names
+    names: contract.System
     detector: Detector
     level: float
     count: int
@@ -229,9 +229,8 @@ class TickWatcher:
 
     @property
     def numbers(self) -> int:
-        """Those of the detector and of both systems that name, in place of the one fitted to captures."""
-        named = parameter_count(self.names.begun) + parameter_count(self.names.whole) - parameter_count(self.system)
-        return self.detector.numbers + named
+        """Those of the detector and of the system that names, in place of the one fitted to captures."""
+        return self.detector.numbers + parameter_count(self.names) - parameter_count(self.system)
 
     @property
     def chosen(self) -> dict[str, object]:
@@ -265,7 +264,7 @@ class TickWatcher:
         ring = np.repeat(self.detector.signals().step(_means(frames, self.count)[0])[None], self.detector.memory, 0)
         self.detector.evidence(ring)
         begin = max(0, end - round(LONGEST_S * recording.rate_hz))
-        self.names.probabilities(recording, np.array([begin]), np.array([end]))
+        probabilities(self.names, recording, np.array([begin]), np.array([end]))
 
     def reports(self, recordings: Corpus, evidence: list[np.ndarray] | None = None) -> pd.DataFrame:
         """Touches in recordings, each as if its frames came one by one."""
@@ -276,11 +275,11 @@ class TickWatcher:
             touches = spans_of(signs_of(self.detector.rules(self.level), series), self.count)
             if not touches:
                 continue
-            asked = [(start, end) for touch in touches for start, end in touch.named]
-            proba = iter(self.names.probabilities(seen[[i]], *np.array(asked, dtype=np.int64).T))
-            for touch in touches:
-                each = [next(proba) for _ in touch.named]
-                (first, _), (label, sure) = self._label(each[0]), self._label(np.mean(each, axis=0))
+            begin, end = np.array([span for touch in touches for span in touch.named], dtype=np.int64).T
+            named = probabilities(self.names, seen[[i]], begin, end)
+            parts = np.cumsum([len(touch.named) for touch in touches])[:-1]
+            for touch, each, frames in zip(touches, np.split(named, parts), np.split(end - begin, parts), strict=True):
+                (first, _), (label, sure) = self._label(each[0]), self._label(of_all(each, frames, seen.rate_hz))
                 rows.append((i, touch.reported, touch.end, first, label, sure))
         return report_table(rows)
 
@@ -289,10 +288,10 @@ class TickWatcher:
     ) -> TickWatcher:
         """As `bench.endless.detectors.base.Watches`."""
         system = make_system().fit(captures, captures.gestures)
-        return replace(self, system=system, names=Names.learned(make_system, recordings), reject=0.0)
+        return replace(self, system=system, names=learned_names(make_system, recordings), reject=0.0)
 
     def _label(self, proba: np.ndarray) -> tuple[str, float]:
-        sure, gestures = float(proba.max()), self.names.gestures
+        sure, gestures = float(proba.max()), np.asarray(self.names.classes_).astype(str)
         return (str(gestures[proba.argmax()]) if sure > 0 and sure >= self.reject else UNKNOWN), sure
 
 
