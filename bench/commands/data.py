@@ -241,7 +241,8 @@ def read(kind: str, source: Path, values: dict[str, str]) -> int:
         events, background = value.events, value.background_frames().sum()
         gestures, lengths = events["gesture"].to_numpy(), (events["end"] - events["start"]).to_numpy()
         minutes = f"{background / corpus.rate_hz / 60:.3g} of {len(corpus.frames) / corpus.rate_hz / 60:.3g} minutes"
-        more = f"{len(events)} events, {minutes} are background, "
+        doubt = int((value.doubtful["end"] - value.doubtful["start"]).sum()) / corpus.rate_hz / 60
+        more = f"{len(events)} events, {minutes} are background, " + f"{doubt:.3g} are doubtful, " * bool(doubt)
     else:
         gestures, lengths, more = corpus.gestures, corpus.lengths, ""
     print(
