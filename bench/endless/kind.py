@@ -41,7 +41,11 @@ class Continuous(Kind):
     false_alarms: float = option(
         FALSE_ALARMS, "false alarms per hour of background accepted in training", type="number"
     )
-    background: str = option("", "class without touch, or quiet: ends of captures; default notouch or quiet")
+    background: str = option(
+        "",
+        "class without touch, or quiet: ends of captures; default notouch or quiet; beside data= of recordings, the "
+        "name of further recordings without touch, to learn from",
+    )
     unknown: str = option("", "gesture to leave out of training; its touches should be labelled unknown")
 
     @classmethod
@@ -65,8 +69,10 @@ class Continuous(Kind):
         return detectors(labelled("detector", self.detector))[0]
 
     def identity(self) -> object:
-        """Kind and options, with the code of the detector."""
-        return repr(replace(self, detector="")), self.part.identity()
+        """Kind and options, with the code of the detector, and further background as it is now."""
+        from bench.endless.background import digest_of
+
+        return repr(replace(self, detector="")), self.part.identity(), *digest_of(self.background)
 
     def arguments(self) -> dict[str, str]:
         """The options as typed; defaults are left out."""
@@ -95,7 +101,7 @@ class Continuous(Kind):
         """A line where the training background of recordings is too short for the accepted rate."""
         from bench.endless.watch import too_short
 
-        return too_short(plan, self.false_alarms)
+        return too_short(plan, self.false_alarms, self.background)
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects."""

@@ -12,6 +12,7 @@ import pandas as pd
 from bench import contract
 from bench.comparable import several
 from bench.corpora.recordings import DOUBT, GAP, Recordings, is_recorded, recorded
+from bench.endless.background import further, joined
 from bench.endless.composer import check_background, composed, pieces
 from bench.endless.curve import missed_at, swept
 from bench.endless.detectors.base import UNKNOWN
@@ -98,7 +99,7 @@ def refuse(plan: Plan, background: str, unknown: str) -> None:
             f"protocol={name}: bench watch needs other subjects in the test part; choose loso or challenge"
         )
     if is_recorded(corpus) and background:
-        raise InputError(f"background={background}: {plan.cell.data} holds recordings with their own background")
+        further(background, corpus)
     if background == QUIET and QUIET in corpus.gestures:
         raise InputError(f"background={QUIET}: {plan.cell.data} also has a class {QUIET}; rename it")
     if unknown and unknown != UNKNOWN and UNKNOWN in corpus.gestures:
@@ -129,7 +130,7 @@ def refuse(plan: Plan, background: str, unknown: str) -> None:
         )
 
 
-def too_short(plan: Plan, false_alarms: float) -> list[str]:
+def too_short(plan: Plan, false_alarms: float, background: str) -> list[str]:
     """A line where the shortest training background of a fold is too short to learn a rate of false alarms.
 
     One alarm in so much background is a higher rate. Without any alarm in 3 / rate hours, the rate is lower with a
@@ -139,7 +140,10 @@ def too_short(plan: Plan, false_alarms: float) -> list[str]:
     if not is_recorded(corpus):
         return []
     quiet = np.where(corpus.gestures == GAP, corpus.lengths, 0)
-    minutes = min(float(quiet[fold.train].sum()) for fold in plan.folds) / corpus.rate_hz / 60
+    frames = min(float(quiet[fold.train].sum()) for fold in plan.folds)
+    if background:
+        frames += further(background, corpus).background_frames().sum()
+    minutes = frames / corpus.rate_hz / 60
     if not minutes or 60 / minutes <= false_alarms:
         return []
     return sentences(
@@ -176,15 +180,17 @@ def fold_of(
         threads: threads for computing.
         detector: before training.
         false_alarms: false alarms per hour of background that are accepted on training subjects.
-        background: class of background, as of `usual`.
+        background: class of background, as of `usual`; of recordings, the name of `further` ones.
         unknown: gesture that is left out of training; empty for none.
     """
-    estimator, background = cell.estimator(), usual(corpus, background)
+    estimator, more, background = cell.estimator(), background, usual(corpus, background)
     train = corpus[fold.train]
     if unknown:  # training recordings must not have it either, so they are composed again
         train = train[train.gestures != unknown]
     composing = bool(unknown) and is_recorded(train)
     recordings = composed(*pieces(train, background), SEED) if composing else recordings_of(train, background)
+    if more and is_recorded(corpus):
+        recordings = joined(recordings, further(more, corpus), corpus.subjects[fold.test])
     with computing(threads):
         metrics = fitted(estimator, train)
         watcher, settings = detector.learn(cell.estimator, estimator, train, recordings, false_alarms)
