@@ -17,6 +17,7 @@ from bench.commands import groups as _groups
 from bench.commands import tune as _tune
 from bench.commands.kind import made
 from bench.corpora.corpus import Corpus
+from bench.corpora.streams import StreamSurvey
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
 from bench.measures import over_people
@@ -117,19 +118,20 @@ def look(
     capture: int | None = None,
     target: str = "gesture",
     **parameters: object,
-) -> Survey:
+) -> Survey | StreamSurvey:
     """Survey a corpus, as ``bench data show`` does; the result prints as the same sentences.
 
     Args:
         data: an imported corpus, or ``synth``.
-        where: captures to look at, a condition on their columns.
+        where: captures, or recordings, to look at, a condition on their columns.
         out: folder for figures, an animation and a page that holds them; None draws nothing.
         capture: the one to animate, by its position in the whole corpus; None for a typical one of each gesture.
         target: columns that make the class to predict, such as ``variant``; its classes are counted.
         parameters: parameters of ``synth``.
 
     Returns:
-        Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
+        Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``; of
+        recordings ``recordings``, ``events`` and ``stretches``, and these tables as ``captures``.
 
     Raises:
         InputError: it is not here, a value cannot be used, or the folder cannot be written.

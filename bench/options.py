@@ -163,7 +163,7 @@ OPTIONS = (
     Option("grid", "data-import", "text", "", "table or recording: rows and columns of the skin, such as 8x8"),
     Option("rate_hz", "data-import", "number", None, "table or recording: frame rate in Hz"),
     Option("full_scale", "data-import", "number", 1023, "table or recording: largest possible reading"),
-    Option("where", "data-show", "text", DEFAULTS["where"], "captures to show"),
+    Option("where", "data-show", "text", DEFAULTS["where"], "captures, or whole recordings, to show"),
     Option("target", "data-show", "text", DEFAULTS["target"], "columns whose classes are also counted"),
     Option("capture", "data-show", "count", None, "capture to animate, from 0; default one per gesture"),
     Option("out", "data-show", "text", "look", "folder for figures, an animation and index.html, which shows them"),
@@ -220,7 +220,8 @@ OTHERS = {  # commands that make no runs of a kind
         "change captures of any format. A CSV or parquet table has the columns subject, gesture, "
         "frame, conditions and channels. A .npz table has frames, offsets, subject and gesture. A column synthetic "
         "marks generated captures. A recording is continuous touch: a CSV or parquet file with one row per frame. It "
-        "has channels and a column label (empty or None without touch); columns recording and subject are optional. "
+        "has channels and a column label (empty or None without touch, ? where it is doubtful); columns recording and "
+        "subject are optional. "
         "show prints counts, gaps, durations, pressure, broken taxels, seams and equal captures. verify reads every "
         "stored file again; exit code 1 if one has changed. show and export take parameters of synth, such as "
         "subjects=4.",

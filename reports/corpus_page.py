@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.streams import PRESSURES
 from bench.corpora.survey import DURATIONS, PRESSURE, Survey
 from bench.errors import InputError
 from bench.reports.figures import SYNTHETIC, Picture, mark, new_figure, plain, save, short
@@ -16,9 +17,13 @@ from bench.reports.layout import page
 from bench.table import Table, of_text
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
+
+    from bench.corpora.recordings import Recordings
+    from bench.corpora.streams import StreamSurvey
 
 FILMED = 8  # frames of a strip
 DRAWN = 24  # gestures of a figure
@@ -31,7 +36,13 @@ ROOT = 0.5  # colours follow the square root of the pressure, or light touch wou
 INDEX, MOTION = "index.html", "motion.gif"
 
 
-def write(corpus: Corpus, found: Survey, folder: Path, capture: int | None = None) -> list[Path]:
+def write(
+    corpus: Corpus,
+    found: Survey,
+    folder: Path,
+    capture: int | None = None,
+    recordings: tuple[Recordings, StreamSurvey] | None = None,
+) -> list[Path]:
     """Write figures, the animation and a page that holds them all.
 
     Args:
@@ -39,6 +50,7 @@ def write(corpus: Corpus, found: Survey, folder: Path, capture: int | None = Non
         found: `bench.corpora.survey.survey` of them.
         folder: destination folder; it is made.
         capture: the one to animate, by its position in the whole corpus; None for a typical one of each gesture.
+        recordings: the recordings that the captures were cut from, and the survey of them.
 
     Returns:
         The files.
@@ -52,10 +64,16 @@ def write(corpus: Corpus, found: Survey, folder: Path, capture: int | None = Non
     group = corpus.name + (" (synthetic)" if corpus.synthetic else "")
     chosen = list(found.typical.values())[:DRAWN] if capture is None else [capture]
     pictures = [pressure_figure(found, group, folder), film_figure(corpus, found, group, folder)]
+    sections, what = _sections(found), "Captures"
+    if recordings is not None:
+        from bench.reports.stream_page import pictures as of_streams
+
+        pictures, what = [*of_streams(*recordings, group, folder), *pictures], "Recordings"
+        sections = [*_of_recordings(recordings[1]), *sections]
     motion, index = animation(corpus, chosen, group, folder), folder / INDEX
-    title = f"Captures of {group}"
+    title = f"{what} of {group}"
     which = "a typical capture of each gesture" if capture is None else f"capture {capture}"
-    values = {"survey": found, "sections": _sections(found), "pictures": pictures, "which": which, "motion": motion}
+    values = {"survey": found, "sections": sections, "pictures": pictures, "which": which, "motion": motion}
     values["synthetic"] = f"Synthetic: {SYNTHETIC}." if corpus.synthetic else ""
     index.write_text(page("corpus.jinja", title, **values), encoding="utf-8")
     return [*(picture.path for picture in pictures), motion, index]
@@ -89,12 +107,27 @@ def _sections(found: Survey) -> list[tuple[str, str, Table | None]]:
     ]
     sections = []
     for heading, words, table in parts:
-        words = words.removeprefix(f"{heading}: ")
-        caption = words[0].upper() + words[1:]
-        more = f" The first {ROWS} rows of {len(table)}." if len(table) > ROWS else ""
-        text = table.head(ROWS).map(lambda v: f"{v:.4g}" if isinstance(v, float) else str(v))
-        sections.append((heading, caption + more, of_text(text) if len(table) else None))
+        sections.append(_section(heading, words, table))
     return sections
+
+
+def _of_recordings(found: StreamSurvey) -> list[tuple[str, str, Table | None]]:
+    """The same of recordings."""
+    return [
+        _section("Recordings", f"{PRESSURES}, in percent.", found.recordings),
+        _section("Touches", "Seconds of the touches of each gesture.", found.events),
+        ("Between touches", f"{found.gap_line()}.", None),
+        _section("Background with the pressure of touches", f"{found.stretch_line()}; in seconds.", found.stretches),
+    ]
+
+
+def _section(heading: str, words: str, table: pd.DataFrame) -> tuple[str, str, Table | None]:
+    """Heading, words and the first rows of a table."""
+    words = words.removeprefix(f"{heading}: ")
+    caption = words[0].upper() + words[1:]
+    more = f" The first {ROWS} rows of {len(table)}." if len(table) > ROWS else ""
+    text = table.head(ROWS).map(lambda v: f"{v:.4g}" if isinstance(v, float) else str(v))
+    return heading, caption + more, of_text(text) if len(table) else None
 
 
 def _left_out(gestures: list[str]) -> str:

@@ -7,17 +7,17 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from bench.amounts import convert
 from bench.arguments import parse, settings
-from bench.commands.printing import output, then, unwritable, writable
+from bench.commands.printing import output, say, then, unwritable, writable
 from bench.comparable import several
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, stored_value, verify
 from bench.corpora.read.cost import write
 from bench.corpora.read.limits import briefly
-from bench.corpora.recordings import Recordings
+from bench.corpora.recordings import Recordings, as_touches, is_recorded
+from bench.corpora.streams import PRESSURES, StreamSurvey, survey_recordings
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
 from bench.measures import Measure, text
@@ -25,20 +25,38 @@ from bench.outcomes.runs import NothingTracked, grouped, stored
 from bench.outcomes.same_wrong import agreements
 from bench.outcomes.store import connect, exists
 from bench.plan.cells import corpus_variants
-from bench.plan.plan import captures_of
+from bench.plan.plan import captures_of, parts_of
 from bench.scratch import home
 from bench.table import Table, rows_of
-from bench.words import SMALL
+from bench.words import DEFAULTS, SMALL
 
 ACTIONS = ("import", "show", "verify", "export")
 EVENTS = (  # columns of the events of recordings
     text("gesture"),
-    Measure("size", "events", form=".0f"),
+    Measure("events", form=".0f"),
     Measure("subjects", form=".0f"),
-    Measure("min", "shortest s", form=".2f"),
+    Measure("shortest", "shortest s", form=".2f"),
     Measure("median", "median s", form=".2f"),
-    Measure("max", "longest s", form=".2f"),
+    Measure("longest", "longest s", form=".2f"),
 )
+NUMBERS = {  # columns of recordings
+    "minutes": Measure("minutes", form=".2f"),
+    "background": Measure("background", form=".2f"),
+    "doubtful": Measure("doubtful", form=".2f"),
+    "events": Measure("events", form=".0f"),
+    "idle": Measure("idle", form=".3g"),
+    "touch": Measure("touch", form=".3g"),
+    "above": Measure("above", "above %", form=".1f"),
+}
+STRETCHES = (  # columns of background with the pressure of touches
+    text("subject"),
+    text("recording"),
+    Measure("start", "from s", form=".2f"),
+    Measure("end", "to s", form=".2f"),
+    Measure("pressure", form=".3g"),
+    Measure("touch", form=".3g"),
+)
+LISTED = 12  # stretches that are printed
 
 
 def data(arguments: list[str]) -> int:
@@ -89,21 +107,22 @@ def listed() -> int:
 
 
 def show(name: str, values: dict[str, str]) -> int:
-    """Print what a corpus holds, and draw it; of recordings print counts."""
-    value = stored_value(name) if name in imported() else None
-    if isinstance(value, Recordings):
-        if values:
-            raise InputError(f"{next(iter(values))}=: {name} holds recordings, which bench data show prints whole")
-        return show_recordings(value)
+    """Print what a corpus or recordings hold, and draw them."""
     given = settings("data-show", values)
     where, target, out = given["where"], given["target"], given["out"]
     parameters: dict[str, object] = {key: value for key, value in values.items() if key not in given}
-    print(looked(name, where, target, Path(out), given["capture"], parameters))
-    if warnings := [] if name == "synth" else open_corpus(name, {}).info["warnings"]:
+    found = looked(name, where, target, Path(out), given["capture"], parameters)
+    if isinstance(found, StreamSurvey):
+        print_recordings(found, name)
+    else:
+        print(found)
+    if warnings := [] if name == "synth" else _corpus(stored_value(name)).info["warnings"]:
         print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
-    same_wrong(captures_of(name, one_variant(name, parameters), where, target))
+    if isinstance(found, Survey):
+        same_wrong(captures_of(name, one_variant(name, parameters), where, target))
     print(f"\nfigures, an animation and a page that shows them; open: {Path(out, 'index.html').resolve().as_uri()}")
-    then(f"bench run data={name} protocol=loso {SMALL}")
+    of_recordings = isinstance(found, StreamSurvey)
+    then(f"bench watch data={name}" if of_recordings else f"bench run data={name} protocol=loso {SMALL}")
     return 0
 
 
@@ -126,39 +145,40 @@ def same_wrong(corpus: Corpus) -> None:
                 print(f"  {true}, predicted as {predicted}: {', '.join(map(str, part['capture']))}")
 
 
-def show_recordings(recordings: Recordings) -> int:
-    """Print the recordings, and the events of each gesture."""
-    corpus, events, out = recordings.corpus, recordings.events, output()
-    labels = corpus.captures.drop(columns="gesture").astype(str).rename(columns=str)
-    counts = events["recording"].value_counts().reindex(range(len(recordings)), fill_value=0)
-    minutes = np.stack([corpus.lengths, recordings.background_frames()], axis=1) / corpus.rate_hz / 60
-    table = labels.assign(minutes=minutes[:, 0], background=minutes[:, 1], events=counts)
-    title = f"{corpus.name}: {len(recordings)} {'synthetic ' if corpus.synthetic else ''}recordings"
-    others = [name for name in labels if name not in ("subject", "recording")]
-    columns = [text(str(name), spare=len(others) - others.index(name) if name in others else 0) for name in labels]
-    columns += [Measure("minutes", form=".2f"), Measure("background", "of background", form=".2f")]
-    Table([*columns, Measure("events", form=".0f")], rows_of(table), title).print(out)
-    seconds = ((events["end"] - events["start"]) / corpus.rate_hz).groupby(events["gesture"])
-    people = pd.Series(recordings.subjects[events["recording"]]).groupby(events["gesture"]).nunique()
-    if len(events):
-        table = (
-            seconds.agg(["size", "min", "median", "max"]).assign(subjects=people).rename_axis("gesture").reset_index()
-        )
-        Table(EVENTS, rows_of(table), "Events").print(out)
-    if warnings := corpus.info["warnings"]:
-        print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
-    then(f"bench watch data={corpus.name}")
-    return 0
+def print_recordings(found: StreamSurvey, name: str) -> None:
+    """Print the recordings, the events of each gesture, gaps, background like touches, and odd taxels."""
+    out = output()
+    table = found.recordings if found.recordings["doubtful"].any() else found.recordings.drop(columns="doubtful")
+    conditions = [name for name in table if name not in ("subject", "recording", *NUMBERS)]
+    columns = [
+        NUMBERS[str(name)]
+        if name in NUMBERS
+        else text(str(name), spare=len(conditions) - conditions.index(name) if name in conditions else 0)
+        for name in table
+    ]
+    synthetic = "synthetic " if found.captures.synthetic else ""
+    title = f"{name}: {len(table)} {synthetic}recordings; {PRESSURES}"
+    Table(columns, rows_of(table), title).print(out)
+    if len(found.events):
+        Table(EVENTS, rows_of(found.events), "Events").print(out)
+    say(found.gap_line())
+    if len(found.stretches):
+        Table(STRETCHES, rows_of(found.stretches.head(LISTED)), found.stretch_line()).print(out)
+        if len(found.stretches) > LISTED:
+            say(f"the longest {LISTED}; the page shows more")
+    else:
+        say(found.stretch_line())
+    say(*found.taxel_lines())
 
 
 def looked(
     name: str, where: str, target: str, out: Path | None, capture: object, parameters: dict[str, object]
-) -> Survey:
-    """Survey the captures of a corpus, and draw them if a folder is given.
+) -> Survey | StreamSurvey:
+    """Survey the captures of a corpus, or recordings, and draw them if a folder is given.
 
     Args:
         name: name of the corpus.
-        where: captures to look at.
+        where: captures, or recordings, to look at.
         target: columns whose classes are counted besides.
         out: folder for the figures, or None.
         capture: the one to animate, by its position in the whole corpus; None for one of each gesture.
@@ -171,14 +191,24 @@ def looked(
     from bench.reports.corpus_page import write as draw
 
     number = None if capture is None else convert("capture", capture, 0)
-    corpus = captures_of(name, one_variant(name, parameters), where, target)
+    variant = one_variant(name, parameters)
+    value = stored_value(name) if name in imported() else None
+    streams = None
+    if isinstance(value, Recordings):
+        if target != DEFAULTS["target"]:
+            raise InputError(f"target={target}: {name} holds recordings, whose labels are gestures; leave it out")
+        corpus, value = parts_of(value, where), value[value.chosen(where)] if where else value
+        streams = survey_recordings(value, corpus)
+        result, recordings = streams.captures, (value, streams)
+    else:
+        corpus, recordings = captures_of(name, variant, where, target), None
+        result = survey(corpus)
     if number is not None:
         place(corpus, number)  # refuses one that is not there
-    result = survey(corpus)
     if out is not None:
         with unwritable(writable(out)):
-            draw(corpus, result, out, number)
-    return result
+            draw(corpus, result, out, number, recordings)
+    return streams or result
 
 
 def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
@@ -211,7 +241,8 @@ def read(kind: str, source: Path, values: dict[str, str]) -> int:
         events, background = value.events, value.background_frames().sum()
         gestures, lengths = events["gesture"].to_numpy(), (events["end"] - events["start"]).to_numpy()
         minutes = f"{background / corpus.rate_hz / 60:.3g} of {len(corpus.frames) / corpus.rate_hz / 60:.3g} minutes"
-        more = f"{len(events)} events, {minutes} are background, "
+        doubt = int((value.doubtful["end"] - value.doubtful["start"]).sum()) / corpus.rate_hz / 60
+        more = f"{len(events)} events, {minutes} are background, " + f"{doubt:.3g} are doubtful, " * bool(doubt)
     else:
         gestures, lengths, more = corpus.gestures, corpus.lengths, ""
     print(
@@ -262,6 +293,8 @@ def export(name: str, target: Path, values: dict[str, str]) -> int:
     settings("data-export", values)
     corpus = open_corpus(name, one_variant(name, {key: value for key, value in values.items() if key != "format"}))
     write(corpus, target)
+    if is_recorded(corpus):
+        say(as_touches(corpus))
     kind = "synthetic " if corpus.synthetic else ""
     size = f"{len(corpus)} {kind}captures, {len(corpus.frames)} rows"
     print(f"{target}: {size} at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}")

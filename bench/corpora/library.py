@@ -318,7 +318,9 @@ def _together(name: str) -> Corpus:
     corpora = []
     for value in map(stored_value, names):
         if isinstance(value, Recordings):
-            raise InputError(f"data={name[:100]}: {value.corpus.name} holds recordings, which cannot be joined")
+            raise InputError(
+                f"data={name[:100]}: {value.corpus.name} holds recordings, which cannot be joined; give it alone"
+            )
         corpora.append(value)
     code = Path(skins.__file__).read_bytes()
     key = hashlib.sha256(json.dumps([[c.digest, c.name] for c in corpora]).encode() + code).hexdigest()[:16]

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus, storage
+from bench.corpora.where import chosen
 from bench.errors import InputError
 
 COLUMNS = ("recording", "start", "end", "gesture")
@@ -61,6 +62,14 @@ class Recordings:
         events = labelled.iloc[np.concatenate([np.zeros(0, np.int64), *rows])].reset_index(drop=True)
         events["recording"] = np.repeat(np.arange(len(chosen)), [len(r) for r in rows])
         return Recordings.of(self.corpus[chosen], events)
+
+    def chosen(self, where: str) -> np.ndarray:
+        """Recordings that satisfy a condition on their columns, bool [recordings].
+
+        Raises:
+            InputError: as of `bench.corpora.where.chosen`.
+        """
+        return chosen(where, self.corpus.captures.drop(columns="gesture"), self.corpus.name)
 
     @property
     def subjects(self) -> np.ndarray:

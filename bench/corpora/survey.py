@@ -261,6 +261,11 @@ def blocks(corpus: Corpus, most: int = BLOCK) -> Iterator[tuple[slice, np.ndarra
         begin = end
 
 
+def taxels_of(corpus: Corpus) -> pd.DataFrame:
+    """The table of `Survey.taxels` alone."""
+    return _taxels(_Readings(corpus, np.zeros(len(corpus), np.int64), 1), corpus)
+
+
 class _Readings:
     """All that is read off the frames, in one pass.
 

@@ -7,7 +7,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.library import holds_recordings, imported, recordings
-from bench.corpora.recordings import Recordings
+from bench.corpora.recordings import Recordings, captures_in, certain, recorded
 from bench.errors import InputError
 
 
@@ -49,8 +49,11 @@ def joined(taught: Recordings, idle: Recordings, tested: np.ndarray) -> Recordin
         tested: names of the test subjects.
     """
     idle = idle[np.flatnonzero(~np.isin(idle.subjects.astype(str), tested.astype(str)))]
+    if len(idle.doubtful):
+        idle = recorded(certain(captures_in(idle)))
     corpus, more = taught.corpus, idle.corpus
-    numbers = int(corpus.captures.get("recording", pd.Series([0])).max()) + 1 + np.arange(len(more))
+    own = pd.factorize(more.captures.get("recording", pd.Series(np.arange(len(more)))))[0]
+    numbers = int(corpus.captures.get("recording", pd.Series([0])).max()) + 1 + own
     table = pd.concat([corpus.captures, more.captures.assign(gesture="", recording=numbers)], ignore_index=True)
     kind = np.result_type(storage(corpus)[0], storage(more)[0])
     streams = [np.asarray(stream, kind) for part in (corpus, more) for stream in part]

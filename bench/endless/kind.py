@@ -160,7 +160,7 @@ class Continuous(Kind):
         percent("first_correct", "first"),
         percent("end_correct", "end", ends="end_correct"),
         Measure("false_alarms_per_hour", "alarms/h", ends="false_alarms_per_hour"),
-        Measure("doubtful_reports", "alarms in ?", form=".0f", spare=1),
+        Measure("doubtful_reports", "alarms in ?", form=".0f", spare=2),
         Measure("latency_s_p50", "latency s", form=".2f"),
         Measure("latency_s_p90", "90 % s", form=".2f", spare=9),
         percent("merged", spare=10),
@@ -201,7 +201,14 @@ class Continuous(Kind):
 
     @classmethod
     def printed(cls, results: Sequence[Result]) -> Iterator[str | Table]:
-        """A line where there are no false alarms to count."""
+        """A line where there are no false alarms to count, and one of reports in doubtful stretches."""
+        counts = [
+            f"{r['doubtful_reports']:.0f} by {r.system}, detector={r.get('watch.detector', DETECTOR)}"
+            for r in results
+            if r.get("doubtful_reports")
+        ]
+        if counts:
+            yield f"reports in doubtful stretches (?) are neither touches found nor alarms: {'; '.join(counts)}"
         if any(r.scored and not r.get("background_minutes") for r in results):
             yield "alarms/h is unknown: the recordings have no background"
 

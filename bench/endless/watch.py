@@ -142,7 +142,7 @@ def too_short(plan: Plan, false_alarms: float, background: str) -> list[str]:
     quiet = np.where(corpus.gestures == GAP, corpus.lengths, 0)
     frames = min(float(quiet[fold.train].sum()) for fold in plan.folds)
     if background:
-        frames += further(background, corpus).corpus.lengths.sum()
+        frames += further(background, corpus).background_frames().sum()
     minutes = frames / corpus.rate_hz / 60
     if not minutes or 60 / minutes <= false_alarms:
         return []

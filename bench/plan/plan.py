@@ -16,9 +16,8 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import open_corpus, recordings
-from bench.corpora.recordings import DOUBT, captures_in
+from bench.corpora.recordings import DOUBT, Recordings, captures_in
 from bench.corpora.stretches import positions_of, stretches_of
-from bench.corpora.where import chosen
 from bench.errors import InputError
 from bench.plan import splits
 from bench.plan.cells import Cell
@@ -192,7 +191,7 @@ def corpus_of(cell: Cell) -> Corpus:
         InputError: they cannot be opened, chosen, joined, or told apart by the target.
     """
     if cell.recordings:
-        return whole_recordings(cell)
+        return parts_of(recordings(cell.data, cell.data_parameters), cell.where)
     corpus = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
     corpus = splits.captures(cell.splitter, corpus)
     if len(set(corpus.gestures)) < 2:
@@ -201,18 +200,14 @@ def corpus_of(cell: Cell) -> Corpus:
     return corpus
 
 
-def whole_recordings(cell: Cell) -> Corpus:
-    """The recordings that satisfy the condition of a cell, cut into events, doubtful stretches and gaps.
+def parts_of(whole: Recordings, where: str) -> Corpus:
+    """All events, doubtful stretches and gaps of the recordings that satisfy a condition, as captures.
 
     Raises:
-        InputError: they cannot be opened or chosen.
+        InputError: they cannot be chosen.
     """
-    whole = recordings(cell.data, cell.data_parameters)
     captures = captures_in(whole)
-    if not cell.where:
-        return captures
-    mask = chosen(cell.where, whole.corpus.captures.drop(columns="gesture"), cell.data)
-    return captures[mask[captures.captures["recording"]]]
+    return captures[whole.chosen(where)[captures.captures["recording"]]] if where else captures
 
 
 def captures_of(data: str, parameters: dict[str, object], where: str, target: str) -> Corpus:

@@ -207,18 +207,40 @@ def test_what_is_imported_is_loaded_again(tmp_path, capsys):
         assert (value.corpus.rate_hz, value.corpus.path) == (50.0, stored.corpus.path)
     assert main(["data"]) == 0 and "2 recordings, 2 subjects, 6 events, 2 gestures" in capsys.readouterr().out
     assert main(["data", "verify", "arm"]) == 0 and "events.parquet" in capsys.readouterr().out
-    assert main(["data", "show", "arm"]) == 0
+    assert main(["data", "show", "arm", f"out={tmp_path / 'look'}"]) == 0
+    assert (tmp_path / "look" / "recordings.svg").exists() and (tmp_path / "look" / "durations.svg").exists()
     out = capsys.readouterr().out
     assert [line.split("│")[1:-1] for line in out.splitlines() if "│ pat" in line] == [
         [" pat     ", "      4 ", "        2 ", "       0.02 ", "     0.02 ", "      0.04 "]
     ]
 
 
-def test_recordings_and_captures_are_not_mistaken_for_each_other(tmp_path, capsys):
+def test_recordings_serve_as_captures_cut_at_their_labels(tmp_path, capsys):
     import_corpus("recording", csv(tmp_path), OPTIONS)
-    assert main(["run", "data=arm"]) == 2
-    assert capsys.readouterr().err == "bench: arm holds recordings; use bench watch data=arm\n"
-    assert main(["data", "show", "arm", "out=here"]) == 2
+    touches = open_corpus("arm", {})
+    assert touches.gestures.tolist() == [event[3] for event in EVENTS]
+    assert [t[:, 0, 0].tolist() for t in touches] == [[1, 2], [3], [6], [8], [9], [11]]
+    assert main(["extract", "data=arm", "features=jung28", "where=recording == 'r2'", f"out={tmp_path / 'x.csv'}"]) == 0
+    assert capsys.readouterr().err == (
+        "arm holds recordings: its 2 touches, cut at their labels, are the captures; their background is left out\n"
+    )
+    assert pd.read_csv(tmp_path / "x.csv")[["subject", "gesture", "recording"]].values.tolist() == [
+        ["bob", "pat", "r2"],
+        ["bob", "rub", "r2"],
+    ]
+    for words, fact in (
+        (["where=gesture == 'pat'"], "no column 'gesture'; the columns of arm are"),
+        (["target=subject"], ""),
+    ):
+        assert main(["data", "show", "arm", f"out={tmp_path / 'look'}", *words]) == 2
+        assert fact in capsys.readouterr().err
+    import_corpus("recording", csv(tmp_path, [line.replace(line.split(",")[2], "") for line in rows()]), OPTIONS)
+    with pytest.raises(InputError, match="its recordings have no touch; label"):
+        open_corpus("arm", {})
+
+
+def test_recordings_and_captures_are_not_mistaken_for_each_other(tmp_path):
+    import_corpus("recording", csv(tmp_path), OPTIONS)
     table = ["subject,gesture,frame,a,b", "ann,pat,0,1,2"]
     options = OPTIONS | {"name": "cut"}
     import_corpus("table", csv(tmp_path, table[1:], table[0]), options)

@@ -12,6 +12,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.library import import_corpus
 from bench.corpora.recordings import Recordings, captures_in, certain, event_table, recorded, touches_in
 from bench.corpora.synth_recordings import generate
+from bench.endless.background import joined
 from bench.endless.detectors.ticks import left_out
 from bench.endless.kind import Continuous
 from bench.endless.watch import run_numbers
@@ -124,3 +125,12 @@ def test_recordings_in_parts_without_what_is_doubtful():
     touches = touches_in(whole)
     assert touches.gestures.tolist() == ["pat", "rub", "pat"] and touches[1].ravel().tolist() == [8]
     assert touches.captures["recording"].tolist() == ["x", "x", "y"]
+    idle = Recordings.of(  # further background; of the second recording nothing is sure
+        Corpus.from_captures([20 + frames[0], 40 + frames[1]], names.assign(subject=["c", "d"]), 10.0),
+        event_table([(0, 2, 4, "?"), (1, 0, 4, "?")]),
+    )
+    more = joined(parts, idle, np.array(["e"]))
+    assert [part[[0, -1]].ravel().tolist() for part in more.corpus][3:] == [[20, 21], [24, 29]]
+    assert left_out(more).tolist() == ["0", "0", "1", "2", "2"] and not len(more.doubtful)
+    none = joined(parts, idle, np.array(["c"]))
+    assert none.background_frames().sum() == parts.background_frames().sum()

@@ -90,7 +90,7 @@ STEPS = {  # each list in a copy of the store
     "data": [
         ["data"],
         ["data", "show", "people", "where=subject != '4'", "target=variant"],
-        ["data", "show", "day"],
+        ["data", "show", "day", "out=look-day"],
         ["data", "export", "synth", "o.csv", "subjects=1", "repetitions=1", "variants=normal", *RATE],
         ["data", "import", "table", "o.csv", "name=mine", *TABLE],
         ["data", "verify", "people"],
@@ -108,7 +108,7 @@ FILES = {  # golden files of what commands write, by the step that writes them
     + ["report/same_wrong_label.csv", "report/statistics.csv", "report/comparison.md", "report/comparison.tex"]
     + ["report/index.html", "report/paper.csv", "report/paper.tex"],
     "groups": ["groups/groups.csv"],
-    "data": ["f.csv", "look/index.html"],
+    "data": ["f.csv", "look/index.html", "look-day/index.html"],
     "check": ["check.xml"],
     "leaderboard": ["board.html"],
     "fit": ["p.csv", "rec_c/touch.h"],
@@ -162,7 +162,7 @@ WRONG = [  # commands that are refused
     ["run", *PEOPLE, "protocol=transfer"],
     ["run", *PEOPLE, "protocol=personal", "protocol.shots=-1"],
     ["run", *PEOPLE, "model.repair=hope"],
-    ["run", "data=day"],
+    ["run", "data=day+people"],
     ["tune", *PEOPLE, "model=lda", "model.window=x"],
     ["tune", *PEOPLE, *TREE, "model.level=1,9", "trials=0"],
     ["tune", *PEOPLE, *TREE, "inner=0"],

@@ -77,7 +77,7 @@ def caption(text):
 
 
 def hint(text):
-    return re.sub(rb'(option\([^"]*(?:"\w*", )?")', rb"\1Another ", text)
+    return re.sub(rb'(option\([^"]*(?:"\w*",\s+)?")', rb"\1Another ", text)
 
 
 def line(name):

@@ -120,7 +120,7 @@ class Detects(Protocol):
             make_system: factory of the system, not fitted.
             system: fitted to the captures.
             captures: captures of the same subjects.
-            recordings: their recordings.
+            recordings: their recordings, parted where doubtful stretches were.
             false_alarms: accepted false alarms per hour of background.
 
         Returns:
