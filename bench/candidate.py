@@ -64,6 +64,7 @@ class Candidate:
         mark: name of its look in charts; empty for none.
         linked: True if its bytes are linked, with code.
         whole: True if losses in a circumstance are also its losses.
+        shipped: keys of ``bench fit`` that save it as it was measured, besides those of its run.
     """
 
     unit: str
@@ -75,3 +76,4 @@ class Candidate:
     mark: str = ""
     linked: bool = False
     whole: bool = False
+    shipped: Mapping[str, str] = field(default_factory=dict)

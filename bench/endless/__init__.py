@@ -7,6 +7,6 @@ FORMER = "filter"  # that of runs of versions that had no other
 RATES = (1, 5, 10, 60)  # false alarms per hour of background, at which missed touches are counted
 
 
-def others(detector: str) -> str | None:
-    """A detector in words, where the usual one is not told; one of a file without its folder."""
-    return Path(detector).name if detector != DETECTOR else None
+def others(detector: str | None) -> str | None:
+    """A detector in words, None for a run that does not tell; one of a file without its folder."""
+    return Path(detector).name if detector else None

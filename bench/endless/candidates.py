@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bench.candidate import Candidate, Wish
-from bench.endless import DETECTOR, FORMER
+from bench.endless import FORMER
 from bench.errors import InputError
 from bench.result import Result
 from bench.usual import FALSE_ALARMS, NO_TOUCH
+from bench.words import labelled
 
 
 def watched_candidates(result: Result, wish: Wish, unit: str) -> Iterator[Candidate]:
@@ -25,9 +26,13 @@ def watched_candidates(result: Result, wish: Wish, unit: str) -> Iterator[Candid
     aim = float(result["watch.false_alarms"])
     unit += "" if aim == FALSE_ALARMS else f", false_alarms={aim:g}"
     detector = str(result.get("watch.detector") or FORMER)
-    unit += "" if detector == DETECTOR else f", detector={detector}"
+    unit += "" if detector == FORMER else f", detector={detector}"
     alarms = (shares["false_alarms_per_hour"] * hours).fillna(0)
-    yield Candidate(unit, scores, {"decision": "", "cycles": ""}, counts=(alarms, hours), whole=True)
+    shipped = labelled("detector", detector) | {"false_alarms": f"{aim:g}"}
+    if background := str(result.get("watch.background") or ""):
+        shipped["background"] = background
+    stored = {"decision": "", "cycles": ""}
+    yield Candidate(unit, scores, stored, counts=(alarms, hours), whole=True, shipped=shipped)
 
 
 def watched_gestures(result: Result) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from bench.endless import DETECTOR, FORMER, RATES, others
+from bench.endless import DETECTOR, RATES, others
 from bench.kinds.base import Kind, Spelling, option
 from bench.measures import Cost, Measure, percent
 from bench.options import Command
@@ -150,7 +150,7 @@ class Continuous(Kind):
         "watch.unknown": ("unknown gesture: {}", ""),
     }
     shown: ClassVar[tuple[Measure, ...]] = (
-        Measure("detector", read=lambda row: others(row.get("watch.detector", FORMER)), left=True, spare=1),
+        Measure("detector", read=lambda row: others(row.get("watch.detector")), left=True, spare=1),
         Measure("auroc", "AUROC", form=".2f", spare=1),
         percent("rejected_unknown", "rejected unknown", spare=1),
         percent("rejected_known", "rejected known", spare=1),

@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.comparable import notes_on
-from bench.endless import FORMER, others
+from bench.endless import others
 from bench.measures import Measure, percent
 from bench.outcomes.events import DOUBTFUL, FALSE_ALARM, matched
 from bench.reports.contexts import context_words, contexts, scarce
@@ -56,8 +56,8 @@ def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Sectio
 
 
 def _by_detector(result: Result) -> Result:
-    """The result under a name that also tells its detector, where that is not the usual one."""
-    detector = others(str(result.get("watch.detector", FORMER)))
+    """The result under a name that also tells its detector, where the run does."""
+    detector = others(result.get("watch.detector"))
     if detector is None:
         return result
     about = {**result.about, "system": f"{result['system']}, detector={detector}"}

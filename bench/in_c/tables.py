@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from bench.work.saved import Recogniser
 
 LONGEST_TOUCH = 2**30  # frames; a window forgets
+WITH_C = "filter"  # detector of endless streams
 
 
 @dataclass
@@ -100,6 +101,8 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
     defines = _sizes(recogniser, width, longest) | _steps(steps, recogniser.rate_hz) | sizes
     defines |= _stopping(recogniser.stopping) | {"WATCH": 0}
     if name == "touch" and (watcher := recogniser.watcher) is not None:
+        if (finds := watcher.chosen["detector"]) != WITH_C:
+            raise InputError(f"detector={finds} has no C; train it with bench fit detector={WITH_C}, or with watch=no")
         defines |= _watching(watcher, recogniser, sizes)
         deciders["detect"] = detector(watcher.detector.classifier_, bits)
         arrays["gesture"] = (~np.isin(recogniser.classes, watcher.background)).astype(np.int8)

@@ -122,6 +122,7 @@ def candidates(
             | pd.DataFrame(amounts, dtype=float).mean().reindex(fixed).to_dict()
             | tags
             | {"linked": seeds[0][0].linked or changed, "mark": key[1], "whole": seeds[0][0].whole}
+            | {"shipped": json.dumps(dict(seeds[0][0].shipped))}
             | {"cpu": ", ".join(sorted({r["cpu"] for _, r in seeds}))}
         )
         by_subject = [[way.scores, *way.counts] for way, _ in seeds]

@@ -1,0 +1,53 @@
+"""A detector that is saved with its system, and what C makes of it."""
+
+import json
+
+import numpy as np
+import pytest
+
+import bench
+from bench.endless.teaching import Watching
+from bench.errors import InputError
+from bench.in_c.write import files_of
+from bench.outcomes.store import connect
+from bench.work.saved import load
+from tests.endless.test_background import PEOPLE, stored
+
+GIVEN = {"detector": "frames", "detector.wait": 0.5, "false_alarms": 40}
+
+
+def test_a_saved_model_watches_with_the_detector_that_was_asked_for(tmp_path):
+    stored("day", PEOPLE.corpus.frames, PEOPLE.frame_labels(), np.repeat(PEOPLE.subjects, PEOPLE.corpus.lengths))
+    words = {
+        "data": "day",
+        "model": "lda",
+        "features": "touch",
+        "model.window": 0.5,
+        "stopping": False,
+        "out": str(tmp_path / "rec"),
+    }
+    fitted = bench.fit(**words, **GIVEN)
+    params = connect().run(fitted.run_id).data.params
+    assert (params["watch.detector"], params["watch.false_alarms"]) == ("frames[wait=0.5]", "40")
+    recogniser = load(str(tmp_path / "rec"))
+    watcher, kept = recogniser.watcher, fitted.recogniser.watcher
+    assert watcher.detector.wait == 0.5
+    assert json.dumps(watcher.chosen) == json.dumps(kept.chosen)
+    with pytest.raises(InputError, match="detector=frames has no C.*detector=filter"):
+        files_of(recogniser, 32, "")
+    stream = watcher.stream(recogniser.grid, recogniser.rate_hz, recogniser.full_scale)
+    assert all(stream.push(np.zeros(recogniser.grid, np.float32)) == [] for _ in range(100))
+
+
+@pytest.mark.parametrize(
+    "values, fact",
+    [
+        ({"detector": "frames,filter"}, "one detector"),
+        ({"detector": "ear"}, "ear"),
+        ({"detector": "filter", "detector.wait": "1"}, "wait"),
+        ({"false_alarms": "-1"}, "false_alarms"),
+    ],
+)
+def test_what_does_not_name_one_detector_is_refused(values, fact):
+    with pytest.raises(InputError, match=fact):
+        Watching(values)
