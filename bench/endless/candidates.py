@@ -28,9 +28,10 @@ def watched_candidates(result: Result, wish: Wish, unit: str) -> Iterator[Candid
     detector = str(result.get("watch.detector") or FORMER)
     unit += "" if detector == FORMER else f", detector={detector}"
     alarms = (shares["false_alarms_per_hour"] * hours).fillna(0)
-    shipped = labelled("detector", detector) | {"false_alarms": f"{aim:g}"}
-    if background := str(result.get("watch.background") or ""):
-        shipped["background"] = background
+    shipped = {"background": str(result.get("watch.background") or "")} | labelled("detector", detector)
+    shipped["false_alarms"] = f"{aim:g}"
+    usual = {"background": "", "detector": FORMER, "false_alarms": f"{FALSE_ALARMS:g}"}  # of bench fit
+    shipped = {key: value for key, value in shipped.items() if usual.get(key) != value}
     stored = {"decision": "", "cycles": ""}
     yield Candidate(unit, scores, stored, counts=(alarms, hours), whole=True, shipped=shipped)
 
