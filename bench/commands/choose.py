@@ -67,7 +67,7 @@ def _next(result: Chosen) -> str:
     """
     one = result.choice.table.loc[result.choice.chosen]
     trained = {k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in FIT}
-    trained |= json.loads(one["shipped"]) if trained else {}
+    trained |= json.loads(str(one["shipped"])) if trained else {}
     once = trained and one["command"] in makers() and not one["conditions"]
     return typed("fit", trained | {"out": "chosen"}) if once else "bench report"
 

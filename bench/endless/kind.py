@@ -43,8 +43,8 @@ class Continuous(Kind):
     )
     background: str = option(
         "",
-        "class without touch, or quiet: ends of captures; default notouch or quiet; beside data= of recordings, the "
-        "name of further recordings without touch, to learn from",
+        "class without touch, or quiet: ends of captures; default notouch or quiet. Of recordings: further ones "
+        "without touch, to learn from",
     )
     unknown: str = option("", "gesture to leave out of training; its touches should be labelled unknown")
 

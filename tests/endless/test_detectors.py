@@ -17,8 +17,9 @@ from bench.endless.detectors.filter import Filter
 from bench.endless.detectors.frames import Frames, Hysteresis, Times
 from bench.endless.detectors.named import detectors
 from bench.endless.detectors.names import of_all, touches
+from bench.endless.detectors.spans import spans_of
 from bench.endless.detectors.threshold import Threshold, TwoInARow
-from bench.endless.detectors.ticks import left_out, signs_of, spans_of, worth
+from bench.endless.detectors.ticks import left_out, signs_of, worth
 from bench.endless.page import watch_section
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
@@ -28,6 +29,7 @@ from bench.outcomes.store import connect
 from tests.conftest import SMALL, runs
 
 MINE = """
+from bench.endless.detectors.spans import spans_of
 from bench.endless.detectors.threshold import Threshold
 
 

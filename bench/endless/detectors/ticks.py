@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
@@ -13,8 +14,10 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
-from bench.endless.detectors.base import UNKNOWN, Rules, Sign, Signals, Stream, Watches
-from bench.endless.detectors.names import LONGEST_S, learned_names, of_all, probabilities
+from bench.endless.detectors.base import UNKNOWN, Event, Rules, Signals, Stream, Watches
+from bench.endless.detectors.names import LONGEST_S, learned_names, of_all, probabilities, weights
+from bench.endless.detectors.spans import Span, Touches, means, spans_of
+from bench.endless.recent import Recent
 from bench.errors import InputError
 from bench.few import INTERVAL
 from bench.models.recipe import behind, taken
@@ -26,8 +29,6 @@ PRICE = 0.001  # share of touches that a false alarm per hour above the target c
 REPEATS = 0.2  # share of touches that a report per touch above `SPARE` costs; chosen there, too
 FOLDS = "12"  # at most, of training recordings for the choice of the threshold
 SPARE = 1.15  # reports per touch that cost nothing
-GROWTH = 1.25  # a touch is named again when it is so many times as long
-SURE = 0.5  # confidence in touch of the last tick that a name is made from
 
 
 class Detector:
@@ -111,13 +112,6 @@ def ticked(recordings: Recordings, count: int) -> Recordings:
     start = np.minimum(start, lengths - 1)
     events = recordings.events.assign(start=start, end=np.minimum(np.maximum(end, start + 1), lengths))
     return Recordings(ticks, events)
-
-
-def means(frames: np.ndarray, count: int) -> np.ndarray:
-    """Means of blocks of frames, float32; of fewer frames than one block, their mean."""
-    count = min(count, len(frames))
-    whole = len(frames) // count * count
-    return frames[:whole].reshape(-1, count, *frames.shape[1:]).mean(axis=1, dtype=np.float64).astype(np.float32)
 
 
 def signals_of(detector: Detector, ticks: np.ndarray) -> np.ndarray:
@@ -254,8 +248,6 @@ class TickWatcher:
 
     def stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> Stream:
         """The same on frames that come one by one."""
-        from bench.endless.detectors.stream import TickStream
-
         return TickStream(self, grid, rate_hz, full_scale)
 
     def adapted(self, system: contract.System, captures: Corpus, y: np.ndarray | None) -> TickWatcher:
@@ -322,80 +314,71 @@ class TickWatcher:
         return (str(gestures[proba.argmax()]) if sure > 0 and sure >= self.reject else UNKNOWN), sure
 
 
-@dataclass
-class Span:
-    """A touch that rules report; times are frames seen.
-
-    Attributes:
-        reported: time of the report.
-        end: time of the end, or of the last tick so far.
-        named: beginning and end of the frames that it is named from, at the report and as it grows.
-        last: the same for its name at the end, if it ends before it is named again; None if that is the last of
-            ``named``.
-    """
-
-    reported: int
-    end: int
-    named: list[tuple[int, int]]
-    last: tuple[int, int] | None = None
-
-
-class Touches:
-    """The touches of a stream from its signs, one tick after another; nothing looks ahead.
+class TickStream:
+    """A watcher on frames that come one by one; memory does not grow.
 
     Args:
-        count: frames of a tick.
-
-    Attributes:
-        lasting: the touch that goes on.
+        watcher: a watcher that was learned.
+        grid: (rows, cols) of the sensor.
+        rate_hz: frames per second.
+        full_scale: largest value of a channel.
     """
 
-    def __init__(self, count: int) -> None:
-        self.count = count
-        self.lasting: Span | None = None
-        self.tick = self.start = self.named = self.sure = 0  # in ticks
+    def __init__(self, watcher: TickWatcher, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
+        self.watcher, self.touches = watcher, Touches(watcher.count)
+        self.signals, self.rules = watcher.detector.signals(), watcher.detector.rules(watcher.level)
+        self.ring: deque[np.ndarray] = deque(maxlen=watcher.detector.memory)
+        longest = max(1, round(LONGEST_S * rate_hz))
+        self.recent = Recent(longest + 2 * watcher.count, grid, rate_hz, full_scale)
+        self._forget()
 
-    def step(self, sign: Sign | tuple[float, float, bool]) -> Span | None:
-        """Take the sign of the next tick; the touch that is over with it."""
-        touch, since, report = sign
-        self.tick += 1
-        over = bool(report or not since)
-        if over or touch < SURE:
-            self._last()
-        ended = self.lasting if over else None
-        if over:
-            self.lasting = None
-        if report:
-            self.start = max(self.tick - int(since) - 1, 0)  # with the tick before, in which the touch may have begun
-            self.lasting = Span(self.tick * self.count, self.tick * self.count, [])
-            self._name()
-        elif self.lasting is not None:
-            self.lasting.end = self.tick * self.count
-        if touch >= SURE:
-            self.sure = self.tick
-            if self.lasting is not None and self.tick - self.start >= GROWTH * (self.named - self.start):
-                self._name()
-        return ended
+    def _forget(self) -> None:
+        self.event: Event | None = None
+        self.names, self.sum, self.weight = 0, np.zeros(len(self.watcher.names.classes_)), 0.0  # so far
+        self.last: tuple[int, int] | None = None
+        self.after = self.sum, 0.0  # what the name at the end adds, if the touch ends before it is named again
 
-    def finish(self) -> Span | None:
-        """The touch that lasts where the stream ends."""
-        self._last()
-        return self.lasting
+    def push(self, frame: np.ndarray) -> list[Event]:
+        """Take a frame [rows, cols]; the events that it ends, reports or renames, in this order."""
+        self.recent.push(frame)
+        if self.recent.seen % self.watcher.count:
+            return []
+        recording = self.recent.recording(self.watcher.prepared)
+        tick = means(recording[0][-self.watcher.count :], self.watcher.count)[0]
+        self.ring.append(self.signals.step(tick))
+        evidence = self.watcher.detector.evidence(np.stack(self.ring))[-1]
+        sign = self.rules.step(evidence)
+        ended = self.touches.step(sign)
+        news = []
+        if ended is not None and self.event is not None:
+            self._take(ended, recording)
+            label, sure = self.watcher.label((self.sum + self.after[0]) / (self.weight + self.after[1]))
+            news.append(replace(self.event, label=label, confidence=sure, end=ended.end))
+            self._forget()
+        lasting = self.touches.lasting
+        if lasting is not None:
+            self._take(lasting, recording)
+            label, sure = self.watcher.label(self.sum / self.weight)
+            before = self.event
+            first = label if before is None else before.first
+            self.event = Event(lasting.reported, first, label, sure)
+            if before is None or before.label != label:
+                news.append(self.event)
+        return news
 
-    def _name(self) -> None:
-        if self.lasting is not None:
-            self.lasting.named.append(self._span(self.tick))
-            self.lasting.last, self.named = None, self.tick
+    def _take(self, span: Span, recording: Corpus) -> None:
+        """Add the names that a touch has got since the last tick."""
+        for begin, end in span.named[self.names :]:
+            proba, weight = self._name(recording, begin, end)
+            self.sum, self.weight = self.sum + proba, self.weight + weight
+        self.names = len(span.named)
+        if span.last != self.last:
+            self.last = span.last
+            self.after = (0 * self.sum, 0.0) if span.last is None else self._name(recording, *span.last)
 
-    def _last(self) -> None:
-        if self.lasting is not None and self.sure > self.named:
-            self.lasting.last = self._span(self.sure)
-
-    def _span(self, tick: int) -> tuple[int, int]:
-        return self.start * self.count, tick * self.count
-
-
-def spans_of(signs: np.ndarray, count: int) -> list[Span]:
-    """The touches that are reported, from the signs of one recording."""
-    touches = Touches(count)
-    return [span for span in [*map(touches.step, signs.tolist()), touches.finish()] if span is not None]
+    def _name(self, recording: Corpus, begin: int, end: int) -> tuple[np.ndarray, float]:
+        """Probabilities from some frames of the stream, times their weight, and the weight."""
+        gone = self.recent.seen - len(self.recent.frames)
+        span = np.array([max(begin, gone)]) - gone, np.array([end]) - gone
+        weight = weights(np.array([end - begin]), recording.rate_hz)[0]
+        return weight * probabilities(self.watcher.names, recording, *span)[0], float(weight)

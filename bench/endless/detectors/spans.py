@@ -1,0 +1,98 @@
+"""Ticks of a stream, and the touches in them: when each is reported, named and over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.endless.detectors.base import Sign
+
+GROWTH = 1.25  # a touch is named again when it is so many times as long
+SURE = 0.5  # confidence in touch of the last tick that a name is made from
+
+
+def means(frames: np.ndarray, count: int) -> np.ndarray:
+    """Means of blocks of frames, float32; of fewer frames than one block, their mean."""
+    count = min(count, len(frames))
+    whole = len(frames) // count * count
+    return frames[:whole].reshape(-1, count, *frames.shape[1:]).mean(axis=1, dtype=np.float64).astype(np.float32)
+
+
+@dataclass
+class Span:
+    """A touch that rules report; times are frames seen.
+
+    Attributes:
+        reported: time of the report.
+        end: time of the end, or of the last tick so far.
+        named: beginning and end of the frames that it is named from, at the report and as it grows.
+        last: the same for its name at the end, if it ends before it is named again; None if that is the last of
+            ``named``.
+    """
+
+    reported: int
+    end: int
+    named: list[tuple[int, int]]
+    last: tuple[int, int] | None = None
+
+
+class Touches:
+    """The touches of a stream from its signs, one tick after another; nothing looks ahead.
+
+    Args:
+        count: frames of a tick.
+
+    Attributes:
+        lasting: the touch that goes on.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.lasting: Span | None = None
+        self.tick = self.start = self.named = self.sure = 0  # in ticks
+
+    def step(self, sign: Sign | tuple[float, float, bool]) -> Span | None:
+        """Take the sign of the next tick; the touch that is over with it."""
+        touch, since, report = sign
+        self.tick += 1
+        over = bool(report or not since)
+        if over or touch < SURE:
+            self._last()
+        ended = self.lasting if over else None
+        if over:
+            self.lasting = None
+        if report:
+            self.start = max(self.tick - int(since) - 1, 0)  # with the tick before, in which the touch may have begun
+            self.lasting = Span(self.tick * self.count, self.tick * self.count, [])
+            self._name()
+        elif self.lasting is not None:
+            self.lasting.end = self.tick * self.count
+        if touch >= SURE:
+            self.sure = self.tick
+            if self.lasting is not None and self.tick - self.start >= GROWTH * (self.named - self.start):
+                self._name()
+        return ended
+
+    def finish(self) -> Span | None:
+        """The touch that lasts where the stream ends."""
+        self._last()
+        return self.lasting
+
+    def _name(self) -> None:
+        if self.lasting is not None:
+            self.lasting.named.append(self._span(self.tick))
+            self.lasting.last, self.named = None, self.tick
+
+    def _last(self) -> None:
+        if self.lasting is not None and self.sure > self.named:
+            self.lasting.last = self._span(self.sure)
+
+    def _span(self, tick: int) -> tuple[int, int]:
+        return self.start * self.count, tick * self.count
+
+
+def spans_of(signs: np.ndarray, count: int) -> list[Span]:
+    """The touches that are reported, from the signs of one recording."""
+    touches = Touches(count)
+    return [span for span in [*map(touches.step, signs.tolist()), touches.finish()] if span is not None]
