@@ -159,7 +159,7 @@ def seen_windows(recording: Corpus, ends: np.ndarray, frames: int) -> tuple[np.n
 
 def cut(recording: Corpus, ends: np.ndarray, frames: int) -> Corpus:
     """Windows of one recording that are complete after ``ends`` frames; no frame is copied."""
-    windows = recording[np.zeros(len(ends), np.int64)]
+    windows = recording if len(ends) == 1 else recording[np.zeros(len(ends), np.int64)]  # which copies the table
     starts = storage(recording)[1][0] + ends - frames
     return windows.changed(starts=starts, lengths=np.full(len(ends), frames), digest="", path=None)
 

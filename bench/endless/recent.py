@@ -26,9 +26,11 @@ class Recent:
     """
 
     def __init__(self, most: int, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
-        self.rate_hz, self.full_scale = rate_hz, full_scale
+        self.rate_hz = rate_hz
         self.frames: deque[np.ndarray] = deque(maxlen=most)
         self.seen = 0
+        table = pd.DataFrame({"subject": [""], "gesture": [""]})
+        self.one = Corpus.from_captures([np.zeros((1, *grid))], table, rate_hz, full_scale=full_scale).blind()
         self.least, self.most = np.full(grid, np.inf), np.full(grid, -np.inf)  # of frames that were dropped
 
     def push(self, frame: np.ndarray) -> None:
@@ -44,6 +46,5 @@ class Recent:
         older = min(self.seen - len(self.frames), max(2, int(np.ceil(SETTLED_S * self.rate_hz))))
         before = [self.least] * (older - 1) + [self.most] * bool(older)
         frames = np.stack([*before, *self.frames])
-        table = pd.DataFrame({"subject": [""], "gesture": [""]})
-        whole = Corpus.from_captures([frames], table, self.rate_hz, full_scale=self.full_scale)
+        whole = self.one.changed(frames=frames, starts=np.array([0]), lengths=np.array([len(frames)]))
         return prepared(whole).changed(starts=np.array([older]), lengths=np.array([len(self.frames)]))

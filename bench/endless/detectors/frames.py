@@ -81,12 +81,11 @@ def features(signals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
         offsets: added to each level before its logarithm is taken.
     """
     logs = np.log(signals[:, :LEVELS] + offsets)
-    columns = []
-    for level in logs.T:
-        columns.append(level)
-        columns += [level - _past(minimum_filter1d, level, back + 1) for back in MINIMA]
-        columns += [level - _past(maximum_filter1d, level, back + 1) for back in MAXIMA]
-        columns.append(level - _median(level, MEDIAN))
+    looks = [logs]
+    looks += [logs - _past(minimum_filter1d, logs, back + 1) for back in MINIMA]
+    looks += [logs - _past(maximum_filter1d, logs, back + 1) for back in MAXIMA]
+    looks.append(logs - _median(logs, MEDIAN))
+    columns = [*np.stack(looks).transpose(2, 0, 1).reshape(-1, len(logs))]
     change = np.diff(logs[:, 1], prepend=logs[:1, 1])
     rise, fall = np.maximum(change, 0), np.maximum(-change, 0)
     columns += [rise, fall, rise - _median(rise, MEDIAN), fall - _median(fall, MEDIAN)]
@@ -99,14 +98,14 @@ def features(signals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
 
 
 def _past(extreme: Callable[..., np.ndarray], series: np.ndarray, size: int) -> np.ndarray:
-    """The lowest or highest of the last so many ticks."""
-    return extreme(series, size, origin=(size - 1) // 2, mode="nearest")
+    """The lowest or highest of the last so many ticks [ticks, ...]."""
+    return extreme(series, size, axis=0, origin=(size - 1) // 2, mode="nearest")
 
 
 def _median(series: np.ndarray, size: int) -> np.ndarray:
-    """The median of the last so many ticks."""
-    padded = np.concatenate([np.full(size - 1, series[0], series.dtype), series])
-    return np.median(np.lib.stride_tricks.sliding_window_view(padded, size), axis=1)
+    """The median of the last so many ticks [ticks, ...]."""
+    padded = np.concatenate([np.repeat(series[:1], size - 1, axis=0), series])
+    return np.median(np.lib.stride_tricks.sliding_window_view(padded, size, axis=0), axis=-1)
 
 
 @dataclass(frozen=True)
@@ -237,7 +236,8 @@ class Frames(Detector):
 
     def evidence(self, signals: np.ndarray) -> np.ndarray:
         """Log-odds of touch, and of its beginning, as if all classes were equally frequent [ticks, 2]."""
-        likely = self.model_.predict_log_proba(self._units(features(signals, self.offsets_))) - self.prior_
+        scores = self.model_.decision_function(self._units(features(signals, self.offsets_)))
+        likely = (np.stack([0 * scores, scores], axis=1) if scores.ndim == 1 else scores) - self.prior_
         touch = np.logaddexp.reduce(likely[:, 1:], axis=1) - likely[:, 0]
         begun = likely[:, 1] - np.logaddexp.reduce(likely[:, [0, *range(2, likely.shape[1])]], axis=1)
         return np.stack([touch, begun], axis=1)

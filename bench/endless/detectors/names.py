@@ -61,7 +61,7 @@ def probabilities(system: contract.System, recording: Corpus, begin: np.ndarray,
         end: frames behind the last ones.
     """
     begin = np.maximum(begin, end - max(1, round(LONGEST_S * recording.rate_hz)))
-    spans = recording[np.zeros(len(begin), np.int64)]
+    spans = recording if len(begin) == 1 else recording[np.zeros(len(begin), np.int64)]  # which copies the table
     starts = storage(recording)[1][0] + begin
     spans = spans.changed(starts=starts, lengths=end - begin, digest="", path=None)
     return contract.probabilities(behind(system)[1], spans).astype(np.float32)
