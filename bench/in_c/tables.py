@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bench.work.replay import Stopping
     from bench.work.saved import Recogniser
 
+SATURATED = 10  # one of so many taxels at full scale; not tuned
 LONGEST_TOUCH = 2**30  # frames; a window forgets
 WITH_C = "filter"  # detector of endless streams
 
@@ -250,6 +251,7 @@ def _watching(watcher: Watcher, recogniser: Recogniser, sizes: dict[str, Any]) -
         "UNUSUAL": number(UNUSUAL),
         "MOST_UNUSUAL": max(n for n in range(features + 1) if n / features <= learnt.limit_),
         "REFUSED": number(REFUSED),
+        "SATURATED": -(-recogniser.grid[0] * recogniser.grid[1] // SATURATED),
         "BIAS": number(watcher.bias),
         "ODDS_WEIGHT": number(WEIGHT * clock.hop / clock.detect),
         "BEGIN": number(float(begin)),
