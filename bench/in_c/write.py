@@ -127,9 +127,32 @@ int touch_label(touch_t *t, float *probabilities, float *settled);
 
 /* What a class is called. */
 const char *touch_name(int label);
-{WATCH if defines["WATCH"] == "1" else ""}
+{WATCH + _points(chip) if defines["WATCH"] == "1" else ""}
 #endif
 """
+
+
+def _points(chip: Chip) -> str:
+    """The function that moves a watcher to another operating point, and what training found at each."""
+    learnt = number(float(chip.defines["BIAS"].removesuffix("f")))
+    rows = [
+        f"   {i}: {rate:.3g} false alarms per hour, {100 * found:.1f} % found"
+        f"{' (after touch_watch_init)' if number(bias) == learnt else ''}"
+        for i, (bias, rate, found) in enumerate(chip.points)
+    ]
+    return "\n".join(
+        [
+            "",
+            f"#define TOUCH_POINTS {len(rows)} /* operating points, from the strictest to the most eager */",
+            "",
+            "/* Move to an operating point; TOUCH_BAD without it. On training recordings, each subject",
+            "   left out in turn, the points gave:",
+            *rows[:-1],
+            f"{rows[-1]} */",
+            "int touch_set_threshold(touch_watch_t *w, int point);",
+            "",
+        ]
+    )
 
 
 def _state(chip: Chip) -> str:
@@ -170,7 +193,7 @@ def _watch_state(d: dict[str, str]) -> str:
         f"part_t parts[{max(int(d['PARTS']) - int(d['HELD']), 1)}];  /* hops of the last window, others lie in now */",
         "int part, within, filled, unchanged;  /* the last part, frames in it, parts so far, frames since a change */",
         "touch_counts_t counts; int is_refused, is_saturated;  /* the last window, the last frame */",
-        "float touched, peak;  /* probability of touch at the last hop, largest log-odds since it rose */",
+        "float bias, touched, peak;  /* learned, probability of touch at the last hop, largest log-odds since */",
         "int begun, falling, over, is_reported, label;  /* of the event that goes on */",
         "uint32_t seen, rise, crossed, low, limit, first, reported;  /* frames; all of them may wrap */",
         "uint32_t named, joined;  /* windows of the event, and of them those in the mean */",

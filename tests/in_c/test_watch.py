@@ -47,6 +47,7 @@ int stream(const float *frames, int n, news_t *news)
     }
     return count;
 }
+int set(int point) { return touch_set_threshold(&w, point); }
 int status(touch_counts_t *counts) { return touch_status(&w, counts); }
 """
 
@@ -213,6 +214,25 @@ def test_interrupted_touches_are_those_of_python(gap_s, tmp_path):
         check_equal(pd.concat(events_c, ignore_index=True), pd.concat(events_py))
         counts.append(len(pd.concat(events_py)))
     assert counts[0] != counts[1] and min(counts) > 18  # windows were refused
+
+
+def test_each_operating_point_gives_the_events_of_python(tmp_path):
+    recogniser, (_, streams) = copy(watching("lda")), recordings()
+    assert recogniser.watcher.bias in [bias for bias, _, _ in recogniser.watcher.points]
+    points, frames = ((-999.0, 0.0, 0.0), (recogniser.watcher.bias, 0.5, 1.0), (4.0, 60.0, 1.0)), streams.corpus[0]
+    recogniser.watcher = learned_one = replace(recogniser.watcher, points=points)
+    in_c, counts = Watched(recogniser, tmp_path), []
+    for i, (bias, rate, found) in enumerate(points):
+        assert f"{i}: {rate:.3g} false alarms per hour, {100 * found:.1f} % found" in (tmp_path / "touch.h").read_text()
+        in_c.start()
+        assert in_c.code.set(i) == 0
+        recogniser.watcher = learned_one.at(i)
+        assert recogniser.watcher.bias == bias
+        expected = reports(recogniser, frames)
+        check_equal(events_of(in_c(frames), recogniser.classes), expected)
+        counts.append(len(expected))
+    assert len(set(counts)) > 1
+    assert in_c.code.set(-1) == in_c.code.set(len(points)) == -1
 
 
 def test_refused_windows_and_saturated_frames_are_counted(tmp_path):

@@ -5,6 +5,15 @@ int touch_watch_init(touch_watch_t *w)
     if (!w)
         return TOUCH_BAD;
     memset(w, 0, sizeof *w);
+    w->bias = BIAS;
+    return 0;
+}
+
+int touch_set_threshold(touch_watch_t *w, int point)
+{
+    if (!w || point < 0 || point >= TOUCH_POINTS)
+        return TOUCH_BAD;
+    w->bias = biases[point];
     return 0;
 }
 
@@ -89,9 +98,9 @@ static float log_odds(touch_watch_t *w)
 }
 
 /* Probability that the sensor is touched now, from that at the hop before. */
-static float filtered(float touched, float odds)
+static float filtered(float touched, float odds, float bias)
 {
-    float step = fminf(fmaxf(ODDS_WEIGHT * (odds + BIAS), -10), 10);
+    float step = fminf(fmaxf(ODDS_WEIGHT * (odds + bias), -10), 10);
     float prior = touched * STAY + (1 - touched) * BEGIN;
     float both = prior / (1 - prior) * expf(step);
     return both / (1 + both);
@@ -197,7 +206,7 @@ int touch_watch(touch_watch_t *w, const float *frame, touch_event_t *event)
         return 0;
     float before = w->touched, odds = log_odds(w);
     w->counts.refused += w->is_refused ? WATCH_HOP : 0;
-    w->touched = filtered(before, odds);
+    w->touched = filtered(before, odds, w->bias);
     return news(w, before, odds, event);
 }
 
