@@ -183,6 +183,8 @@ class Watcher:
         tail: frames from the end of a touch until that is detected, learned.
         strong: log-odds from which on a touch that is too short for a window is reported, learned.
         reject: confidence below which a label is ``unknown``; 0 for never.
+        points: bias, false alarms per hour and share of touches found of operating points on training recordings, from
+            the strictest to the most eager.
     """
 
     system: contract.System
@@ -193,6 +195,7 @@ class Watcher:
     tail: int
     strong: float = np.inf
     reject: float = 0.0
+    points: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def names(self) -> np.ndarray:
@@ -219,6 +222,10 @@ class Watcher:
     def stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> LiveStream:
         """The same on frames that come one by one; arguments of `LiveStream`."""
         return LiveStream(self, grid, rate_hz, full_scale)
+
+    def at(self, point: int) -> Watcher:
+        """The same at another of its ``points``."""
+        return replace(self, bias=self.points[point][0])
 
     def adapted(self, system: contract.System, captures: Corpus, y: np.ndarray | None) -> Watcher:
         """The same with a system that was adapted to a person."""

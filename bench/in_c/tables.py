@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bench.work.replay import Stopping
     from bench.work.saved import Recogniser
 
+SATURATED = 10  # one of so many taxels at full scale; not tuned
 LONGEST_TOUCH = 2**30  # frames; a window forgets
 WITH_C = "filter"  # detector of endless streams
 
@@ -37,6 +38,7 @@ class Chip:
         features: fixed code that computes the features: ``touch``, ``jung28`` or ``convolved``.
         classes: names.
         arrays: learnt numbers of the features, by name.
+        points: operating points of its watcher (`bench.endless.watcher.Watcher.points`).
     """
 
     defines: dict[str, str]
@@ -44,6 +46,7 @@ class Chip:
     features: str
     classes: list[str]
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
+    points: tuple[tuple[float, float, float], ...] = ()
 
 
 def check(estimator: Any) -> bool:
@@ -100,15 +103,18 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
         width = deciders["decide"].arrays["hidden"].shape[1]
     defines = _sizes(recogniser, width, longest) | _steps(steps, recogniser.rate_hz) | sizes
     defines |= _stopping(recogniser.stopping) | {"WATCH": 0}
+    points: tuple[tuple[float, float, float], ...] = ()
     if name == "touch" and (watcher := recogniser.watcher) is not None:
         if (finds := watcher.chosen["detector"]) != WITH_C:
             raise InputError(f"detector={finds} has no C; train it with bench fit detector={WITH_C}, or with watch=no")
         defines |= _watching(watcher, recogniser, sizes)
         deciders["detect"] = detector(watcher.detector.classifier_, bits)
+        points = watcher.points or ((watcher.bias, np.nan, np.nan),)
+        arrays["biases"] = np.array([bias for bias, _, _ in points], np.float32)
         arrays["gesture"] = (~np.isin(recogniser.classes, watcher.background)).astype(np.int8)
     for part in deciders.values():
         defines |= part.defines
-    return Chip({k: str(v) for k, v in defines.items()}, deciders, name, recogniser.classes, arrays)
+    return Chip({k: str(v) for k, v in defines.items()}, deciders, name, recogniser.classes, arrays, points)
 
 
 def _sizes(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:
@@ -250,6 +256,7 @@ def _watching(watcher: Watcher, recogniser: Recogniser, sizes: dict[str, Any]) -
         "UNUSUAL": number(UNUSUAL),
         "MOST_UNUSUAL": max(n for n in range(features + 1) if n / features <= learnt.limit_),
         "REFUSED": number(REFUSED),
+        "SATURATED": -(-recogniser.grid[0] * recogniser.grid[1] // SATURATED),
         "BIAS": number(watcher.bias),
         "ODDS_WEIGHT": number(WEIGHT * clock.hop / clock.detect),
         "BEGIN": number(float(begin)),

@@ -127,9 +127,32 @@ int touch_label(touch_t *t, float *probabilities, float *settled);
 
 /* What a class is called. */
 const char *touch_name(int label);
-{WATCH if defines["WATCH"] == "1" else ""}
+{WATCH + _points(chip) if defines["WATCH"] == "1" else ""}
 #endif
 """
+
+
+def _points(chip: Chip) -> str:
+    """The function that moves a watcher to another operating point, and what training found at each."""
+    learnt = number(float(chip.defines["BIAS"].removesuffix("f")))
+    rows = [
+        f"   {i}: {rate:.3g} false alarms per hour, {100 * found:.1f} % found"
+        f"{' (after touch_watch_init)' if number(bias) == learnt else ''}"
+        for i, (bias, rate, found) in enumerate(chip.points)
+    ]
+    return "\n".join(
+        [
+            "",
+            f"#define TOUCH_POINTS {len(rows)} /* operating points, from the strictest to the most eager */",
+            "",
+            "/* Move to an operating point; TOUCH_BAD without it. On training recordings, each subject",
+            "   left out in turn, the points gave:",
+            *rows[:-1],
+            f"{rows[-1]} */",
+            "int touch_set_threshold(touch_watch_t *w, int point);",
+            "",
+        ]
+    )
 
 
 def _state(chip: Chip) -> str:
@@ -169,21 +192,32 @@ def _watch_state(d: dict[str, str]) -> str:
         "touch_t now;  /* the last frames, and what features and classifier work in */",
         f"part_t parts[{max(int(d['PARTS']) - int(d['HELD']), 1)}];  /* hops of the last window, others lie in now */",
         "int part, within, filled, unchanged;  /* the last part, frames in it, parts so far, frames since a change */",
-        "float touched, peak;  /* probability of touch at the last hop, largest log-odds since it rose */",
+        "touch_counts_t counts; int is_refused, is_saturated;  /* the last window, the last frame */",
+        "float bias, touched, peak;  /* learned, probability of touch at the last hop, largest log-odds since */",
         "int begun, falling, over, is_reported, label;  /* of the event that goes on */",
         "uint32_t seen, rise, crossed, low, limit, first, reported;  /* frames; all of them may wrap */",
         "uint32_t named, joined;  /* windows of the event, and of them those in the mean */",
         f"uint32_t ends[{d['PENDING']}];  /* of the last windows */",
         f"float waiting[{d['PENDING']}][{d['CLASSES']}], mean[{d['CLASSES']}];  /* probabilities of them, and mean */",
     )
-    return "\ntypedef struct {\n" + "".join(f"    {line}\n" for line in members) + "} touch_watch_t;\n"
+    return COUNTS + "typedef struct {\n" + "".join(f"    {line}\n" for line in members) + "} touch_watch_t;\n"
 
 
+COUNTS = """
+/* Frames since touch_watch_init, of them those of refused windows, a hop each, and saturated ones; modulo 2^32. */
+typedef struct {
+    uint32_t frames, refused, saturated;
+} touch_counts_t;
+
+"""
 WATCH = """
 #define TOUCH_UNKNOWN -1 /* label of a touch that is unlike all gestures */
 #define TOUCH_REPORTED 1 /* news: an event is reported, its label is another one, it is over */
 #define TOUCH_CHANGED 2
 #define TOUCH_ENDED 3
+#define TOUCH_OK 0        /* status */
+#define TOUCH_REFUSED 1   /* the last window counts as no touch: no reading changes, or too many are unlike training */
+#define TOUCH_SATURATED 2 /* a tenth of the taxels, or more, are at full scale in the last frame */
 
 /* An event: its label so far, mean probability of the label, and frames seen when it was reported and when it ended.
    Frames are counted from touch_watch_init, modulo 2^32; end is 0 while the touch lasts. */
@@ -200,6 +234,10 @@ int touch_watch_init(touch_watch_t *w);
    with news, which the event then tells, or a code, which changes nothing. A touch that is over before it was reported
    is news once, TOUCH_ENDED. */
 int touch_watch(touch_watch_t *w, const float *frame, touch_event_t *event);
+
+/* Whether it can feel a touch now: TOUCH_OK, TOUCH_REFUSED or TOUCH_SATURATED, or a code. counts tells how many frames
+   were so, and may be NULL. */
+int touch_status(const touch_watch_t *w, touch_counts_t *counts);
 """
 
 

@@ -12,7 +12,15 @@ from bench.corpora.recordings import Recordings, event_table
 from bench.endless.broken import KINDS, broken, tared
 from bench.endless.detector import Clock
 from bench.endless.watcher import UNKNOWN
-from bench.endless.watcher_training import broken_windows, joined, learn_reject, learned, reject_threshold
+from bench.endless.watcher_training import (
+    broken_windows,
+    frontier,
+    joined,
+    learn_reject,
+    learned,
+    points_of,
+    reject_threshold,
+)
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
@@ -215,3 +223,18 @@ def test_a_watcher_rejects_below_its_threshold(people, watcher):
     pd.testing.assert_series_equal(plain["confidence"], rejecting["confidence"])
     expected = [UNKNOWN if c < threshold else g for g, c in zip(plain["label"], plain["confidence"], strict=True)]
     assert rejecting["label"].tolist() == expected
+
+
+def test_operating_points_find_more_with_more_alarms():
+    rows = [
+        (-9.0, 0, 0.2),
+        (-8.0, 0, 0.5),
+        (-7.0, 0, 0.5),
+        (-5.0, 3, 0.5),
+        (-3.0, 2, 0.8),
+        (1.0, 6, 0.7),
+        (2.0, 9, 0.9),
+    ]
+    table = pd.DataFrame(rows, columns=["bias", "alarms", "found"]).assign(hours=0.5)
+    assert frontier(table)["bias"].tolist() == [-7.0, -3.0, 2.0]
+    assert points_of(table, 1.0) == ((-7.0, 0.0, 0.5), (-3.0, 4.0, 0.8), (1.0, 12.0, 0.7), (2.0, 18.0, 0.9))

@@ -17,6 +17,7 @@ from bench.corpora import synth, synth_recordings
 from bench.corpora.corpus import Corpus, storage
 from bench.endless import live
 from bench.endless.composer import composed
+from bench.endless.detector import windows_of
 from bench.endless.watcher import UNKNOWN
 from bench.endless.watcher_training import learned
 from bench.features.touch import TouchFeatures
@@ -46,6 +47,8 @@ int stream(const float *frames, int n, news_t *news)
     }
     return count;
 }
+int set(int point) { return touch_set_threshold(&w, point); }
+int status(touch_counts_t *counts) { return touch_status(&w, counts); }
 """
 
 
@@ -211,6 +214,52 @@ def test_interrupted_touches_are_those_of_python(gap_s, tmp_path):
         check_equal(pd.concat(events_c, ignore_index=True), pd.concat(events_py))
         counts.append(len(pd.concat(events_py)))
     assert counts[0] != counts[1] and min(counts) > 18  # windows were refused
+
+
+def test_each_operating_point_gives_the_events_of_python(tmp_path):
+    recogniser, (_, streams) = copy(watching("lda")), recordings()
+    assert recogniser.watcher.bias in [bias for bias, _, _ in recogniser.watcher.points]
+    points, frames = ((-999.0, 0.0, 0.0), (recogniser.watcher.bias, 0.5, 1.0), (4.0, 60.0, 1.0)), streams.corpus[0]
+    recogniser.watcher = learned_one = replace(recogniser.watcher, points=points)
+    in_c, counts = Watched(recogniser, tmp_path), []
+    for i, (bias, rate, found) in enumerate(points):
+        assert f"{i}: {rate:.3g} false alarms per hour, {100 * found:.1f} % found" in (tmp_path / "touch.h").read_text()
+        in_c.start()
+        assert in_c.code.set(i) == 0
+        recogniser.watcher = learned_one.at(i)
+        assert recogniser.watcher.bias == bias
+        expected = reports(recogniser, frames)
+        check_equal(events_of(in_c(frames), recogniser.classes), expected)
+        counts.append(len(expected))
+    assert len(set(counts)) > 1
+    assert in_c.code.set(-1) == in_c.code.set(len(points)) == -1
+
+
+def test_refused_windows_and_saturated_frames_are_counted(tmp_path):
+    recogniser, (_, streams) = copy(watching("lda")), recordings()
+    detector = copy(recogniser.watcher.detector)
+    detector.limit_ *= 0.4
+    recogniser.watcher = replace(recogniser.watcher, detector=detector)
+    clock, full = recogniser.watcher.clock, recogniser.full_scale
+    frames = streams.corpus[0][:4000].copy()
+    frames[1000:1300] = frames[1000]
+    for at, taxels in ((2000, 6), (2100, 7)):  # a tenth of 64 is 6.4
+        frames[at : at + 50].reshape(50, -1)[:, :taxels] = full
+    captures = pd.DataFrame({"subject": [""], "gesture": [""]})
+    corpus = Corpus.from_captures([frames], captures, recogniser.rate_hz, full_scale=full)
+    table, still = windows_of(recogniser.watcher.prepared(corpus), clock)
+    refused = still | (detector.unusual(table) > detector.limit_)
+    in_c, counts, each = Watched(recogniser, tmp_path).start(), (ctypes.c_uint32 * 3)(), []
+    for end in range(clock.detect, len(frames) + 1, clock.hop):
+        in_c(frames[end - clock.hop if end > clock.detect else 0 : end])
+        each.append(in_c.code.status(counts))
+    most = (frames == full).reshape(len(frames), -1).sum(axis=1) >= 7
+    assert 0 < still.sum() < refused.sum() < len(refused)
+    assert counts[0] == clock.detect + clock.hop * (len(each) - 1)
+    assert counts[2] == most[: counts[0]].sum() >= 50
+    assert abs(counts[1] / clock.hop - refused.sum()) <= 1  # a share of features at the limit, rounded
+    expected = np.where(most[clock.detect - 1 :: clock.hop][: len(each)], 2, refused)
+    assert (np.array(each) != expected).sum() <= 1
 
 
 def check_silence(watched, recogniser, seconds, frames, seen=0):

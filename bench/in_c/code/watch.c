@@ -5,7 +5,27 @@ int touch_watch_init(touch_watch_t *w)
     if (!w)
         return TOUCH_BAD;
     memset(w, 0, sizeof *w);
+    w->bias = BIAS;
     return 0;
+}
+
+int touch_set_threshold(touch_watch_t *w, int point)
+{
+    if (!w || point < 0 || point >= TOUCH_POINTS)
+        return TOUCH_BAD;
+    w->bias = biases[point];
+    return 0;
+}
+
+/* Count a frame, and whether many of its taxels are at full scale. */
+static void counted(touch_watch_t *w, const float *frame)
+{
+    int full = 0;
+    for (int i = 0; i < TAXELS; i++)
+        full += frame[i] >= FULL_SCALE;
+    w->is_saturated = full >= SATURATED;
+    w->counts.frames++;
+    w->counts.saturated += (uint32_t)w->is_saturated;
 }
 
 /* Part k of the ring; the first ones lie where captures have their halves. */
@@ -64,6 +84,7 @@ static float log_odds(touch_watch_t *w)
 {
     float scores[DETECTED];
     int unusual = 0;
+    w->is_refused = 1;
     if (w->unchanged == DETECT)
         return REFUSED;
     features_of_hops(w, DETECT / WATCH_HOP);
@@ -72,13 +93,14 @@ static float log_odds(touch_watch_t *w)
         unusual += !(fabsf(w->now.features[i]) <= UNUSUAL);
     if (unusual > MOST_UNUSUAL)
         return REFUSED;
+    w->is_refused = 0;
     return log_sum(scores + QUIET, DETECTED - QUIET) - log_sum(scores, QUIET);
 }
 
 /* Probability that the sensor is touched now, from that at the hop before. */
-static float filtered(float touched, float odds)
+static float filtered(float touched, float odds, float bias)
 {
-    float step = fminf(fmaxf(ODDS_WEIGHT * (odds + BIAS), -10), 10);
+    float step = fminf(fmaxf(ODDS_WEIGHT * (odds + bias), -10), 10);
     float prior = touched * STAY + (1 - touched) * BEGIN;
     float both = prior / (1 - prior) * expf(step);
     return both / (1 + both);
@@ -179,9 +201,20 @@ int touch_watch(touch_watch_t *w, const float *frame, touch_event_t *event)
 {
     if (!w || !frame || !event || !is_frame(frame))
         return TOUCH_BAD;
+    counted(w, frame);
     if (!watched(w, frame))
         return 0;
     float before = w->touched, odds = log_odds(w);
-    w->touched = filtered(before, odds);
+    w->counts.refused += w->is_refused ? WATCH_HOP : 0;
+    w->touched = filtered(before, odds, w->bias);
     return news(w, before, odds, event);
+}
+
+int touch_status(const touch_watch_t *w, touch_counts_t *counts)
+{
+    if (!w)
+        return TOUCH_BAD;
+    if (counts)
+        *counts = w->counts;
+    return w->is_saturated ? TOUCH_SATURATED : w->is_refused ? TOUCH_REFUSED : TOUCH_OK;
 }
