@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 import uuid
+from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -50,13 +51,13 @@ def copy(db: sqlite3.Connection, source: str, run: dict[str, str], score: float 
     return name
 
 
-def fill(runs: int) -> None:
-    """A store of that many runs in the working folder."""
+def fill(runs: int, groups: Sequence[tuple[str, int, int]] = GROUPS) -> None:
+    """A store of that many runs in the working folder, as many of each group: data, subjects and gestures."""
     store = connect()
     rng = np.random.default_rng(0)
-    each = runs // len(GROUPS)
+    each = runs // len(groups)
     templates = []
-    for data, subjects, classes in GROUPS:
+    for data, subjects, classes in groups:
         gestures = [f"gesture{i}" for i in range(classes)]
         table = made_up(subjects, 6, 0.6, gestures=gestures)
         real = data != "synth"
