@@ -77,7 +77,7 @@ def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, ca
     words = ["chip", "model=lda", "bits=8", "features=touch", "model.window=1", "data.variants=normal"]
     assert main([*words, "data.subjects=3", "data.repetitions=1"]) == 0
     assert "not measured: background=quiet: no capture of synth begins or ends with 0.25 s" in capsys.readouterr().err
-    monkeypatch.setattr("bench.endless.teaching.usual", lambda corpus: "press")
+    monkeypatch.setattr("bench.endless.teaching.usual", lambda corpus, background: "press")
     assert main([*words, "data.subjects=2", "data.repetitions=1"]) == 0
     assert "not measured: a fold trains on one subject" in capsys.readouterr().err
     assert main([*words, "data.subjects=3", "data.repetitions=2"]) == 0
