@@ -6,7 +6,7 @@ import csv
 import re
 import sys
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
@@ -24,6 +24,13 @@ if TYPE_CHECKING:
     from bench.work.saved import Recogniser
 
 CHARACTERS = 32  # most of a number; a line has at most as many for each channel, its end included
+MOST_BAD = 10  # lines in a row that are no frames: more are another format, or a broken sensor
+LASTS_S = 5.0  # seconds that a status lasts before it is told
+TOLD = {
+    "ok": "frames are as in training again",
+    "refused": "the detector refuses the frames: no taxel changes, or they are unlike training; it reports no touch",
+    "saturated": "a tenth of the taxels or more are at full scale",
+}
 NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
@@ -76,7 +83,7 @@ def watched(recogniser: Recogniser, watcher: Watches) -> int:
     """Report the touches of an endless stream until standard input ends; empty lines mean nothing.
 
     Raises:
-        InputError: a line that is not a frame; news before it is printed already.
+        InputError: more than `MOST_BAD` lines in a row that are not frames; news before them is printed already.
     """
     rows, cols = recogniser.grid
     frame_ms = 1000 / recogniser.rate_hz
@@ -85,21 +92,54 @@ def watched(recogniser: Recogniser, watcher: Watches) -> int:
         f"a touch is reported after {watcher.soonest * frame_ms:.0f} ms or later",
         file=sys.stderr,
     )
-    stream, seen = watcher.stream(recogniser.grid, recogniser.rate_hz, recogniser.full_scale), 0
+    stream, skipped = watcher.stream(recogniser.grid, recogniser.rate_hz, recogniser.full_scale), Skipped()
     out = csv.writer(sys.stdout, lineterminator="\n")
     out.writerow(["ms", "news", "label", "confidence"])
     sys.stdout.flush()
-    lasting = False
-    for frame in frames_of(sys.stdin.buffer, rows * cols, recogniser.full_scale):
+    lasting, seen, told, since = False, 0, "ok", 0
+    counts = dict.fromkeys(TOLD, 0)
+    for frame in frames_of(sys.stdin.buffer, rows * cols, recogniser.full_scale, skipped):
         if frame is None:
             continue
-        seen += 1
+        seen, skipped.row = seen + 1, 0
         for event in stream.push(checked(frame.reshape(1, rows, cols), recogniser.full_scale, "input", "frame")[0]):
             news = "ended" if event.end is not None else "changed" if lasting else "reported"
             lasting = event.end is None
             out.writerow([f"{seen * frame_ms:.0f}", news, event.label, f"{event.confidence:.3f}"])
             sys.stdout.flush()
+        counts[stream.status] += 1
+        since = since + 1 if stream.status != told else 0
+        if since * frame_ms >= 1000 * LASTS_S:
+            told, since = stream.status, 0
+            print(f"{seen * frame_ms:.0f} ms: {TOLD[told]}", file=sys.stderr)
+    strange = [(count, name) for name, count in counts.items() if name != "ok"] + [(skipped.count, "lines skipped")]
+    if words := [f"{count} {name}" for count, name in strange if count]:
+        print(f"of {seen} frames: {', '.join(words)}", file=sys.stderr)
     return 0
+
+
+class Skipped:
+    """Lines that are no frames, and are left out.
+
+    Attributes:
+        count: lines so far.
+        row: lines since the last frame.
+    """
+
+    def __init__(self) -> None:
+        self.count = self.row = 0
+
+    def __call__(self, error: InputError) -> None:
+        """Count a line.
+
+        Raises:
+            InputError: there are more than `MOST_BAD` in a row.
+        """
+        self.count, self.row = self.count + 1, self.row + 1
+        if self.row > MOST_BAD:
+            raise error
+        if self.count == 1:
+            print(f"{error}; this line is skipped, as up to {MOST_BAD} in a row are", file=sys.stderr)
 
 
 def earlier(labels: deque[tuple[int, str]], seen: int) -> str | None:
@@ -120,12 +160,20 @@ def _corpus(window: list[np.ndarray], recogniser: Recogniser) -> Corpus:
     return Corpus.from_captures([values], pd.DataFrame(index=[0]), recogniser.rate_hz, full_scale=recogniser.full_scale)
 
 
-def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np.ndarray | None]:
+def frames_of(
+    stream: BinaryIO, channels: int, full_scale: float, skip: Callable[[InputError], None] | None = None
+) -> Iterator[np.ndarray | None]:
     """Frames of a stream, float64 [channels] rounded to single precision, and None where a capture ends.
 
     A line is a frame: decimal numbers with a comma between two of them, and blanks (spaces, tabs) around it, or with
     blanks alone. A line of blanks alone, or of nothing, ends a capture. Lines end with LF or CR LF. The C of ``bench
     export`` reads the same.
+
+    Args:
+        stream: lines.
+        channels: number of taxels.
+        full_scale: largest value of a channel.
+        skip: called with what is wrong with a line that is not a frame; without it, that is raised.
 
     Raises:
         InputError: a line that is not a frame, with its number.
@@ -133,25 +181,41 @@ def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np
     at, most = 0, channels * CHARACTERS
     while line := stream.readline(most + 1):
         at += 1
-        if len(line) > most:
-            raise InputError(f"line {at}: longer than {most} bytes; send one frame of {channels} values per line")
-        text = line.removesuffix(b"\n").removesuffix(b"\r").strip(b" \t")
-        if not text:
-            yield None
-            continue
-        cells = [cell.strip(b" \t") for cell in text.split(b",")] if b"," in text else re.split(rb"[ \t]+", text)
-        if len(cells) != channels:
-            raise InputError(f"line {at}: {len(cells)} values instead of {channels}; send one frame per line")
-        if wrong := [c for c in cells if len(c) > CHARACTERS or not NUMBER.fullmatch(c)]:
-            word = quoted(wrong[0].decode("utf-8", "replace"))
-            raise InputError(f"line {at}: {word} is not a decimal number; send sensor values")
-        with np.errstate(over="ignore"):
-            values = np.array(cells, dtype=np.float64).astype(np.float32).astype(np.float64)
-        within = (values >= 0) & (values <= highest_of(full_scale))
-        if not within.all():
-            wrong_value = f"{values[~within][0]:g} is not between 0 and the full scale {full_scale:g}"
-            raise InputError(f"line {at}: {wrong_value}; send sensor values")
-        yield values
+        try:
+            yield _frame_of(line, at, channels, full_scale)
+        except InputError as e:
+            if skip is None:
+                raise
+            while len(line) > most and not line.endswith(b"\n"):
+                line = stream.readline(most + 1)
+            skip(e)
+
+
+def _frame_of(line: bytes, at: int, channels: int, full_scale: float) -> np.ndarray | None:
+    """The frame in a line of some number; None in an empty one.
+
+    Raises:
+        InputError: it is none.
+    """
+    most = channels * CHARACTERS
+    if len(line) > most:
+        raise InputError(f"line {at}: longer than {most} bytes; send one frame of {channels} values per line")
+    text = line.removesuffix(b"\n").removesuffix(b"\r").strip(b" \t")
+    if not text:
+        return None
+    cells = [cell.strip(b" \t") for cell in text.split(b",")] if b"," in text else re.split(rb"[ \t]+", text)
+    if len(cells) != channels:
+        raise InputError(f"line {at}: {len(cells)} values instead of {channels}; send one frame per line")
+    if wrong := [c for c in cells if len(c) > CHARACTERS or not NUMBER.fullmatch(c)]:
+        word = quoted(wrong[0].decode("utf-8", "replace"))
+        raise InputError(f"line {at}: {word} is not a decimal number; send sensor values")
+    with np.errstate(over="ignore"):
+        values = np.array(cells, dtype=np.float64).astype(np.float32).astype(np.float64)
+    within = (values >= 0) & (values <= highest_of(full_scale))
+    if not within.all():
+        wrong_value = f"{values[~within][0]:g} is not between 0 and the full scale {full_scale:g}"
+        raise InputError(f"line {at}: {wrong_value}; send sensor values")
+    return values
 
 
 def decided_at(

@@ -10,6 +10,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import SETTLED_S
+from bench.usual import SATURATED
 
 
 class Recent:
@@ -26,7 +27,7 @@ class Recent:
     """
 
     def __init__(self, most: int, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
-        self.rate_hz = rate_hz
+        self.rate_hz, self.full_scale = rate_hz, full_scale
         self.frames: deque[np.ndarray] = deque(maxlen=most)
         self.seen = 0
         table = pd.DataFrame({"subject": [""], "gesture": [""]})
@@ -40,6 +41,11 @@ class Recent:
             self.most = np.maximum(self.most, self.frames[0])
         self.frames.append(frame)
         self.seen += 1
+
+    @property
+    def is_saturated(self) -> bool:
+        """True if many taxels of the last frame are at full scale."""
+        return np.count_nonzero(self.frames[-1] >= self.full_scale) * SATURATED >= self.frames[-1].size
 
     def recording(self, prepared: Callable[[Corpus], Corpus]) -> Corpus:
         """The frames that are kept, after the steps; older frames count by their smallest and largest values."""

@@ -19,7 +19,7 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
-from bench.endless.detector import Clock, Detector, cut, seen_windows, touched, updated, windows_of
+from bench.endless.detector import REFUSED, Clock, Detector, cut, seen_windows, touched, updated, windows_of
 from bench.endless.detectors.base import UNKNOWN, Event
 from bench.endless.recent import Recent
 from bench.features.touch import TouchFeatures
@@ -363,7 +363,12 @@ class LiveStream:
     def __init__(self, watcher: Watcher, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
         self.watcher, self.tracker = watcher, Tracker(watcher)
         self.recent = Recent(max(watcher.clock.detect, watcher.clock.name) + 1, grid, rate_hz, full_scale)
-        self.touch = np.zeros((), np.float32)
+        self.touch, self.is_refused = np.zeros((), np.float32), False
+
+    @property
+    def status(self) -> str:
+        """As of `bench.endless.detectors.base.Stream`."""
+        return "saturated" if self.recent.is_saturated else "refused" if self.is_refused else "ok"
 
     def push(self, frame: np.ndarray) -> list[Event]:
         """Take a frame [rows, cols]; the event that it reports, renames or ends, none without news."""
@@ -374,6 +379,7 @@ class LiveStream:
         recording = self.recent.recording(self.watcher.prepared)
         ends = recording.lengths
         odds = self.watcher.detector.log_odds(*seen_windows(recording, ends, clock.detect))[0]
+        self.is_refused = bool(odds == REFUSED)
         self.touch = updated(self.touch, odds + np.float32(self.watcher.bias), clock, rate_hz)
         if self.tracker.step(seen, float(self.touch), float(odds)):
             inner = behind(self.watcher.system)[1]

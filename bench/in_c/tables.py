@@ -16,13 +16,13 @@ from bench.features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
 from bench.in_c.classifiers import HAVE, Decider, decider, detector, has_c, number
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
+from bench.usual import SATURATED
 
 if TYPE_CHECKING:
     from bench.endless.watcher import Watcher
     from bench.work.replay import Stopping
     from bench.work.saved import Recogniser
 
-SATURATED = 10  # one of so many taxels at full scale; not tuned
 LONGEST_TOUCH = 2**30  # frames; a window forgets
 WITH_C = "filter"  # detector of endless streams
 

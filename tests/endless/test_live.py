@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.cli import main
+from bench.endless.detectors.base import Event
 from bench.endless.live import decided_at
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
 from bench.work.saved import Recogniser
@@ -97,6 +98,66 @@ def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(streamed):
     code, rows, errors = streamed(recogniser(), ["0,9,9,9,9,9"] * 4 + ["0,9,9,9,9,9999"], 20)
     assert code == 2 and [row[1:3] for row in rows] == [["20", "b"], ["40", "a"]]
     assert errors[-1].startswith("bench: line 5: 9999 ")
+
+
+class Listening:
+    """A watcher whose stream has a status for each frame, and reports every fourth frame."""
+
+    def __init__(self, statuses):
+        self.soonest, self.statuses, self.seen = 3, statuses, 0
+
+    def stream(self, grid, rate_hz, full_scale):
+        return self
+
+    @property
+    def status(self):
+        return self.statuses[self.seen - 1]
+
+    def push(self, frame):
+        self.seen += 1
+        return [] if self.seen % 4 else [Event(self.seen, "a", "a", 0.5, self.seen)]
+
+
+@pytest.fixture
+def watched(monkeypatch, capsys):
+    """A function from statuses and lines to exit code, printed rows and errors of ``bench live`` with a watcher."""
+
+    def run(statuses, lines):
+        system = recogniser()
+        system.watcher = Listening(statuses)
+        monkeypatch.setattr("bench.work.saved.load", lambda _: system)
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO("\n".join(lines).encode())))
+        code = main(["live", "m"])
+        text = capsys.readouterr()
+        return code, text.out.splitlines()[1:], text.err.splitlines()[1:]
+
+    return run
+
+
+GOOD, SHORT = "0,9,9,9,9,9", "0,9,9"
+
+
+def test_a_bad_line_of_an_endless_stream_is_skipped_and_counted(watched):
+    lines = [GOOD] * 3 + ["0,9,9,9,9,nan", "9" * 400, *[SHORT] * 8, GOOD, SHORT, *[GOOD] * 4]
+    code, rows, errors = watched(["ok"] * 20, lines)
+    assert code == 0 and rows == ["40,ended,a,0.500", "80,ended,a,0.500"]  # as if they had not been there
+    assert len(errors) == 2 and errors[0].startswith("line 4: 'nan' is not a decimal number")
+    assert errors[1] == "of 8 frames: 11 lines skipped"
+
+
+def test_many_bad_lines_in_a_row_end_an_endless_stream(watched):
+    code, rows, errors = watched(["ok"] * 20, [GOOD] * 4 + [SHORT] * 11 + [GOOD] * 4)
+    assert code == 2 and rows == ["40,ended,a,0.500"]
+    assert errors[-1].startswith("bench: line 15: 3 values instead of 6")
+
+
+def test_a_status_is_told_when_it_has_lasted(watched):
+    statuses = ["ok"] * 10 + ["refused"] * 400 + ["ok"] * 10 + ["refused"] * 600 + ["ok"] * 501  # 100 frames a second
+    code, _, errors = watched(statuses, [GOOD] * len(statuses))
+    assert code == 0
+    assert [line.partition(" ms: ")[0] for line in errors[:-1]] == ["9200", "15200"]
+    assert "refuses the frames" in errors[0] and "again" in errors[1]
+    assert errors[-1] == "of 1521 frames: 1000 refused"
 
 
 @pytest.mark.live

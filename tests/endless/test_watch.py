@@ -153,6 +153,23 @@ def test_frames_one_by_one_give_the_events_of_whole_recordings(recordings, watch
     assert [e.confidence for e in news] == pytest.approx(reports["confidence"][: len(rows)].tolist(), abs=1e-5)
 
 
+def test_a_stream_says_that_it_refuses_or_saturates(recordings, watcher):
+    one = recordings[[3]].corpus
+    live = LiveStream(watcher, one.grid, one.rate_hz, one.full_scale)
+    quiet = [frame.astype(np.float32) for frame in one[0][:60]]
+    assert [live.push(frame) and "" or live.status for frame in quiet][-1] == "ok"
+    for _ in range(60):  # no taxel changes
+        live.push(quiet[-1])
+    assert live.status == "refused"
+    frame = quiet[-1].copy()
+    frame.flat[: -(-frame.size // 10)] = one.full_scale
+    live.push(frame)
+    assert live.status == "saturated"
+    frame.flat[0] = 0
+    live.push(frame)
+    assert live.status != "saturated"
+
+
 @pytest.mark.parametrize("unknown", ["", "pat"])
 def test_nothing_of_a_test_subject_is_learned(unknown, recordings):
     (cell,) = cells({"data": "synth", "model": "lda", "features": "touch", "model.window": "0.75"})

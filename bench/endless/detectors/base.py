@@ -41,7 +41,15 @@ class Event:
 
 
 class Stream(Protocol):
-    """A watcher on frames that come one by one; memory does not grow."""
+    """A watcher on frames that come one by one; memory does not grow.
+
+    Attributes:
+        status: ``ok``, ``saturated`` (many taxels are at full scale), or ``refused`` (the detector takes the frames for
+            no touch because they do not change, or are unlike all that it learned from).
+    """
+
+    @property
+    def status(self) -> str: ...  # noqa: D102
 
     def push(self, frame: np.ndarray) -> list[Event]:
         """Take a frame [rows, cols]; the events that it ends, reports or renames, in this order."""

@@ -338,6 +338,11 @@ class TickStream:
         self.last: tuple[int, int] | None = None
         self.after = self.sum, 0.0  # what the name at the end adds, if the touch ends before it is named again
 
+    @property
+    def status(self) -> str:
+        """As of `bench.endless.detectors.base.Stream`; such detectors refuse nothing."""
+        return "saturated" if self.recent.is_saturated else "ok"
+
     def push(self, frame: np.ndarray) -> list[Event]:
         """Take a frame [rows, cols]; the events that it ends, reports or renames, in this order."""
         self.recent.push(frame)
