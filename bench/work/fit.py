@@ -114,7 +114,8 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: An
     plugins = [part.name for part in (cell.model, cell.features) if part]
     model = recogniser.model(plugins, corpus[0][:EXAMPLE_FRAMES], cell.packages())
     by_value()
-    key = hashlib.sha256(f"{key_of(plan, _Fit())} fit".encode()).hexdigest()[:20]
+    how = f" {watching.params}" if watching else ""
+    key = hashlib.sha256(f"{key_of(plan, _Fit())} fit{how}".encode()).hexdigest()[:20]
     tags = tags_of(cell, corpus) | {"touchbench.kind": "fit", "touchbench.cell": key}
     with only_one(key):
         for cut_off in store.runs(f"tags.`touchbench.cell` = '{key}' and attributes.status = 'RUNNING'"):
