@@ -136,7 +136,8 @@ def _points(chip: Chip) -> str:
     """The function that moves a watcher to another operating point, and what training found at each."""
     learnt = number(float(chip.defines["BIAS"].removesuffix("f")))
     rows = [
-        f"   {i}: {rate:.3g} false alarms per hour, {100 * found:.1f} % found"
+        f"   {i}: {f'{rate:.3g}' if rate == rate else 'unknown'} false alarms per hour, "
+        f"{f'{100 * found:.1f} %' if found == found else 'unknown share'} found"
         f"{' (after touch_watch_init)' if number(bias) == learnt else ''}"
         for i, (bias, rate, found) in enumerate(chip.points)
     ]
