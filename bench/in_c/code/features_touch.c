@@ -370,15 +370,26 @@ static void features_of_halves(touch_t *t, int n, const part_t *halves)
     features_of(t, n, parts, 2);
 }
 
-/* The readings of a frame, repaired, as shares of full scale, and its signals, which join those before it. */
-static void take(touch_t *t, const float *frame)
+/* The readings of a frame, repaired. */
+static void read(touch_t *t, const float *frame)
 {
     for (int i = 0; i < TAXELS; i++)
         t->frame[i] = frame[i];
     prepared(t, t->frame);
+}
+
+/* The frame that was read as shares of full scale, and its signals, which join those before it. */
+static void join_signals(touch_t *t)
+{
     for (int i = 0; i < TAXELS; i++) {
         t->frame[i] /= FULL_SCALE;
         t->before[i] = t->seen ? t->before[i] : t->frame[i];
     }
     signals_of(t->frame, t->before, t->signals[t->seen % RING]);
+}
+
+static void take(touch_t *t, const float *frame)
+{
+    read(t, frame);
+    join_signals(t);
 }
