@@ -285,7 +285,7 @@ class Watcher:
         )
         state = (
             "part_t parts[{PARTS} > {HELD} ? {PARTS} - {HELD} : 1];  /* hops of the last window, others lie in now */",
-            "int part, within, filled, unchanged;  /* the last part, frames in it, parts so far, frames since a change */",
+            "int part, within, filled, unchanged;  /* last part, frames in it, parts, frames since a change */",
             "float touched, peak;  /* probability of touch at the last hop, largest log-odds since */",
             "int begun, falling, over, is_reported, label;  /* of the event that goes on */",
             "uint32_t rise, crossed, low, limit, first, reported;  /* frames; all of them may wrap */",

@@ -111,9 +111,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
     if name == "touch" and (watcher := recogniser.watcher) is not None:
         watch = watcher.in_c(recogniser.classes, recogniser.rate_hz)
         if watch is None:
-            raise InputError(
-                f"detector={watcher.chosen['detector']} has no C; use {FINDING} in bench fit, or watch=no"
-            )
+            raise InputError(f"detector={watcher.chosen['detector']} has no C; use {FINDING} in bench fit, or watch=no")
         defines |= _watching(watch, recogniser, sizes)
         points = watcher.points or ((watch.level, np.nan, np.nan),)
         arrays |= watch.arrays | {"levels": np.array([level for level, _, _ in points], np.float32)}

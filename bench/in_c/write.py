@@ -336,9 +336,8 @@ def _code(chip: Chip) -> str:
     pieces += [_fixed(f"{name}.c") for name in FUNCTIONS if f"{name}(" in bodies]
     for function, decider in chip.deciders.items():
         body = decider.written(function)
-        comment = (
-            f"/* {'Probabilities' if 'softmax' in decider.body else 'Scores'} from the features: {decider.comment}. */\n"
-        )
+        kind = "Probabilities" if "softmax" in decider.body else "Scores"
+        comment = f"/* {kind} from the features: {decider.comment}. */\n"
         pieces.append(f"{comment}static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
     watching = [chip.watch.code, _fixed("watch.c")] if chip.watch else []
     return "\n".join([*pieces, _fixed("api.c"), *watching])

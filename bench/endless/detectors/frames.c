@@ -52,7 +52,7 @@ static float shared(touch_watch_t *w, const float *tick)
 static float cosine(float product, float a, float b)
 {
     float length = sqrtf(a * b);
-    return length > 0 ? product / length : 0;
+    return length > 0 ? product / length : 1;
 }
 
 /* Signals of a tick: its levels, area, likeness to the tick before and the third before, and centroid. */

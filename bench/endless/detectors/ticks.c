@@ -1,5 +1,14 @@
 /* Touches of a stream tick by tick, and their names, from sums over the frames of a part of the touch. */
 
+/* What the rules of a detector find in a tick: ticks since the touch began, 0 without; whether it lasts, is reported
+   now, and is surely a touch. */
+typedef struct {
+    int since, lasts, report, sure;
+} sign_t;
+
+/* The sign of a tick, from its readings; works in w->now.taxels and w->now.features. */
+static sign_t sensed(touch_watch_t *w, const float *tick);
+
 #if TICK > 1
 /* What the taxels did in a tick joins what they did before (Chan, Golub and LeVeque). */
 static void join_tick(part_t *part, const part_t *tick)
@@ -138,7 +147,7 @@ static int watched(touch_watch_t *w, const float *frame, touch_event_t *event)
 {
     touch_t *t = &w->now;
     sign_t sign = {0, 0, 0, 0};
-    read(t, frame);
+    read_frame(t, frame);
 #if TICK > 1
     for (int i = 0; i < TAXELS; i++)
         w->tick[i] = w->within ? w->tick[i] + t->frame[i] : t->frame[i];

@@ -33,14 +33,6 @@ FOLDS = "12"  # at most, of training recordings for the choice of the threshold
 SPARE = 1.15  # reports per touch that cost nothing
 
 
-SIGN = """/* What the rules of a detector find in a tick: ticks since the touch began, 0 without; whether it lasts, is reported
-   now, and is surely a touch. */
-typedef struct {
-    int since, lasts, report, sure;
-} sign_t;
-"""
-
-
 def of_file(path: str) -> str:
     """The C beside a Python file."""
     return Path(path).with_suffix(".c").read_text(encoding="utf-8")
@@ -293,7 +285,10 @@ class TickWatcher:
         longest, named = longest_part(rate_hz, self.count), behind(self.names)[1]
         times = {"TICK": self.count, "PART_TICKS": longest, "NAMED": len(named.classes_)}
         constants = ("Frames of a tick, ticks of a part of a touch, gestures.", times)
-        naming = ("When a touch is named again, and from which confidence on.", {"GROWTH": GROWTH, "REJECT": self.reject})
+        naming = (
+            "When a touch is named again, and from which confidence on.",
+            {"GROWTH": GROWTH, "REJECT": self.reject},
+        )
         state = (
             *(("float tick[{TAXELS}];  /* sum of its frames */",) if self.count > 1 else ()),
             "int within, length, first, named, sure, after;  /* frames of the tick; ticks of the part and its names */",
@@ -303,7 +298,7 @@ class TickWatcher:
         )
         return replace(
             inner,
-            code=f"{SIGN}\n{inner.code}\n{of_file(__file__)}",
+            code=f"{of_file(__file__)}\n{inner.code}",
             state=state + inner.state,
             constants=(constants, naming, *inner.constants),
             frames=(max(longest, self.detector.latest + 1) + 1) * self.count,

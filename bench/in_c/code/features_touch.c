@@ -371,7 +371,7 @@ static void features_of_halves(touch_t *t, int n, const part_t *halves)
 }
 
 /* The readings of a frame, repaired. */
-static void read(touch_t *t, const float *frame)
+static void read_frame(touch_t *t, const float *frame)
 {
     for (int i = 0; i < TAXELS; i++)
         t->frame[i] = frame[i];
@@ -390,6 +390,6 @@ static void join_signals(touch_t *t)
 
 static void take(touch_t *t, const float *frame)
 {
-    read(t, frame);
+    read_frame(t, frame);
     join_signals(t);
 }
