@@ -23,7 +23,7 @@ def points_of(settings: pd.DataFrame, learned: float, rising: bool) -> tuple[Poi
     """`bench.endless.detectors.base.Watches.points`: the `frontier` and the learned threshold.
 
     Args:
-        settings: as of `frontier`, and ``hours`` of background.
+        settings: thresholds as of `frontier`, and ``hours`` of background.
         learned: one of its thresholds.
         rising: True where a higher threshold is a more eager one.
     """

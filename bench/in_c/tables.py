@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from bench.work.saved import Recogniser
 
 LONGEST_TOUCH = 2**30  # frames; a window forgets
-FINDING = "filter, frames or threshold"  # detectors with C
 
 
 @dataclass
@@ -40,7 +39,7 @@ class Chip:
         classes: names.
         arrays: learnt numbers of the features, by name.
         points: operating points of its watcher.
-        watch: what its watcher needs; None without.
+        watch: needs of its watcher; None without.
     """
 
     defines: dict[str, str]
@@ -111,7 +110,8 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
     if name == "touch" and (watcher := recogniser.watcher) is not None:
         watch = watcher.in_c(recogniser.classes, recogniser.rate_hz)
         if watch is None:
-            raise InputError(f"detector={watcher.chosen['detector']} has no C; use {FINDING} in bench fit, or watch=no")
+            finds = watcher.chosen["detector"]
+            raise InputError(f"detector={finds} has no C; use filter or frames in bench fit detector=, or watch=no")
         defines |= _watching(watch, recogniser, sizes)
         points = watcher.points or ((watch.level, np.nan, np.nan),)
         arrays |= watch.arrays | {"levels": np.array([level for level, _, _ in points], np.float32)}
@@ -231,7 +231,7 @@ def _watching(watch: InC, recogniser: Recogniser, sizes: dict[str, Any]) -> dict
     """Constants of a watcher, and of its frames, which share the ring of signals with captures.
 
     Args:
-        watch: what the watcher needs.
+        watch: needs of the watcher.
         recogniser: saved system.
         sizes: result of `_windows`.
     """

@@ -88,7 +88,7 @@ class Detector:
         return self.soonest
 
     def in_c(self) -> InC | None:
-        """What the C of a fitted detector needs; None where it has none.
+        """What the C of a fitted detector needs; None where it has none. Classes do not inherit it.
 
         It defines ``static sign_t sensed(touch_watch_t *w, const float *tick)``: the sign of a tick, from the readings
         of its frames, a mean. It may work in ``w->now.taxels`` and ``w->now.features``.
@@ -279,7 +279,8 @@ class TickWatcher:
 
     def in_c(self, classes: list[str], rate_hz: float) -> InC | None:
         """What its C needs: that of the detector, and of the names."""
-        inner = self.detector.in_c()
+        derived = "in_c" not in vars(type(self.detector))  # what derives from a detector with C may compute otherwise
+        inner = None if derived else self.detector.in_c()
         if inner is None:
             return None
         longest, named = longest_part(rate_hz, self.count), behind(self.names)[1]
