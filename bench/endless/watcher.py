@@ -298,6 +298,7 @@ class Watcher:
             state,
             constants,
             clock.name,
+            clock.hop,
             self.bias,
             {"gesture": (~np.isin(classes, self.background)).astype(np.int8)},
             {"detect": learnt.classifier_},

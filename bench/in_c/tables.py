@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from bench.work.replay import Stopping
     from bench.work.saved import Recogniser
 
+BITS8, BITS16, BITS32 = 2**8, 2**16, 2**32
 LONGEST_TOUCH = 2**30  # frames; a window forgets
 
 
@@ -104,7 +105,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
         deciders = {"decide": network.head(system, bits)}
         width = deciders["decide"].arrays["hidden"].shape[1]
     defines = _sizes(recogniser, width, longest) | _steps(steps, recogniser.rate_hz) | sizes
-    defines |= _stopping(recogniser.stopping) | {"WATCH": 0}
+    defines |= _stopping(recogniser.stopping) | {"WATCH": 0, "STEPPED": 0}
     points: tuple[Point, ...] = ()
     watch = None
     if name == "touch" and (watcher := recogniser.watcher) is not None:
@@ -112,7 +113,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
         if watch is None:
             finds = watcher.chosen["detector"]
             raise InputError(f"detector={finds} has no C; use filter or frames in bench fit detector=, or watch=no")
-        defines |= _watching(watch, recogniser, sizes)
+        defines |= _watching(watch, recogniser, sizes, 0 if any(map(is_fraction, steps)) else recogniser.step)
         points = watcher.points or ((watch.level, np.nan, np.nan),)
         arrays |= watch.arrays | {"levels": np.array([level for level, _, _ in points], np.float32)}
         for function, part in watch.deciders.items():
@@ -227,14 +228,21 @@ def _windows(windows: Windows | None, short: Windows | None, rate_hz: float) -> 
     }
 
 
-def _watching(watch: InC, recogniser: Recogniser, sizes: dict[str, Any]) -> dict[str, Any]:
+def is_fraction(step: Step) -> bool:
+    """Return True if readings after a step lie between those before."""
+    return isinstance(step, Scale) or (isinstance(step, Repair) and step.kinds != ("offset",))
+
+
+def _watching(watch: InC, recogniser: Recogniser, sizes: dict[str, Any], step: float) -> dict[str, Any]:
     """Constants of a watcher, and of its frames, which share the ring of signals with captures.
 
     Args:
         watch: needs of the watcher.
         recogniser: saved system.
         sizes: result of `_windows`.
+        step: all readings are multiples of it, so that their sums are exact in few bits; 0 where there is none.
     """
+    steps, longest = recogniser.full_scale / step if step else np.inf, max(watch.part, sizes["HOP"], sizes["EARLY_HOP"])
     ring = max(sizes["WINDOW"], watch.frames)
     settled = int(np.ceil(SETTLED_S * recogniser.rate_hz))
     common = {
@@ -245,6 +253,10 @@ def _watching(watch: InC, recogniser: Recogniser, sizes: dict[str, Any]) -> dict
         "TURN": ring * -(-max(ring, settled) // ring),
         "SATURATED": -(-recogniser.grid[0] * recogniser.grid[1] // SATURATED),
         "LEVEL": number(watch.level),
+        "STEPPED": int(longest * steps**2 < BITS32),
+        "STEPS": number(min(steps, BITS16)),
+        "SUM": "uint16_t" if longest * steps < BITS16 else "uint32_t",
+        "MOST": "uint8_t" if steps < BITS8 else "uint16_t",
     }
     of_detector = {name: value for _, group in watch.constants for name, value in group.items()}
     return common | {name: number(v) if isinstance(v, float) else v for name, v in of_detector.items()}

@@ -178,7 +178,7 @@ def _state(chip: Chip) -> str:
             "int remembered, label_at[32]; int16_t labels[32];  /* labels so far, and after how many frames */"
         )
     body = "".join(f"    {line}\n" for line in members)
-    part = PART.format(taxels=taxels) if chip.features == "touch" else ""
+    part = (SUMS if d["STEPPED"] == "1" else PART).format_map(d) if chip.features == "touch" else ""
     return f"{part}typedef struct {{\n{body}}} touch_t;\n{_watch_state(chip)}"
 
 
@@ -237,7 +237,20 @@ int touch_status(const touch_watch_t *w, touch_counts_t *counts);
 PART = """/* What the taxels did in a part of a window. */
 typedef struct {{
     int n;
-    float mean[{taxels}], m2[{taxels}], most[{taxels}];
+    float mean[{TAXELS}], m2[{TAXELS}], most[{TAXELS}];
+}} part_t;
+
+"""
+
+
+SUMS = """/* What the taxels did in a part of a window, in steps of their readings; sums are exact. */
+typedef {SUM} sum_t;
+typedef {MOST} most_t;
+typedef struct {{
+    int n;
+    uint32_t squares[{TAXELS}];
+    sum_t sum[{TAXELS}];
+    most_t most[{TAXELS}];
 }} part_t;
 
 """

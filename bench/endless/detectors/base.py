@@ -35,7 +35,8 @@ class InC:
             ``counts``, ``is_refused``, ``is_saturated``; ``seen``, frames); C, with names of constants in braces.
         constants: groups of constants, each a comment, and numbers or C by name.
         frames: frames whose signals are kept in ``now.signals``, at least.
-        level: the learned threshold, as in `Watches.points`.
+        part: frames of a ``part_t``, at most.
+        level: threshold that was learned, as in `Watches.points`.
         arrays: learned tables by name.
         deciders: by the name of the C function that they become: a pipeline on features, which gives probabilities of
             its classes, or linear discriminants, which give scores.
@@ -47,6 +48,7 @@ class InC:
     state: tuple[str, ...]
     constants: tuple[tuple[str, dict[str, float | str]], ...]
     frames: int = 0
+    part: int = 0
     level: float = 0.0
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
     deciders: dict[str, Any] = field(default_factory=dict)

@@ -13,6 +13,13 @@ static sign_t sensed(touch_watch_t *w, const float *tick);
 /* What the taxels did in a tick joins what they did before (Chan, Golub and LeVeque). */
 static void join_tick(part_t *part, const part_t *tick)
 {
+#if STEPPED
+    for (int i = 0; i < TAXELS; i++) {
+        part->sum[i] = (sum_t)(part->sum[i] + tick->sum[i]);
+        part->squares[i] += tick->squares[i];
+        part->most[i] = part->most[i] > tick->most[i] ? part->most[i] : tick->most[i];
+    }
+#else
     float n = (float)part->n, more = (float)tick->n, both = n + more;
     for (int i = 0; i < TAXELS; i++) {
         float away = tick->mean[i] - part->mean[i];
@@ -20,6 +27,7 @@ static void join_tick(part_t *part, const part_t *tick)
         part->mean[i] += away * more / both;
         part->most[i] = fmaxf(part->most[i], tick->most[i]);
     }
+#endif
     part->n += tick->n;
 }
 #endif

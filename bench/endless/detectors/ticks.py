@@ -303,6 +303,7 @@ class TickWatcher:
             state=state + inner.state,
             constants=(constants, naming, *inner.constants),
             frames=(max(longest, self.detector.latest + 1) + 1) * self.count,
+            part=max(longest, self.detector.latest + 1) * self.count,
             level=float(self.level),
             arrays=inner.arrays | {"class_of": np.searchsorted(classes, named.classes_.astype(str)).astype(np.int8)},
             deciders={"name": named},
