@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.recordings import certain, is_recorded, recorded
 from bench.errors import InputError
 from bench.in_c.measure import compiled, lacking, measured, measured_watching
 from bench.in_c.tables import check
 from bench.in_c.write import files_of
 from bench.outcomes import scores
 from bench.outcomes.results import FoldResult
+from bench.plan.plan import corpus_of
 from bench.registry import parts
 from bench.work.fitted import Fitted
 from bench.work.fold import computing
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 # As large as what `bench fit` teaches, which takes three more fits; it changes no probability.
 UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), 1.0)
+WATCHED_S = 60.0  # of a recording that is watched in the emulator
 
 
 def refuse(plan: Plan) -> None:
@@ -66,7 +68,7 @@ def fold(at: Fitted, bits: int) -> FoldResult:
         metrics = measured(folder)
     if check(at.cell.untrained) and parts("watchers"):
         with computing(at.threads):
-            metrics |= _watching(at, recogniser, bits, train)
+            metrics |= _watching(at, recogniser, bits)
     table[[f"p_{name}" for name in scores.classes_of(at.predictions)]] = np.float32(0)
     table[[f"p_{name}" for name in recogniser.classes]] = proba
     return FoldResult(at.fold.name, metrics=metrics, tables={"c": table})
@@ -79,22 +81,29 @@ def _written(recogniser: Recogniser, bits: int, folder: Path) -> Path:
     return folder
 
 
-def _watching(at: Fitted, recogniser: Recogniser, bits: int, train: Corpus) -> dict[str, float]:
+def _watching(at: Fitted, recogniser: Recogniser, bits: int) -> dict[str, float]:
     """Costs of the system with a watcher; none where the captures cannot teach one.
 
     Two training subjects with all gestures teach a watcher of the same size in a tenth of the time, except for the
-    learned tail and for gestures that their recordings never have for a whole window.
+    learned tail and for gestures that their recordings never have for a whole window. Of recordings, all training
+    subjects teach it, with their background, and it also watches the beginning of one of a test subject.
     """
+    train, recording = at.train, None
+    if is_recorded(at.corpus):
+        every = corpus_of(at.cell.of_recordings())
+        tested = np.isin(every.subjects, at.corpus.subjects[at.fold.test])
+        train, whole = certain(every[~tested]), recorded(every[tested]).corpus
+        recording = whole[0][: round(WATCHED_S * whole.rate_hz)]
     subjects = train.subjects.astype(str)
     names = np.unique(subjects)
     fewer = (train[np.isin(subjects, names[:count])] for count in range(2, len(names) + 1))
-    few = next((one for one in fewer if set(one.gestures) == set(train.gestures)), train)
+    few = next((one for one in fewer if recording is None and set(one.gestures) == set(train.gestures)), train)
     try:
         recogniser.watcher = parts("watchers")[0]({}).learned(at.cell.estimator, recogniser.estimator, few, train)
     except InputError:
         return {}
     with tempfile.TemporaryDirectory() as name:
-        return measured_watching(_written(recogniser, bits, Path(name)))
+        return measured_watching(_written(recogniser, bits, Path(name)), recording)
 
 
 def _unwatched(plan: Plan) -> str:
