@@ -140,8 +140,8 @@ class InC(Circumstance):
                 "The C is linked for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM. QEMU counts instructions: "
                 "the mean per frame, and the costliest frame with its label. library RAM is the state of touch.c. "
                 "program RAM is the whole program with 4096 bytes for heap and stack. A second table has the costs of "
-                "touch_watch, if the system can watch a stream; of recordings, also on the first minute of a test "
-                "subject's. It is bench run with form=c. Needs cc, make, "
+                "touch_watch, if the system can watch a stream. For recordings, the emulator also watches the first "
+                "minute of one. It is bench run with form=c. Needs cc, make, "
                 "arm-none-eabi-gcc and qemu-system-arm (Debian: gcc make gcc-arm-none-eabi libnewlib-arm-none-eabi "
                 "qemu-system-arm).",
                 "bench chip data=haart protocol=loso model=reflex bits=32,8\n"
