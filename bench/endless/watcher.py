@@ -302,7 +302,7 @@ class Watcher:
             self.bias,
             {"gesture": (~np.isin(classes, self.background)).astype(np.int8)},
             {"detect": learnt.classifier_},
-            "watch.begun = touched; watch.crossed = watch.falling = 0; watch.touched = touched ? watch.touched : 0;",
+            "w->begun = touched; w->crossed = w->falling = 0; w->touched = touched ? w->touched : 0;",
         )
 
     def adapted(self, system: contract.System, captures: Corpus, y: np.ndarray | None) -> Watcher:

@@ -40,7 +40,7 @@ class InC:
         arrays: learned tables by name.
         deciders: by the name of the C function that they become: a pipeline on features, which gives probabilities of
             its classes, or linear discriminants, which give scores.
-        pretended: C that sets ``watch`` as if nothing was touched or, where ``touched`` is not 0, as if a touch never
+        pretended: C that sets ``w`` as if nothing was touched or, where ``touched`` is not 0, as if a touch never
             ended, so that ``make count`` can count instructions of both.
     """
 

@@ -310,7 +310,7 @@ class Frames(Detector):
             state,
             constants,
             arrays={f"look_{name}": np.asarray(values, np.float32) for name, values in arrays.items()},
-            pretended="watch.level = touched ? -1e30f : 1e30f; watch.begun = 9;",
+            pretended="w->level = touched ? -1e30f : 1e30f; w->begun = 9;",
         )
 
     @property

@@ -93,7 +93,7 @@ class Threshold(Detector):
             {"UP": self.tick / self.up, "DOWN": self.tick / self.down, "UNIT": self.unit_, "ENDS": ENDS},
         )
         state = ("float baseline[{TAXELS}];", "int felt, since, is_known;  /* ticks; whether the touch was reported */")
-        pretended = "watch.level = touched ? -1 : 1e30f;"
+        pretended = "w->level = touched ? -1 : 1e30f;"
         return InC(of_file(__file__), state, (constants,), pretended=pretended)
 
     @property
