@@ -30,6 +30,7 @@ C = "c"  # the form, and the table with its probabilities
 WATCHING = (  # columns of the costs of watching an endless stream
     text("system", read=lambda r: r.system),
     Measure("bits", read="chip.bits"),
+    Measure("detector", read="chip.detector", left=True, spare=3),
     Measure("flash", "flash kB", "chip_watch_flash_bytes", ",.1f", per=1000),
     Measure("ram", "RAM kB", "chip_watch_ram_bytes", ",.1f", per=1000),
     Measure("stack", "stack B", "chip_watch_stack_bytes", ",.0f"),
@@ -52,14 +53,17 @@ class InC(Circumstance):
 
     form: str = option("", "c: also export each fitted system and measure its labels and costs in C", (C,))
     bits: str = option("32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8"))
+    detector: str = option("", "finds the touches of a stream, as of bench fit; for the costs of watching")
 
     @classmethod
     def of(cls, values: Values) -> list[Self]:
         """A circumstance for each number of bits.
 
         Raises:
-            InputError: there is no such form or number.
+            InputError: there is no such form or number, or a parameter of a detector.
         """
+        if dotted := [key for key in values if key.startswith("detector.")]:
+            raise InputError(f"{dotted[0]}=: bench chip takes a detector without parameters; leave it out")
         for form in items("form", values["form"]):
             if form != C:
                 raise InputError(f"form={form}: give {C}")
@@ -69,7 +73,7 @@ class InC(Circumstance):
         """Bits and compilers."""
         from bench.in_c.measure import toolchain
 
-        return {"chip.bits": int(self.bits), "chip.toolchain": "; ".join(toolchain())}
+        return {"chip.bits": int(self.bits), "chip.detector": self.detector, "chip.toolchain": "; ".join(toolchain())}
 
     def changed(self) -> dict[str, str]:
         """The options as typed."""
@@ -80,7 +84,7 @@ class InC(Circumstance):
         from bench.in_c.measure import toolchain
         from bench.in_c.write import digest
 
-        return [self.bits, digest(), toolchain()]
+        return [self.bits, digest(), toolchain(), self.detector]
 
     def depends(self) -> list[Code]:
         """What those who write the C import late: of networks, and of systems that watch."""
@@ -96,7 +100,7 @@ class InC(Circumstance):
         """
         from bench.in_c.fold import refuse
 
-        refuse(plan)
+        refuse(plan, self.detector)
 
     def warnings(self, plan: Plan) -> list[str]:
         """Warn where no watcher can be learned."""
@@ -108,7 +112,7 @@ class InC(Circumstance):
         """Labels of the test captures by the C; bytes and instructions."""
         from bench.in_c.fold import fold
 
-        return fold(at, int(self.bits))
+        return fold(at, int(self.bits), self.detector)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy in C, and labels that are others than in Python."""
@@ -147,7 +151,7 @@ class InC(Circumstance):
                 "bench chip data=haart protocol=loso model=reflex bits=32,8\n"
                 "bench choose data=haart protocol=loso max_flash=64kB max_ram=32kB max_cycles=1M",
             ),
-            keys=("bits",),
+            keys=("bits", "detector"),
             given={"form": C},
         )
     }

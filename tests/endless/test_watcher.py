@@ -236,6 +236,11 @@ def test_operating_points_find_more_with_more_alarms():
     ]
     table = pd.DataFrame(rows, columns=["threshold", "alarms", "found"]).assign(hours=0.5)
     assert frontier(table)["threshold"].tolist() == [-7.0, -3.0, 2.0]
-    assert points_of(table, 1.0, rising=True) == ((-7.0, 0.0, 0.5), (-3.0, 4.0, 0.8), (1.0, 12.0, 0.7), (2.0, 18.0, 0.9))
+    assert points_of(table, 1.0, rising=True) == (
+        (-7.0, 0.0, 0.5),
+        (-3.0, 4.0, 0.8),
+        (1.0, 12.0, 0.7),
+        (2.0, 18.0, 0.9),
+    )
     falling = points_of(table, 1.0, rising=False)  # from the strictest to the most eager
     assert [threshold for threshold, _, _ in falling] == [2.0, 1.0, -3.0, -7.0]
