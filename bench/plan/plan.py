@@ -34,9 +34,7 @@ class Fold:
         known: captures of the tested person that are known beforehand, if there are any.
     """
 
-    def __init__(
-        self, name: str, train: np.ndarray, test: np.ndarray, known: splits.Calibration | None = None
-    ) -> None:
+    def __init__(self, name: str, train: np.ndarray, test: np.ndarray, known: splits.Calibration | None = None) -> None:
         """Keep positions of training and of test captures, in any order."""
         self.name, self.known = name, known
         self._train, self._test = stretches_of(train), stretches_of(test)
