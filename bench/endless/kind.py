@@ -221,11 +221,12 @@ class Continuous(Kind):
             return choosing(results, max_false_alarms=f"{FALSE_ALARMS:g}", max_latency="1s")
         return super().then(results)
 
-    def figure(self, result: Result, folder: Path) -> None:
+    @classmethod
+    def figure(cls, result: Result, folder: Path) -> None:
         """Draw the timeline and missed touches against false alarms."""
         from bench.endless.page import draw
 
-        draw(result, folder, self.alike)
+        draw(result, folder, cls.alike)
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:

@@ -21,7 +21,7 @@ from contextlib import closing, contextmanager, nullcontext, suppress
 from functools import cached_property, wraps
 from pathlib import Path
 from shutil import rmtree
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, ParamSpec, TypeVar
 from urllib.parse import unquote, urlparse
 from uuid import uuid4
 
@@ -45,6 +45,32 @@ KEY = re.compile(r"[A-Za-z0-9_](?:[A-Za-z0-9_ .:-]{0,248}[A-Za-z0-9_])?")  # tha
 LONGEST = 6000  # letters of a value that MLflow takes
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
+Read = TypeVar("Read", "Run", "Stored")
+
+
+class Info(NamedTuple):
+    """What is used of MLflow's ``RunInfo``."""
+
+    run_id: str
+    status: str
+    start_time: int
+    artifact_uri: str
+    run_name: str
+
+
+class Data(NamedTuple):
+    """What is used of MLflow's ``RunData``."""
+
+    metrics: dict[str, float]
+    params: dict[str, str]
+    tags: dict[str, str]
+
+
+class Stored(NamedTuple):
+    """A run as MLflow's ``Run`` has it, read without MLflow."""
+
+    info: Info
+    data: Data
 
 
 def patient(work: Callable[Given, Result]) -> Callable[Given, Result]:
@@ -72,13 +98,15 @@ def reached() -> Iterator[None]:
     Raises:
         StoreError: instead of theirs.
     """
-    from mlflow.exceptions import MlflowException
-    from requests.exceptions import RequestException
-    from sqlalchemy.exc import SQLAlchemyError
-
     try:
         yield
-    except (MlflowException, RequestException, SQLAlchemyError, OSError) as e:
+    except Exception as e:
+        from mlflow.exceptions import MlflowException  # heavy, and a command that reads a file needs none of it
+        from requests.exceptions import RequestException
+        from sqlalchemy.exc import SQLAlchemyError
+
+        if not isinstance(e, (MlflowException, RequestException, SQLAlchemyError, OSError)):
+            raise
         raise StoreError(
             f"the MLflow store {_shown(store_uri())} failed: {_first_line(e)}; stored results are kept; repeat the "
             "command when the store works again"
@@ -104,19 +132,29 @@ class Store:
     """Runs in MLflow, of touchbench's experiment.
 
     Args:
-        client: client of the store.
         experiment_id: id of the MLflow experiment.
         file: MLflow's SQLite file; None if the runs are kept in another way.
+        client: client of the store; by default it is made when it is used, as importing MLflow takes a second.
+
+    Raises:
+        InputError: from whatever needs the client: the store cannot be used.
     """
 
-    def __init__(self, client: MlflowClient, experiment_id: str, file: Path | None = None) -> None:
-        self.client = client
+    def __init__(self, experiment_id: str, file: Path | None, client: MlflowClient | None = None) -> None:
         self.experiment_id = experiment_id
         self.file = file
+        self._client = client
         self._warned = False  # of runs of another format
         self._artifacts: dict[
             str, str
         ] = {}  # by id of a run that was made here and goes on, the address of its artifacts
+
+    @property
+    def client(self) -> MlflowClient:
+        """Client of the store."""
+        if self._client is None:
+            self._client = _opened(self.file, writes=False)[0]
+        return self._client
 
     @patient
     def runs(self, condition: str) -> list[Run]:
@@ -129,14 +167,14 @@ class Store:
             stored += page
         return self._readable(stored)
 
-    def _readable(self, stored: list[Run]) -> list[Run]:
+    def _readable(self, stored: list[Read]) -> list[Read]:
         kept = [run for run in stored if run.data.tags.get("touchbench.format") in READABLE]
         if len(kept) < len(stored) and not self._warned:
             self._warned = True
             warn("runs that another version of touchbench has stored are left out; run their commands again")
         return kept
 
-    def of_kind(self, *kinds: str) -> list[Run]:
+    def of_kind(self, *kinds: str) -> Sequence[Run | Stored]:
         """Parent runs of one kind after the other, newest first, as `runs` has them.
 
         A SQLite file is read here: MLflow takes nine times as long. Where this fails, and of a server, MLflow is asked.
@@ -364,36 +402,35 @@ class Store:
         self.client.delete_run(run_id)
 
 
-def _runs_in(file: Path, experiment_id: str, kinds: Sequence[str]) -> list[Run]:
+def _runs_in(file: Path, experiment_id: str, kinds: Sequence[str]) -> list[Stored]:
     """Parent runs of some kinds in MLflow's SQLite file, in the order of `Store.of_kind`, as of one moment."""
-    from mlflow.entities import Metric, Param, Run, RunData, RunInfo, RunTag
-
-    def number(key: str, value: float, timestamp: int, step: int, is_nan: bool) -> Metric:
-        return Metric(key, math.nan if is_nan else value, timestamp, step)
-
     marks = ", ".join("?" * len(kinds))
     of_kinds = f"from tags where key = 'touchbench.kind' and value in ({marks})"
-    about = "r.run_uuid, experiment_id, user_id, status, start_time, end_time, lifecycle_stage, artifact_uri, name"
-    with closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True, timeout=LOCKED_S)) as db:
+    about = "r.run_uuid, status, start_time, artifact_uri, name"
+    with closing(_read_only(file)) as db:
         db.execute("begin")
         rows = db.execute(
             f"select value, {about} from runs r join (select run_uuid, value {of_kinds}) k on r.run_uuid = k.run_uuid "
             "where experiment_id = ? and lifecycle_stage = 'active' order by start_time desc, r.run_uuid",
             (*kinds, int(experiment_id)),
         ).fetchall()
-        parts: dict[str, tuple[list[Metric], list[Param], list[RunTag]]] = {row[1]: ([], [], []) for row in rows}
-        for place, made, query in (
-            (0, number, "key, value, timestamp, step, is_nan from latest_metrics"),
-            (1, Param, "key, value from params"),
-            (2, RunTag, "key, value from tags"),
+        data = {row[1]: Data({}, {}, {}) for row in rows}
+        for values, query in (
+            ("metrics", "case when is_nan then null else value end from latest_metrics"),
+            ("params", "value from params"),
+            ("tags", "value from tags"),
         ):
-            for run_id, *values in db.execute(
-                f"select run_uuid, {query} where run_uuid in (select run_uuid {of_kinds})", kinds
+            for run_id, key, value in db.execute(
+                f"select run_uuid, key, {query} where run_uuid in (select run_uuid {of_kinds})", kinds
             ):
-                if run_id in parts:
-                    parts[run_id][place].append(made(*values))
+                if run_id in data:
+                    getattr(data[run_id], values)[key] = math.nan if value is None and values == "metrics" else value
     rows.sort(key=lambda row: kinds.index(row[0]))
-    return [Run(RunInfo(row[1], str(row[2]), *row[3:]), RunData(*parts[row[1]])) for row in rows]
+    return [Stored(Info(*row[1:]), data[row[1]]) for row in rows]
+
+
+def _read_only(file: Path) -> sqlite3.Connection:
+    return sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True, timeout=LOCKED_S)
 
 
 def _points(
@@ -476,12 +513,30 @@ def connect(writes: bool = False) -> Store:
     Raises:
         InputError: it cannot be reached, or cannot be written and must be.
     """
+    path = _file(store_uri())
+    if path is not None and not writes:
+        _is_writable(path, writes)
+        if experiment_id := _experiment_in(path):
+            return Store(experiment_id, path)
+    client, experiment_id = _opened(path, writes)
+    return Store(experiment_id, path, client)
+
+
+def _opened(path: Path | None, writes: bool) -> tuple[MlflowClient, str]:
+    """MLflow's client of the store, and the id of the experiment, which is made if it is not there.
+
+    Args:
+        path: MLflow's SQLite file; None if the runs are kept in another way.
+        writes: True if it must be written.
+
+    Raises:
+        InputError: it cannot be reached, or cannot be written and must be.
+    """
     uri = store_uri()
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
     retries = os.environ.get("MLFLOW_HTTP_REQUEST_MAX_RETRIES")
     os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or "2"  # a wrong address is no reason to wait long
-    path = _file(uri)
     if fixed := path is not None and not _is_writable(path, writes):
         # SQLite leaves such a file and its folder alone; MLflow makes folders of a plain sqlite:///file:
         uri = f"sqlite+pysqlite:///{path.absolute().as_uri()}?mode=ro&uri=true"
@@ -501,14 +556,21 @@ def connect(writes: bool = False) -> Store:
             if not fixed:  # it becomes MLFLOW_TRACKING_URI
                 mlflow.set_tracking_uri(uri)
             client = mlflow.MlflowClient(uri)
-            experiment_id = _experiment(client)
+            return client, _experiment(client)
         except (MlflowException, SQLAlchemyError, StoreError, ImportError, UnicodeError) as e:  # a driver, a name
             raise InputError(
                 f"MLflow store {_shown(store_uri())} cannot be used: {_first_line(e.__cause__ or e)}"
             ) from e
         finally:
             os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or RETRIES
-    return Store(client, experiment_id, path)
+
+
+def _experiment_in(file: Path) -> str:
+    """The id of the experiment in MLflow's SQLite file; empty if it is not there, or the file is unusual."""
+    with suppress(sqlite3.Error), closing(_read_only(file)) as db:
+        ids = db.execute("select experiment_id from experiments where name = ?", [EXPERIMENT]).fetchall()
+        return str(ids[0][0]) if ids else ""
+    return ""
 
 
 @patient

@@ -264,7 +264,7 @@ class TrackedRun:
         return [self.done[fold.name] for fold in self.plan.folds if fold.name in self.done]
 
     def close(self) -> Result:
-        """Measure the run from its folds, draw its figures and end it; the result reads its tables from the store."""
+        """Measure the run from its folds, and end it; the result reads its tables from the store."""
         results, folds = self.results(), len(self.plan.folds)
         self.tags |= _batch_effects(results)
         if failed := dict.fromkeys(key for r in results for key in r.failed):
@@ -282,7 +282,6 @@ class TrackedRun:
                     write_table(table, Path(folder) / file_of(name))
                     if name in FOR_PEOPLE:
                         table.to_csv(Path(folder) / f"{name}.csv", index=False)
-                self.experiment.figure(result, Path(folder))
                 self.store.keep(self.run_id, Path(folder))
             once = sum(len(r.table) for r in results) == len(tables.get("predictions", ()))
             if once and result["status"] == "FINISHED":

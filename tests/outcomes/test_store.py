@@ -1,6 +1,7 @@
 """The store when it is locked, of another version or gone; kills and full disks are in tests/nightly."""
 
 import errno
+import operator
 import sqlite3
 from pathlib import Path
 
@@ -154,10 +155,9 @@ def test_runs_come_in_pages_newest_first_and_only_of_this_format(monkeypatch):
 
 def contents(runs):
     """All that runs hold, in order, as text, in which what is no number equals itself."""
-    return [repr((dict(run.info), *(list(vars(run.data)[n].items()) for n in FIELDS))) for run in runs]
-
-
-FIELDS = ("_metrics", "_params", "_tags")
+    fields = operator.attrgetter("run_id", "status", "start_time", "artifact_uri", "run_name")
+    values = operator.attrgetter("metrics", "params", "tags")
+    return [repr((fields(run.info), [sorted(v.items()) for v in values(run.data)])) for run in runs]
 
 
 @pytest.mark.parametrize("unreadable", ["no file", "cut off", "locked"])

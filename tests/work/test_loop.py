@@ -261,7 +261,7 @@ def test_a_run_is_tracked_whole(capsys):
     assert svm.data.metrics["accuracy"] == pytest.approx(right.mean())
     child = store.folds(cnn.info.run_id)[0]
     assert [m.step for m in store.client.get_metric_history(child.info.run_id, "loss")] == [1, 2]
-    files = "predictions.parquet confusion.csv confusion.svg per_subject.parquet per_class.csv "
+    files = "predictions.parquet confusion.csv per_subject.parquet per_class.csv "
     files += "confusion.parquet per_class.parquet"
     assert {a.path for a in store.client.list_artifacts(svm.info.run_id)} == {*files.split()}
     assert main(["run", "model=svm", *SMALL]) == 0  # the same again computes nothing
