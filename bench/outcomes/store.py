@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from mlflow.entities import Run
 
 EXPERIMENT = "touchbench"
+TABLE = "experiments"  # in MLflow's file
 FORMAT = "2"  # version of stored runs
 READABLE = (FORMAT, "1")  # versions that are read (`bench.outcomes.earlier`); others are left out
 PATIENCE = 60.0  # seconds that another program may lock MLflow's file
@@ -568,7 +569,7 @@ def _opened(path: Path | None, writes: bool) -> tuple[MlflowClient, str]:
 def _experiment_in(file: Path) -> str:
     """The id of the experiment in MLflow's SQLite file; empty if it is not there, or the file is unusual."""
     with suppress(sqlite3.Error), closing(_read_only(file)) as db:
-        ids = db.execute("select experiment_id from experiments where name = ?", [EXPERIMENT]).fetchall()
+        ids = db.execute(f"select experiment_id from {TABLE} where name = ?", [EXPERIMENT]).fetchall()
         return str(ids[0][0]) if ids else ""
     return ""
 
