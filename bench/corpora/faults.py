@@ -378,9 +378,10 @@ def noisy_region(frames: np.ndarray, amount: float, rng: np.random.Generator) ->
         return frames
     _, rows, cols = frames.shape
     change = NOISY * rng.standard_normal(frames.shape, dtype=np.float32)
-    sides = [at_least_one(100 * np.sqrt(amount / 100), side) for side in (rows, cols)]
-    where = [int(rng.random() * (side - n + 1)) for side, n in zip((rows, cols), sides, strict=True)]
-    row, col = (slice(first, first + n) for first, n in zip(where, sides, strict=True))
+    sides = [max(1, round(side * np.sqrt(amount / 100))) for side in (rows, cols)]
+    free = [side - n + 1 for side, n in zip((rows, cols), sides, strict=True)]
+    firsts = [int(luck * places) for luck, places in zip(rng.random(2), free, strict=True)]
+    row, col = (slice(first, first + n) for first, n in zip(firsts, sides, strict=True))
     changed = frames.copy()
     changed[:, row, col] = np.clip(frames[:, row, col] + change[:, row, col], 0, 1)
     return changed
