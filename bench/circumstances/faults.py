@@ -115,9 +115,9 @@ class Faults(Circumstance):
 
     def identity(self) -> object:
         """Names, units and amounts of the faults."""
-        from bench.corpora.faults import all_faults
+        from bench.corpora.faults import identity_of
 
-        return [(f.name, f.unit, f.amounts, f.sensor) for f in map(all_faults().__getitem__, self.under)]
+        return identity_of(self.under)
 
     def depends(self) -> list[Code]:
         """The code of the faults, too."""

@@ -131,6 +131,11 @@ def asked_faults(key: str, names: Sequence[object], every: Sequence[str]) -> tup
     return tuple(name for name in known if name in asked or (ALL in asked and name in every))
 
 
+def identity_of(names: Sequence[str]) -> list[tuple]:
+    """Names, units and amounts of faults."""
+    return [(f.name, f.unit, f.amounts, f.sensor) for f in map(all_faults().__getitem__, names)]
+
+
 def as_shares(corpus: Corpus, captures: np.ndarray) -> list[np.ndarray]:
     """Frames of some captures as shares of full scale, one float32 array [frames, rows, cols] per capture."""
     return [corpus[i].astype(np.float32) / np.float32(corpus.full_scale) for i in captures]

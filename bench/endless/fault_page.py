@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
 from bench.endless import others
@@ -91,7 +90,8 @@ def fault_parts(results: Sequence[Result], folder: Path, same: Same) -> list[Par
         same: parameters that comparable results share (`bench.comparable.shared`).
     """
     parts = []
-    for i, (context, members) in enumerate(contexts(under_faults(results), same, "end_correct"), 1):
+    counted = [r for r in under_faults(results) if r.get("background_minutes")]  # else no alarms can be counted
+    for i, (context, members) in enumerate(contexts(counted, same, "end_correct"), 1):
         picture = save(fault_figure(members), folder, f"0-watch-faults-{i}", context, f"{context}: {DRAWN}")
         rows = [row for r in members for row in rows_under(r) if row["severity"] in (0, MIDDLE)]
         parts.append(Part(picture, Table(COLUMNS, rows), CAPTION.format(context), scarce(members)))
@@ -122,13 +122,15 @@ def fault_figure(results: Sequence[Result]) -> Figure:
             alarms.plot(part["severity"], part["false_alarms_per_hour"], **look)
             amounts = part["amount"].tolist()
         for ax in (found, alarms):
-            ax.set(xlim=(0, len(amounts) - 1))
+            ax.set(xlim=(-0.2, len(amounts) - 0.8))
             ax.grid(alpha=0.25)
         found.set(ylim=(0, 100), xticks=range(len(amounts)), xticklabels=[])
         found.set_title(fault.replace("_", " "))
         numbers = [amount.partition(" ")[0] for amount in amounts[1:]]
         alarms.set_xticks(range(len(amounts)), ["0", *numbers])
-        alarms.set(ylim=(0, 1.05 * np.nanmax([most, 1.0])), xlabel=amounts[-1].partition(" ")[2])
+        alarms.set_yscale("symlog", linthresh=10)
+        alarms.set(ylim=(0, 1.2 * max(most, 10)), xlabel=amounts[-1].partition(" ")[2])
+        alarms.yaxis.set_major_formatter("{x:g}")
         if i % across == 0:
             found.set_ylabel("found, %")
             alarms.set_ylabel("alarms/h")

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from bench.circumstances.faults import Faults
 from bench.endless import DETECTOR, RATES, others
 from bench.kinds.base import Kind, Spelling, option
 from bench.measures import Cost, Measure, percent
@@ -87,14 +86,17 @@ class Continuous(Kind):
 
     def identity(self) -> object:
         """Kind and options, with the code of the detector, further background as it is now, and the faults."""
+        from bench.corpora.faults import identity_of
         from bench.endless.background import digest_of
 
-        faults = [Faults(self.under).identity()] if self.under else []
-        return repr(replace(self, detector="")), self.part.identity(), *digest_of(self.background), *faults
+        more = [*digest_of(self.background), *identity_of(self.under)]
+        return repr(replace(self, detector="")), self.part.identity(), *more
 
     def depends(self) -> list[Code]:
         """The code of the faults, too."""
-        return [type(self), *(Faults(self.under).depends() if self.under else ())]
+        from bench.corpora.faults import all_faults
+
+        return [type(self), *(all_faults()[name].damage for name in self.under)]
 
     def options(self) -> dict[str, object]:
         """Tracked as parameters."""
@@ -173,9 +175,8 @@ class Continuous(Kind):
                 "It then watches the recordings of the test subjects. data=synth and imported recordings are used as "
                 "they are. From other corpora, one recording per subject is composed: excerpts of 2 to 6 s of each "
                 "capture, with 3 to 10 s of background between them. Prints touches found, correct gestures when first "
-                "reported and at the end, false alarms per hour of background, latency and reports per touch, and the "
-                "share of frames that the detector refuses or that are saturated. under= prints the same under faults "
-                "of the sensor after training.",
+                "reported and at the end, false alarms per hour of background, latency and reports per touch. "
+                "Refused frames are counted if there are any. under= repeats this with faults of the test sensors.",
                 f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2\n"
                 "bench watch data=haart model=lda features=touch detector=filter,frames under=noise,vibration,drift",
             ),

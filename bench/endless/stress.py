@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from bench.endless.detectors.base import Watches
     from bench.outcomes.results import FoldResult
 
-FAULTED = "faulted"  # table of a run with the reports under all faults
-FAULTS = "under"  # table of a run with the scores of each case
+FAULTED = "reports_under_faults"  # table of a run
+FAULTS = "scores_under_faults"  # table of a run, a row for each case
 CASE = ("fault", "severity", "amount")  # columns that name a case
 SCORES = ("touches_found", "first_correct", "end_correct", "false_alarms_per_hour", "fragments", "refused")  # tracked
 
@@ -99,7 +99,7 @@ def fault_table(table: pd.DataFrame, cases: pd.DataFrame, rate_hz: float, people
         table: stored tables of some folds.
         cases: results of `faulted` for the same folds, with ``fold``.
         rate_hz: frames per second.
-        people: as of `bench.endless.scored.numbers_of`.
+        people: argument of `bench.endless.scored.numbers_of`.
 
     Returns:
         A row for each case, that without a fault first: `CASE`, and the scores of `numbers_of`.

@@ -61,7 +61,7 @@ def test_a_dead_skin_finds_nothing_and_no_fault_is_bench_watch(detector, recordi
     watched, under = plain.result(plan, {}, [alone]), kind.result(plan, {}, [both])
     scores = [name for name in watched.metrics if name.startswith(("touches", "first", "end", "false", "missed"))]
     assert len(scores) > 10 and all(under[name] == watched[name] for name in scores)
-    cases = {(r["fault"], r["severity"]): r for r in under.tables["under"].to_dict("records")}
+    cases = {(r["fault"], r["severity"]): r for r in under.tables["scores_under_faults"].to_dict("records")}
     assert [*cases] == [("none", 0), *((name, s) for name in damages for s in range(1, 6))]
     dead, same, clean = cases["dead", 3], cases["none_at_all", 3], cases["none", 0]
     assert clean["touches_found"] == watched["touches_found"] > 0.3 and dead["touches_found"] == 0
@@ -128,9 +128,9 @@ def test_the_command_prints_what_it_stores_and_finds_it_again(capsys):
     printed = " ".join(capsys.readouterr().out.split())
     (run,) = runs("watch")[1]
     metrics = run.data.metrics
-    cases = pd.read_parquet(connect().fetched(run.info.run_id, "under.parquet")).set_index("severity")
+    cases = pd.read_parquet(connect().fetched(run.info.run_id, "scores_under_faults.parquet")).set_index("severity")
     assert cases["touches_found"][0] == pytest.approx(metrics["touches_found"])
-    reports = pd.read_parquet(connect().fetched(run.info.run_id, "faulted.parquet"))
+    reports = pd.read_parquet(connect().fetched(run.info.run_id, "reports_under_faults.parquet"))
     truth = pd.read_parquet(connect().fetched(run.info.run_id, "touches.parquet"))
     reports = reports[(reports["kind"] == "report") & (reports["severity"] == 2)]
     found = [
