@@ -159,7 +159,7 @@ def fold_of(
     false_alarms: float,
     background: str,
     unknown: str,
-    under: Sequence[str] = (),
+    under: Sequence[str],
 ) -> FoldResult:
     """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects.
 
