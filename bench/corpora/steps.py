@@ -142,7 +142,7 @@ class Faulted(_Copied):
             for copy in range(self.copies):
                 rng = self.generator(int(index[i]), copy)
                 fault, severity = faults[rng.integers(len(faults))], rng.integers(SEVERITIES)
-                arrays.append(as_readings(corpus, fault.damage(shares, fault.amounts[severity], rng)))
+                arrays.append(as_readings(corpus, fault.drawn(shares, severity + 1, rng, corpus.rate_hz)))
         return self._made(corpus, arrays, COPY)
 
 
