@@ -3,9 +3,10 @@
     python studies/watch_in_c.py data=haart model=lda features=touch model.window=0.75 model.repair=stuck+dead
 
 trains a system and its watcher on all captures, exports both with ``bits=32,8`` and compiles the C for this machine.
-C and Python then watch the recordings that `bench watch` composes of all subjects. It prints a row for each number of
-bits. In 8 bits, Python has the same rounded weights (``model.bits=8``). The subjects are training subjects, so the
-numbers compare two programs and are no accuracy.
+``detector=`` and ``false_alarms=`` are those of `bench fit`. C and Python then watch the recordings of all subjects,
+or those that `bench watch` composes of them. It prints a row for each number of bits. In 8 bits, Python has the same
+rounded weights (``model.bits=8``). The subjects are training subjects, so the numbers compare two programs and are no
+accuracy. Of a touch that lasts at the end of a recording, the report and the first label are compared.
 """
 
 import ctypes
@@ -21,10 +22,11 @@ from sklearn.pipeline import Pipeline
 import bench
 from bench.arguments import KEYS, parse
 from bench.corpora.corpus import Corpus
+from bench.corpora.library import holds_recordings
 from bench.corpora.recordings import certain
+from bench.endless.teaching import Watching
 from bench.endless.watch import recordings_of, usual
-from bench.endless.watcher import UNKNOWN
-from bench.endless.watcher_training import learned
+from bench.endless.watcher import UNKNOWN, Watcher
 from bench.in_c.measure import FLAGS
 from bench.in_c.tables import check
 from bench.in_c.write import files_of
@@ -32,7 +34,6 @@ from bench.models.quantised import in_bits
 from bench.outcomes.events import REPORT, report_table
 from bench.plan.cells import cells
 from bench.plan.plan import corpus_of, usable_cores
-from bench.usual import FALSE_ALARMS
 from bench.words import items
 from bench.work.fold import computing
 from bench.work.saved import Recogniser
@@ -45,15 +46,14 @@ int events(const float *frames, int n, float *rows) /* reported, end, first and 
     touch_event_t e;
     int count = 0, first = {NONE};
     touch_watch_init(&w);
-    for (int i = 0; i <= n; i++) {{ /* at n: a touch that goes on as the recording ends */
+    for (int i = 0; i <= n; i++) {{ /* at n: a touch that goes on as the recording ends, which has no end */
         int news = i < n ? touch_watch(&w, frames + (long)i * TAXELS, &e) : 0;
         if (news < 0)
             return news;
         if (news && first == {NONE})
             first = e.label;
         if (news == TOUCH_ENDED || (i == n && first != {NONE})) {{
-            uint32_t end = i < n ? e.end : w.falling ? w.low : w.seen - w.within;
-            float row[] = {{(float)e.reported, (float)end, (float)first, (float)e.label, e.confidence}};
+            float row[] = {{(float)e.reported, i < n ? (float)e.end : 0, (float)first, (float)e.label, e.confidence}};
             memcpy(rows + 5 * count++, row, sizeof row);
             first = {NONE};
         }}
@@ -88,15 +88,19 @@ def compared(values: dict[str, str], bits: int) -> dict[str, object]:
     Raises:
         InputError: something in the values cannot be used, or the system's C cannot watch.
     """
-    cell, *more = cells(values | ({"model.bits": "8"} if bits == 8 else {}))
+    of_watcher = {key: values[key] for key in values if key.partition(".")[0] in ("detector", "false_alarms")}
+    of_cell = {key: value for key, value in values.items() if key not in of_watcher}
+    cell, *more = cells(of_cell | ({"model.bits": "8"} if bits == 8 else {}))
     if more or not check(cell.untrained):
         raise bench.InputError("give one system whose C can watch a stream: reflex, or a classifier on touch")
+    if holds_recordings(cell.data):
+        cell = cell.of_recordings()
     corpus = certain(corpus_of(cell))
     recordings = recordings_of(corpus, usual(corpus))
     with computing(usable_cores()):
         estimator = cell.estimator().fit(corpus, corpus.gestures)
-        watcher, _ = learned(estimator, recordings, FALSE_ALARMS)
-        if bits == 8:
+        watcher = Watching(of_watcher).learned(cell.estimator, estimator, corpus, corpus)
+        if bits == 8 and isinstance(watcher, Watcher):
             detector = Pipeline([("classifier", watcher.detector.classifier_)])
             watcher.detector.classifier_ = in_bits(detector, bits).steps[-1][1]
         python = watcher.reports(recordings.corpus)
@@ -108,7 +112,8 @@ def counted(c: pd.DataFrame, python: pd.DataFrame) -> dict[str, object]:
     """How many events are equal; those with the same frame of the report are compared."""
     both = c.merge(python, on=["recording", "reported"], suffixes=("", "_python"))
     same = {name: both[name] == both[f"{name}_python"] for name in REPORT if f"{name}_python" in both}
-    apart = (both["confidence"] - both["confidence_python"]).abs()
+    same |= {name: same[name] | (both["end"] == 0) for name in ("end", "label")}
+    apart = (both["confidence"] - both["confidence_python"]).abs()[both["end"] > 0]
     return {
         "events in C": len(c),
         "in Python": len(python),
@@ -123,7 +128,7 @@ def counted(c: pd.DataFrame, python: pd.DataFrame) -> dict[str, object]:
 
 def main(words: list[str]) -> pd.DataFrame:
     """Compare with each number of bits, return the table."""
-    values = parse(words, KEYS | {"bits"})
+    values = parse(words, {*KEYS, "bits", "detector", "false_alarms"})
     bits = [int(str(each)) for each in items("bits", values.pop("bits", "32,8"))]
     return pd.DataFrame([compared(values, each) for each in bits])
 

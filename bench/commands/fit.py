@@ -35,7 +35,9 @@ def fit(arguments: list[str]) -> int:
     if stopping is not None and not stopping.saves:
         print(f"{NO_SAVING}: the model classifies whole captures")
     address = quoted(str(out or fitted.uri))
-    then(f"bench predict {address} new.csv", f"bench export {address} out=in_c")
+    watcher = fitted.recogniser.watcher
+    without = watcher is not None and watcher.in_c(fitted.recogniser.classes, fitted.recogniser.rate_hz) is None
+    then(f"bench predict {address} new.csv", *([] if without else [f"bench export {address} out=in_c"]))
     return 0
 
 
@@ -51,6 +53,10 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     given, watching = settings("fit", values), None
     if given.get("watch"):
         watching = parts("watchers")[0](values)
+    elif parts("watchers") and (
+        unused := [key for key in values if key.partition(".")[0] in parts("watchers")[0].keys]
+    ):
+        raise InputError(f"watch=no: nothing watches, so {unused[0]}= has no effect; remove one of them")
     cell, *more = cells({k: v for k, v in values.items() if k.partition(".")[0] not in given})
     if more:
         raise InputError("bench fit saves one system; give one value of each key")

@@ -27,7 +27,7 @@ FINDS = Option(
     "fit",
     "text",
     FORMER,
-    "finds the touches of a stream: {detectors}, or my.py:Mine; detector.NAME= sets a parameter; filter alone has C",
+    "finds the touches of a stream: {detectors}, or my.py:Mine; detector.NAME= sets a parameter",
 )
 ALARMS = Option(
     "false_alarms", "fit", "number", FALSE_ALARMS, "false alarms per hour of background accepted in training"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 
@@ -31,6 +32,8 @@ class Watching:
     Raises:
         InputError: one of them cannot be used, or they name several detectors.
     """
+
+    keys: ClassVar[tuple[str, ...]] = ("detector", "false_alarms", "background")
 
     def __init__(self, values: Values) -> None:
         parts = detectors({"detector": FORMER} | {k: v for k, v in values.items() if k.partition(".")[0] == "detector"})

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -19,8 +20,21 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
-from bench.endless.detector import REFUSED, Clock, Detector, cut, seen_windows, touched, updated, windows_of
-from bench.endless.detectors.base import UNKNOWN, Event
+from bench.endless.detector import (
+    BEGIN,
+    END,
+    REFUSED,
+    UNUSUAL,
+    WEIGHT,
+    Clock,
+    Detector,
+    cut,
+    seen_windows,
+    touched,
+    updated,
+    windows_of,
+)
+from bench.endless.detectors.base import UNKNOWN, Event, InC, Point
 from bench.endless.recent import Recent, saturated
 from bench.features.touch import TouchFeatures
 from bench.models.recipe import behind, taken
@@ -195,7 +209,7 @@ class Watcher:
     tail: int
     strong: float = np.inf
     reject: float = 0.0
-    points: tuple[tuple[float, float, float], ...] = ()
+    points: tuple[Point, ...] = ()
 
     @property
     def names(self) -> np.ndarray:
@@ -226,6 +240,70 @@ class Watcher:
     def at(self, point: int) -> Watcher:
         """The same at another of its ``points``."""
         return replace(self, bias=self.points[point][0])
+
+    def in_c(self, classes: list[str], rate_hz: float) -> InC:
+        """What its C needs; arguments of `bench.endless.detectors.base.Watches`."""
+        clock, learnt = self.clock, self.detector
+        features, hop_s = learnt.classifier_.n_features_in_, np.float32(clock.hop / rate_hz)
+        constants = (
+            (
+                "Frames from a decision to the next, of the windows of detector and recogniser; hops of the latter.",
+                {"WATCH_HOP": clock.hop, "DETECT": clock.detect, "NAME": clock.name, "PARTS": clock.name // clock.hop},
+            ),
+            (
+                "Frames from the first name to the report, from the end to its report, and how late an end is noticed; "
+                "names that wait.",
+                {
+                    "WAIT": clock.wait,
+                    "HOLD": clock.hold,
+                    "TAIL": self.tail,
+                    "PENDING": -(-(self.tail + clock.hold) // clock.hop) + 1,
+                },
+            ),
+            (
+                "The detector's classes, and how many of its features may lie beyond so many SDs; learned.",
+                {
+                    "DETECTED": len(learnt.classifier_.classes_),
+                    "QUIET": learnt.quiet_,
+                    "UNUSUAL": UNUSUAL,
+                    "MOST_UNUSUAL": max(n for n in range(features + 1) if n / features <= learnt.limit_),
+                    "REFUSED": REFUSED,
+                },
+            ),
+            (
+                "The filter of its log-odds, and of events; learned.",
+                {
+                    "ODDS_WEIGHT": WEIGHT * clock.hop / clock.detect,
+                    "BEGIN": float(np.float32(BEGIN) * hop_s),
+                    "STAY": float(1 - np.float32(END) * hop_s),
+                    "STRONG": float(min(self.strong, 1e30)),
+                    "ON": ON,
+                    "OFF": OFF,
+                    "REJECT": float(self.reject),
+                },
+            ),
+        )
+        state = (
+            "part_t parts[{PARTS} > {HELD} ? {PARTS} - {HELD} : 1];  /* hops of the last window, others lie in now */",
+            "int part, within, filled, unchanged;  /* last part, frames in it, parts, frames since a change */",
+            "float touched, peak;  /* probability of touch at the last hop, largest log-odds since */",
+            "int begun, falling, over, is_reported, label;  /* of the event that goes on */",
+            "uint32_t rise, crossed, low, limit, first, reported;  /* frames; all of them may wrap */",
+            "uint32_t named, joined;  /* windows of the event, and of them those in the mean */",
+            "uint32_t ends[{PENDING}];  /* of the last windows */",
+            "float waiting[{PENDING}][{CLASSES}], mean[{CLASSES}];  /* probabilities of them, and mean */",
+        )
+        return InC(
+            Path(__file__).with_suffix(".c").read_text(encoding="utf-8"),
+            state,
+            constants,
+            clock.name,
+            clock.hop,
+            self.bias,
+            {"gesture": (~np.isin(classes, self.background)).astype(np.int8)},
+            {"detect": learnt.classifier_},
+            "w->begun = touched; w->crossed = w->falling = 0; w->touched = touched ? w->touched : 0;",
+        )
 
     def adapted(self, system: contract.System, captures: Corpus, y: np.ndarray | None) -> Watcher:
         """The same with a system that was adapted to a person."""

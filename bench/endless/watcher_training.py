@@ -14,6 +14,7 @@ from bench.corpora.steps import Scale
 from bench.endless.broken import FEELING, KINDS, broken
 from bench.endless.detector import BACKGROUND, BROKEN, Clock, Detector, cut, windows_of
 from bench.endless.detectors.base import Watches
+from bench.endless.points import frontier, points_of
 from bench.endless.watcher import Watcher, bias_table
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
@@ -77,23 +78,10 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
     detector = _fitted(tables, clock)
     strong = float(chosen["strong"])
     watcher = Watcher(system, background, clock, detector, bias, int(chosen["tail"]), strong)
-    some = np.union1d(frontier(settings)["bias"], [bias]).astype(np.float32)
-    watcher.points = points_of(bias_table(recordings, odds, clock, some, (strong,)), bias)
+    some = np.union1d(frontier(settings.rename(columns={"bias": "threshold"}))["threshold"], [bias])
+    tried = bias_table(recordings, odds, clock, some.astype(np.float32), (strong,))
+    watcher.points = points_of(tried.rename(columns={"bias": "threshold"}), bias, rising=True)
     return watcher, settings
-
-
-def frontier(settings: pd.DataFrame) -> pd.DataFrame:
-    """The rows of `bias_table` that find more than all with as few alarms, by alarms; of equal ones the highest."""
-    rows = settings.sort_values(["alarms", "found", "bias"], ascending=[True, False, False], kind="stable")
-    before = rows["found"].cummax().shift(fill_value=-1.0)
-    return rows[rows["found"] > before]
-
-
-def points_of(settings: pd.DataFrame, bias: float) -> tuple[tuple[float, float, float], ...]:
-    """`Watcher.points`: the `frontier` of some biases, and the learned one."""
-    kept = settings[settings["bias"].isin(frontier(settings)["bias"]) | (settings["bias"] == np.float32(bias))]
-    kept = kept.sort_values("bias").assign(rate=kept["alarms"] / kept["hours"].replace(0, np.nan))
-    return tuple(tuple(map(float, row)) for row in kept[["bias", "rate", "found"]].to_numpy())
 
 
 def best(settings: pd.DataFrame, false_alarms: float) -> pd.Series:

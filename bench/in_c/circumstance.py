@@ -30,12 +30,15 @@ C = "c"  # the form, and the table with its probabilities
 WATCHING = (  # columns of the costs of watching an endless stream
     text("system", read=lambda r: r.system),
     Measure("bits", read="chip.bits"),
+    Measure("detector", read="chip.detector", left=True, spare=3),
     Measure("flash", "flash kB", "chip_watch_flash_bytes", ",.1f", per=1000),
     Measure("ram", "RAM kB", "chip_watch_ram_bytes", ",.1f", per=1000),
     Measure("stack", "stack B", "chip_watch_stack_bytes", ",.0f"),
     Measure("idle", "instructions a frame", "chip_watch_idle_instructions", ",.0f"),
     Measure("frame", "in a touch", "chip_watch_frame_instructions", ",.0f"),
     Measure("most", "at most", "chip_watch_most_instructions", ",.0f"),
+    Measure("recorded", "on a recording", "chip_watch_recorded_instructions", ",.0f", spare=1),
+    Measure("recorded_most", "at most there", "chip_watch_recorded_most_instructions", ",.0f", spare=2),
 )
 
 
@@ -50,14 +53,17 @@ class InC(Circumstance):
 
     form: str = option("", "c: also export each fitted system and measure its labels and costs in C", (C,))
     bits: str = option("32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8"))
+    detector: str = option("", "finds the touches of a stream, as of bench fit; for the costs of watching")
 
     @classmethod
     def of(cls, values: Values) -> list[Self]:
         """A circumstance for each number of bits.
 
         Raises:
-            InputError: there is no such form or number.
+            InputError: there is no such form or number, or a parameter of a detector.
         """
+        if dotted := [key for key in values if key.startswith("detector.")]:
+            raise InputError(f"{dotted[0]}=: bench chip takes a detector without parameters; leave it out")
         for form in items("form", values["form"]):
             if form != C:
                 raise InputError(f"form={form}: give {C}")
@@ -67,7 +73,7 @@ class InC(Circumstance):
         """Bits and compilers."""
         from bench.in_c.measure import toolchain
 
-        return {"chip.bits": int(self.bits), "chip.toolchain": "; ".join(toolchain())}
+        return {"chip.bits": int(self.bits), "chip.detector": self.detector, "chip.toolchain": "; ".join(toolchain())}
 
     def changed(self) -> dict[str, str]:
         """The options as typed."""
@@ -78,7 +84,7 @@ class InC(Circumstance):
         from bench.in_c.measure import toolchain
         from bench.in_c.write import digest
 
-        return [self.bits, digest(), toolchain()]
+        return [self.bits, digest(), toolchain(), self.detector]
 
     def depends(self) -> list[Code]:
         """What those who write the C import late: of networks, and of systems that watch."""
@@ -94,7 +100,7 @@ class InC(Circumstance):
         """
         from bench.in_c.fold import refuse
 
-        refuse(plan)
+        refuse(plan, self.detector)
 
     def warnings(self, plan: Plan) -> list[str]:
         """Warn where no watcher can be learned."""
@@ -106,7 +112,7 @@ class InC(Circumstance):
         """Labels of the test captures by the C; bytes and instructions."""
         from bench.in_c.fold import fold
 
-        return fold(at, int(self.bits))
+        return fold(at, int(self.bits), self.detector)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy in C, and labels that are others than in Python."""
@@ -138,13 +144,14 @@ class InC(Circumstance):
                 "The C is linked for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM. QEMU counts instructions: "
                 "the mean per frame, and the costliest frame with its label. library RAM is the state of touch.c. "
                 "program RAM is the whole program with 4096 bytes for heap and stack. A second table has the costs of "
-                "touch_watch, if the system can watch a stream. It is bench run with form=c. Needs cc, make, "
+                "touch_watch, if the system can watch a stream. For recordings, the emulator also watches the first "
+                "minute of one. It is bench run with form=c. Needs cc, make, "
                 "arm-none-eabi-gcc and qemu-system-arm (Debian: gcc make gcc-arm-none-eabi libnewlib-arm-none-eabi "
                 "qemu-system-arm).",
                 "bench chip data=haart protocol=loso model=reflex bits=32,8\n"
                 "bench choose data=haart protocol=loso max_flash=64kB max_ram=32kB max_cycles=1M",
             ),
-            keys=("bits",),
+            keys=("bits", "detector"),
             given={"form": C},
         )
     }

@@ -35,10 +35,11 @@ class Decider:
 
     Attributes:
         arrays: tables by name, floats, or whole numbers of 8 bits.
-        body: body of ``decide``, with ``{name}`` for a table.
+        body: body of the function, with ``{name}`` for a table, a constant, or ``CLASSES``, which are its own.
         comment: description of the classifier.
         buffers: numbers in memory that the body works in, by name.
-        defines: macros by name.
+        defines: constants by name.
+        classes: number of classes, as C.
     """
 
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
@@ -46,6 +47,13 @@ class Decider:
     comment: str = ""
     buffers: dict[str, int] = field(default_factory=dict)
     defines: dict[str, str] = field(default_factory=dict)
+    classes: str = "CLASSES"
+
+    def written(self, function: str) -> str:
+        """The body of the function of a name."""
+        names = {name: f"{function}_{name}" for name in self.arrays}
+        names |= {name: f"{function.upper()}_{name}" for name in self.defines}
+        return self.body.format(CLASSES=self.classes, **names)
 
 
 def number(value: float) -> str:
@@ -107,17 +115,17 @@ def _measured(scaling: Affine) -> tuple[dict[str, np.ndarray], str]:
     return arrays, f"    measured(t->features, {{a}}, {{b}}, {'{c}' if c.any() else '0'}, t->features);\n"
 
 
-def _scores(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int, classes: str = "CLASSES") -> Decider:
+def _scores(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -> Decider:
     integers, step = rounded(weights, bits)
     arrays, body = _measured(scaling)
-    body += f"    layer({{weights}}, {{step}}, {{bias}}, {classes}, FEATURES, t->features, proba);\n"
+    body += "    layer({weights}, {step}, {bias}, {CLASSES}, FEATURES, t->features, proba);\n"
     arrays |= {"weights": integers, "step": step, "bias": bias.astype(SINGLE)}
     return Decider(arrays, body, "weighed, class by class")
 
 
 def _linear(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -> Decider:
     scores = _scores(scaling, weights, bias, bits)
-    return replace(scores, body=scores.body + "    softmax(proba);\n")
+    return replace(scores, body=scores.body + "    softmax(proba, {CLASSES});\n")
 
 
 def _standardised(scaling: Affine, classifier: Discriminants) -> tuple[Affine, np.ndarray, np.ndarray]:
@@ -142,7 +150,7 @@ def detector(classifier: Discriminants, bits: int) -> Decider:
     """
     width = classifier.n_features_in_
     scaling = _standardised((np.zeros(width), np.ones(width), np.zeros(width)), classifier)
-    return replace(_scores(*scaling, bits, "DETECTED"), comment="scores of touch and background")
+    return replace(_scores(*scaling, bits), comment="scores of touch and background")
 
 
 def _logistic(scaling: Affine, classifier: LogisticRegression, bits: int) -> Decider:
@@ -176,23 +184,23 @@ def _guarded(_: Affine, classifier: Guarded, bits: int) -> Decider:
         "last_step": last_step,
         "last_bias": network.intercepts_[1],
     }
-    body = f"""    float *z = t->measured, network[CLASSES], unusual = 0;
+    body = f"""    float *z = t->measured, network[{{CLASSES}}], unusual = 0;
     measured(t->features, {{a}}, {{b}}, 0, z);
     for (int i = 0; i < FEATURES; i++)
         unusual += !(fabsf(z[i]) <= {number(UNUSUAL)});
     float doubt = fminf(unusual / FEATURES / {number(classifier.doubt)}, 1); /* how much the network counts */
-    layer({{weights}}, {{step}}, {{bias}}, CLASSES, FEATURES, z, proba);
-    softmax(proba);
+    layer({{weights}}, {{step}}, {{bias}}, {{CLASSES}}, FEATURES, z, proba);
+    softmax(proba, {{CLASSES}});
     if (doubt > 0) {{{{
         measured(t->features, {{net_a}}, {{net_b}}, 0, z);
         for (int i = 0; i < FEATURES; i++)
             z[i] = fminf(fmaxf(z[i], -{number(network.clip)}), {number(network.clip)});
-        layer({{hidden}}, {{hidden_step}}, {{hidden_bias}}, UNITS, FEATURES, z, t->units);
-        for (int i = 0; i < UNITS; i++)
+        layer({{hidden}}, {{hidden_step}}, {{hidden_bias}}, {{UNITS}}, FEATURES, z, t->units);
+        for (int i = 0; i < {{UNITS}}; i++)
             t->units[i] = fmaxf(t->units[i], 0);
-        layer({{last}}, {{last_step}}, {{last_bias}}, CLASSES, UNITS, t->units, network);
-        softmax(network);
-        for (int c = 0; c < CLASSES; c++)
+        layer({{last}}, {{last_step}}, {{last_bias}}, {{CLASSES}}, {{UNITS}}, t->units, network);
+        softmax(network, {{CLASSES}});
+        for (int c = 0; c < {{CLASSES}}; c++)
             proba[c] = (1 - doubt) * proba[c] + doubt * network[c];
     }}}}
 """
@@ -219,7 +227,7 @@ def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
         "bias": np.array(bias, SINGLE),
     }
     body += """    float *white = t->measured;
-    for (int c = 0; c < CLASSES; c++) {{
+    for (int c = 0; c < {CLASSES}; c++) {{
         const weight_t *row = {triangle} + c * (FEATURES * (FEATURES - 1) / 2);
         float square = 0;
         for (int i = 0; i < FEATURES; row += i++) {{
@@ -231,7 +239,7 @@ def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
         }}
         proba[c] = {bias}[c] - 0.5f * square;
     }}
-    softmax(proba);
+    softmax(proba, {CLASSES});
 """
     return Decider(arrays, body, "a normal distribution for each class", {"measured": len(scaling[0])})
 
@@ -253,10 +261,11 @@ def _svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
         "intercept": np.asarray(classifier._intercept_, SINGLE),
         "first": first.astype(np.int32),
     }
-    body += "    machine(t->features, {vectors}, {step}, {dual}, {intercept}, {first}, t->measured, proba);\n"
-    body += "    softmax(proba);\n"
+    body += "    machine({CLASSES}, {LINEAR}, {GAMMA}, t->features, {vectors}, {step}, {dual}, {intercept}, {first}, "
+    body += "t->measured, proba);\n"
+    body += "    softmax(proba, {CLASSES});\n"
     buffers = {"measured": int(first[-1])}
-    defines = {"LINEAR_KERNEL": str(int(classifier.kernel == "linear")), "GAMMA": number(classifier._gamma)}
+    defines = {"LINEAR": str(int(classifier.kernel == "linear")), "GAMMA": number(classifier._gamma)}
     return Decider(arrays, body, "support vectors, one class against another", buffers, defines)
 
 
@@ -324,16 +333,16 @@ def _forest(scaling: Affine, classifier: Any, bits: int) -> Decider:
     arrays, body = _measured(scaling)
     arrays |= nodes.arrays() | {"shares": np.frombuffer(b"".join(numbers), np.int8 if bits == 8 else SINGLE)}
     body += """    float sum = 0;
-    for (int c = 0; c < CLASSES; c++)
+    for (int c = 0; c < {CLASSES}; c++)
         proba[c] = 0;
-    for (int tree = 0; tree < TREES; tree++) {{
+    for (int tree = 0; tree < {TREES}; tree++) {{
         int at = leaf({nodes}, {roots}[tree], t->features);
-        for (int c = 0; c < CLASSES; c++)
-            proba[c] += (float){shares}[at * CLASSES + c];
+        for (int c = 0; c < {CLASSES}; c++)
+            proba[c] += (float){shares}[at * {CLASSES} + c];
     }}
-    for (int c = 0; c < CLASSES; c++)
+    for (int c = 0; c < {CLASSES}; c++)
         sum += proba[c];
-    for (int c = 0; c < CLASSES; c++)
+    for (int c = 0; c < {CLASSES}; c++)
         proba[c] /= sum;
 """
     return Decider(arrays, body, "class shares of the leaves of trees", defines={"TREES": str(len(trees))})
@@ -370,11 +379,11 @@ def _boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> Decider:
             at = at + 1 if nodes.threshold[at] > 0 else at + nodes.right[at]
         sums[group[tree]] += scores[nodes.right[at]]
     arrays["bias"] = ((np.array([0.0, margin[0]]) if classes == 2 else margin) - sums).astype(SINGLE)
-    body += """    for (int c = 0; c < CLASSES; c++)
+    body += """    for (int c = 0; c < {CLASSES}; c++)
         proba[c] = {bias}[c];
-    for (int tree = 0; tree < TREES; tree++)
+    for (int tree = 0; tree < {TREES}; tree++)
         proba[{group}[tree]] += (float){scores}[leaf({nodes}, {roots}[tree], t->features)] * {step}[0];
-    softmax(proba);
+    softmax(proba, {CLASSES});
 """
     return Decider(arrays, body, "boosted trees", defines={"TREES": str(len(nodes.roots))})
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.recordings import certain, is_recorded, recorded
 from bench.errors import InputError
 from bench.in_c.measure import compiled, lacking, measured, measured_watching
 from bench.in_c.tables import check
 from bench.in_c.write import files_of
 from bench.outcomes import scores
 from bench.outcomes.results import FoldResult
+from bench.plan.plan import corpus_of
 from bench.registry import parts
 from bench.work.fitted import Fitted
 from bench.work.fold import computing
@@ -27,15 +28,22 @@ if TYPE_CHECKING:
 
 # As large as what `bench fit` teaches, which takes three more fits; it changes no probability.
 UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), 1.0)
+WATCHED_S = 60.0  # of a recording that is watched in the emulator
 
 
-def refuse(plan: Plan) -> None:
-    """Refuse a system that has no C, and a machine without the programs.
+def refuse(plan: Plan, detector: str) -> None:
+    """Refuse a system that has no C, a detector that is none, and a machine without the programs.
 
     Raises:
-        InputError: either.
+        InputError: one of them.
     """
-    check(plan.cell.untrained)
+    watches = check(plan.cell.untrained)
+    if detector and not watches:
+        raise InputError(
+            f"detector={detector}: only the C of systems on touch with model.window= watches; leave it out"
+        )
+    if detector:
+        _watcher(detector)
     if missing := lacking():
         raise InputError(
             f"bench chip needs {', '.join(missing)}, which are not installed; on Debian, install gcc make "
@@ -49,7 +57,12 @@ def warnings(plan: Plan) -> list[str]:
     return [f"warning: costs of watching an endless stream are not measured: {why}"] if why else []
 
 
-def fold(at: Fitted, bits: int) -> FoldResult:
+def _watcher(detector: str) -> Any:
+    """What learns to watch with a detector; empty for the usual one of ``bench fit``."""
+    return parts("watchers")[0]({"detector": detector} if detector else {})
+
+
+def fold(at: Fitted, bits: int, detector: str) -> FoldResult:
     """Labels of the test captures by the C; bytes and instructions.
 
     The table ``c`` has a row per capture: the columns of the predictions, with probabilities of the C, and the label of
@@ -66,7 +79,7 @@ def fold(at: Fitted, bits: int) -> FoldResult:
         metrics = measured(folder)
     if check(at.cell.untrained) and parts("watchers"):
         with computing(at.threads):
-            metrics |= _watching(at, recogniser, bits, train)
+            metrics |= _watching(at, recogniser, bits, detector)
     table[[f"p_{name}" for name in scores.classes_of(at.predictions)]] = np.float32(0)
     table[[f"p_{name}" for name in recogniser.classes]] = proba
     return FoldResult(at.fold.name, metrics=metrics, tables={"c": table})
@@ -79,22 +92,29 @@ def _written(recogniser: Recogniser, bits: int, folder: Path) -> Path:
     return folder
 
 
-def _watching(at: Fitted, recogniser: Recogniser, bits: int, train: Corpus) -> dict[str, float]:
+def _watching(at: Fitted, recogniser: Recogniser, bits: int, detector: str) -> dict[str, float]:
     """Costs of the system with a watcher; none where the captures cannot teach one.
 
     Two training subjects with all gestures teach a watcher of the same size in a tenth of the time, except for the
-    learned tail and for gestures that their recordings never have for a whole window.
+    learned tail and for gestures that their recordings never have for a whole window. Of recordings, all training
+    subjects teach it, with their background, and it also watches the beginning of one of a test subject.
     """
+    train, recording = at.train, None
+    if is_recorded(at.corpus):
+        every = corpus_of(at.cell.of_recordings())
+        tested = np.isin(every.subjects, at.corpus.subjects[at.fold.test])
+        train, whole = certain(every[~tested]), recorded(every[tested]).corpus
+        recording = whole[0][: round(WATCHED_S * whole.rate_hz)]
     subjects = train.subjects.astype(str)
     names = np.unique(subjects)
     fewer = (train[np.isin(subjects, names[:count])] for count in range(2, len(names) + 1))
-    few = next((one for one in fewer if set(one.gestures) == set(train.gestures)), train)
+    few = next((one for one in fewer if recording is None and set(one.gestures) == set(train.gestures)), train)
     try:
-        recogniser.watcher = parts("watchers")[0]({}).learned(at.cell.estimator, recogniser.estimator, few, train)
+        recogniser.watcher = _watcher(detector).learned(at.cell.estimator, recogniser.estimator, few, train)
     except InputError:
         return {}
     with tempfile.TemporaryDirectory() as name:
-        return measured_watching(_written(recogniser, bits, Path(name)))
+        return measured_watching(_written(recogniser, bits, Path(name)), recording)
 
 
 def _unwatched(plan: Plan) -> str:

@@ -37,6 +37,10 @@ WATCHING = (  # besides, by make flash count of a system that watches a stream
     r"(?P<watch_frame_instructions>\d+) with, at most \d+ and (?P<watch_most_instructions>\d+)",
     r"watching: stack of (?P<watch_stack_bytes>\d+) bytes",
 )
+RECORDED = (  # besides, where it watches a recording
+    r"watching a recording: (?P<watch_recorded_instructions>\d+) instructions a frame on average, "
+    r"at most (?P<watch_recorded_most_instructions>\d+); (?P<watch_recorded_reports>\d+) reports",
+)
 
 
 def lacking() -> list[str]:
@@ -95,19 +99,28 @@ def measured(folder: Path) -> dict[str, float]:
     }
 
 
-def measured_watching(folder: Path) -> dict[str, float]:
+def measured_watching(folder: Path, recording: np.ndarray | None = None) -> dict[str, float]:
     """Bytes and instructions of `touch_watch` on a Cortex-M4F, of the C files of a system that watches a stream.
+
+    Args:
+        folder: the C files.
+        recording: frames that it watches, besides generated ones [frames, rows, cols].
 
     Returns:
         ``chip_watch_flash_bytes``: as ``chip_flash_bytes`` of `measured`, of a program that only watches;
         ``chip_watch_ram_bytes`` (with that of a capture); ``chip_watch_stack_bytes``;
         ``chip_watch_idle_instructions`` and ``chip_watch_frame_instructions``: of a frame without and with touch,
-        means; ``chip_watch_most_instructions``: of the costliest frame, in which both windows end.
+        means; ``chip_watch_most_instructions``: of the costliest frame. Of a recording also
+        ``chip_watch_recorded_instructions`` (of a frame, mean), ``chip_watch_recorded_most_instructions`` and
+        ``chip_watch_recorded_reports``, a count.
 
     Raises:
         ValueError: they do not compile or do not watch, or QEMU does not end.
     """
-    numbers = _numbers(["flash", "count", *ROOMY], WATCHING, folder)
+    if recording is not None:
+        (folder / "recorded.bin").write_bytes(recording.astype("<f4").tobytes())
+    patterns = WATCHING if recording is None else WATCHING + RECORDED
+    numbers = _numbers(["flash", "count", *ROOMY], patterns, folder)
     return {f"chip_{name}": value for name, value in numbers.items()}
 
 

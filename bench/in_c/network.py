@@ -66,11 +66,11 @@ def head(system: Hughes2017CNN, bits: int) -> Decider:
     """The two layers of units after the filters."""
     net: Any = system.net_
     hidden, last = (part for part in net if isinstance(part, torch.nn.Linear))
-    body = """    layer({hidden}, {hidden_step}, {hidden_bias}, UNITS, FEATURES, t->features, t->units);
-    for (int i = 0; i < UNITS; i++)
+    body = """    layer({hidden}, {hidden_step}, {hidden_bias}, {UNITS}, FEATURES, t->features, t->units);
+    for (int i = 0; i < {UNITS}; i++)
         t->units[i] = fmaxf(t->units[i], 0);
-    layer({last}, {last_step}, {last_bias}, CLASSES, UNITS, t->units, proba);
-    softmax(proba);
+    layer({last}, {last_step}, {last_bias}, {CLASSES}, {UNITS}, t->units, proba);
+    softmax(proba, {CLASSES});
 """
     units = hidden.out_features
     arrays = _layer("hidden", hidden, bits) | _layer("last", last, bits)

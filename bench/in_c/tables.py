@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,17 +14,18 @@ from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
 from bench.in_c.classifiers import HAVE, Decider, decider, detector, has_c, number
+from bench.models.classic.lda import Discriminants
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
 from bench.usual import SATURATED
 
 if TYPE_CHECKING:
-    from bench.endless.watcher import Watcher
+    from bench.endless.detectors.base import InC, Point
     from bench.work.replay import Stopping
     from bench.work.saved import Recogniser
 
+BITS8, BITS16, BITS32 = 2**8, 2**16, 2**32
 LONGEST_TOUCH = 2**30  # frames; a window forgets
-WITH_C = "filter"  # detector of endless streams
 
 
 @dataclass
@@ -34,11 +35,12 @@ class Chip:
     Attributes:
         defines: macros of the preprocessor, by name.
         deciders: classifiers by the name of their function: ``decide``, ``decide_early`` for captures shorter than a
-            window, and ``detect`` for an endless stream.
+            window, and those of an endless stream.
         features: fixed code that computes the features: ``touch``, ``jung28`` or ``convolved``.
         classes: names.
         arrays: learnt numbers of the features, by name.
-        points: operating points of its watcher (`bench.endless.watcher.Watcher.points`).
+        points: operating points of its watcher.
+        watch: needs of its watcher; None without.
     """
 
     defines: dict[str, str]
@@ -46,7 +48,8 @@ class Chip:
     features: str
     classes: list[str]
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
-    points: tuple[tuple[float, float, float], ...] = ()
+    points: tuple[Point, ...] = ()
+    watch: InC | None = None
 
 
 def check(estimator: Any) -> bool:
@@ -102,19 +105,24 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
         deciders = {"decide": network.head(system, bits)}
         width = deciders["decide"].arrays["hidden"].shape[1]
     defines = _sizes(recogniser, width, longest) | _steps(steps, recogniser.rate_hz) | sizes
-    defines |= _stopping(recogniser.stopping) | {"WATCH": 0}
-    points: tuple[tuple[float, float, float], ...] = ()
+    defines |= _stopping(recogniser.stopping) | {"WATCH": 0, "STEPPED": 0}
+    points: tuple[Point, ...] = ()
+    watch = None
     if name == "touch" and (watcher := recogniser.watcher) is not None:
-        if (finds := watcher.chosen["detector"]) != WITH_C:
-            raise InputError(f"detector={finds} has no C; train it with bench fit detector={WITH_C}, or with watch=no")
-        defines |= _watching(watcher, recogniser, sizes)
-        deciders["detect"] = detector(watcher.detector.classifier_, bits)
-        points = watcher.points or ((watcher.bias, np.nan, np.nan),)
-        arrays["biases"] = np.array([bias for bias, _, _ in points], np.float32)
-        arrays["gesture"] = (~np.isin(recogniser.classes, watcher.background)).astype(np.int8)
-    for part in deciders.values():
-        defines |= part.defines
-    return Chip({k: str(v) for k, v in defines.items()}, deciders, name, recogniser.classes, arrays, points)
+        watch = watcher.in_c(recogniser.classes, recogniser.rate_hz)
+        if watch is None:
+            finds = watcher.chosen["detector"]
+            raise InputError(f"detector={finds} has no C; use filter or frames in bench fit detector=, or watch=no")
+        defines |= _watching(watch, recogniser, sizes, 0 if any(map(is_fraction, steps)) else recogniser.step)
+        points = watcher.points or ((watch.level, np.nan, np.nan),)
+        arrays |= watch.arrays | {"levels": np.array([level for level, _, _ in points], np.float32)}
+        for function, part in watch.deciders.items():
+            scores = isinstance(part, Discriminants)
+            found = detector(part, bits) if scores else decider(part, width, bits)
+            deciders[function] = replace(found, classes=str(len(part.classes_)))
+    for function, part in deciders.items():
+        defines |= {f"{function.upper()}_{name}": value for name, value in part.defines.items()}
+    return Chip({k: str(v) for k, v in defines.items()}, deciders, name, recogniser.classes, arrays, points, watch)
 
 
 def _sizes(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:
@@ -220,52 +228,38 @@ def _windows(windows: Windows | None, short: Windows | None, rate_hz: float) -> 
     }
 
 
-def _watching(watcher: Watcher, recogniser: Recogniser, sizes: dict[str, Any]) -> dict[str, Any]:
-    """Rules of a watcher; its frames share the ring of signals with captures.
+def is_fraction(step: Step) -> bool:
+    """Return True if readings after a step lie between those before."""
+    return isinstance(step, Scale) or (isinstance(step, Repair) and step.kinds != ("offset",))
+
+
+def _watching(watch: InC, recogniser: Recogniser, sizes: dict[str, Any], step: float) -> dict[str, Any]:
+    """Constants of a watcher, and of its frames, which share the ring of signals with captures.
 
     Args:
-        watcher: learned for the system.
+        watch: needs of the watcher.
         recogniser: saved system.
         sizes: result of `_windows`.
+        step: all readings are multiples of it, so that their sums are exact in few bits; 0 where there is none.
     """
-    from bench.endless.detector import BEGIN, END, REFUSED, UNUSUAL, WEIGHT
-    from bench.endless.watcher import OFF, ON
-
-    clock, learnt = watcher.clock, watcher.detector
-    features = learnt.classifier_.n_features_in_
-    hop_s = np.float32(clock.hop / recogniser.rate_hz)
-    begin, end = np.float32(BEGIN) * hop_s, np.float32(END) * hop_s
-    ring = max(sizes["WINDOW"], clock.name)
+    steps, longest = recogniser.full_scale / step if step else np.inf, max(watch.part, sizes["HOP"], sizes["EARLY_HOP"])
+    ring = max(sizes["WINDOW"], watch.frames)
     settled = int(np.ceil(SETTLED_S * recogniser.rate_hz))
-    return {
+    common = {
         "RING": ring,
         "MOST_POINTS": max(POINTS, min(ring, sizes["SEGMENT"])),
         "WATCH": 1,
-        "WATCH_HOP": clock.hop,
-        "DETECT": clock.detect,
-        "NAME": clock.name,
-        "PARTS": clock.name // clock.hop,
         "HELD": 4 if sizes["EARLY"] else 2,
         "TURN": ring * -(-max(ring, settled) // ring),
-        "WAIT": clock.wait,
-        "HOLD": clock.hold,
-        "TAIL": watcher.tail,
-        "PENDING": -(-(watcher.tail + clock.hold) // clock.hop) + 1,
-        "DETECTED": len(learnt.classifier_.classes_),
-        "QUIET": learnt.quiet_,
-        "UNUSUAL": number(UNUSUAL),
-        "MOST_UNUSUAL": max(n for n in range(features + 1) if n / features <= learnt.limit_),
-        "REFUSED": number(REFUSED),
         "SATURATED": -(-recogniser.grid[0] * recogniser.grid[1] // SATURATED),
-        "BIAS": number(watcher.bias),
-        "ODDS_WEIGHT": number(WEIGHT * clock.hop / clock.detect),
-        "BEGIN": number(float(begin)),
-        "STAY": number(float(1 - end)),
-        "STRONG": number(min(watcher.strong, 1e30)),
-        "ON": number(ON),
-        "OFF": number(OFF),
-        "REJECT": number(watcher.reject),
+        "LEVEL": number(watch.level),
+        "STEPPED": int(longest * steps**2 < BITS32),
+        "STEPS": number(min(steps, BITS16)),
+        "SUM": "uint16_t" if longest * steps < BITS16 else "uint32_t",
+        "MOST": "uint8_t" if steps < BITS8 else "uint16_t",
     }
+    of_detector = {name: value for _, group in watch.constants for name, value in group.items()}
+    return common | {name: number(v) if isinstance(v, float) else v for name, v in of_detector.items()}
 
 
 def _stopping(stopping: Stopping | None) -> dict[str, Any]:

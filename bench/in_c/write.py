@@ -13,6 +13,7 @@ from bench.corpora.steps import PASSES
 from bench.features import touch
 from bench.in_c.classifiers import number
 from bench.in_c.tables import Chip, chip_of
+from bench.registry import place_of
 
 if TYPE_CHECKING:
     from bench.work.saved import Recogniser
@@ -36,11 +37,7 @@ COMMENTS = {  # by the first constant of each group
     "SEGMENT": "Spectra: frames of a segment, most points; lags of autocorrelations, in frames.",
     "STOPPING": "Early decisions: how settled a label must be, learned on training subjects.",
     "CALIBRATED": "Calibration: confidence by ms of touch, learned on training subjects.",
-    "WATCH": "An endless stream, 0 for none: frames from a decision to the next, of both stages' windows.",
-    "PARTS": "Hops of the recogniser's window; those whose sums lie with captures; frames after which places repeat.",
-    "WAIT": "Frames from the first name to the report, from the end to its report, and how late an end is noticed.",
-    "DETECTED": "The detector's classes, and how many of its features may lie beyond so many SDs; learned.",
-    "BIAS": "The filter of its log-odds, and of events; learned.",
+    "WATCH": "An endless stream, 0 for none: parts of captures, frames after which places repeat, most at full scale.",
     "PASSES": "Rounds in which broken taxels are filled from their neighbours; labels that are remembered.",
     "SIGNALS": "Features of touch: signals of a frame, what is taken of each, and of the taxels in order of size.",
     "NAMES": "Classes, in the order of probabilities.",
@@ -79,14 +76,15 @@ def files_of(recogniser: Recogniser, bits: int, title: str) -> dict[str, str]:
         "touch.h": _header(chip, title, recogniser.rate_hz),
         "tables.h": _tables(chip, bits),
         "touch.c": _code(chip),
-        **{name: _fixed(name) for name in ("main.c", "count.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")},
+        "count.c": _fixed("count.c").replace("/* PRETENDED */", chip.watch.pretended if chip.watch else ""),
+        **{name: _fixed(name) for name in ("main.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")},
     }
 
 
 def digest() -> str:
     """Hash of the C that is the same for all systems."""
     h = hashlib.sha256()
-    for path in sorted(CODE.iterdir()):
+    for path in [*sorted(CODE.iterdir()), *sorted(place_of("bench").rglob("*.c"))]:  # and that of detectors
         h.update(path.read_bytes())
     return h.hexdigest()
 
@@ -134,12 +132,11 @@ const char *touch_name(int label);
 
 def _points(chip: Chip) -> str:
     """The function that moves a watcher to another operating point, and what training found at each."""
-    learnt = number(float(chip.defines["BIAS"].removesuffix("f")))
     rows = [
         f"   {i}: {f'{rate:.3g}' if rate == rate else 'unknown'} false alarms per hour, "
         f"{f'{100 * found:.1f} %' if found == found else 'unknown share'} found"
-        f"{' (after touch_watch_init)' if number(bias) == learnt else ''}"
-        for i, (bias, rate, found) in enumerate(chip.points)
+        f"{' (after touch_watch_init)' if number(level) == chip.defines['LEVEL'] else ''}"
+        for i, (level, rate, found) in enumerate(chip.points)
     ]
     return "\n".join(
         [
@@ -181,25 +178,20 @@ def _state(chip: Chip) -> str:
             "int remembered, label_at[32]; int16_t labels[32];  /* labels so far, and after how many frames */"
         )
     body = "".join(f"    {line}\n" for line in members)
-    part = PART.format(taxels=taxels) if chip.features == "touch" else ""
-    return f"{part}typedef struct {{\n{body}}} touch_t;\n{_watch_state(d)}"
+    part = (SUMS if d["STEPPED"] == "1" else PART).format_map(d) if chip.features == "touch" else ""
+    return f"{part}typedef struct {{\n{body}}} touch_t;\n{_watch_state(chip)}"
 
 
-def _watch_state(d: dict[str, str]) -> str:
+def _watch_state(chip: Chip) -> str:
     """What is kept between the frames of an endless stream; nothing for a system that watches none."""
-    if d["WATCH"] == "0":
+    if chip.watch is None:
         return ""
     members = (
         "touch_t now;  /* the last frames, and what features and classifier work in */",
-        f"part_t parts[{max(int(d['PARTS']) - int(d['HELD']), 1)}];  /* hops of the last window, others lie in now */",
-        "int part, within, filled, unchanged;  /* the last part, frames in it, parts so far, frames since a change */",
+        "float level;  /* the threshold */",
+        "uint32_t seen;  /* frames; modulo 2^32 */",
         "touch_counts_t counts; int is_refused, is_saturated;  /* the last window, the last frame */",
-        "float bias, touched, peak;  /* learned, probability of touch at the last hop, largest log-odds since */",
-        "int begun, falling, over, is_reported, label;  /* of the event that goes on */",
-        "uint32_t seen, rise, crossed, low, limit, first, reported;  /* frames; all of them may wrap */",
-        "uint32_t named, joined;  /* windows of the event, and of them those in the mean */",
-        f"uint32_t ends[{d['PENDING']}];  /* of the last windows */",
-        f"float waiting[{d['PENDING']}][{d['CLASSES']}], mean[{d['CLASSES']}];  /* probabilities of them, and mean */",
+        *(line.format_map(chip.defines) for line in chip.watch.state),
     )
     return COUNTS + "typedef struct {\n" + "".join(f"    {line}\n" for line in members) + "} touch_watch_t;\n"
 
@@ -245,7 +237,20 @@ int touch_status(const touch_watch_t *w, touch_counts_t *counts);
 PART = """/* What the taxels did in a part of a window. */
 typedef struct {{
     int n;
-    float mean[{taxels}], m2[{taxels}], most[{taxels}];
+    float mean[{TAXELS}], m2[{TAXELS}], most[{TAXELS}];
+}} part_t;
+
+"""
+
+
+SUMS = """/* What the taxels did in a part of a window, in steps of their readings; sums are exact. */
+typedef {SUM} sum_t;
+typedef {MOST} most_t;
+typedef struct {{
+    int n;
+    uint32_t squares[{TAXELS}];
+    sum_t sum[{TAXELS}];
+    most_t most[{TAXELS}];
 }} part_t;
 
 """
@@ -297,9 +302,11 @@ def _tables(chip: Chip, bits: int) -> str:
     for function, decider in chip.deciders.items():
         arrays |= {f"{function}_{name}": values for name, values in decider.arrays.items()}
     lines = []
+    of_detector = chip.watch.constants if chip.watch else ()
+    comments = COMMENTS | {next(iter(group)): comment for comment, group in of_detector}
     for name, value in {**chip.defines, **constants, "NAMES": f"{{{names}}}"}.items():
-        if name in COMMENTS:
-            lines.append(f"\n/* {COMMENTS[name]} */")
+        if name in comments:
+            lines.append(f"\n/* {comments[name]} */")
         lines.append(f"#define {name} {value}")
     lines += ["", f"typedef {'int8_t' if bits == 8 else 'float'} weight_t;"]
     if any(name.endswith("_vectors") for name in arrays):
@@ -341,10 +348,9 @@ def _code(chip: Chip) -> str:
     bodies += "softmax(" if chip.defines["CALIBRATED"] == "1" else ""
     pieces += [_fixed(f"{name}.c") for name in FUNCTIONS if f"{name}(" in bodies]
     for function, decider in chip.deciders.items():
-        body = decider.body.format(**{name: f"{function}_{name}" for name in decider.arrays})
-        comment = (
-            f"/* {'Scores' if function == 'detect' else 'Probabilities'} from the features: {decider.comment}. */\n"
-        )
+        body = decider.written(function)
+        kind = "Probabilities" if "softmax" in decider.body else "Scores"
+        comment = f"/* {kind} from the features: {decider.comment}. */\n"
         pieces.append(f"{comment}static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
-    pieces.append(_fixed("api.c"))
-    return "\n".join([*pieces, _fixed("watch.c")] if chip.defines["WATCH"] == "1" else pieces)
+    watching = [chip.watch.code, _fixed("watch.c")] if chip.watch else []
+    return "\n".join([*pieces, _fixed("api.c"), *watching])

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from bench.contract import System
     from bench.work.replay import Stopping
 
+CLOSE = 1e-3  # of a step, as single precision has readings
 FORMAT = "2"  # version of saved models; others are refused
 
 PACKAGES = ("features", "models", "protocols")  # of the code that goes with a model, and that of bench itself
@@ -64,10 +65,12 @@ class Recogniser(PythonModel):
         full_scale: largest value of a channel.
         longest: frames of the longest training capture.
         synthetic: True if it was trained on generated captures.
+        step: its readings are multiples of this number; 0 if of none.
     """
 
     format = ""  # of a model that another version has saved
     adapted = False  # to a person
+    step = 0.0  # of a model that was saved before there was any
     watcher: Any = None  # of a model that was saved before there were any
 
     def __init__(
@@ -84,6 +87,7 @@ class Recogniser(PythonModel):
         self.full_scale = float(corpus.full_scale)
         self.longest = int(corpus.lengths.max())
         self.synthetic = corpus.synthetic
+        self.step = step_of(storage(corpus)[0])
 
     @property
     def channels(self) -> list[str]:
@@ -199,6 +203,20 @@ class Recogniser(PythonModel):
             "input_example": example,
             "metadata": sensor | {"classes": self.classes, "synthetic": self.synthetic},
         }
+
+
+def step_of(readings: np.ndarray) -> float:
+    """The number that all readings are multiples of, such as 1; 0 if there is none.
+
+    Args:
+        readings: values from 0, of any shape.
+    """
+    if readings.dtype.kind in "iu":
+        return 1.0
+    values = np.unique(readings).astype(np.float64)
+    step = float(np.diff(values, prepend=0.0)[values > 0].min(initial=np.inf))
+    whole = values / step
+    return step if np.abs(whole - whole.round()).max(initial=0) < CLOSE and step < np.inf else 0.0
 
 
 @contextmanager

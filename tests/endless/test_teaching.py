@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import bench
+from bench.cli import main
 from bench.endless.teaching import Watching
 from bench.errors import InputError
 from bench.in_c.write import files_of
@@ -16,8 +17,13 @@ from tests.endless.test_background import PEOPLE, stored
 GIVEN = {"detector": "frames", "detector.wait": 0.5, "false_alarms": 40}
 
 
-def test_a_saved_model_watches_with_the_detector_that_was_asked_for(tmp_path):
+@pytest.fixture
+def day():
     stored("day", PEOPLE.corpus.frames, PEOPLE.frame_labels(), np.repeat(PEOPLE.subjects, PEOPLE.corpus.lengths))
+
+
+@pytest.mark.usefixtures("day")
+def test_a_saved_model_watches_with_the_detector_that_was_asked_for(tmp_path):
     words = {
         "data": "day",
         "model": "lda",
@@ -33,10 +39,26 @@ def test_a_saved_model_watches_with_the_detector_that_was_asked_for(tmp_path):
     watcher, kept = recogniser.watcher, fitted.recogniser.watcher
     assert watcher.detector.wait == 0.5
     assert json.dumps(watcher.chosen) == json.dumps(kept.chosen)
-    with pytest.raises(InputError, match="detector=frames has no C.*detector=filter"):
-        files_of(recogniser, 32, "")
+    assert "int touch_watch(" in files_of(recogniser, 32, "")["touch.c"]
     stream = watcher.stream(recogniser.grid, recogniser.rate_hz, recogniser.full_scale)
     assert all(stream.push(np.zeros(recogniser.grid, np.float32)) == [] for _ in range(100))
+
+
+@pytest.mark.usefixtures("day")
+def test_a_detector_without_c_is_not_exported_and_none_is_asked_for_in_vain(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my.py").write_text(
+        "from bench.endless.detectors.threshold import Threshold\nclass Mine(Threshold): pass\n"
+    )
+    words = "data=day model=lda features=touch model.window=0.5 stopping=no out=rec".split()
+    assert main(["fit", *words, "detector=my.py:Mine"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "next: bench predict rec new.csv"
+    assert main(["export", "rec", "out=rec_c"]) == 2
+    assert "detector=mine has no C; use filter or frames" in capsys.readouterr().err
+    for unused in ("detector=frames", "detector.wait=1", "false_alarms=3"):
+        assert main(["fit", *words, "watch=no", unused]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"watch=no: nothing watches, so {unused.partition('=')[0]}= has no effect" in line
 
 
 @pytest.mark.parametrize(

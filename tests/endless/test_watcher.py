@@ -11,14 +11,13 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings, event_table
 from bench.endless.broken import KINDS, broken, tared
 from bench.endless.detector import Clock
+from bench.endless.points import frontier, points_of
 from bench.endless.watcher import UNKNOWN
 from bench.endless.watcher_training import (
     broken_windows,
-    frontier,
     joined,
     learn_reject,
     learned,
-    points_of,
     reject_threshold,
 )
 from bench.errors import InputError
@@ -235,6 +234,13 @@ def test_operating_points_find_more_with_more_alarms():
         (1.0, 6, 0.7),
         (2.0, 9, 0.9),
     ]
-    table = pd.DataFrame(rows, columns=["bias", "alarms", "found"]).assign(hours=0.5)
-    assert frontier(table)["bias"].tolist() == [-7.0, -3.0, 2.0]
-    assert points_of(table, 1.0) == ((-7.0, 0.0, 0.5), (-3.0, 4.0, 0.8), (1.0, 12.0, 0.7), (2.0, 18.0, 0.9))
+    table = pd.DataFrame(rows, columns=["threshold", "alarms", "found"]).assign(hours=0.5)
+    assert frontier(table)["threshold"].tolist() == [-7.0, -3.0, 2.0]
+    assert points_of(table, 1.0, rising=True) == (
+        (-7.0, 0.0, 0.5),
+        (-3.0, 4.0, 0.8),
+        (1.0, 12.0, 0.7),
+        (2.0, 18.0, 0.9),
+    )
+    falling = points_of(table, 1.0, rising=False)  # from the strictest to the most eager
+    assert [threshold for threshold, _, _ in falling] == [2.0, 1.0, -3.0, -7.0]

@@ -43,7 +43,9 @@ def defined(folder):
 def costs(monkeypatch):
     """No chip, whose compiler and emulator the marked test needs."""
     monkeypatch.setattr(onchip, "measured", lambda folder: COSTS)
-    monkeypatch.setattr(onchip, "measured_watching", lambda folder: WATCHED | {"chip_watch_defined": defined(folder)})
+    monkeypatch.setattr(
+        onchip, "measured_watching", lambda folder, _: WATCHED | {"chip_watch_defined": defined(folder)}
+    )
     monkeypatch.setattr(onchip, "lacking", lambda: [])
 
 

@@ -8,7 +8,7 @@ that decides tick by tick derives from `bench.endless.detectors.ticks.Detector`;
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -19,6 +19,40 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
 
 UNKNOWN = "unknown"  # label of a gesture that is rejected
+
+
+Point = tuple[float, float, float]  # of `Watches.points`
+
+
+@dataclass(frozen=True)
+class InC:
+    """What the C of a watcher needs; `bench export` writes it behind the C of the system.
+
+    Attributes:
+        code: C that defines ``static int watched(touch_watch_t *w, const float *frame, touch_event_t *event)``, which
+            takes a frame that was checked and counted, and returns news, which ``event`` then tells.
+        state: members of ``touch_watch_t`` besides the common ones (``now``, the state of a capture; ``level``;
+            ``counts``, ``is_refused``, ``is_saturated``; ``seen``, frames); C, with names of constants in braces.
+        constants: groups of constants, each a comment, and numbers or C by name.
+        frames: frames whose signals are kept in ``now.signals``, at least.
+        part: frames of a ``part_t``, at most.
+        level: threshold that was learned, as in `Watches.points`.
+        arrays: learned tables by name.
+        deciders: by the name of the C function that they become: a pipeline on features, which gives probabilities of
+            its classes, or linear discriminants, which give scores.
+        pretended: C that sets ``w`` as if nothing was touched or, where ``touched`` is not 0, as if a touch never
+            ended, so that ``make count`` can count instructions of both.
+    """
+
+    code: str
+    state: tuple[str, ...]
+    constants: tuple[tuple[str, dict[str, float | str]], ...]
+    frames: int = 0
+    part: int = 0
+    level: float = 0.0
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+    deciders: dict[str, Any] = field(default_factory=dict)
+    pretended: str = ""
 
 
 @dataclass
@@ -65,10 +99,13 @@ class Watches(Protocol):
         reject: confidence below which a label is ``unknown``; 0 for never.
         numbers: count of learned numbers beyond those of the system.
         chosen: values that training has chosen, by name.
+        points: threshold, false alarms per hour and share of touches found of operating points on training recordings,
+            from the strictest to the most eager.
     """
 
     system: contract.System
     reject: float
+    points: tuple[Point, ...]
 
     @property
     def numbers(self) -> int: ...  # noqa: D102
@@ -87,6 +124,17 @@ class Watches(Protocol):
             grid: (rows, cols) of the sensor.
             rate_hz: frames per second.
             full_scale: largest value of a channel.
+        """
+
+    def at(self, point: int) -> Watches:
+        """The same at another of its ``points``."""
+
+    def in_c(self, classes: list[str], rate_hz: float) -> InC | None:
+        """What its C needs; None where it has none.
+
+        Args:
+            classes: names of the classes of the C, in their order.
+            rate_hz: frames per second.
         """
 
     def adapted(self, system: contract.System, captures: Corpus, y: np.ndarray | None) -> Watches:

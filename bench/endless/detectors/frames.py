@@ -13,14 +13,15 @@ from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
 from bench.corpora.recordings import Recordings
-from bench.endless.detectors.base import Sign
-from bench.endless.detectors.ticks import Detector
+from bench.endless.detectors.base import InC, Sign
+from bench.endless.detectors.ticks import Detector, of_file
 from bench.errors import InputError
 
 COMMON = 0.4  # quantile over taxels that a change of all taxels moves, too
 HIGHEST = 25  # one of so many taxels is among the highest
 OFFSET = 0.3  # of a logarithm, in units of the median of training touches
 MINIMA, MAXIMA, MEDIAN = (1, 2, 4, 10, 40), (2, 5, 15, 60), 30  # ticks that features look back
+RISES = 8  # ticks of which the largest rise counts
 CLIP = 6.0  # SDs of a feature
 AGES = 3  # ticks of the beginning of a touch
 SHORT = 0.1  # share of touches, or gaps, that may be shorter
@@ -89,7 +90,7 @@ def features(signals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     change = np.diff(logs[:, 1], prepend=logs[:1, 1])
     rise, fall = np.maximum(change, 0), np.maximum(-change, 0)
     columns += [rise, fall, rise - _median(rise, MEDIAN), fall - _median(fall, MEDIAN)]
-    columns.append(_past(maximum_filter1d, rise, 8))
+    columns.append(_past(maximum_filter1d, rise, RISES))
     area, near, far = signals[:, LEVELS : LEVELS + 3].T
     columns += [area, np.diff(area, prepend=area[:1]), near, far]
     speed = np.abs(np.diff(signals[:, -2:], axis=0, prepend=signals[:1, -2:])).sum(axis=1)
@@ -250,6 +251,67 @@ class Frames(Detector):
     def soonest(self) -> int:
         """Ticks of a touch before its report, at least."""
         return self.times_.wait
+
+    @property
+    def latest(self) -> int:
+        """Ticks of a touch before its report, at most."""
+        return self.times_.wait + self.times_.hold
+
+    def in_c(self) -> InC:
+        """As `bench.endless.detectors.ticks.Detector.in_c`."""
+        weights, bias = self.model_.coef_, self.model_.intercept_
+        if len(weights) == 1:  # of two classes; the first one scores 0
+            weights, bias = np.concatenate([0 * weights, weights]), np.append(0, bias)
+        looks = {
+            "MINIMA": "{" + ", ".join(map(str, MINIMA)) + "}",
+            "MAXIMA": "{" + ", ".join(map(str, MAXIMA)) + "}",
+            "LOOK": max(*MINIMA, *MAXIMA) + 1,
+            "MEDIAN": MEDIAN,
+            "RISES": RISES,
+            "LEVELS": LEVELS,
+            "LOOKS": len(self.mean_),
+            "KINDS": len(weights),
+        }
+        constants = (
+            (
+                "Signals of a tick: which quantile all taxels share, how many are highest, how the baseline follows.",
+                {"COMMON": COMMON, "HIGHEST": HIGHEST, "UP": self.tick / self.up, "DOWN": self.tick / self.down},
+            ),
+            ("Looks of a classifier at the last ticks, in ticks; its features and classes.", looks | {"CLIP": CLIP}),
+            (
+                "Rules of a touch, in log-odds and ticks; times are learned.",
+                {
+                    "DROP": self.drop,
+                    "BEGUN": BEGUN,
+                    "AGES": AGES,
+                    "FADED": FADED,
+                    "WAIT": self.times_.wait,
+                    "HOLD": self.times_.hold,
+                    "FADE": self.times_.fade,
+                },
+            ),
+        )
+        arrays = {
+            "offsets": self.offsets_,
+            "mean": self.mean_,
+            "sd": self.sd_,
+            "weights": weights.ravel(),
+            "bias": bias - self.prior_,
+        }
+        state = (
+            "float baseline[{TAXELS}], above[3][{TAXELS}];  /* of the last ticks, a ring */",
+            "float logs[{LOOK}][{LEVELS}], area, row, col;  /* a ring; of the last tick */",
+            "int newest, felt, at, looked;  /* places in the rings, ticks in them */",
+            "int since, below, weak, begun, held, lasts, is_known;  /* ticks of the touch; whether it was reported */",
+            "float highest;  /* log-odds of the touch */",
+        )
+        return InC(
+            of_file(__file__),
+            state,
+            constants,
+            arrays={f"look_{name}": np.asarray(values, np.float32) for name, values in arrays.items()},
+            pretended="w->level = touched ? -1e30f : 1e30f; w->begun = 9;",
+        )
 
     @property
     def chosen(self) -> dict[str, object]:

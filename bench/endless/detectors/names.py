@@ -13,7 +13,7 @@ from bench.models.recipe import behind
 
 BEGUN_S = (0.7, 2.0, np.inf)  # of training touches, from their start, that a system learns from
 SHIFTS_S = (-0.125, 0.0, 0.125)  # of their starts: a detector is early or late
-LONGEST_S = 4.0  # of a touch that is named: the last so many seconds of a longer one
+LONGEST_S = 3.0  # of a part of a touch that names come from; chosen on HAART among 2, 3 and 4
 
 
 def touches(recordings: Recordings, seconds: Sequence[float], shifts: Sequence[float]) -> Corpus:
@@ -45,6 +45,16 @@ def touches(recordings: Recordings, seconds: Sequence[float], shifts: Sequence[f
     )
 
 
+def longest_part(rate_hz: float, count: int) -> int:
+    """Ticks of the longest part of a touch that names come from.
+
+    Args:
+        rate_hz: frames per second.
+        count: frames of a tick.
+    """
+    return max(1, round(LONGEST_S * rate_hz / count))
+
+
 def learned_names(make_system: Callable[[], contract.System], recordings: Recordings) -> contract.System:
     """A system that names touches, fitted to beginnings of touches and to whole ones."""
     parts = touches(recordings, BEGUN_S, SHIFTS_S)
@@ -60,25 +70,17 @@ def probabilities(system: contract.System, recording: Corpus, begin: np.ndarray,
         begin: first frames of the spans, int64 [spans].
         end: frames behind the last ones.
     """
-    begin = np.maximum(begin, end - max(1, round(LONGEST_S * recording.rate_hz)))
     spans = recording if len(begin) == 1 else recording[np.zeros(len(begin), np.int64)]  # which copies the table
     starts = storage(recording)[1][0] + begin
     spans = spans.changed(starts=starts, lengths=end - begin, digest="", path=None)
     return contract.probabilities(behind(system)[1], spans).astype(np.float32)
 
 
-def of_all(named: np.ndarray, frames: np.ndarray, rate_hz: float) -> np.ndarray:
+def of_all(named: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """Probabilities of a touch from those of its names as it grows, whose mean counts longer spans more [gestures].
 
     Args:
         named: probabilities of each span [spans, gestures].
         frames: length of each span [spans].
-        rate_hz: frames per second.
     """
-    weight = weights(frames, rate_hz)
-    return weight @ named / weight.sum()
-
-
-def weights(frames: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Weights of names from spans of so many frames [spans]; arguments of `of_all`."""
-    return np.minimum(frames, LONGEST_S * rate_hz)
+    return frames @ named / frames.sum()

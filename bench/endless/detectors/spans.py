@@ -26,7 +26,8 @@ class Span:
     Attributes:
         reported: time of the report.
         end: time of the end, or of the last tick so far.
-        named: beginning and end of the frames that it is named from, at the report and as it grows.
+        named: beginning and end of the frames that it is named from, at the report and as it grows; those of a long
+            touch lie in parts of it that follow one another.
         last: the same for its name at the end, if it ends before it is named again; None if that is the last of
             ``named``.
     """
@@ -40,38 +41,50 @@ class Span:
 class Touches:
     """The touches of a stream from its signs, one tick after another; nothing looks ahead.
 
+    Names come from one part of a touch after another, none much longer than ``longest``: a chip cannot keep the frames
+    of the last seconds, but it can sum up those since a part began.
+
     Args:
         count: frames of a tick.
+        longest: ticks of a part.
 
     Attributes:
         lasting: the touch that goes on.
     """
 
-    def __init__(self, count: int) -> None:
-        self.count = count
+    def __init__(self, count: int, longest: int) -> None:
+        self.count, self.longest = count, longest
         self.lasting: Span | None = None
         self.tick = self.start = self.named = self.sure = 0  # in ticks
+        self.first = 0  # ticks of the first name
+        self.due = 0.0
 
     def step(self, sign: Sign | tuple[float, float, bool]) -> Span | None:
         """Take the sign of the next tick; the touch that is over with it."""
         touch, since, report = sign
         self.tick += 1
-        over = bool(report or not since)
+        over = bool(report or since <= 1)  # at 1, another touch begins
         if over or touch < SURE:
             self._last()
         ended = self.lasting if over else None
         if over:
             self.lasting = None
-        if report:
-            self.start = max(self.tick - int(since) - 1, 0)  # with the tick before, in which the touch may have begun
-            self.lasting = Span(self.tick * self.count, self.tick * self.count, [])
-            self._name()
-        elif self.lasting is not None:
-            self.lasting.end = self.tick * self.count
         if touch >= SURE:
             self.sure = self.tick
-            if self.lasting is not None and self.tick - self.start >= GROWTH * (self.named - self.start):
-                self._name()
+        if report:
+            self.start = max(self.tick - int(since) - 1, 0)  # with the tick before, in which the touch may have begun
+            self.first = self.tick - self.start
+            self.lasting = Span(self.tick * self.count, self.tick * self.count, [])
+            self._name(self.tick)
+        if self.lasting is not None:
+            self.lasting.end = self.tick * self.count
+            if self.sure == self.tick >= self.due:
+                self._name(self.tick)
+            if self.tick - self.start >= self.longest:
+                if self.sure > self.named:
+                    self._name(self.sure)
+                self.start = self.named = self.tick
+                self.due = self.start + self.first
         return ended
 
     def finish(self) -> Span | None:
@@ -79,10 +92,11 @@ class Touches:
         self._last()
         return self.lasting
 
-    def _name(self) -> None:
-        if self.lasting is not None:
-            self.lasting.named.append(self._span(self.tick))
-            self.lasting.last, self.named = None, self.tick
+    def _name(self, tick: int) -> None:
+        assert self.lasting is not None
+        self.lasting.named.append(self._span(tick))
+        self.lasting.last, self.named = None, tick
+        self.due = self.start + GROWTH * (tick - self.start)
 
     def _last(self) -> None:
         if self.lasting is not None and self.sure > self.named:
@@ -92,7 +106,7 @@ class Touches:
         return self.start * self.count, tick * self.count
 
 
-def spans_of(signs: np.ndarray, count: int) -> list[Span]:
-    """The touches that are reported, from the signs of one recording."""
-    touches = Touches(count)
+def spans_of(signs: np.ndarray, count: int, longest: int) -> list[Span]:
+    """The touches that are reported, from the signs of one recording; arguments of `Touches`."""
+    touches = Touches(count, longest)
     return [span for span in [*map(touches.step, signs.tolist()), touches.finish()] if span is not None]

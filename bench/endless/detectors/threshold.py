@@ -8,8 +8,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from bench.corpora.recordings import Recordings
-from bench.endless.detectors.base import Sign
-from bench.endless.detectors.ticks import Detector
+from bench.endless.detectors.base import InC, Sign
+from bench.endless.detectors.ticks import Detector, of_file
 
 ENDS = 0.5  # share of the threshold below which a touch is over
 
@@ -85,6 +85,16 @@ class Threshold(Detector):
     def rules(self, level: float) -> TwoInARow:
         """Rules of a new stream."""
         return TwoInARow(level)
+
+    def in_c(self) -> InC:
+        """As `bench.endless.detectors.ticks.Detector.in_c`."""
+        constants = (
+            "The baseline; the excess of training touches, learned; where a touch is over.",
+            {"UP": self.tick / self.up, "DOWN": self.tick / self.down, "UNIT": self.unit_, "ENDS": ENDS},
+        )
+        state = ("float baseline[{TAXELS}];", "int felt, since, is_known;  /* ticks; whether the touch was reported */")
+        pretended = "w->level = touched ? -1 : 1e30f;"
+        return InC(of_file(__file__), state, (constants,), pretended=pretended)
 
     @property
     def soonest(self) -> int:

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import ClassVar, Self
 
 import numpy as np
@@ -14,9 +15,10 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
-from bench.endless.detectors.base import UNKNOWN, Event, Rules, Signals, Stream, Watches
-from bench.endless.detectors.names import LONGEST_S, learned_names, of_all, probabilities, weights
-from bench.endless.detectors.spans import Span, Touches, means, spans_of
+from bench.endless.detectors.base import UNKNOWN, Event, InC, Point, Rules, Signals, Stream, Watches
+from bench.endless.detectors.names import LONGEST_S, learned_names, longest_part, of_all, probabilities
+from bench.endless.detectors.spans import GROWTH, Span, Touches, means, spans_of
+from bench.endless.points import points_of
 from bench.endless.recent import Recent, saturated
 from bench.errors import InputError
 from bench.few import INTERVAL
@@ -29,6 +31,11 @@ PRICE = 0.001  # share of touches that a false alarm per hour above the target c
 REPEATS = 0.2  # share of touches that a report per touch above `SPARE` costs; chosen there, too
 FOLDS = "12"  # at most, of training recordings for the choice of the threshold
 SPARE = 1.15  # reports per touch that cost nothing
+
+
+def of_file(path: str) -> str:
+    """The C beside a Python file."""
+    return Path(path).with_suffix(".c").read_text(encoding="utf-8")
 
 
 class Detector:
@@ -74,6 +81,19 @@ class Detector:
     def soonest(self) -> int:
         """Ticks of a touch before its report, at least."""
         return 1
+
+    @property
+    def latest(self) -> int:
+        """Ticks of a touch before its report, at most."""
+        return self.soonest
+
+    def in_c(self) -> InC | None:
+        """What the C of a fitted detector needs; None where it has none. Classes do not inherit it.
+
+        It defines ``static sign_t sensed(touch_watch_t *w, const float *tick)``: the sign of a tick, from the readings
+        of its frames, a mean. It may work in ``w->now.taxels`` and ``w->now.features``.
+        """
+        return None
 
     @property
     def numbers(self) -> int:
@@ -192,7 +212,8 @@ def learned(
     settings = sweep(detectors, recordings, evidence, count)
     level = float(settings["level"][worth(settings, false_alarms).idxmax()])
     names = learned_names(make_system, recordings)
-    return TickWatcher(system, names, copy(detector).fit(signals, ticks), level, count), settings
+    points = points_of(settings.rename(columns={"level": "threshold"}), level, rising=False)
+    return TickWatcher(system, names, copy(detector).fit(signals, ticks), level, count, points=points), settings
 
 
 def left_out(recordings: Recordings) -> np.ndarray:
@@ -221,6 +242,7 @@ class TickWatcher:
         level: threshold, learned for a number of false alarms per hour.
         count: frames of a tick.
         reject: confidence below which a label is ``unknown``; 0 for never.
+        points: other levels (`bench.endless.detectors.base.Watches`).
     """
 
     system: contract.System
@@ -229,6 +251,7 @@ class TickWatcher:
     level: float
     count: int
     reject: float = 0.0
+    points: tuple[Point, ...] = ()
 
     @property
     def numbers(self) -> int:
@@ -249,6 +272,42 @@ class TickWatcher:
     def stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> Stream:
         """The same on frames that come one by one."""
         return TickStream(self, grid, rate_hz, full_scale)
+
+    def at(self, point: int) -> TickWatcher:
+        """The same at another of its ``points``."""
+        return replace(self, level=self.points[point][0])
+
+    def in_c(self, classes: list[str], rate_hz: float) -> InC | None:
+        """What its C needs: that of the detector, and of the names."""
+        derived = "in_c" not in vars(type(self.detector))  # what derives from a detector with C may compute otherwise
+        inner = None if derived else self.detector.in_c()
+        if inner is None:
+            return None
+        longest, named = longest_part(rate_hz, self.count), behind(self.names)[1]
+        times = {"TICK": self.count, "PART_TICKS": longest, "NAMED": len(named.classes_)}
+        constants = ("Frames of a tick, ticks of a part of a touch, gestures.", times)
+        naming = (
+            "When a touch is named again, and from which confidence on.",
+            {"GROWTH": GROWTH, "REJECT": self.reject},
+        )
+        state = (
+            *(("float tick[{TAXELS}];  /* sum of its frames */",) if self.count > 1 else ()),
+            "int within, length, first, named, sure, after;  /* frames of the tick; ticks of the part and its names */",
+            "int is_reported, label;  /* of the touch that lasts */",
+            "uint32_t reported, end;  /* frames; modulo 2^32 */",
+            "float due, weight, sum[{NAMED}], last[{NAMED}];  /* next name; of the names so far; of that at the end */",
+        )
+        return replace(
+            inner,
+            code=f"{of_file(__file__)}\n{inner.code}",
+            state=state + inner.state,
+            constants=(constants, naming, *inner.constants),
+            frames=(max(longest, self.detector.latest + 1) + 1) * self.count,
+            part=max(longest, self.detector.latest + 1) * self.count,
+            level=float(self.level),
+            arrays=inner.arrays | {"class_of": np.searchsorted(classes, named.classes_.astype(str)).astype(np.int8)},
+            deciders={"name": named},
+        )
 
     def adapted(self, system: contract.System, captures: Corpus, y: np.ndarray | None) -> TickWatcher:
         """As `bench.endless.detectors.base.Watches`."""
@@ -293,7 +352,8 @@ class TickWatcher:
         evidence = self.evidence(recordings) if evidence is None else evidence
         rows: list[tuple] = []
         for i, series in enumerate(evidence):
-            touches = spans_of(signs_of(self.detector.rules(self.level), series), self.count)
+            signs = signs_of(self.detector.rules(self.level), series)
+            touches = spans_of(signs, self.count, longest_part(seen.rate_hz, self.count))
             if not touches:
                 continue
             asked = [[*touch.named, *filter(None, [touch.last])] for touch in touches]
@@ -301,7 +361,7 @@ class TickWatcher:
             named = probabilities(self.names, seen[[i]], begin, end)
             parts = np.cumsum([len(each) for each in asked])[:-1]
             for touch, each, frames in zip(touches, np.split(named, parts), np.split(end - begin, parts), strict=True):
-                (first, _), (label, sure) = self.label(each[0]), self.label(of_all(each, frames, seen.rate_hz))
+                (first, _), (label, sure) = self.label(each[0]), self.label(of_all(each, frames))
                 rows.append((i, touch.reported, touch.end, first, label, sure))
         return report_table(rows)
 
@@ -329,11 +389,12 @@ class TickStream:
     """
 
     def __init__(self, watcher: TickWatcher, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
-        self.watcher, self.touches = watcher, Touches(watcher.count)
+        longest = longest_part(rate_hz, watcher.count)
+        self.watcher, self.touches = watcher, Touches(watcher.count, longest)
         self.signals, self.rules = watcher.detector.signals(), watcher.detector.rules(watcher.level)
         self.ring: deque[np.ndarray] = deque(maxlen=watcher.detector.memory)
-        longest = max(1, round(LONGEST_S * rate_hz))
-        self.recent = Recent(longest + 2 * watcher.count, grid, rate_hz, full_scale)
+        kept = (max(longest, watcher.detector.latest + 1) + 1) * watcher.count
+        self.recent = Recent(kept, grid, rate_hz, full_scale)
         self._forget()
 
     def _forget(self) -> None:
@@ -388,6 +449,5 @@ class TickStream:
     def _name(self, recording: Corpus, begin: int, end: int) -> tuple[np.ndarray, float]:
         """Probabilities from some frames of the stream, times their weight, and the weight."""
         gone = self.recent.seen - len(self.recent.frames)
-        span = np.array([max(begin, gone)]) - gone, np.array([end]) - gone
-        weight = weights(np.array([end - begin]), recording.rate_hz)[0]
-        return weight * probabilities(self.watcher.names, recording, *span)[0], float(weight)
+        named = probabilities(self.watcher.names, recording, np.array([begin - gone]), np.array([end - gone]))[0]
+        return (end - begin) * named, float(end - begin)

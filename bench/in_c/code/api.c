@@ -21,7 +21,7 @@ static void calibrated(float *proba, int frames)
     float heat = expf(logf(FIRST_HEAT) * (1 - place) + logf(LAST_HEAT) * place);
     for (int c = 0; c < CLASSES; c++)
         proba[c] = logf(fmaxf(proba[c], 1e-6f)) / heat;
-    softmax(proba);
+    softmax(proba, CLASSES);
 }
 #endif
 

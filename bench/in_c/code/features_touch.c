@@ -258,6 +258,36 @@ static void space(float *values, float *found)
     found[SPREAD] = TAXELS > 1 ? entropy / fmaxf(logf((float)TAXELS), 1e-9f) : 0;
 }
 
+#if STEPPED
+/* What a taxel did over several parts: its mean (kind 0), SD (1) or largest value (2); in steps, so sums are exact. */
+static float over(const part_t *const *parts, int count, int kind, int i)
+{
+    uint64_t n = 0, sum = 0, squares = 0, most = 0;
+    for (int k = 0; k < count; k++) {
+        const part_t *b = parts[k];
+        n += (uint64_t)b->n;
+        sum += b->n ? b->sum[i] : 0;
+        squares += b->n ? b->squares[i] : 0;
+        most = b->n && b->most[i] > most ? b->most[i] : most;
+    }
+    float spread = (float)(n * squares - sum * sum) / ((float)n * (float)n);
+    return (kind == 0 ? (float)sum / (float)n : kind == 1 ? sqrtf(spread) : (float)most) / STEPS;
+}
+
+/* A frame of shares joins the sum of each taxel, that of its squares and its largest value. */
+static void join(part_t *part, const float *p)
+{
+    part->n++;
+    for (int i = 0; i < TAXELS; i++) {
+        uint32_t reading = (uint32_t)(p[i] * STEPS + 0.5f);
+        part->sum[i] = (sum_t)(part->sum[i] + reading);
+        part->squares[i] += reading * reading;
+        part->most[i] = reading > part->most[i] ? (most_t)reading : part->most[i];
+    }
+}
+
+static void forget(part_t *part) { memset(part, 0, sizeof *part); }
+#else
 /* What a taxel did over several parts that follow one another: its mean (kind 0), SD (1) or largest value (2). */
 static float over(const part_t *const *parts, int count, int kind, int i)
 {
@@ -274,6 +304,26 @@ static float over(const part_t *const *parts, int count, int kind, int i)
     }
     return kind == 0 ? mean : kind == 1 ? sqrtf(m2 / n) : most;
 }
+
+/* A frame joins the mean, the squares about it and the largest value of each taxel (Welford). */
+static void join(part_t *part, const float *p)
+{
+    part->n++;
+    for (int i = 0; i < TAXELS; i++) {
+        float away = p[i] - part->mean[i];
+        part->mean[i] += away / (float)part->n;
+        part->m2[i] += away * (p[i] - part->mean[i]);
+        part->most[i] = fmaxf(part->most[i], p[i]);
+    }
+}
+
+static void forget(part_t *part)
+{
+    part->n = 0;
+    for (int i = 0; i < TAXELS; i++)
+        part->mean[i] = part->m2[i] = part->most[i] = 0;
+}
+#endif
 
 /* Features of the last n frames; the parts hold what the taxels did in them. */
 static void features_of(touch_t *t, int n, const part_t *const *parts, int count)
@@ -331,25 +381,6 @@ static void features_of(touch_t *t, int n, const part_t *const *parts, int count
     }
 }
 
-/* A frame joins the mean, the squares about it and the largest value of each taxel (Welford). */
-static void join(part_t *part, const float *p)
-{
-    part->n++;
-    for (int i = 0; i < TAXELS; i++) {
-        float away = p[i] - part->mean[i];
-        part->mean[i] += away / (float)part->n;
-        part->m2[i] += away * (p[i] - part->mean[i]);
-        part->most[i] = fmaxf(part->most[i], p[i]);
-    }
-}
-
-static void forget(part_t *part)
-{
-    part->n = 0;
-    for (int i = 0; i < TAXELS; i++)
-        part->mean[i] = part->m2[i] = part->most[i] = 0;
-}
-
 /* A frame joins the half of a window that it lies in; whether a window of that length ends with it. */
 static int halves(part_t *parts, const float *p, int at, int window, int hop)
 {
@@ -370,15 +401,26 @@ static void features_of_halves(touch_t *t, int n, const part_t *halves)
     features_of(t, n, parts, 2);
 }
 
-/* The readings of a frame, repaired, as shares of full scale, and its signals, which join those before it. */
-static void take(touch_t *t, const float *frame)
+/* The readings of a frame, repaired. */
+static void read_frame(touch_t *t, const float *frame)
 {
     for (int i = 0; i < TAXELS; i++)
         t->frame[i] = frame[i];
     prepared(t, t->frame);
+}
+
+/* The frame that was read as shares of full scale, and its signals, which join those before it. */
+static void join_signals(touch_t *t)
+{
     for (int i = 0; i < TAXELS; i++) {
         t->frame[i] /= FULL_SCALE;
         t->before[i] = t->seen ? t->before[i] : t->frame[i];
     }
     signals_of(t->frame, t->before, t->signals[t->seen % RING]);
+}
+
+static void take(touch_t *t, const float *frame)
+{
+    read_frame(t, frame);
+    join_signals(t);
 }

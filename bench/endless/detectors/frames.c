@@ -1,0 +1,215 @@
+/* Is a tick touch? Levels of the skin, how they compare with those of the last ticks, a classifier, and hysteresis. */
+
+/* Puts the k-th smallest of n values in its place: none before it is larger, none behind it smaller (Hoare). */
+static void place(float *x, int n, int k)
+{
+    for (int low = 0, high = n - 1; low < high;) {
+        float pivot = x[low + (high - low) / 2];
+        int i = low, j = high;
+        while (i <= j) {
+            while (x[i] < pivot)
+                i++;
+            while (x[j] > pivot)
+                j--;
+            if (i <= j) {
+                float value = x[i];
+                x[i++] = x[j];
+                x[j--] = value;
+            }
+        }
+        if (k <= j)
+            high = j;
+        else if (k >= i)
+            low = i;
+        else
+            return;
+    }
+}
+
+/* The mean of the highest taxels; leaves them in another order. */
+static float mean_highest(float *x)
+{
+    int few = TAXELS / HIGHEST > 1 ? TAXELS / HIGHEST : 1;
+    float sum = 0;
+    place(x, TAXELS, TAXELS - few);
+    for (int i = TAXELS - few; i < TAXELS; i++)
+        sum += x[i];
+    return sum / (float)few;
+}
+
+/* What all taxels share of a tick. */
+static float shared(touch_watch_t *w, const float *tick)
+{
+    int k = (int)(COMMON * TAXELS);
+    float *values = w->now.taxels;
+    if (TAXELS == 1)
+        return 0;
+    memcpy(values, tick, sizeof w->now.taxels);
+    place(values, TAXELS, k);
+    return values[k];
+}
+
+static float cosine(float product, float a, float b)
+{
+    float length = sqrtf(a * b);
+    return length > 0 ? product / length : 1;
+}
+
+/* Signals of a tick: its levels, area, likeness to the tick before and the third before, and centroid. */
+static void feel(touch_watch_t *w, const float *tick, float *found)
+{
+    float *values = w->now.taxels, least = shared(w, tick), size = ROWS > COLS ? ROWS : COLS;
+    float *last = w->above[w->newest], *now = w->above[(w->newest + 1) % 3]; /* holds the third before */
+    float mean = 0, total = 0, moved = 0, squares = 0, row = 0, col = 0;
+    float near = 0, near_squares = 0, far = 0, far_squares = 0;
+    for (int i = 0; i < TAXELS; i++) {
+        float flat = fmaxf(tick[i] - least, 0);
+        if (!w->felt)
+            w->baseline[i] = flat;
+        float above = flat - w->baseline[i];
+        w->baseline[i] += (above > 0 ? UP : DOWN) * above;
+        above = fmaxf(above, 0);
+        far += above * now[i];
+        far_squares += now[i] * now[i];
+        near += above * last[i];
+        near_squares += last[i] * last[i];
+        now[i] = values[i] = above;
+        mean += flat;
+        total += above;
+        squares += above * above;
+        row += above * (float)(i / COLS);
+        col += above * (float)(i % COLS);
+    }
+    found[0] = mean / TAXELS;
+    found[1] = total / TAXELS;
+    found[2] = mean_highest(values);
+    for (int i = 0; i < TAXELS; i++) {
+        values[i] = w->felt ? fabsf(now[i] - last[i]) : 0;
+        moved += values[i];
+    }
+    found[3] = moved / TAXELS;
+    found[4] = mean_highest(values);
+    found[LEVELS] = squares > 0 ? total * total / squares / TAXELS : 0;
+    found[LEVELS + 1] = w->felt < 1 ? 1 : cosine(near, squares, near_squares);
+    found[LEVELS + 2] = w->felt < 3 ? 1 : cosine(far, squares, far_squares);
+    found[LEVELS + 3] = total > 0 ? row / total / size : 0;
+    found[LEVELS + 4] = total > 0 ? col / total / size : 0;
+    w->newest = (w->newest + 1) % 3;
+    w->felt += w->felt < 3;
+}
+
+/* Logarithms of the levels so many ticks ago, or of the first tick. */
+static const float *ago(const touch_watch_t *w, int ticks)
+{
+    int steps = ticks < w->looked ? ticks : w->looked - 1;
+    return w->logs[(w->at + LOOK - steps) % LOOK];
+}
+
+static float change(const touch_watch_t *w, int ticks) { return ago(w, ticks)[1] - ago(w, ticks + 1)[1]; }
+
+/* The median of the last ticks: kind 0 of a level, 1 of rises, -1 of falls. */
+static float median(const touch_watch_t *w, int kind, int level)
+{
+    float values[MEDIAN];
+    for (int k = 0; k < MEDIAN; k++)
+        values[k] = kind ? fmaxf((float)kind * change(w, k), 0) : ago(w, k)[level];
+    sort(values, MEDIAN);
+    return (values[(MEDIAN - 1) / 2] + values[MEDIAN / 2]) / 2;
+}
+
+/* Features of a tick from its signals and those before it. */
+static void look(touch_watch_t *w, const float *found, float *next)
+{
+    static const int minima[] = MINIMA, maxima[] = MAXIMA;
+    w->at = (w->at + 1) % LOOK;
+    w->looked += w->looked < LOOK;
+    for (int l = 0; l < LEVELS; l++)
+        w->logs[w->at][l] = logf(found[l] + look_offsets[l]);
+    for (int l = 0; l < LEVELS; l++) {
+        float now = ago(w, 0)[l], least = now, most = now;
+        *next++ = now;
+        for (int k = 0, past = 0; k < (int)(sizeof minima / sizeof *minima); k++) {
+            for (; past <= minima[k]; past++)
+                least = fminf(least, ago(w, past)[l]);
+            *next++ = now - least;
+        }
+        for (int k = 0, past = 0; k < (int)(sizeof maxima / sizeof *maxima); k++) {
+            for (; past <= maxima[k]; past++)
+                most = fmaxf(most, ago(w, past)[l]);
+            *next++ = now - most;
+        }
+        *next++ = now - median(w, 0, l);
+    }
+    float rise = fmaxf(change(w, 0), 0), fall = fmaxf(-change(w, 0), 0), highest = rise;
+    for (int k = 1; k < RISES; k++)
+        highest = fmaxf(highest, change(w, k));
+    *next++ = rise;
+    *next++ = fall;
+    *next++ = rise - median(w, 1, 0);
+    *next++ = fall - median(w, -1, 0);
+    *next++ = highest;
+    found += LEVELS; /* area, likeness to two ticks, centroid */
+    int first = w->looked == 1;
+    *next++ = found[0];
+    *next++ = first ? 0 : found[0] - w->area;
+    *next++ = found[1];
+    *next++ = found[2];
+    *next++ = first ? 0 : fabsf(found[3] - w->row) + fabsf(found[4] - w->col);
+    w->area = found[0];
+    w->row = found[3];
+    w->col = found[4];
+}
+
+/* Logarithm of the sum of two exponentials. */
+static float log_add(float a, float b) { return fmaxf(a, b) + log1pf(expf(-fabsf(a - b))); }
+
+/* Log-odds of touch, and of the beginning of one, as if all classes were equally frequent. */
+static void judge(touch_watch_t *w, float *odds, float *begins)
+{
+    float likely[KINDS], *x = w->now.features;
+    for (int k = 0; k < KINDS; k++)
+        likely[k] = look_bias[k];
+    for (int i = 0; i < LOOKS; i++) {
+        float unit = fminf(fmaxf((x[i] - look_mean[i]) / look_sd[i], -CLIP), CLIP);
+        for (int k = 0; k < KINDS; k++)
+            likely[k] += look_weights[k * LOOKS + i] * unit;
+    }
+    float touch = likely[1], other = likely[0];
+    for (int k = 2; k < KINDS; k++) {
+        touch = log_add(touch, likely[k]);
+        other = log_add(other, likely[k]);
+    }
+    *odds = touch - likely[0];
+    *begins = likely[1] - other;
+}
+
+static sign_t sensed(touch_watch_t *w, const float *tick)
+{
+    float signals[LEVELS + 5], odds, begins;
+    sign_t sign = {0, 0, 0, 0};
+    feel(w, tick, signals);
+    look(w, signals, w->now.features);
+    judge(w, &odds, &begins);
+    w->begun = begins > BEGUN ? AGES - 1 : w->begun > 0 ? w->begun - 1 : 0;
+    if (w->lasts) {
+        w->since++;
+        w->highest = fmaxf(w->highest, odds);
+        w->below = odds < w->level - DROP ? w->below + 1 : 0;
+        w->held = w->below ? w->held : w->since;
+        w->weak = odds < FADED * w->highest ? w->weak + 1 : 0;
+        w->lasts = w->below < HOLD && w->weak < FADE;
+    } else if (odds > w->level && w->begun > 0) {
+        w->since = w->held = w->lasts = 1;
+        w->highest = odds;
+        w->below = w->weak = w->is_known = 0;
+    } else {
+        w->since = 0;
+        w->is_known = 1;
+    }
+    sign.report = !w->is_known && w->held >= WAIT;
+    w->is_known = w->is_known || sign.report;
+    sign.since = sign.report || w->lasts ? w->since : 0;
+    sign.lasts = w->lasts;
+    sign.sure = odds >= w->level;
+    return sign;
+}
