@@ -29,18 +29,18 @@ def shaken(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.n
 
 
 Kind = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
-KINDS: tuple[Kind, ...] = (noisy, shaken)
+KINDS: tuple[Kind, ...] = (shaken, noisy)
 
 
-def disturbed(corpus: Corpus) -> Corpus:
-    """Each recording with one of `KINDS`, in turn; the same random numbers at each call.
+def disturbed(corpus: Corpus, kind: Kind) -> Corpus:
+    """Recordings as a disturbed sensor shows them; the same random numbers at each call.
 
     Args:
         corpus: recordings, after the steps that are done frame by frame.
+        kind: one of `KINDS`.
     """
     streams = []
     for i in range(len(corpus)):
-        kind = KINDS[i % len(KINDS)]
         shares = kind(as_shares(corpus, np.array([i]))[0], corpus.rate_hz, seeded(f"{kind.__name__} in recording {i}"))
         streams.append(as_readings(corpus, shares))
     return Corpus.from_captures(streams, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale)

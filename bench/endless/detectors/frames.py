@@ -13,10 +13,11 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, rank_filter
 from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
+from bench.corpora.faults import seeded
 from bench.corpora.recordings import Recordings
 from bench.endless.detectors.base import Sign
 from bench.endless.detectors.ticks import Detector, frames_of_tick, left_out, signals_of, sweep, ticked, worth
-from bench.endless.disturbed import disturbed
+from bench.endless.disturbed import KINDS, disturbed
 from bench.errors import InputError
 from bench.models.search.inner_folds import inner_folds
 
@@ -36,6 +37,7 @@ CALM, CALMEST = 60, 0.25  # ticks, and the share of them in which all taxels mov
 MARGIN = 1.5  # how much more disturbed than in training a sensor may be before the other classifier decides
 SLIGHT = 3e-4  # of full scale: a sensor that is disturbed less counts as calm; below the gauge of 0.5 % on HAART
 GROUPS = "3"  # of training recordings for the threshold of that classifier
+MANY = 8  # recordings, or subjects, from which on each kind of disturbance is learned from some of them, to save time
 
 
 class Levels:
@@ -108,15 +110,15 @@ def features(signals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
 
 
 def disturbance(signals: np.ndarray) -> np.ndarray:
-    """How disturbed the sensor is by noise, and by vibration, in each tick [ticks, 2].
+    """How disturbed the sensor is in each tick by each of `KINDS` [ticks, 2].
 
-    Noise: the least movement of the last ticks, as some are without touch. Vibration: the quartile of the changes of
-    what all taxels share. The first tick has none, so that a stream counts as calm until it has left the window.
+    Vibration: the lower quartile of the changes of what all taxels share. Noise: the least movement of the last ticks,
+    as some are without touch. The first tick has none, so that a stream counts as calm until it has left the window.
     """
     change = np.abs(np.diff(signals[:, COMMON_LEVEL], prepend=signals[:1, COMMON_LEVEL]))
     rank = int(CALMEST * CALM)
     vibration = rank_filter(change, rank, CALM, origin=(CALM - 1) // 2, mode="nearest")
-    return np.stack([_past(minimum_filter1d, signals[:, MOVEMENT], CALM), vibration], axis=1)
+    return np.stack([vibration, _past(minimum_filter1d, signals[:, MOVEMENT], CALM)], axis=1)
 
 
 def _past(extreme: Callable[..., np.ndarray], series: np.ndarray, size: int) -> np.ndarray:
@@ -253,33 +255,37 @@ class Frames(Detector):
         fitted.times_ = Times.of(recordings, self.wait, self.hold)
         calm = np.max([disturbance(each).max(axis=0) for each in signals], axis=0)
         fitted.limits_ = np.maximum(MARGIN * calm, SLIGHT * recordings.corpus.full_scale)
-        fitted.disturbed_, fitted.shift_ = None, 0.0
+        fitted.disturbed_ = ()
         return fitted
 
     def hardened(self, others: list[Self], recordings: Recordings, level: float, false_alarms: float) -> Self:
-        """The same with a second classifier for a disturbed sensor, if that is worth more on disturbed recordings.
+        """The same with a classifier for noise and one for vibration, each if it is worth more there.
 
-        It is learned from copies of the recordings with noise or vibration, and has a threshold of its own, by which
-        its log-odds are shifted. Arguments are those of `Detector.hardened`.
+        Each is learned from copies of recordings with such a disturbance, and has a threshold of its own, by which its
+        log-odds are shifted. Arguments are those of `Detector.hardened`.
         """
-        count = frames_of_tick(self.tick, recordings.corpus.rate_hz)
-        copies = Recordings(disturbed(recordings.corpus), recordings.events)
-        ticks = ticked(copies, count)
-        signals = [signals_of(self, ticks.corpus[i]) for i in range(len(ticks))]
-        plain = [other.evidence(each) for other, each in zip(others, signals, strict=True)]
-        before = worth(sweep(others, recordings, plain, count, [level]), false_alarms).max()
-        new, evidence = list(others), list(plain)
-        for train, judged in inner_folds(left_out(recordings), GROUPS):
-            fitted = replace(self).fit([signals[i] for i in train], ticks[train])
-            for i in judged:
-                new[i], evidence[i] = fitted, fitted.evidence(signals[i])
-        settings = sweep(new, recordings, evidence, count, self.levels)
-        worths = worth(settings, false_alarms)
-        if worths.max() <= before:
-            return self
         hard = copy(self)
-        hard.disturbed_ = replace(self).fit(signals, ticks)
-        hard.shift_ = level - float(settings["level"][worths.idxmax()])
+        parts = [np.arange(len(recordings))] * len(KINDS)
+        if len(set(left_out(recordings))) >= MANY:
+            parts = np.array_split(seeded("disturbed recordings").permutation(len(recordings)), len(KINDS))
+        count = frames_of_tick(self.tick, recordings.corpus.rate_hz)
+        for kind, (change, part) in enumerate(zip(KINDS, parts, strict=True)):
+            few = np.sort(part)
+            some = recordings[few]
+            ticks = ticked(Recordings(disturbed(some.corpus, change), some.events), count)
+            signals = [signals_of(self, ticks.corpus[i]) for i in range(len(ticks))]
+            plain = [others[i] for i in few]
+            evidence = [other.evidence(each) for other, each in zip(plain, signals, strict=True)]
+            before = worth(sweep(plain, some, evidence, count, [level]), false_alarms).max()
+            for train, judged in inner_folds(left_out(some), GROUPS):
+                fitted = replace(self).fit([signals[i] for i in train], ticks[train])
+                for i in judged:
+                    plain[i], evidence[i] = fitted, fitted.evidence(signals[i])
+            settings = sweep(plain, some, evidence, count, self.levels)
+            worths = worth(settings, false_alarms)
+            if worths.max() > before:
+                shift = level - float(settings["level"][worths.idxmax()])
+                hard.disturbed_ = *hard.disturbed_, (kind, replace(self).fit(signals, ticks), shift)
         return hard
 
     def _units(self, table: np.ndarray) -> np.ndarray:
@@ -288,13 +294,13 @@ class Frames(Detector):
     def evidence(self, signals: np.ndarray) -> np.ndarray:
         """Log-odds of touch, and of its beginning, as if all classes were equally frequent [ticks, 2].
 
-        Those of a tick in which the sensor is disturbed come from the second classifier.
+        Those of a tick in which the sensor is disturbed come from the classifier for that, of both for noise.
         """
-        calm = self._log_odds(signals)
-        if self.disturbed_ is None:
-            return calm
-        other = self.disturbed_._log_odds(signals) + [self.shift_, 0]
-        return np.where((disturbance(signals) > self.limits_).any(axis=1)[:, None], other, calm)
+        odds = self._log_odds(signals)
+        disturbed = disturbance(signals) > self.limits_ if self.disturbed_ else np.zeros((len(odds), len(KINDS)), bool)
+        for kind, other, shift in self.disturbed_:
+            odds = np.where(disturbed[:, [kind]], other._log_odds(signals) + [shift, 0], odds)
+        return odds
 
     def _log_odds(self, signals: np.ndarray) -> np.ndarray:
         scores = self.model_.decision_function(self._units(features(signals, self.offsets_)))
@@ -321,7 +327,7 @@ class Frames(Detector):
     def numbers(self) -> int:
         """Count of learned numbers."""
         own = self.model_.coef_.size + 3 + 2 * len(self.mean_) + LEVELS + 3
-        return own + (0 if self.disturbed_ is None else self.disturbed_.numbers + 3)
+        return own + sum(other.numbers + 2 for _, other, _ in self.disturbed_)
 
 
 def ages_of(recording: Recordings) -> tuple[np.ndarray, np.ndarray]:
