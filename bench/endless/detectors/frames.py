@@ -297,9 +297,11 @@ class Frames(Detector):
         Those of a tick in which the sensor is disturbed come from the classifier for that, of both for noise.
         """
         odds = self._log_odds(signals)
-        disturbed = disturbance(signals) > self.limits_ if self.disturbed_ else np.zeros((len(odds), len(KINDS)), bool)
+        if not self.disturbed_:
+            return odds
+        applies = disturbance(signals) > self.limits_
         for kind, other, shift in self.disturbed_:
-            odds = np.where(disturbed[:, [kind]], other._log_odds(signals) + [shift, 0], odds)
+            odds = np.where(applies[:, [kind]], other._log_odds(signals) + [shift, 0], odds)
         return odds
 
     def _log_odds(self, signals: np.ndarray) -> np.ndarray:
