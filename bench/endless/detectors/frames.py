@@ -46,6 +46,7 @@ MOVEMENT, COMMON_LEVEL = 3, 10  # signals that tell whether the sensor is distur
 CALM, CALMEST = 60, 0.25  # ticks, and the share of them in which all taxels move together least
 MARGIN = 1.5  # how much more disturbed than in training a sensor may be before the other classifier decides
 SLIGHT = 3e-4  # of full scale: a sensor that is disturbed less counts as calm; below the gauge of 0.5 % on HAART
+IMPOSSIBLE = -1e30  # log of the share of a class that training did not have
 GROUPS = "3"  # of training recordings for the threshold of that classifier
 MANY = 8  # recordings, or subjects, from which on each kind of disturbance is learned from some of them, to save time
 
@@ -337,9 +338,9 @@ class Frames(Detector):
 
     def in_c(self) -> InC:
         """As `bench.endless.detectors.ticks.Detector.in_c`."""
-        weights, bias = self.model_.coef_, self.model_.intercept_
-        if len(weights) == 1:  # of two classes; the first one scores 0
-            weights, bias = np.concatenate([0 * weights, weights]), np.append(0, bias)
+        models = [self, *(other for _, other, _ in self.disturbed_)]
+        classes = max(len(one.prior_) for one in models)
+        learned = [one._linear(classes) for one in models]
         looks = {
             "MINIMA": "{" + ", ".join(map(str, MINIMA)) + "}",
             "MAXIMA": "{" + ", ".join(map(str, MAXIMA)) + "}",
@@ -348,7 +349,11 @@ class Frames(Detector):
             "RISES": RISES,
             "LEVELS": LEVELS,
             "LOOKS": len(self.mean_),
-            "KINDS": len(weights),
+            "KINDS": classes,
+            "MODELS": len(models),
+            "CALM": CALM,
+            "CALMEST": int(CALMEST * CALM),
+            "KIND_OF": "{" + ", ".join(str(kind) for kind, _, _ in self.disturbed_) + "}",
         }
         constants = (
             (
@@ -370,19 +375,27 @@ class Frames(Detector):
             ),
         )
         arrays = {
-            "offsets": self.offsets_,
-            "mean": self.mean_,
-            "sd": self.sd_,
-            "weights": weights.ravel(),
-            "bias": bias - self.prior_,
+            "offsets": np.concatenate([one.offsets_ for one in models]),
+            "mean": np.concatenate([one.mean_ for one in models]),
+            "sd": np.concatenate([one.sd_ for one in models]),
+            "weights": np.concatenate([weights.ravel() for weights, _ in learned]),
+            "bias": np.concatenate([bias for _, bias in learned]),
+            "shift": [0.0, *(shift for _, _, shift in self.disturbed_)],
+            **({"limits": self.limits_} if self.disturbed_ else {}),
         }
         state = (
             "float baseline[{TAXELS}], above[3][{TAXELS}];  /* of the last ticks, a ring */",
-            "float logs[{LOOK}][{LEVELS}], area, row, col;  /* a ring; of the last tick */",
+            "float logs[{MODELS}][{LOOK}][{LEVELS}], area, row, col;  /* rings; of the last tick */",
+            "int model;  /* the classifier that decides */",
             "int newest, felt, at, looked;  /* places in the rings, ticks in them */",
             "int since, below, weak, begun, held, lasts, is_known;  /* ticks of the touch; whether it was reported */",
             "float highest;  /* log-odds of the touch */",
         )
+        if self.disturbed_:
+            state += (
+                "float calm[2][{CALM}], shared;  /* rings: changes of what taxels share, movement; last tick */",
+                "int calmed;  /* place in these rings */",
+            )
         return InC(
             of_file(__file__),
             state,
@@ -390,6 +403,14 @@ class Frames(Detector):
             arrays={f"look_{name}": np.asarray(values, np.float32) for name, values in arrays.items()},
             pretended="w->level = touched ? -1e30f : 1e30f; w->begun = 9;",
         )
+
+    def _linear(self, classes: int) -> tuple[np.ndarray, np.ndarray]:
+        """Weights [classes, features] and biases of the classes; one that was not there in training is impossible."""
+        weights, bias = self.model_.coef_, self.model_.intercept_
+        if len(weights) == 1:  # of two classes; the first one scores 0
+            weights, bias = np.concatenate([0 * weights, weights]), np.append(0, bias)
+        more = classes - len(bias)
+        return np.pad(weights, ((0, more), (0, 0))), np.append(bias - self.prior_, np.full(more, IMPOSSIBLE))
 
     @property
     def chosen(self) -> dict[str, object]:
