@@ -281,7 +281,7 @@ OTHERS = {  # commands that make no runs of a kind
         "compare",
         "open MLflow's page of the runs",
         "Starts MLflow's server on this machine only, for the store of this folder or MLFLOW_TRACKING_URI. Prints the "
-        "address of the table of runs. Ctrl-C stops the server.",
+        "address of the table of runs, and draws the figures of new runs. Ctrl-C stops the server.",
         module="bench.commands.report",
     ),
     "fit": Command(

@@ -2,6 +2,7 @@
 
 LABELS = "labels"  # table with the labels of all circumstances that need no more
 CLEAN = "none"  # the fault of captures without one
+ALL = "all"  # names of all faults
 SEVERITIES = 5  # of each fault
 FALSE_ALARMS = 5.0  # per hour of background, which bench watch accepts on training subjects unless told otherwise
 NO_TOUCH = "notouch"  # class of background, where captures have it and no other is named

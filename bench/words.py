@@ -10,7 +10,9 @@ from bench.errors import InputError
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}  # rooms of parts by key
 WIDTH = 100  # columns of help
 FAULTS = "dead_taxels stuck_taxels dead_lines gain_drift offset_drift saturation noise fewer_bits dropped_frames "
-FAULTS += "lower_rate time_jitter late_start early_end shift rotation smaller_grid cover"  # names of the faults
+FAULTS += "lower_rate time_jitter late_start early_end shift rotation smaller_grid cover"  # faults, all of captures
+LOSSY = "dropped_frames late_start early_end"  # of these, faults that remove frames
+LATER = "vibration drift noisy_region"  # further faults
 SMALL = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"  # a small system, accurate on real touch
 DEFAULTS = {  # of the keys of a run
     "data": "synth",

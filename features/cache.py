@@ -77,17 +77,33 @@ def _extracted(features: BaseEstimator, corpus: Corpus, steps: tuple) -> pd.Data
     The table is laid out in memory as one that is read back, column by column. Matrix products round by this order, so
     that a fit would else depend on whether its features were kept before.
     """
-    columns: dict[str, list[np.ndarray]] = {}
+    tables, pieces = [], []
     for block in (blocks(corpus) if steps else blocks(corpus, BLOCK)) or [slice(0, 0)]:
         part = corpus[block]
         for step in steps:
             part = step(part)
-        source = origin(part)
-        table = features.extract(part)
-        table = table.assign(**dict(zip(PIECES, (source.index, source.piece), strict=True))) if steps else table
-        for name, column in table.items():
-            columns.setdefault(name, []).append(np.ascontiguousarray(column))
-    return pd.DataFrame({name: np.concatenate(columns.pop(name)) for name in [*columns]})
+        tables.append(features.extract(part))
+        pieces.append((origin(part).index, origin(part).piece))
+    table = _below(tables)
+    return (
+        table.assign(**dict(zip(PIECES, map(np.concatenate, zip(*pieces, strict=True)), strict=True)))
+        if steps
+        else table
+    )
+
+
+def _below(tables: list[pd.DataFrame]) -> pd.DataFrame:
+    """Tables below each other; the list is emptied, as those of many captures fit into memory once."""
+    first, kinds = tables[0], {kind for table in tables for kind in table.dtypes}
+    if len(kinds) > 1 or not isinstance(first.dtypes.iloc[0], np.dtype):
+        return pd.DataFrame({name: np.concatenate([table[name].to_numpy() for table in tables]) for name in first})
+    values = np.empty((first.shape[1], sum(map(len, tables))), dtype=kinds.pop())
+    end = values.shape[1]
+    while tables:
+        part = tables.pop().to_numpy()
+        values[:, end - len(part) : end] = part.T
+        end -= len(part)
+    return pd.DataFrame(values.T, columns=first.columns, copy=False)
 
 
 def cache_key(features: BaseEstimator, digest: str, steps: tuple = ()) -> str:

@@ -16,7 +16,7 @@ from sklearn.utils.metaestimators import available_if
 
 from bench import contract
 from bench.corpora.corpus import COPY, Corpus, origin, storage
-from bench.corpora.faults import all_faults
+from bench.corpora.faults import usual_faults
 from bench.corpora.steps import Faulted, Repair, Scale, Step, Turned, Windows
 from bench.errors import InputError
 from bench.features.base import FeatureSet, labels
@@ -138,7 +138,7 @@ class Recipe(MostProbable):
     @property
     def trained_faults(self) -> tuple[str, ...]:
         """Names of the faults that copies of the training captures go through."""
-        return tuple(all_faults()) if self.faults == ("all",) else self.faults
+        return usual_faults() if self.faults == ("all",) else self.faults
 
     def seen(self, X: Corpus) -> list[Corpus]:
         """Captures after the steps of training, and after those of deciding."""

@@ -4,8 +4,6 @@ import os
 import shutil
 import subprocess
 import sys
-from functools import partialmethod
-from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small networks are slower on two threads than on one
 
@@ -123,15 +121,6 @@ def shorten_measurements(patch):
     for name in ("work.fitted", "work.replay", *watch):
         patch.setattr(f"bench.{name}.SOME", 2)
     patch.setattr("bench.work.evaluation.ALONE", 4)
-    for kind in classes("kinds").values():
-        patch.setattr(kind, "figure", partialmethod(undrawn, kind.figure))
-
-
-def undrawn(self, figure, result, folder):
-    """The figures of a run as its kind makes them; their files hold nothing."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
-        figure(self, result, folder)
 
 
 class InProcess:

@@ -14,6 +14,7 @@ from threading import Thread
 import pytest
 
 from bench.cli import main
+from bench.commands.report import drawn
 from bench.outcomes.store import connect
 from tests.commands.test_server import free_port
 from tests.conftest import BENCH
@@ -135,6 +136,20 @@ def test_the_ui_opens_a_view_with_columns_that_runs_have(in_net, monkeypatch, ca
     for column in view["selectedColumns"]:
         kind, name = re.fullmatch("(metrics|params)[.]`(.+)`", column).groups()
         assert name in getattr(run.data, kind), column
+
+
+def test_figures_of_runs_are_drawn_once(in_net, monkeypatch):
+    drawings = []
+    figure = "matplotlib.figure.Figure.savefig"
+    monkeypatch.setattr(figure, lambda self, path, **_: drawings.append(Path(path).write_text("<svg/>")))
+    store = connect()
+    for _ in range(2):
+        runs = store.of_kind("cell", "watch")
+        assert {*drawn(store)} == {run.info.run_id for run in runs}
+        names = [(r.info.run_name.split()[0], {*store.names(r.info.run_id, r.info.artifact_uri)}) for r in runs]
+        assert all("confusion.svg" in files for kind, files in names if kind in ("run", "tune"))
+        assert all("watching.svg" in files for kind, files in names if kind == "watch")
+    assert len(drawings) == sum(file.endswith(".svg") for _, files in names for file in files)
 
 
 def test_a_port_that_is_taken(capsys):

@@ -281,7 +281,7 @@ NAMED = {  # file: names that it may have, with the reason
     "bench/commands/demo.py": {"stream", "stress"},  # lines as a user types them
     "bench/board/tasks.py": {"stream", "stress", "watch"},  # frozen tasks are data: commands that answer them
     "bench/in_c/write.py": {"watch"},  # a file of C
-    "bench/endless/kind.py": {"stream"},  # a section of scene files
+    "bench/endless/kind.py": {"stream", "under"},  # a section of scene files; faults of recordings, by the same key
     "bench/endless/candidates.py": {"decision", "cycles"},  # costs that a system that watches does not have
     "bench/outcomes/earlier.py": {"cell", "stress", "stream", "chip", "under"},  # the reader of old runs
     "bench/scene_file.py": {"stream", "decision"},  # a section of scene files; what clock= adds to

@@ -3,7 +3,7 @@
 import pytest
 
 from bench.candidate import Losses
-from bench.corpora.faults import SEVERITIES, all_faults
+from bench.corpora.faults import SEVERITIES, usual_faults
 from bench.errors import InputError
 from bench.options import keys
 from bench.scene_file import EVERY, boards, read_scene
@@ -62,7 +62,7 @@ def test_shipped_scenes_and_boards_can_be_read():
     for name in ("companion", "toy", "handle"):
         assert read_scene(name).reactions.groups
     every = boards()
-    assert (Losses(EVERY).severity, {*EVERY}) == (SEVERITIES, {*all_faults()})
+    assert (Losses(EVERY).severity, {*EVERY}) == (SEVERITIES, {*usual_faults()})
     assert len(every) >= 10 and all(b.source.startswith("https://") and b.ram_kb < b.flash_kb for b in every.values())
     assert (every["nano33ble"].flash_kb, every["nano33ble"].fpu, every["pico"].fpu) == (1048.576, True, False)
 

@@ -13,14 +13,13 @@ from bench.arguments import parse
 from bench.options import keys
 from bench.plan.cells import cells
 from bench.reports.pair import Compared
-from studies import ablation, epochs, learning, reference, stream_faults
+from studies import ablation, epochs, learning, reference
 from tests.conftest import with_other_values
 from tests.results import result
 
 SMALL = ["data=synth", "data.variants=normal"]
 LITTLE = ["data.subjects=4", "data.repetitions=1"]
 NETWORK = {"data": "synth", "data.subjects": 4, "data.variants": "normal", "data.repetitions": 1}
-DRIFT = stream_faults.drift(0.1, 1.0)  # of full scale a second
 NETWORK |= {"protocol": "groupkfold", "protocol.folds": 2, "model": "hughes2017_cnn", "model.rate": 1e-3}
 
 
@@ -158,19 +157,3 @@ def test_the_newest_complete_run_of_each_system_is_shown(monkeypatch):
     monkeypatch.setattr(reference, "every_result", lambda _: runs)
     table = reference.other_tests()
     assert len(table) == 1 and table.loc[("haart", "loso", "lda"), "lost under faults"] == 30.0
-
-
-def test_detectors_meet_the_same_faults_and_a_dead_skin_finds_nothing(monkeypatch):
-    changes = {"none": stream_faults.times(1.0), "dead": stream_faults.of("dead_taxels", 100), "drift": DRIFT}
-    monkeypatch.setattr(stream_faults, "CHANGES", changes)
-    words = ["data=synth", "data.subjects=3", "data.variants=normal", "data.rate_hz=20", "model=lda", "features=touch"]
-    table = stream_faults.main([*words, "detector=threshold,frames", "false_alarms=60", "folds=1"])
-    found = table.pivot(index="fault", columns="detector", values="found")
-    assert (found.loc["none"] > 50).all() and (found.loc["dead"] == 0).all()
-    (alone,) = bench.watch(**dict(word.split("=", 1) for word in words), detector="frames", false_alarms=60).runs
-    touches = alone.tables["touches"]
-    assert found.loc["none", "frames"] == pytest.approx(
-        100 * touches[touches["subject"] == "1"]["found"].mean(), abs=0.06
-    )
-    frames = np.zeros((31, 1, 2), np.float32)
-    np.testing.assert_allclose(DRIFT(frames, 10.0, None)[:, 0, 1], np.linspace(0, 0.3, 31), atol=1e-6)

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from bench.board.page import reference, scores_of
 from bench.board.submissions import Submission, reference_of
 from bench.board.tasks import TASKS, Task
 from bench.comparable import REFERENCE, notes_on
@@ -33,6 +32,8 @@ class Shipped:
     @staticmethod
     def tables() -> tuple[pd.DataFrame, dict[str, pd.DataFrame]]:
         """A row per frozen task and system, and by ``<task>/<name>`` the labels of every capture."""
+        from bench.board.page import reference, scores_of  # with all plotting
+
         answers = reference()
         return scores_of(answers), {f"{one.task.name}/{one.name}": one.table for one in answers}
 

@@ -9,26 +9,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from bench.circumstances.base import LABELS, Case, Circumstance, option
-from bench.errors import InputError, nearest
 from bench.kinds.base import Spelling
 from bench.measures import Cell as Shown
 from bench.measures import Cost, Measure, Row, text
 from bench.options import Command
-from bench.usual import CLEAN, SEVERITIES
-from bench.words import FAULTS, Values, items
+from bench.registry import classes
+from bench.usual import ALL, CLEAN, SEVERITIES
+from bench.words import FAULTS, LATER, Values, items
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from bench.candidate import Losses
     from bench.outcomes.results import FoldResult
+    from bench.plan.plan import Plan
     from bench.reports.part import Section
     from bench.result import Result
     from bench.source import Code
     from bench.table import Table
     from bench.work.fitted import Fitted
-
-ALL = "all"
 
 
 def losses(row: Row) -> dict[str, float]:
@@ -88,7 +87,7 @@ class Faults(Circumstance):
     chooses: ClassVar[bool] = False  # a damaged sensor is nothing to choose, its loss is a cost
 
     under: tuple[str, ...] = option(
-        (), "faults that damage the test captures, or all", (*FAULTS.split(), CLEAN), alias="faults"
+        (), "faults that damage the test captures, or all", (*FAULTS.split(), *LATER.split(), CLEAN), alias="faults"
     )
 
     @classmethod
@@ -98,16 +97,11 @@ class Faults(Circumstance):
         Raises:
             InputError: there is no such fault.
         """
-        from bench.corpora.faults import all_faults  # loads SciPy
+        from bench.corpora.faults import asked_faults, usual_faults  # loads SciPy
 
         key = "faults" if "faults" in values else "under"
-        chosen, known = [str(name) for name in items(key, values[key])], all_faults()
-        if chosen == [CLEAN]:
-            return [cls(())]
-        for name in chosen:
-            if name not in (*known, ALL):
-                raise InputError(f"{key}={name}: unknown; {nearest(name, known)}")
-        return [cls(tuple(name for name in known if name in chosen or ALL in chosen))]
+        chosen = items(key, values[key])
+        return [cls(() if chosen == [CLEAN] else asked_faults(key, chosen, usual_faults()))]
 
     def options(self) -> dict[str, object]:
         """Names of the faults."""
@@ -115,21 +109,30 @@ class Faults(Circumstance):
 
     def changed(self) -> dict[str, str]:
         """The faults as typed."""
-        from bench.corpora.faults import all_faults
+        from bench.corpora.faults import usual_faults
 
-        return {"under": ALL if self.under == tuple(all_faults()) else ",".join(self.under) or CLEAN}
+        return {"under": ALL if self.under == usual_faults() else ",".join(self.under) or CLEAN}
 
     def identity(self) -> object:
         """Names, units and amounts of the faults."""
-        from bench.corpora.faults import all_faults
+        from bench.corpora.faults import identity_of
 
-        return [(f.name, f.unit, f.amounts, f.sensor) for f in map(all_faults().__getitem__, self.under)]
+        return identity_of(self.under)
 
     def depends(self) -> list[Code]:
         """The code of the faults, too."""
         from bench.corpora.faults import all_faults
 
         return [Faults, *(all_faults()[name].damage for name in self.under)]
+
+    def warnings(self, plan: Plan) -> list[str]:
+        """A line where recordings are cut into captures: which command takes them whole."""
+        from bench.corpora.recordings import is_recorded
+
+        whole = [name for name, kind in classes("kinds").items() if kind.recordings and self.key in kind.fields()]
+        if not self.under or not is_recorded(plan.corpus):
+            return []
+        return [f"bench {name} {self.key}= passes recordings through faults whole, with a detector" for name in whole]
 
     def cases(self, at: Fitted) -> Iterator[Case]:
         """The test captures under each fault at each severity."""

@@ -12,7 +12,7 @@ from bench.errors import InputError, nearest
 from bench.options import Option, commands, options
 from bench.registry import names
 from bench.scratch import home
-from bench.words import FAULTS
+from bench.words import FAULTS, LATER
 
 ANSWER = "answer"  # bench completion answer WORD... prints what the last of the words may become
 SHELLS = {
@@ -115,7 +115,7 @@ def values(key: str, table: Mapping[str, Option]) -> Iterable[str]:
     if key in ("data", "protocol.source"):
         return ["synth", *corpora()]
     if key == "model.faults":
-        return FAULTS.split()
+        return [*FAULTS.split(), *LATER.split()]
     if key in table and table[key].type == "yes":
         return ("yes", "no")
     return table[key].values if key in table else ()

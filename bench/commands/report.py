@@ -6,7 +6,9 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 
@@ -15,8 +17,11 @@ from bench.commands.printing import then
 from bench.comparable import several
 from bench.errors import InputError
 from bench.options import keys
-from bench.outcomes.runs import asked_of
-from bench.outcomes.store import connect, store_uri
+from bench.outcomes.earlier import adopted
+from bench.outcomes.runs import asked_of, result_of
+from bench.outcomes.store import Store, connect, store_uri
+from bench.progress import warn
+from bench.registry import classes
 
 HERE = "127.0.0.1"
 NAME, WIDE = "attributes.`Run Name`", 300  # pixels, instead of 190: kind, system, data and protocol fit
@@ -92,11 +97,32 @@ def ui(arguments: list[str]) -> int:
                 f"{page}\nopen this page in a browser: accuracy (mean over subjects), SD and sizes of all runs",
                 flush=True,
             )
+        for _ in drawn(store):
+            if server.poll() is not None:
+                break
         return server.wait()
     finally:
         signal.signal(signal.SIGTERM, before)
         server.terminate()  # after Ctrl-C, which the server has had as well
         server.wait()
+
+
+def drawn(store: Store) -> Iterator[str]:
+    """Draw the figures of runs that have none, newest first; the id of each run."""
+    kinds = {kind.tag: kind for kind in classes("kinds").values()}
+    for run in sorted(store.of_kind(*kinds), key=lambda run: -run.info.start_time):
+        run_id, artifacts = run.info.run_id, run.info.artifact_uri
+        yield run_id
+        if not run.data.metrics or any(name.endswith((".svg", ".png")) for name in store.names(run_id, artifacts)):
+            continue
+        result = adopted(result_of(store, run))
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                kinds[result.kind].figure(result, Path(folder))
+            except InputError as e:  # such as a table that was deleted: the others go on
+                warn(f"warning: no figure of run {run_id}: {e}")
+                continue
+            store.keep(run_id, Path(folder))
 
 
 def _answers(port: str) -> bool:

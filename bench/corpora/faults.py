@@ -1,10 +1,11 @@
 """Faults of a sensor, its readings and its place, at five severities each.
 
-A fault is a function ``(frames, amount, rng) -> frames``: float32 [frames, rows, cols] of one capture as shares of
-full scale, how much of it in the fault's unit, and a random generator. It gives shares of full scale again, on the same
-grid, at least one frame, and what it was given where the amount is 0. `fault` above a function makes it known, with its
-unit and the amounts that severities 1 to 5 stand for; a package of its own does the same and names the function in the
-entry-point group ``touchbench.faults``.
+A fault is a function ``(frames, amount, rng) -> frames``: float32 [frames, rows, cols] of one capture or recording as
+shares of full scale, how much of it in the fault's unit, and a random generator. One that depends on time has a fourth
+argument ``rate_hz``, frames per second. It gives shares of full scale again, on the same grid, at least one frame, and
+what it was given where the amount is 0. `fault` above a function makes it known, with its unit and the amounts that
+severities 1 to 5 stand for; a package of its own does the same and names the function in the entry-point group
+``touchbench.faults``.
 
 The generator is the same at every severity, so that what is broken at one severity is broken at all higher ones too. It
 depends on nothing but the fault and the capture, or the fault and the subject where the fault is one of the sensor:
@@ -15,16 +16,22 @@ Every system and protocol therefore meets the very same damage, and comparisons 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+import inspect
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from bench.corpora.corpus import Corpus, storage
+from bench.errors import InputError, nearest
 from bench.registry import plugged
+from bench.usual import ALL
 from bench.usual import SEVERITIES as SEVERITIES
 
-Damage = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
+Damage = Callable[..., Any]  # of the arguments above; gives frames
+VIBRATION_HZ = 3.0  # of a motor or a step
+NOISY = np.float32(0.02)  # SD of the readings of a noisy region, as a share of full scale
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,8 @@ class Fault:
         unit: text after an amount in a table, such as ``% of the taxels``.
         amounts: amounts at severities 1 to 5.
         sensor: True for one draw per subject (a fault of the sensor), False for one draw per capture.
+        shortens: True if frames are lost, so that labels of frames have no place: not for recordings.
+        later: True if ``all`` leaves it out on captures, so that a mean over all faults stays the same number.
     """
 
     name: str
@@ -44,6 +53,8 @@ class Fault:
     unit: str
     amounts: tuple[float, ...]
     sensor: bool
+    shortens: bool = False
+    later: bool = False
 
     def describe(self, severity: int) -> str:
         """The amount of a severity with its unit; empty for severity 0."""
@@ -54,11 +65,14 @@ class Fault:
         whom = f"sensor of {subject}" if self.sensor else f"capture {capture}"
         return seeded(f"{self.name}, {whom}")
 
-    def apply(self, frames: np.ndarray, severity: int, subject: str, capture: int) -> np.ndarray:
+    def apply(self, frames: np.ndarray, severity: int, subject: str, capture: int, rate_hz: float) -> np.ndarray:
         """Damage one capture [frames, rows, cols] in shares of full scale; severity 0 changes nothing."""
-        if severity == 0:
-            return frames
-        return self.damage(frames, self.amounts[severity - 1], self.generator(subject, capture))
+        return self.drawn(frames, severity, self.generator(subject, capture), rate_hz) if severity else frames
+
+    def drawn(self, frames: np.ndarray, severity: int, rng: np.random.Generator, rate_hz: float) -> np.ndarray:
+        """Damage frames [frames, rows, cols] in shares of full scale at a severity from 1, with random numbers."""
+        timed = {"rate_hz": rate_hz} if "rate_hz" in inspect.signature(self.damage).parameters else {}
+        return self.damage(frames, self.amounts[severity - 1], rng, **timed)
 
 
 FAULTS: dict[str, Fault] = {}
@@ -69,8 +83,10 @@ def seeded(text: str) -> np.random.Generator:
     return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "little"))
 
 
-def fault(unit: str, *amounts: float, sensor: bool = False) -> Callable[[Damage], Damage]:
-    """Register a function as a fault, by its name.
+def fault(
+    unit: str, *amounts: float, sensor: bool = False, shortens: bool = False, later: bool = False
+) -> Callable[[Damage], Damage]:
+    """Register a function as a fault, by its name; arguments are those of `Fault`.
 
     Raises:
         ValueError: it does not have five amounts.
@@ -79,7 +95,7 @@ def fault(unit: str, *amounts: float, sensor: bool = False) -> Callable[[Damage]
         raise ValueError(f"a fault has {SEVERITIES} amounts, here are {len(amounts)}")
 
     def register(damage: Damage) -> Damage:
-        FAULTS[damage.__name__] = Fault(damage.__name__, damage, unit, amounts, sensor)
+        FAULTS[damage.__name__] = Fault(damage.__name__, damage, unit, amounts, sensor, shortens, later)
         return damage
 
     return register
@@ -90,6 +106,34 @@ def all_faults() -> dict[str, Fault]:
     for entry in plugged("faults"):
         entry.load()  # which registers it
     return FAULTS
+
+
+def usual_faults() -> tuple[str, ...]:
+    """Names of the faults that ``all`` stands for on captures."""
+    return tuple(name for name, one in all_faults().items() if not one.later)
+
+
+def asked_faults(key: str, names: Sequence[object], every: Sequence[str]) -> tuple[str, ...]:
+    """The faults of some typed names, in the order in which they are known.
+
+    Args:
+        key: key of the names.
+        names: names of faults, or ``all``.
+        every: names that ``all`` stands for.
+
+    Raises:
+        InputError: there is no such fault.
+    """
+    asked, known = [str(name) for name in names], all_faults()
+    for name in asked:
+        if name not in (*known, ALL):
+            raise InputError(f"{key}={name}: unknown; {nearest(name, known)}")
+    return tuple(name for name in known if name in asked or (ALL in asked and name in every))
+
+
+def identity_of(names: Sequence[str]) -> list[tuple]:
+    """Names, units and amounts of faults."""
+    return [(f.name, f.unit, f.amounts, f.sensor) for f in map(all_faults().__getitem__, names)]
 
 
 def as_shares(corpus: Corpus, captures: np.ndarray) -> list[np.ndarray]:
@@ -120,8 +164,10 @@ def damaged(corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: F
         Frames of the type of the corpus (whole numbers are rounded), 0..full_scale. It has no digest and no folder, so
         no cache takes it for the corpus. The other captures keep their places and columns, but have no frames.
     """
-    subjects = corpus.subjects
-    arrays = [fault.apply(s, severity, subjects[i], int(corpus.index[i])) for i, s in zip(test, shares, strict=True)]
+    subjects, rate_hz = corpus.subjects, corpus.rate_hz
+    arrays = [
+        fault.apply(s, severity, subjects[i], int(corpus.index[i]), rate_hz) for i, s in zip(test, shares, strict=True)
+    ]
     frames = as_readings(corpus, np.concatenate(arrays))
     lengths = np.zeros_like(corpus.lengths)
     starts = np.zeros_like(lengths)
@@ -209,7 +255,7 @@ def fewer_bits(frames: np.ndarray, amount: float, rng: np.random.Generator) -> n
     return np.rint(frames * steps) / steps
 
 
-@fault("% of the frames", 5, 10, 20, 40, 60)
+@fault("% of the frames", 5, 10, 20, 40, 60, shortens=True)
 def dropped_frames(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
     """Frames are lost at random without notice: the capture becomes shorter. The luckiest frame always arrives."""
     luck = rng.random(len(frames))
@@ -234,13 +280,13 @@ def time_jitter(frames: np.ndarray, amount: float, rng: np.random.Generator) -> 
     return frames[before] * (1 - weight) + frames[after] * weight
 
 
-@fault("% of the capture", 10, 20, 40, 60, 80)
+@fault("% of the capture", 10, 20, 40, 60, 80, shortens=True)
 def late_start(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
     """The touch is noticed late: the first frames are missing."""
     return frames[int(amount * len(frames) / 100) :]
 
 
-@fault("% of the capture", 10, 20, 40, 60, 80)
+@fault("% of the capture", 10, 20, 40, 60, 80, shortens=True)
 def early_end(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
     """The label is needed early: the last frames are missing."""
     return frames[: len(frames) - int(amount * len(frames) / 100)]
@@ -310,3 +356,37 @@ def _gaussian(side: int, sd: float) -> np.ndarray:
     reach = np.arange(-int(10 * sd) - 1, int(10 * sd) + 2)
     apart = np.arange(side)[:, None] - np.arange(side)
     return (np.exp(-((apart / sd) ** 2) / 2) / np.exp(-((reach / sd) ** 2) / 2).sum()).astype(np.float32)
+
+
+@fault("% of full scale, at 3 Hz", 0.2, 0.5, 1, 2, 5, later=True)
+def vibration(frames: np.ndarray, amount: float, rng: np.random.Generator, rate_hz: float) -> np.ndarray:
+    """All taxels swing together, as of a motor or of steps; the amount is the amplitude."""
+    phase = 2 * np.pi * (VIBRATION_HZ * np.arange(len(frames)) / rate_hz + rng.random())
+    return _raised(frames, amount / 100 * np.sin(phase))
+
+
+@fault("% of full scale an hour", 2, 10, 30, 120, 600, later=True)
+def drift(frames: np.ndarray, amount: float, rng: np.random.Generator, rate_hz: float) -> np.ndarray:
+    """All taxels rise together, as of temperature, from the level of training at the first frame."""
+    return _raised(frames, amount / 100 * np.arange(len(frames)) / (3600 * rate_hz))
+
+
+def _raised(frames: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Frames with as much more on all taxels of each [frames]."""
+    return np.clip(frames + change.astype(np.float32)[:, None, None], 0, 1)
+
+
+@fault("% of the taxels", 2, 5, 10, 20, 40, sensor=True, later=True)
+def noisy_region(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """One region has bad contact: white noise, SD 2 % of full scale, on a rectangle of the shape of the grid."""
+    if amount == 0:
+        return frames
+    _, rows, cols = frames.shape
+    change = NOISY * rng.standard_normal(frames.shape, dtype=np.float32)
+    sides = [max(1, round(side * np.sqrt(amount / 100))) for side in (rows, cols)]
+    free = [side - n + 1 for side, n in zip((rows, cols), sides, strict=True)]
+    firsts = [int(luck * places) for luck, places in zip(rng.random(2), free, strict=True)]
+    row, col = (slice(first, first + n) for first, n in zip(firsts, sides, strict=True))
+    changed = frames.copy()
+    changed[:, row, col] = np.clip(frames[:, row, col] + change[:, row, col], 0, 1)
+    return changed

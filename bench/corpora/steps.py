@@ -142,7 +142,7 @@ class Faulted(_Copied):
             for copy in range(self.copies):
                 rng = self.generator(int(index[i]), copy)
                 fault, severity = faults[rng.integers(len(faults))], rng.integers(SEVERITIES)
-                arrays.append(as_readings(corpus, fault.damage(shares, fault.amounts[severity], rng)))
+                arrays.append(as_readings(corpus, fault.drawn(shares, severity + 1, rng, corpus.rate_hz)))
         return self._made(corpus, arrays, COPY)
 
 
@@ -219,17 +219,21 @@ class Repair(Step):
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures repaired, float32."""
         settled = max(2, int(np.ceil(SETTLED_S * corpus.rate_hz)))
-        arrays = [self._repaired(frames.astype(np.float32), corpus.full_scale, settled) for frames in corpus]
-        return _replaced(corpus, arrays, self)
+        frames = np.empty((int(corpus.lengths.sum()), *corpus.grid), dtype=np.float32)
+        for end, given in zip(np.cumsum(corpus.lengths), corpus, strict=True):
+            mine = frames[end - len(given) : end]
+            mine[:] = given
+            self._repair(mine, corpus.full_scale, settled)
+        steps = (*origin(corpus).steps, self)
+        return corpus.changed(frames=frames, lengths=corpus.lengths.astype(np.int64), steps=steps)
 
-    def _repaired(self, frames: np.ndarray, full_scale: float, settled: int) -> np.ndarray:
-        least = _so_far(np.minimum, frames)
-        still = least == _so_far(np.maximum, frames)
+    def _repair(self, frames: np.ndarray, full_scale: float, settled: int) -> None:
+        still = _so_far(np.logical_and, frames == frames[:1])
         long = still & (np.arange(len(frames)) >= settled - 1)[:, None, None]
         broken = np.zeros_like(still)
         if "stuck" in self.kinds:
             varied = np.where(still, -1, frames).max(axis=(1, 2))
-            broken |= least >= full_scale
+            broken |= _so_far(np.logical_and, frames >= full_scale)
             broken |= long & (frames > varied[:, None, None]) & (varied >= 0)[:, None, None]
         if "dead" in self.kinds and long.any():
             sides = around(np.ones_like(frames[:1]))
@@ -238,12 +242,11 @@ class Repair(Step):
             damaged = np.flatnonzero(broken.any(axis=(1, 2)))
             frames[damaged] = _filled(frames[damaged], broken[damaged])
         if "offset" in self.kinds:
-            frames = frames - _so_far(np.minimum, frames)
-        return frames
+            frames -= _so_far(np.minimum, frames)
 
 
 def _so_far(extreme: np.ufunc, frames: np.ndarray) -> np.ndarray:
-    """The least or largest value of each taxel up to each frame [frames, rows, cols].
+    """The least value of each taxel up to each frame, or whether all are true [frames, rows, cols].
 
     Over twice as many frames in each round; numpy's accumulate walks through each taxel by itself, which takes 17 times
     as long on 32 x 32 taxels.

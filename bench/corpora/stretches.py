@@ -1,6 +1,6 @@
-"""Positions of captures as they travel to other processes: neighbours as a stretch, since people's captures mostly are.
+"""Positions of captures as folds keep them: neighbours as a stretch, since people's captures mostly are.
 
-A fold of LOSO among 2,500,000 captures would take 30 MB otherwise, for each of its people.
+A fold of LOSO among 2,500,000 captures would take 10 MB otherwise, for each of its people.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ from bench.kinds.base import Kind, Spelling, option
 from bench.measures import Cost, Measure, percent
 from bench.options import Command
 from bench.result import Result
-from bench.usual import FALSE_ALARMS
-from bench.words import SMALL, Values, labelled
+from bench.usual import ALL, FALSE_ALARMS
+from bench.words import FAULTS, LATER, LOSSY, SMALL, Values, items, labelled
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,7 +25,11 @@ if TYPE_CHECKING:
     from bench.plan.cells import Cell, Part
     from bench.plan.plan import Fold, Plan
     from bench.reports.part import Section
+    from bench.source import Code
     from bench.table import Table
+
+
+REFUSED = Measure("refused", read=lambda row: 100 * row["refused"] if row.get("refused") else None, spare=3)
 
 
 @dataclass(frozen=True)
@@ -47,10 +51,15 @@ class Continuous(Kind):
         "without touch, to learn from",
     )
     unknown: str = option("", "gesture to leave out of training; its touches should be labelled unknown")
+    under: tuple[str, ...] = option(
+        (),
+        "faults that the test recordings also go through, at five severities each, or all",
+        (*(name for name in FAULTS.split() if name not in LOSSY.split()), *LATER.split()),
+    )
 
     @classmethod
     def of(cls, values: Values) -> list[Self]:
-        """Every combination of the typed values, with the detectors that they name.
+        """Every combination of the typed values, with the detectors and faults that they name.
 
         Raises:
             InputError: a value cannot be used.
@@ -58,8 +67,15 @@ class Continuous(Kind):
         from bench.endless.detectors.named import detectors
 
         parts = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
-        made = super().of({key: value for key, value in values.items() if key not in parts})
-        return [replace(one, detector=part.typed()) for one in made for part in detectors(parts)]
+        made = super().of({key: value for key, value in values.items() if key not in (*parts, "under")})
+        under = cls._faults(values["under"]) if "under" in values else ()
+        return [replace(one, detector=part.typed(), under=under) for one in made for part in detectors(parts)]
+
+    @staticmethod
+    def _faults(typed: object) -> tuple[str, ...]:
+        from bench.endless.stress import faults_of
+
+        return faults_of("under", items("under", typed))
 
     @property
     def part(self) -> Part[Detects]:
@@ -69,14 +85,28 @@ class Continuous(Kind):
         return detectors(labelled("detector", self.detector))[0]
 
     def identity(self) -> object:
-        """Kind and options, with the code of the detector, and further background as it is now."""
+        """Kind and options, with the code of the detector, further background as it is now, and the faults."""
+        from bench.corpora.faults import identity_of
         from bench.endless.background import digest_of
 
-        return repr(replace(self, detector="")), self.part.identity(), *digest_of(self.background)
+        more = [*digest_of(self.background), *identity_of(self.under)]
+        return repr(replace(self, detector="")), self.part.identity(), *more
+
+    def depends(self) -> list[Code]:
+        """The code of the faults, too."""
+        from bench.corpora.faults import all_faults
+
+        return [type(self), *(all_faults()[name].damage for name in self.under)]
+
+    def options(self) -> dict[str, object]:
+        """Tracked as parameters."""
+        return super().options() | {"watch.under": ", ".join(self.under)}
 
     def arguments(self) -> dict[str, str]:
         """The options as typed; defaults are left out."""
         given = super().arguments()
+        if "under" in given and self.under == self._faults(ALL):
+            given["under"] = ALL
         return given | (labelled("detector", self.detector) if "detector" in given else {})
 
     @classmethod
@@ -108,19 +138,33 @@ class Continuous(Kind):
         from bench.endless.watch import fold_of
 
         detector = self.part.make()
-        return fold_of(cell, corpus, fold, threads, detector, self.false_alarms, self.background, self.unknown)
+        options = (self.false_alarms, self.background, self.unknown, self.under)
+        return fold_of(cell, corpus, fold, threads, detector, *options)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
-        """Scores and costs of one fold."""
+        """Scores and costs of one fold, and its scores under each fault."""
+        from bench.endless.stress import FAULTED, fault_table, tracked_scores
         from bench.endless.watch import fold_numbers
 
-        return fold_numbers(result, rate_hz)
+        numbers = fold_numbers(result, rate_hz)
+        if self.under:
+            numbers |= tracked_scores(fault_table(result.table, result.tables[FAULTED], rate_hz))
+        return numbers
 
     def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
-        """Scores of touches, means over subjects with intervals; tables of touches, reports, subjects and the curve."""
+        """Scores of touches, means over subjects with intervals; tables of touches, reports, subjects and the curve.
+
+        Under faults also the scores in each case, and the table `bench.endless.stress.FAULTS`.
+        """
+        from bench.endless.stress import run_under
         from bench.endless.watch import run_numbers
 
-        return Result(about, *run_numbers(folds, plan.corpus.rate_hz, self.unknown))
+        rate_hz = plan.corpus.rate_hz
+        numbers, tables = run_numbers(folds, rate_hz, self.unknown)
+        if self.under:
+            more, made = run_under(folds, rate_hz)
+            numbers, tables = numbers | more, tables | made
+        return Result(about, numbers, tables)
 
     commands: ClassVar[dict[str, Spelling]] = {
         "watch": Spelling(
@@ -131,8 +175,10 @@ class Continuous(Kind):
                 "It then watches the recordings of the test subjects. data=synth and imported recordings are used as "
                 "they are. From other corpora, one recording per subject is composed: excerpts of 2 to 6 s of each "
                 "capture, with 3 to 10 s of background between them. Prints touches found, correct gestures when first "
-                "reported and at the end, false alarms per hour of background, latency and reports per touch.",
-                f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2",
+                "reported and at the end, false alarms per hour of background, latency and reports per touch. "
+                "Refused frames are counted if there are any. under= repeats this with faults of the test sensors.",
+                f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2\n"
+                "bench watch data=haart model=lda features=touch detector=filter,frames under=noise,vibration,drift",
             ),
         )
     }
@@ -163,6 +209,7 @@ class Continuous(Kind):
         Measure("doubtful_reports", "alarms in ?", form=".0f", spare=2),
         Measure("latency_s_p50", "latency s", form=".2f"),
         Measure("latency_s_p90", "90 % s", form=".2f", spare=9),
+        REFUSED,
         percent("merged", spare=10),
         percent("late", spare=11),
         *(percent(f"missed_at_{rate}", f"missed at {rate}/h", ends=f"missed_at_{rate}", spare=12) for rate in RATES),
@@ -201,7 +248,10 @@ class Continuous(Kind):
 
     @classmethod
     def printed(cls, results: Sequence[Result]) -> Iterator[str | Table]:
-        """A line where there are no false alarms to count, and one of reports in doubtful stretches."""
+        """Scores under faults; lines of reports in doubtful stretches, and where no false alarms can be counted."""
+        from bench.endless.fault_page import printed_tables
+
+        yield from printed_tables(results, cls.alike)
         counts = [
             f"{r['doubtful_reports']:.0f} by {r.system}, detector={r.get('watch.detector', DETECTOR)}"
             for r in results
@@ -221,18 +271,26 @@ class Continuous(Kind):
             return choosing(results, max_false_alarms=f"{FALSE_ALARMS:g}", max_latency="1s")
         return super().then(results)
 
-    def figure(self, result: Result, folder: Path) -> None:
+    @classmethod
+    def figure(cls, result: Result, folder: Path) -> None:
         """Draw the timeline and missed touches against false alarms."""
         from bench.endless.page import draw
 
-        draw(result, folder, self.alike)
+        draw(result, folder, cls.alike)
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
-        """A figure for each group of comparable runs, and a sentence on each system."""
+        """A figure for each group of comparable runs, a sentence on each system, and what faults cost."""
         from bench.endless.page import watch_section
 
         return watch_section(results, folder, cls.alike)
+
+    @classmethod
+    def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+        """Scores under faults."""
+        from bench.endless.fault_page import sheet
+
+        return {"recordings_under_faults": sheet(results)}
 
     @classmethod
     def chosen(cls, row: Mapping[str, Any]) -> str:

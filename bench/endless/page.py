@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.comparable import notes_on
-from bench.endless import others
+from bench.endless.fault_page import by_detector, fault_parts
 from bench.measures import Measure, percent
 from bench.outcomes.events import DOUBTFUL, FALSE_ALARM, matched
 from bench.reports.contexts import context_words, contexts, scarce
@@ -46,22 +46,14 @@ def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Sectio
         same: parameters that comparable results share (`bench.comparable.shared`).
     """
     parts = []
-    shown = [_by_detector(r) for r in results if r.get("background_minutes", 0) > 0]  # else no alarms can be counted
+    shown = [by_detector(r) for r in results if r.get("background_minutes", 0) > 0]  # else no alarms can be counted
     for i, (context, members) in enumerate(contexts(shown, same, "end_correct"), 1):
         figure, caption_of = watching_figure(members, same), f"{context}: {caption(members[0])}"
         picture = save(figure, folder, f"0-watch-{i}", context, caption_of)
         notes = dict.fromkeys(note for r in members for note in notes_on(r.system, str(r["data"])))
         parts.append(Part(picture, sentences=[*(sentence(r, same) for r in members), *notes]))
+    parts += fault_parts(results, folder, same)
     return Section("Continuous touch", parts) if parts else None
-
-
-def _by_detector(result: Result) -> Result:
-    """The result under a name that also tells its detector, where the run does."""
-    detector = others(result.get("watch.detector"))
-    if detector is None:
-        return result
-    about = {**result.about, "system": f"{result['system']}, detector={detector}"}
-    return Result(about, result.metrics, result.tables, result.errors)
 
 
 def sentence(run: Result, same: Same) -> str:

@@ -13,6 +13,11 @@ from bench.corpora.steps import SETTLED_S
 from bench.usual import SATURATED
 
 
+def saturated(frames: np.ndarray, full_scale: float) -> np.ndarray:
+    """Whether many taxels of each frame [frames, rows, cols] are at full scale, bool [frames]."""
+    return np.count_nonzero(frames >= full_scale, axis=(1, 2)) * SATURATED >= frames[0].size
+
+
 class Recent:
     """The last frames; of those before, the smallest and largest values, from which steps tell what is stuck.
 
@@ -45,7 +50,7 @@ class Recent:
     @property
     def is_saturated(self) -> bool:
         """True if many taxels of the last frame are at full scale."""
-        return np.count_nonzero(self.frames[-1] >= self.full_scale) * SATURATED >= self.frames[-1].size
+        return bool(saturated(self.frames[-1][None], self.full_scale)[0])
 
     def recording(self, prepared: Callable[[Corpus], Corpus]) -> Corpus:
         """The frames that are kept, after the steps; older frames count by their smallest and largest values."""

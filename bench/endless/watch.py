@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -16,18 +17,11 @@ from bench.endless.background import further, joined
 from bench.endless.composer import check_background, composed, pieces
 from bench.endless.curve import missed_at, swept
 from bench.endless.detectors.base import UNKNOWN
+from bench.endless.scored import defined, numbers_of, scored, touches_and_reports
+from bench.endless.stress import FAULTED, faulted
 from bench.endless.watcher_training import learn_reject
 from bench.errors import InputError
-from bench.outcomes.events import (
-    DOUBTFUL,
-    REPORT,
-    last_confidence,
-    matched,
-    over_people,
-    per_subject,
-    summary,
-    unknown_scores,
-)
+from bench.outcomes.events import last_confidence, per_subject, unknown_scores
 from bench.outcomes.results import FoldResult, costs, table_of
 from bench.sentences import sentences
 from bench.timing import Times, timed
@@ -165,13 +159,15 @@ def fold_of(
     false_alarms: float,
     background: str,
     unknown: str,
+    under: Sequence[str],
 ) -> FoldResult:
     """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects.
 
-    The stored table has rows of several kinds (``kind``): a ``recording`` (``end`` is its number of frames), a
-    ``touch`` (``start``, ``end``, ``gesture``), a ``doubtful`` stretch (the same), a ``report`` (columns of
-    `bench.outcomes.events.REPORT`), a point of the ``curve`` (``offset`` of the bias, ``hits`` and ``alarms``: touches
-    found and false alarms) and the ``probability`` of touch after ``reported`` frames of the first two minutes.
+    The stored table has rows of several kinds (``kind``): a ``recording`` (``end`` is its number of frames,
+    ``refused`` of which are refused or saturated), a ``touch`` (``start``, ``end``, ``gesture``), a ``doubtful``
+    stretch (the same), a ``report`` (columns of `bench.outcomes.events.REPORT`), a point of the ``curve`` (``offset``
+    of the bias, ``hits`` and ``alarms``: touches found and false alarms) and the ``probability`` of touch after
+    ``reported`` frames of the first two minutes.
 
     Args:
         cell: cell of the run.
@@ -182,6 +178,7 @@ def fold_of(
         false_alarms: false alarms per hour of background that are accepted on training subjects.
         background: class of background, as of `usual`; of recordings, the name of `further` ones.
         unknown: gesture that is left out of training; empty for none.
+        under: names of faults that the test recordings go through as well; their reports are the table `FAULTED`.
     """
     estimator, more, background = cell.estimator(), background, usual(corpus, background)
     train = corpus[fold.train]
@@ -201,11 +198,13 @@ def fold_of(
             test = replace(test, events=test.events.replace({"gesture": {unknown: UNKNOWN}}))
         evidence = watcher.evidence(test.corpus)
         reports = watcher.reports(test.corpus, evidence)
+        refused = watcher.refused(test.corpus, evidence)
+        disturbed = {FAULTED: faulted(watcher, test, under).assign(fold=fold.name)} if under else {}
         effects = batch_effects(estimator, corpus, fold.test, most=SOME)
         if not effects:
             check_agreement(estimator, corpus, fold.test)
     subjects = test.subjects.astype(str)
-    frames = pd.DataFrame({"recording": np.arange(len(test)), "end": test.corpus.lengths})
+    frames = pd.DataFrame({"recording": np.arange(len(test)), "end": test.corpus.lengths, "refused": refused})
     table = pd.concat(
         [
             part.assign(kind=kind, subject=subjects[part["recording"]])
@@ -233,14 +232,14 @@ def fold_of(
         chosen=watcher.chosen,
         trials=settings,
         batch_effects=effects,
+        tables=disturbed,
         times={"predict_wall_ms": spent.wall_ms, "decide_wall_ms": spent.wall_ms},
     )
 
 
 def fold_numbers(result: FoldResult, rate_hz: float) -> dict[str, float]:
     """Scores and costs of one fold."""
-    touches, reports, background_s = scored(result.table, rate_hz)
-    return costs([result]) | _defined(summary(touches, reports, sum(background_s.values())) | _doubtful(reports))
+    return costs([result]) | numbers_of(result.table, rate_hz)
 
 
 def run_numbers(
@@ -249,8 +248,7 @@ def run_numbers(
     """Scores of touches as means over subjects, with intervals; tables of touches, reports, subjects and the curve."""
     table = table_of(folds)
     touches, reports, background_s = scored(table, rate_hz)
-    numbers = summary(touches, reports, sum(background_s.values())) | over_people(touches, reports, background_s)
-    numbers |= _doubtful(reports)
+    numbers = numbers_of(table, rate_hz, people=True)
     hours = sum(background_s.values()) / 3600
     by_person = swept(table[table["kind"] == "curve"])
     counts = by_person.groupby("offset").sum()
@@ -265,45 +263,7 @@ def run_numbers(
     numbers |= missed_at(by_person, touches["subject"].value_counts(), pd.Series(background_s) / 3600)
     if unknown:
         numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
-    return _defined(numbers | {"background_minutes": 60 * hours}) | costs(folds), tables
-
-
-def _doubtful(reports: pd.DataFrame) -> dict[str, float]:
-    """The number of reports in doubtful stretches, if there are any."""
-    count = float((reports["touch"] == DOUBTFUL).sum())
-    return {"doubtful_reports": count} if count else {}
-
-
-def scored(table: pd.DataFrame, rate_hz: float) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, float]]:
-    """Touches and reports of all folds, matched, and seconds of background of each subject.
-
-    Args:
-        table: tables of the folds of a run.
-        rate_hz: frames per second.
-    """
-    background: dict[str, float] = {}
-    touches, reports = [], []
-    for _, part in table.groupby("fold", sort=False):
-        truth, doubtful, reported = _touches_and_reports(part)
-        matches = matched(truth, reported, rate_hz, doubtful=doubtful)
-        touches.append(matches[0])
-        reports.append(matches[1])
-        labelled = pd.concat([truth, doubtful])
-        touched = (labelled["end"] - labelled["start"]).groupby(labelled["subject"]).sum()
-        for subject, frames in part[part["kind"] == "recording"].groupby("subject")["end"].sum().items():
-            background[str(subject)] = background.get(str(subject), 0.0) + (frames - touched.get(subject, 0)) / rate_hz
-    return pd.concat(touches, ignore_index=True), pd.concat(reports, ignore_index=True), background
-
-
-def _touches_and_reports(part: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
-    """The touches, the doubtful stretches and the reports in the table of a fold."""
-    kinds = {"recording": np.int64, "start": np.int64, "end": np.int64}
-    truth, doubtful = (
-        part.loc[part["kind"] == kind, [*kinds, "gesture", "subject", "fold"]].astype(kinds).reset_index(drop=True)
-        for kind in ("touch", "doubtful")
-    )
-    reported = part.loc[part["kind"] == "report", [*REPORT, "subject", "fold"]].astype(REPORT)
-    return truth, doubtful, reported
+    return defined(numbers | {"background_minutes": 60 * hours}) | costs(folds), tables
 
 
 def _rejection(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float) -> dict[str, float]:
@@ -316,17 +276,12 @@ def _rejection(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float
     """
     known, unknown = [np.zeros(0)], [np.zeros(0)]
     for name, part in table.groupby("fold", sort=False):
-        truth, doubtful, reported = _touches_and_reports(part)
+        truth, doubtful, reported = touches_and_reports(part)
         above = last_confidence(truth, reported, rate_hz, doubtful) - thresholds[str(name)]
         strange = (truth["gesture"] == UNKNOWN).loc[above.index]
         known.append(above[~strange].to_numpy())
         unknown.append(above[strange].to_numpy())
     return unknown_scores(np.concatenate(known), np.concatenate(unknown), 0.0)
-
-
-def _defined(numbers: dict[str, float]) -> dict[str, float]:
-    """The numbers that are defined."""
-    return {name: float(value) for name, value in numbers.items() if value == value}
 
 
 def _curve(watcher: Watches, test: Recordings, evidence: list) -> pd.DataFrame:

@@ -21,7 +21,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import Recordings
 from bench.endless.detector import REFUSED, Clock, Detector, cut, seen_windows, touched, updated, windows_of
 from bench.endless.detectors.base import UNKNOWN, Event
-from bench.endless.recent import Recent
+from bench.endless.recent import Recent, saturated
 from bench.features.touch import TouchFeatures
 from bench.models.recipe import behind, taken
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
@@ -277,6 +277,15 @@ class Watcher:
         """The detector's log-odds of touch in each recording, without the bias."""
         seen = self.prepared(recordings)
         return [self._odds(seen[[i]]) for i in range(len(seen))]
+
+    def refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
+        """Frames of each recording that are saturated, or whose last decision refused its window."""
+        counts = []
+        for stream, odds in zip(recordings, evidence, strict=True):
+            decision = (np.arange(1, len(stream) + 1) - self.clock.detect) // self.clock.hop
+            silent = (decision >= 0) & (odds == REFUSED)[np.clip(decision, 0, len(odds) - 1)]
+            counts.append((silent | saturated(stream, recordings.full_scale)).sum())
+        return np.array(counts, dtype=np.int64)
 
     def _odds(self, recording: Corpus) -> np.ndarray:
         return self.detector.log_odds(*windows_of(recording, self.clock))

@@ -217,12 +217,13 @@ class Captures(Kind):
 
         return choosing(results)
 
-    def figure(self, result: Result, folder: Path) -> None:
+    @classmethod
+    def figure(cls, result: Result, folder: Path) -> None:
         """Draw confusions, and what each circumstance draws."""
         from bench.reports.details import draw
 
         draw(result, folder)
-        for c in (c for c in self.circumstances if c.holds(result)):
+        for c in cls.held([result]):
             c.figure(result, folder)
 
     @classmethod

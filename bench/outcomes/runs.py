@@ -12,7 +12,7 @@ from bench.amounts import convert
 from bench.comparable import COMPARABLE, SAME_SYSTEM, context_of
 from bench.errors import InputError
 from bench.outcomes.earlier import TAGS, adopted
-from bench.outcomes.store import Store
+from bench.outcomes.store import Store, Stored
 from bench.outcomes.tables import AGAIN, read_table
 from bench.progress import warn
 from bench.registry import KEYS as PARTS
@@ -38,7 +38,7 @@ class NothingTracked(InputError):
     """No run of a kind is there."""
 
 
-def result_of(store: Store, run: Run) -> Result:
+def result_of(store: Store, run: Run | Stored) -> Result:
     """A run of MLflow as a result; its tables are read when they are asked for."""
     data, info = run.data, run.info
     about = data.params | data.tags | {"run_id": info.run_id, "status": info.status, "started": info.start_time}

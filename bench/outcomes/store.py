@@ -13,14 +13,17 @@ import math
 import os
 import re
 import sqlite3
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, nullcontext
-from functools import wraps
+from contextlib import closing, contextmanager, nullcontext, suppress
+from functools import cached_property, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from shutil import rmtree
+from typing import TYPE_CHECKING, NamedTuple, ParamSpec, TypeVar
 from urllib.parse import unquote, urlparse
+from uuid import uuid4
 
 from filelock import FileLock, Timeout
 
@@ -33,13 +36,42 @@ if TYPE_CHECKING:
     from mlflow.entities import Run
 
 EXPERIMENT = "touchbench"
+TABLE = "experiments"  # in MLflow's file
 FORMAT = "2"  # version of stored runs
 READABLE = (FORMAT, "1")  # versions that are read (`bench.outcomes.earlier`); others are left out
 PATIENCE = 60.0  # seconds that another program may lock MLflow's file
 LOCKED_S = 5.0  # that a read of the file waits before MLflow is asked, which waits longer
 RETRIES = "5"  # of a request to a server: they wait 0, 4, 8, 16 and 32 seconds
+KEY = re.compile(r"[A-Za-z0-9_](?:[A-Za-z0-9_ .:-]{0,248}[A-Za-z0-9_])?")  # that MLflow takes as it is
+LONGEST = 6000  # letters of a value that MLflow takes
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
+Read = TypeVar("Read", "Run", "Stored")
+
+
+class Info(NamedTuple):
+    """What is used of MLflow's ``RunInfo``."""
+
+    run_id: str
+    status: str
+    start_time: int
+    artifact_uri: str
+    run_name: str
+
+
+class Data(NamedTuple):
+    """What is used of MLflow's ``RunData``."""
+
+    metrics: dict[str, float]
+    params: dict[str, str]
+    tags: dict[str, str]
+
+
+class Stored(NamedTuple):
+    """A run as MLflow's ``Run`` has it, read without MLflow."""
+
+    info: Info
+    data: Data
 
 
 def patient(work: Callable[Given, Result]) -> Callable[Given, Result]:
@@ -67,13 +99,15 @@ def reached() -> Iterator[None]:
     Raises:
         StoreError: instead of theirs.
     """
-    from mlflow.exceptions import MlflowException
-    from requests.exceptions import RequestException
-    from sqlalchemy.exc import SQLAlchemyError
-
     try:
         yield
-    except (MlflowException, RequestException, SQLAlchemyError, OSError) as e:
+    except Exception as e:
+        from mlflow.exceptions import MlflowException  # heavy, and a command that reads a file needs none of it
+        from requests.exceptions import RequestException
+        from sqlalchemy.exc import SQLAlchemyError
+
+        if not isinstance(e, (MlflowException, RequestException, SQLAlchemyError, OSError)):
+            raise
         raise StoreError(
             f"the MLflow store {_shown(store_uri())} failed: {_first_line(e)}; stored results are kept; repeat the "
             "command when the store works again"
@@ -99,19 +133,29 @@ class Store:
     """Runs in MLflow, of touchbench's experiment.
 
     Args:
-        client: client of the store.
         experiment_id: id of the MLflow experiment.
         file: MLflow's SQLite file; None if the runs are kept in another way.
+        client: client of the store; by default it is made when it is used, as importing MLflow takes a second.
+
+    Raises:
+        InputError: from whatever needs the client: the store cannot be used.
     """
 
-    def __init__(self, client: MlflowClient, experiment_id: str, file: Path | None = None) -> None:
-        self.client = client
+    def __init__(self, experiment_id: str, file: Path | None, client: MlflowClient | None = None) -> None:
         self.experiment_id = experiment_id
         self.file = file
+        self._client = client
         self._warned = False  # of runs of another format
         self._artifacts: dict[
             str, str
         ] = {}  # by id of a run that was made here and goes on, the address of its artifacts
+
+    @property
+    def client(self) -> MlflowClient:
+        """Client of the store."""
+        if self._client is None:
+            self._client = _opened(self.file, writes=False)[0]
+        return self._client
 
     @patient
     def runs(self, condition: str) -> list[Run]:
@@ -124,14 +168,14 @@ class Store:
             stored += page
         return self._readable(stored)
 
-    def _readable(self, stored: list[Run]) -> list[Run]:
+    def _readable(self, stored: list[Read]) -> list[Read]:
         kept = [run for run in stored if run.data.tags.get("touchbench.format") in READABLE]
         if len(kept) < len(stored) and not self._warned:
             self._warned = True
             warn("runs that another version of touchbench has stored are left out; run their commands again")
         return kept
 
-    def of_kind(self, *kinds: str) -> list[Run]:
+    def of_kind(self, *kinds: str) -> Sequence[Run | Stored]:
         """Parent runs of one kind after the other, newest first, as `runs` has them.
 
         A SQLite file is read here: MLflow takes nine times as long. Where this fails, and of a server, MLflow is asked.
@@ -201,10 +245,15 @@ class Store:
         """Address of the artifacts of a run."""
         return self._artifacts.get(run_id) or self.run(run_id).info.artifact_uri
 
-    def where(self, run_id: str, name: str) -> str:
-        """Location of an artifact: its path if the store is on this machine, else in words."""
-        folder = _local(self.artifacts(run_id))
-        return f"{name} of run {run_id} in bench ui" if folder is None else str(folder / name)
+    def where(self, address: str, name: str) -> str:
+        """Location of an artifact: its path if it is on this machine, else in words.
+
+        Args:
+            address: address of the artifacts of its run.
+            name: name of the artifact.
+        """
+        folder = _local(address)
+        return f"{name} of run {address.split('/')[-2]} in bench ui" if folder is None else str(folder / name)
 
     @patient
     def create(self, name: str, tags: dict[str, str]) -> str:
@@ -213,6 +262,53 @@ class Store:
         info = self.client.create_run(self.experiment_id, run_name=name, tags=tags).info
         self._artifacts[info.run_id] = info.artifact_uri
         return info.run_id
+
+    def add(
+        self,
+        name: str,
+        tags: dict[str, str],
+        status: str,
+        folder: Path,
+        where: str,
+        metrics: dict[str, float] | None = None,
+        params: dict[str, object] | None = None,
+        history: list[dict[str, float]] | None = None,
+    ) -> str:
+        """A run as a whole, with the files of a folder; the address of its artifacts.
+
+        In MLflow's SQLite file it is one transaction after its files, so that a kill leaves no half of it; MLflow takes
+        six and ten times as long. It does it where it has no such file, or the file or a value is an unusual one.
+        """
+        tags = tags | {"mlflow.runName": name, "touchbench.format": FORMAT}
+        texts = {key: str(value) for key, value in (params or {}).items()}
+        points = [*_points(metrics, history)]
+        keys = [*tags, *texts, *(key for key, _, _ in points)]
+        plain = all(map(KEY.fullmatch, keys)) and max(map(len, [*texts.values(), *tags.values()]), default=0) <= LONGEST
+        if self.file is not None and plain:
+            run_id = uuid4().hex
+            address = f"{self.location}/{run_id}/artifacts"
+            self._artifacts[run_id] = address
+            try:
+                self.keep(run_id, folder, where)
+                _add_to(self.file, self.experiment_id, (run_id, name, status, address), tags, texts, points)
+                return address
+            except sqlite3.Error:  # such as a locked file, for which MLflow waits, or other columns than today's
+                rmtree(_local(address) or "", ignore_errors=True)
+            finally:
+                del self._artifacts[run_id]
+        run_id = self.create(name, tags)
+        address = self._artifacts[run_id]
+        if points or texts:
+            self.log(run_id, metrics, params, history)
+        self.keep(run_id, folder, where)
+        self.end(run_id, status)
+        return address
+
+    @cached_property
+    @patient
+    def location(self) -> str:
+        """Address below which the artifacts of all runs are."""
+        return str(self.client.get_experiment(self.experiment_id).artifact_location)
 
     @patient
     def log(
@@ -227,8 +323,7 @@ class Store:
         from mlflow.entities import Metric, Param, RunTag
 
         now = int(time.time() * 1000)
-        points = [Metric(k, float(v), now, 0) for k, v in (metrics or {}).items()]
-        points += [Metric(k, float(v), now, step) for step, row in enumerate(history or [], 1) for k, v in row.items()]
+        points = [Metric(key, value, now, step) for key, value, step in _points(metrics, history)]
         self.client.log_batch(
             run_id,
             points[:1000],
@@ -268,6 +363,19 @@ class Store:
         (artifacts.log_artifacts if path.is_dir() else artifacts.log_artifact)(str(path), where or None)
 
     @patient
+    def drop(self, address: str, name: str) -> None:
+        """Delete an artifact, where the place that keeps it can.
+
+        Args:
+            address: address of the artifacts of its run.
+            name: name of the artifact.
+        """
+        from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
+
+        with suppress(NotImplementedError):
+            get_artifact_repository(address).delete_artifacts(name)
+
+    @patient
     def keep_view(self, name: str, view: Mapping[str, object]) -> str:
         """Store a view of MLflow's page; return the query of its address.
 
@@ -295,36 +403,88 @@ class Store:
         self.client.delete_run(run_id)
 
 
-def _runs_in(file: Path, experiment_id: str, kinds: Sequence[str]) -> list[Run]:
+def _runs_in(file: Path, experiment_id: str, kinds: Sequence[str]) -> list[Stored]:
     """Parent runs of some kinds in MLflow's SQLite file, in the order of `Store.of_kind`, as of one moment."""
-    from mlflow.entities import Metric, Param, Run, RunData, RunInfo, RunTag
-
-    def number(key: str, value: float, timestamp: int, step: int, is_nan: bool) -> Metric:
-        return Metric(key, math.nan if is_nan else value, timestamp, step)
-
     marks = ", ".join("?" * len(kinds))
     of_kinds = f"from tags where key = 'touchbench.kind' and value in ({marks})"
-    about = "r.run_uuid, experiment_id, user_id, status, start_time, end_time, lifecycle_stage, artifact_uri, name"
-    with closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True, timeout=LOCKED_S)) as db:
+    about = "r.run_uuid, status, start_time, artifact_uri, name"
+    with closing(_read_only(file)) as db:
         db.execute("begin")
         rows = db.execute(
             f"select value, {about} from runs r join (select run_uuid, value {of_kinds}) k on r.run_uuid = k.run_uuid "
             "where experiment_id = ? and lifecycle_stage = 'active' order by start_time desc, r.run_uuid",
             (*kinds, int(experiment_id)),
         ).fetchall()
-        parts: dict[str, tuple[list[Metric], list[Param], list[RunTag]]] = {row[1]: ([], [], []) for row in rows}
-        for place, made, query in (
-            (0, number, "key, value, timestamp, step, is_nan from latest_metrics"),
-            (1, Param, "key, value from params"),
-            (2, RunTag, "key, value from tags"),
+        data = {row[1]: Data({}, {}, {}) for row in rows}
+        for values, query in (
+            ("metrics", "case when is_nan then null else value end from latest_metrics"),
+            ("params", "value from params"),
+            ("tags", "value from tags"),
         ):
-            for run_id, *values in db.execute(
-                f"select run_uuid, {query} where run_uuid in (select run_uuid {of_kinds})", kinds
+            for run_id, key, value in db.execute(
+                f"select run_uuid, key, {query} where run_uuid in (select run_uuid {of_kinds})", kinds
             ):
-                if run_id in parts:
-                    parts[run_id][place].append(made(*values))
+                if run_id in data:
+                    getattr(data[run_id], values)[key] = math.nan if value is None and values == "metrics" else value
     rows.sort(key=lambda row: kinds.index(row[0]))
-    return [Run(RunInfo(row[1], str(row[2]), *row[3:]), RunData(*parts[row[1]])) for row in rows]
+    return [Stored(Info(*row[1:]), data[row[1]]) for row in rows]
+
+
+def _read_only(file: Path) -> sqlite3.Connection:
+    return sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True, timeout=LOCKED_S)
+
+
+def _points(
+    metrics: Mapping[str, float] | None, history: Sequence[Mapping[str, float]] | None
+) -> Iterator[tuple[str, float, int]]:
+    """Numbers of a run, and those by epoch, with their step."""
+    for step, row in enumerate([metrics or {}, *(history or [])]):
+        for key, value in row.items():
+            yield key, float(value), step
+
+
+def _add_to(
+    file: Path,
+    experiment_id: str,
+    run: tuple[str, str, str, str],
+    tags: Mapping[str, str],
+    params: Mapping[str, str],
+    points: Sequence[tuple[str, float, int]],
+) -> None:
+    """Insert a run with all that belongs to it into MLflow's SQLite file, in one transaction.
+
+    Args:
+        file: the file.
+        experiment_id: id of the MLflow experiment.
+        run: its id, name, status, and the address of its artifacts.
+        tags: its tags.
+        params: its parameters.
+        points: its numbers: key, value, step.
+
+    Raises:
+        sqlite3.Error: the file is locked, or has other tables; nothing is in it then.
+    """
+    run_id, name, status, address = run
+    now, most = int(time.time() * 1000), sys.float_info.max
+    rows = [
+        (key, 0.0 if math.isnan(value) else min(max(value, -most), most), now, run_id, step, math.isnan(value))
+        for key, value, step in points
+    ]
+    latest = {row[0]: row for row in rows}  # steps rise
+    columns = "(key, value, timestamp, run_uuid, step, is_nan) values (?, ?, ?, ?, ?, ?)"
+    with closing(sqlite3.connect(file, timeout=LOCKED_S)) as db, db:
+        db.execute(
+            "insert into runs (run_uuid, name, source_type, source_name, entry_point_name, user_id, status, "
+            "start_time, end_time, source_version, lifecycle_stage, artifact_uri, experiment_id) "
+            "values (?, ?, 'UNKNOWN', '', '', 'unknown', ?, ?, ?, '', 'active', ?, ?)",
+            (run_id, name, status, now, now, address, int(experiment_id)),
+        )
+        for table, values in (("tags", tags), ("params", params)):
+            db.executemany(
+                f"insert into {table} (key, value, run_uuid) values (?, ?, ?)", [(*v, run_id) for v in values.items()]
+            )
+        db.executemany(f"insert into metrics {columns}", rows)
+        db.executemany(f"insert into latest_metrics {columns}", [*latest.values()])
 
 
 def _local(address: str) -> Path | None:
@@ -354,12 +514,30 @@ def connect(writes: bool = False) -> Store:
     Raises:
         InputError: it cannot be reached, or cannot be written and must be.
     """
+    path = _file(store_uri())
+    if path is not None and not writes:
+        _is_writable(path, writes)
+        if experiment_id := _experiment_in(path):
+            return Store(experiment_id, path)
+    client, experiment_id = _opened(path, writes)
+    return Store(experiment_id, path, client)
+
+
+def _opened(path: Path | None, writes: bool) -> tuple[MlflowClient, str]:
+    """MLflow's client of the store, and the id of the experiment, which is made if it is not there.
+
+    Args:
+        path: MLflow's SQLite file; None if the runs are kept in another way.
+        writes: True if it must be written.
+
+    Raises:
+        InputError: it cannot be reached, or cannot be written and must be.
+    """
     uri = store_uri()
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
     retries = os.environ.get("MLFLOW_HTTP_REQUEST_MAX_RETRIES")
     os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or "2"  # a wrong address is no reason to wait long
-    path = _file(uri)
     if fixed := path is not None and not _is_writable(path, writes):
         # SQLite leaves such a file and its folder alone; MLflow makes folders of a plain sqlite:///file:
         uri = f"sqlite+pysqlite:///{path.absolute().as_uri()}?mode=ro&uri=true"
@@ -379,14 +557,21 @@ def connect(writes: bool = False) -> Store:
             if not fixed:  # it becomes MLFLOW_TRACKING_URI
                 mlflow.set_tracking_uri(uri)
             client = mlflow.MlflowClient(uri)
-            experiment_id = _experiment(client)
+            return client, _experiment(client)
         except (MlflowException, SQLAlchemyError, StoreError, ImportError, UnicodeError) as e:  # a driver, a name
             raise InputError(
                 f"MLflow store {_shown(store_uri())} cannot be used: {_first_line(e.__cause__ or e)}"
             ) from e
         finally:
             os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or RETRIES
-    return Store(client, experiment_id, path)
+
+
+def _experiment_in(file: Path) -> str:
+    """The id of the experiment in MLflow's SQLite file; empty if it is not there, or the file is unusual."""
+    with suppress(sqlite3.Error), closing(_read_only(file)) as db:
+        ids = db.execute(f"select experiment_id from {TABLE} where name = ?", [EXPERIMENT]).fetchall()
+        return str(ids[0][0]) if ids else ""
+    return ""
 
 
 @patient

@@ -6,7 +6,7 @@ import hashlib
 import os
 import warnings
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -24,22 +24,30 @@ from bench.plan.cells import Cell
 from bench.words import quoted
 
 
-@dataclass(frozen=True)
 class Fold:
-    """A split of the captures of a corpus, by position: int32, as a fold for each person adds up."""
+    """A split of the captures of a corpus, by position.
 
-    name: str
-    train: np.ndarray
-    test: np.ndarray
-    known: splits.Calibration | None = None
+    It keeps stretches of neighbours: the positions of a fold for each of 100 people would add up to 10 MB.
 
-    def __reduce__(self) -> tuple:
-        return _fold, (self.name, stretches_of(self.train), stretches_of(self.test), self.known)
+    Attributes:
+        name: the tested subject, or a number.
+        known: captures of the tested person that are known beforehand, if there are any.
+    """
 
+    def __init__(self, name: str, train: np.ndarray, test: np.ndarray, known: splits.Calibration | None = None) -> None:
+        """Keep positions of training and of test captures, in any order."""
+        self.name, self.known = name, known
+        self._train, self._test = stretches_of(train), stretches_of(test)
 
-def _fold(name: str, train: tuple, test: tuple, known: splits.Calibration | None) -> Fold:
-    """A fold that has travelled."""
-    return Fold(name, positions_of(*train), positions_of(*test), known)
+    @property
+    def train(self) -> np.ndarray:
+        """Positions of the training captures, int32 [captures]."""
+        return positions_of(*self._train)
+
+    @property
+    def test(self) -> np.ndarray:
+        """Positions of the test captures, int32 [captures]."""
+        return positions_of(*self._test)
 
 
 @dataclass(frozen=True)
@@ -236,23 +244,23 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
         folds = [Fold("", _positions(train), _positions(test), next(calibrations)) for train, test in pairs]
     mixed = mixes_subjects(corpus, folds)
     if cell.recordings:  # doubtful stretches teach nothing
-        folds = [replace(fold, train=fold.train[gestures[fold.train] != DOUBT]) for fold in folds]
+        taught = gestures != DOUBT
+        folds = [Fold("", fold.train[taught[fold.train]], fold.test, fold.known) for fold in folds]
     codes, names = pd.factorize(gestures)
-    named = []
     for i, fold in enumerate(folds, 1):
         tested = pd.unique(subjects[fold.test])
-        name = tested[0] if len(tested) == 1 and not mixed else f"fold{i:02d}"
+        fold.name = tested[0] if len(tested) == 1 and not mixed else f"fold{i:02d}"
         trained, needed = (np.bincount(codes[side], minlength=len(names)) > 0 for side in (fold.train, fold.test))
         if lacking := sorted({*names[needed & ~trained]} - ({DOUBT} if cell.recordings else set())):
             leave = "" if "+" in corpus.target else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
             raise InputError(
-                f"protocol={cell.protocol}: fold {name} tests {corpus.target} {lacking[0]} but has no training "
+                f"protocol={cell.protocol}: fold {fold.name} tests {corpus.target} {lacking[0]} but has no training "
                 f"capture of it; {leave}choose another protocol"
             )
-        named.append(replace(fold, name=name))
-    if len({fold.name for fold in named}) < len(named):  # random splits may test the same subject twice
-        named = [replace(fold, name=f"fold{i:02d}") for i, fold in enumerate(named, 1)]
-    return named
+    if len({fold.name for fold in folds}) < len(folds):  # random splits may test the same subject twice
+        for i, fold in enumerate(folds, 1):
+            fold.name = f"fold{i:02d}"
+    return folds
 
 
 def _positions(side: np.ndarray) -> np.ndarray:

@@ -118,5 +118,6 @@ class Experiment:
         """
         raise NotImplementedError
 
-    def figure(self, result: Result, folder: Path) -> None:
-        """Draw what is kept with a run into a folder."""
+    @classmethod
+    def figure(cls, result: Result, folder: Path) -> None:
+        """Draw what MLflow's page shows of a run into a folder; ``bench ui`` does it, once."""

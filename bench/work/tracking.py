@@ -7,6 +7,7 @@ import json
 import tempfile
 import time
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -97,6 +98,7 @@ class TrackedRun:
         done: finished folds by name, as they were stored.
         errors: failure of each failed fold, by fold name.
         machine: machine of its first fold, named by the run as a whole; None before that.
+        places: address of the artifacts of each finished fold, by fold name.
         others: machine of each finished fold that was done elsewhere, by fold name.
     """
 
@@ -121,16 +123,19 @@ class TrackedRun:
             self.tags[FAILED] = ""
         self.machine = Machine(self.params["cpu"], self.params.get("simd", "")) if "cpu" in self.params else None
         self.done: dict[str, FoldResult] = {}
+        self.places: dict[str, str] = {}
         self.others: dict[str, Machine] = {}
         self.errors: dict[str, Failure] = {}
         for child in store.folds(self.run_id) if stored else []:
             if child.info.status == "FINISHED":
                 result = self._load(child)
                 self.done[result.name] = result
+                self.places[result.name] = child.info.artifact_uri
                 if "cpu" in child.data.params:
                     self.others[result.name] = Machine(child.data.params["cpu"], child.data.params["simd"])
             else:  # failed, or cut off while it was written: it is run again
                 store.delete(child.info.run_id)
+        vars(self).pop("_predictions", None)  # the folds have them
         self.finished = self.finished and not self.missing
         if not self.finished:
             store.begin(self.run_id)
@@ -171,7 +176,7 @@ class TrackedRun:
         tables = Tables({}, lambda name: read_table(find, name, this), f"{this} is missing in the store; {AGAIN}")
         return FoldResult(
             fold,
-            tables["predictions"],
+            self._predictions[fold] if find(file_of("predictions")) is None else tables["predictions"],
             {k: v for k, v in child.data.metrics.items() if k in timing["metrics"]},
             timing["predict_ms"],
             timing["decide_ms"],
@@ -181,6 +186,12 @@ class TrackedRun:
             tables={name: tables[name] for name in timing["tables"]},
             times=timing["times"],
         )
+
+    @cached_property
+    def _predictions(self) -> dict[str, pd.DataFrame]:
+        """Predictions of the folds of a run that was finished: they are stored once, with the run."""
+        tables = stored_tables(self.store, self.run_id, self.store.artifacts(self.run_id), self.tags["system"])
+        return {str(fold): rows.reset_index(drop=True) for fold, rows in tables["predictions"].groupby("fold")}
 
     def add(self, result: FoldResult, machine: Machine | None) -> None:
         """Store one fold: its run is there, complete, or it is not there.
@@ -206,9 +217,8 @@ class TrackedRun:
                 trials=None if result.trials is None else uniform(result.trials),
                 chosen={str(name): _plain(value) for name, value in result.chosen.items()},
             )
-        child = self.store.create(result.name, tags)
-        if machine and machine != self.machine:
-            self.store.log(child, params=machine._asdict())
+        params: dict[str, object] = machine._asdict() if machine and machine != self.machine else {}
+        metrics: dict[str, float] = {}
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary)
             if result.error:
@@ -221,20 +231,22 @@ class TrackedRun:
                 timing = {name: getattr(result, name) for name in names}
                 timing |= {"metrics": list(result.metrics), "tables": list(result.tables)}
                 (folder / "timing.json").write_text(json.dumps(timing, default=_plain))
-                chosen = {f"chosen.{k}": v for k, v in result.chosen.items()}
-                self.store.log(child, result.scored, chosen, result.history)
+                params |= {f"chosen.{k}": v for k, v in result.chosen.items()}
+                metrics = result.scored
                 if result.failed:
                     (folder / "traceback.txt").write_text("\n".join(result.failed.values()))
             if result.trials is not None:  # a system may tell what it chose and not among what
                 write_table(result.trials, folder / file_of("trials"))
-            self.store.keep(child, folder, "fold")
-        self.store.end(child, "FAILED" if result.error or result.failed else "FINISHED")
+            status = "FAILED" if result.error or result.failed else "FINISHED"
+            history = [] if result.error else result.history
+            address = self.store.add(result.name, tags, status, folder, "fold", metrics, params, history)
         if result.error or result.failed:
             name = ", ".join([result.name, *(f"{key}=" for key in result.failed)])
-            self.errors[name] = Failure(result.reason, self.store.where(child, "fold/traceback.txt"))
+            self.errors[name] = Failure(result.reason, self.store.where(address, "fold/traceback.txt"))
         if result.error:
             return
         self.done[result.name] = result
+        self.places[result.name] = address
         if machine and machine != self.machine:
             self.others[result.name] = machine
 
@@ -252,7 +264,7 @@ class TrackedRun:
         return [self.done[fold.name] for fold in self.plan.folds if fold.name in self.done]
 
     def close(self) -> Result:
-        """Measure the run from its folds, draw its figures and end it; the result reads its tables from the store."""
+        """Measure the run from its folds, and end it; the result reads its tables from the store."""
         results, folds = self.results(), len(self.plan.folds)
         self.tags |= _batch_effects(results)
         if failed := dict.fromkeys(key for r in results for key in r.failed):
@@ -270,8 +282,11 @@ class TrackedRun:
                     write_table(table, Path(folder) / file_of(name))
                     if name in FOR_PEOPLE:
                         table.to_csv(Path(folder) / f"{name}.csv", index=False)
-                self.experiment.figure(result, Path(folder))
                 self.store.keep(self.run_id, Path(folder))
+            once = sum(len(r.table) for r in results) == len(tables.get("predictions", ()))
+            if once and result["status"] == "FINISHED":
+                for address in self.places.values():
+                    self.store.drop(address, f"fold/{file_of('predictions')}")
         lazy = stored_tables(self.store, self.run_id, self.store.artifacts(self.run_id), result.system, [*tables])
         if not self.finished:
             self.store.end(self.run_id, result["status"])

@@ -8,6 +8,7 @@ from bench.amounts import UNITS
 from bench.arguments import parse, value_of
 from bench.commands.completion import answer, values
 from bench.corpora.faults import all_faults
+from bench.endless.stress import whole_faults
 from bench.options import OPTIONS, commands, keys, makers, options
 from bench.plan.cells import cells
 from bench.registry import names
@@ -30,6 +31,7 @@ def test_a_key_of_the_table_is_taken_completed_and_has_a_default_of_its_type(opt
 
 def test_values_are_those_that_are_known(tmp_path, monkeypatch):
     assert [*all_faults(), "none"] == list(values("faults", options("stress")))
+    assert [*whole_faults()] == list(values("under", options("watch")))
     assert answer(["run", "protocol=lo"]) == ["protocol=loso"]
     assert set(answer(["run", "model="])) == {f"model={name}" for name in names("models")}
     assert answer(["run", "model=svm,rf,r"]) == [

@@ -90,6 +90,10 @@ def postgres(folder):
         shutil.rmtree(folder)
 
 
+def figures(folder):
+    return [path.name for path in folder.glob("mlruns/*/*/artifacts/*.svg")]
+
+
 def answers(address):
     try:
         return urllib.request.urlopen(address).status == 200
@@ -108,6 +112,10 @@ def test_the_ui_serves_the_runs_under_the_address_it_prints(tmp_path):
         starting, *between = said.read_text().splitlines()  # MLflow's own words among them
         (address,) = [line for line in between if line.startswith(f"{place}/#/experiments/")]
         assert starting.startswith("starting") and answers(address)
+        end = time.time() + PATIENCE
+        while figures(tmp_path) != ["confusion.svg"]:  # drawn when someone looks
+            assert time.time() < end, said.read_text()
+            time.sleep(0.2)
         import mlflow
 
         runs = mlflow.MlflowClient(place).search_runs([address.split("/experiments/")[1].split("/")[0]])

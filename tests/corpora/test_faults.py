@@ -1,5 +1,7 @@
 """Each fault against numbers worked out by hand, and what all of them must keep."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -29,7 +31,8 @@ def ramp(frames=4, rows=2, cols=2):
 
 
 def under(name, frames, amount, **draws):
-    return FAULTS[name].damage(np.asarray(frames, np.float32), amount, Luck(**draws))
+    time = {"rate_hz": draws.pop("rate_hz")} if "rate_hz" in draws else {}
+    return FAULTS[name].damage(np.asarray(frames, np.float32), amount, Luck(**draws), **time)
 
 
 def test_dead_and_stuck_taxels():
@@ -66,6 +69,19 @@ def test_saturation_noise_and_fewer_bits():
     assert np.allclose(noisy, [[[0, 0.2], [0.4, 1]]])
     coarse = under("fewer_bits", [[[0, 0.16, 0.17, 0.5, 0.84, 1]]], 2)
     assert np.allclose(coarse, [[[0, 0, 1 / 3, 2 / 3, 1, 1]]])
+
+
+def test_vibration_drift_and_a_noisy_region():
+    still = np.full((5, 1, 2), 0.5)
+    swung = under("vibration", still, 10, random=0.0, rate_hz=12.0)[:, 0, 1]  # a quarter of a period a frame
+    assert np.allclose(swung, [0.5, 0.6, 0.5, 0.4, 0.5], atol=1e-6)
+    risen = under("drift", still, 36, rate_hz=0.1)[:, 0, 1]  # 0.1 % in the ten seconds of a frame
+    assert np.allclose(risen, [0.5, 0.501, 0.502, 0.503, 0.504], atol=1e-6)
+    wide = np.full((1, 4, 8), 0.5)  # a quarter of the taxels is half of each side; it begins at row 0, column 4
+    noisy = under("noisy_region", wide, 25, random=[0.2, 0.99], standard_normal=np.ones((1, 4, 8), np.float32))
+    expected = wide.copy()
+    expected[:, :2, 4:] += 0.02
+    assert np.allclose(noisy, expected)
 
 
 def test_faults_in_time():
@@ -123,33 +139,37 @@ def test_a_smaller_grid_and_a_cover():
 def test_any_grid_and_length_stays_a_capture(one, shape, severity, seed, levels):
     frames = (np.random.default_rng(seed).integers(0, levels + 1, shape) / max(levels, 1)).astype(np.float32)
     before = frames.copy()
-    after = one.apply(frames, severity, str(seed), seed)
+    after = one.apply(frames, severity, str(seed), seed, 50.0)
     assert np.array_equal(frames, before)
     assert after.dtype == np.float32 and after.shape[1:] == shape[1:] and 1 <= len(after) <= len(frames)
+    assert one.shortens or len(after) == len(frames)
     assert after.min() >= 0 and after.max() <= 1  # no nan either
-    assert np.array_equal(after, one.apply(before, severity, str(seed), seed))
-    assert np.array_equal(one.damage(frames, 0, np.random.default_rng(1)), frames)
-    assert one.apply(frames, 0, str(seed), seed) is frames and one.describe(0) == ""
+    assert np.array_equal(after, one.apply(before, severity, str(seed), seed, 50.0))
+    nothing = replace(one, amounts=(0,) * SEVERITIES)
+    assert np.array_equal(nothing.apply(frames, severity, str(seed), seed, 50.0), frames)
+    assert one.apply(frames, 0, str(seed), seed, 50.0) is frames and one.describe(0) == ""
 
 
 def test_more_is_worse_and_holds_what_less_has_broken():
     frames = np.random.default_rng(0).uniform(0.3, 0.7, (200, 8, 8)).astype(np.float32)
 
     def at(name):
-        return [FAULTS[name].apply(frames, s, "1", 1) for s in range(SEVERITIES + 1)]
+        return [FAULTS[name].apply(frames, s, "1", 1, 50.0) for s in range(SEVERITIES + 1)]
 
-    for name in ("dead_taxels", "stuck_taxels", "dead_lines", "smaller_grid"):
+    for name in ("dead_taxels", "stuck_taxels", "dead_lines", "smaller_grid", "noisy_region"):
         changed = [(f != frames).all(axis=0) for f in at(name)]
         for less, more in zip(changed[:-1], changed[1:], strict=True):
             assert (more | ~less).all() and more.sum() > less.sum(), name
     for name in ("dropped_frames", "late_start", "early_end"):
         kept = [{frame.tobytes() for frame in frames} for frames in at(name)]
         assert all(more < less for less, more in zip(kept[:-1], kept[1:], strict=True)), name
-    for name in ("gain_drift", "offset_drift", "saturation", "noise", "fewer_bits", "shift", "cover"):
+    names = ("gain_drift", "offset_drift", "saturation", "noise", "fewer_bits", "shift", "cover", "vibration", "drift")
+    for name in names:
         apart = [np.abs(f - frames).mean() for f in at(name)]
         assert all(more >= less for less, more in zip(apart[:-1], apart[1:], strict=True)) and apart[-1] > 0, name
     moment = np.arange(200, dtype=np.float32)[:, None, None] / 200
-    moved = [np.abs(FAULTS["time_jitter"].apply(moment, s, "1", 1) - moment).mean() for s in range(SEVERITIES + 1)]
+    jittered = [FAULTS["time_jitter"].apply(moment, s, "1", 1, 50.0) for s in range(SEVERITIES + 1)]
+    moved = [np.abs(frames - moment).mean() for frames in jittered]
     assert moved == sorted(moved) and moved[0] == 0 < moved[1]
 
 
@@ -187,7 +207,7 @@ def test_a_damaged_corpus_is_one_that_no_cache_knows(kind, tmp_path):
         assert np.array_equal(worse.index, corpus.index) and np.array_equal(worse.gestures, corpus.gestures)
         for i in map(int, test):
             shares = corpus[i].astype(np.float32) / np.float32(1023)
-            expected = FAULTS[name].apply(shares, severity, corpus.subjects[i], i) * np.float32(1023)
+            expected = FAULTS[name].apply(shares, severity, corpus.subjects[i], i, corpus.rate_hz) * np.float32(1023)
             assert np.array_equal(worse[i], np.rint(expected) if kind == "uint16" else expected)
 
 
@@ -203,6 +223,6 @@ def test_a_fault_of_another_package_is_one_function(monkeypatch):
     assert list(faults.all_faults()) == [*FAULTS, "dusk"]
     dusk = faults.all_faults()["dusk"]
     assert dusk.describe(2) == "20 % darker"
-    assert dusk.apply(np.ones((1, 1, 1), np.float32), 2, "1", 1) == pytest.approx(0.8)
+    assert dusk.apply(np.ones((1, 1, 1), np.float32), 2, "1", 1, 50.0) == pytest.approx(0.8)
     with pytest.raises(ValueError, match="5 amounts, here are 2"):
         fault("taxels", 1, 2)

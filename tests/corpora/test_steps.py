@@ -213,7 +213,7 @@ def test_no_test_capture_meets_the_draws_of_a_training_copy():
     step = Faulted(("noise",), 9)
     training = [first(step.generator(i, copy)) for i in captures for copy in range(9)]
     sensors = sum(f.sensor for f in FAULTS.values())
-    assert len(test) == (17 - sensors) * 300 + sensors * 59 and len(set(training)) == 2700
+    assert len(test) == (len(FAULTS) - sensors) * 300 + sensors * 59 and len(set(training)) == 2700
     assert not test & set(training)
 
 

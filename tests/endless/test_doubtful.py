@@ -81,7 +81,7 @@ def test_scores_by_hand():
     ]
     table = pd.DataFrame(
         [
-            {"kind": kind, "end": times[-1]}
+            {"kind": kind, "end": times[-1], "refused": 900}
             if kind == "recording"
             else {
                 "kind": kind,
@@ -98,6 +98,7 @@ def test_scores_by_hand():
     ).assign(subject="ann", fold="ann", recording=0)
     table = pd.concat([table, pd.DataFrame([{"kind": "curve", "offset": 0.0, "hits": 0, "alarms": 2, "reports": 2}])])
     numbers, tables = run_numbers([FoldResult("ann", table)], 10.0, "")
+    assert numbers["refused"] == 900 / 36_000
     assert tables["reports"]["touch"].tolist() == [-2, -2, -2, -1, -1]
     assert numbers["background_minutes"] == pytest.approx((36_000 - 100 - 3600) / 600)
     assert numbers["false_alarms_per_hour"] == pytest.approx(2 / (32_300 / 36_000))

@@ -8,7 +8,7 @@ import pytest
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.corpora.faults import all_faults
+from bench.corpora.faults import usual_faults
 from bench.corpora.steps import Repair, Windows
 from bench.errors import InputError
 from bench.features.base import labels
@@ -63,7 +63,7 @@ def test_undamaged_captures_are_what_is_not_doubted(corpus):
 
 def test_what_it_says_of_itself(corpus):
     system = Reflex(**QUICK)
-    assert contract.trained_faults(system) == tuple(all_faults())
+    assert contract.trained_faults(system) == usual_faults()
     assert contract.trained_faults(Reflex(faults=("none",))) == ()
     wrong = {"early": 2.0, "faults": ("nosie",), "repair": ("glue",), "window": -1.0, "units": 0, "doubt": 0.0}
     for name, value in wrong.items():

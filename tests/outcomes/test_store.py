@@ -1,6 +1,7 @@
 """The store when it is locked, of another version or gone; kills and full disks are in tests/nightly."""
 
 import errno
+import operator
 import sqlite3
 from pathlib import Path
 
@@ -154,10 +155,9 @@ def test_runs_come_in_pages_newest_first_and_only_of_this_format(monkeypatch):
 
 def contents(runs):
     """All that runs hold, in order, as text, in which what is no number equals itself."""
-    return [repr((dict(run.info), *(list(vars(run.data)[n].items()) for n in FIELDS))) for run in runs]
-
-
-FIELDS = ("_metrics", "_params", "_tags")
+    fields = operator.attrgetter("run_id", "status", "start_time", "artifact_uri", "run_name")
+    values = operator.attrgetter("metrics", "params", "tags")
+    return [repr((fields(run.info), [sorted(v.items()) for v in values(run.data)])) for run in runs]
 
 
 @pytest.mark.parametrize("unreadable", ["no file", "cut off", "locked"])
@@ -206,3 +206,42 @@ def test_numbers_by_the_thousand_and_by_epoch_and_files_are_kept(tmp_path):
     artifacts = connected.run(run_id).info.artifact_uri
     assert connected.path(run_id, artifacts, "fold/a.csv").read_text() == "1"
     assert connected.path(run_id, artifacts, "b.csv") is None
+
+
+def all_of(connected, run):
+    """What MLflow has of a run that does not tell two equal ones apart."""
+    names = [*run.data.metrics, "none"]
+    history = [connected.client.get_metric_history(run.info.run_id, name) for name in names]
+    points = sorted(repr((m.key, m.value, m.step)) for metrics in history for m in metrics)
+    info = (run.info.run_name, run.info.status, run.info.lifecycle_stage, run.info.end_time >= run.info.start_time)
+    files = (Path(run.info.artifact_uri) / "fold" / "a.csv").read_text()
+    return info, repr(sorted(run.data.metrics.items())), run.data.params, run.data.tags, points, files
+
+
+@pytest.mark.parametrize("locked", [False, True])
+def test_a_fold_is_stored_as_mlflow_stores_it_and_by_mlflow_where_that_fails(locked, tmp_path, monkeypatch):
+    connected, create = store.connect(), store.Store.create
+    (folder := tmp_path / "folder").mkdir()
+    (folder / "a.csv").write_text("1")
+    numbers = {"accuracy": 1 / 3, "gone": float("nan"), "most": float("inf")}
+    epochs = [{"loss": 2.0}, {"loss": 1.0, "accuracy": 0.5}]
+    given = ({"touchbench.kind": "fold", "b": "c"}, "FINISHED", folder, "fold", numbers, {"C": 8.0}, epochs)
+    asked = []
+    holder = sqlite3.connect(connected.file, isolation_level=None)
+    assert connected.location
+    if locked:
+        monkeypatch.setattr(store, "LOCKED_S", 0.01)
+        holder.execute("begin exclusive")
+    monkeypatch.setattr(store.Store, "create", lambda *a: asked.append(holder.rollback()) or create(*a))
+    first = connected.add("7", *given)
+    assert len(asked) == locked
+    connected.file = None
+    second = connected.add("7", *given)
+    runs = {run.info.artifact_uri: run for run in connected.runs("")}
+    assert len(asked) == 1 + locked and {*runs} == {first, second}
+    assert all_of(connected, runs[first]) == all_of(connected, runs[second])
+
+
+def test_what_mlflow_refuses_of_a_fold_is_refused(tmp_path):
+    with pytest.raises(store.StoreError, match="supplied: Names may only"):
+        store.connect().add("7", {}, "FINISHED", tmp_path / "none", "fold", params={"#": 1})

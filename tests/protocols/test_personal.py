@@ -124,7 +124,7 @@ def test_no_other_label_and_no_other_frame_of_the_tested_half_is_used(system, la
     corpus = random_corpus(4, 6, longest=60)
     fold = fold_of(corpus, labelled)
     shots, tested = fold.known.draws[0][0]
-    few = replace(fold, known=replace(fold.known, draws=(((shots, tested[:3]),),)))
+    few = Fold(fold.name, fold.train, fold.test, replace(fold.known, draws=(((shots, tested[:3]),),)))
     changed = with_other_values(corpus, np.setdiff1d(fold.test, [*shots, *tested[:3]]))
     gestures = corpus.gestures.copy()
     secret = np.setdiff1d(fold.test, shots) if labelled else fold.test

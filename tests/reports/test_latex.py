@@ -10,13 +10,13 @@ import pandas as pd
 import pytest
 
 import bench
-from bench.api import results_of
 from bench.cli import main
 from bench.comparable import MARK
 from bench.errors import InputError
 from bench.measures import Cost, Measure, run_columns
 from bench.reports.latex import escaped, latex, side_by_side
 from bench.reports.paper import columns_of, papers, sheet
+from bench.stored import results_of
 from tests.results import evaluated, with_hits
 
 

@@ -27,10 +27,21 @@ class Memory:
     def create(self, name, tags):
         run_id = str(next(self.ids))
         data = SimpleNamespace(tags=dict(tags), params={}, metrics={})
-        info = SimpleNamespace(run_id=run_id, status="RUNNING", run_name=name, start_time=int(run_id))
         folder = Path(mkdtemp())
+        info = SimpleNamespace(run_id=run_id, status="RUNNING", run_name=name, start_time=int(run_id))
+        info.artifact_uri = str(folder)
         self.runs[run_id] = SimpleNamespace(info=info, data=data, inputs=None, folder=folder)
         return run_id
+
+    def add(self, name, tags, status, folder, where, metrics=None, params=None, history=None):
+        run_id = self.create(name, tags)
+        self.log(run_id, metrics, params, history)
+        self.keep(run_id, folder, where)
+        self.end(run_id, status)
+        return self.artifacts(run_id)
+
+    def drop(self, address, name):
+        (Path(address) / name).unlink()
 
     def log(self, run_id, metrics=None, params=None, history=None, tags=None):
         data = self.runs[run_id].data
@@ -53,8 +64,8 @@ class Memory:
     def path(self, run_id, artifacts, name):
         return path if (path := Path(artifacts) / name).exists() else None
 
-    def where(self, run_id, name):
-        return str(self.fetched(run_id, name))
+    def where(self, address, name):
+        return str(Path(address) / name)
 
     def begin(self, run_id):
         self.end(run_id, "RUNNING")
@@ -109,7 +120,7 @@ class Echo(Experiment):
 
     def result(self, plan, about, folds):
         MEASURED[self.number] = folds
-        return Result(about, {"captures": sum(r.metrics["tested"] for r in folds)}, {"all": table_of(folds)})
+        return Result(about, {"captures": sum(r.metrics["tested"] for r in folds)}, {"predictions": table_of(folds)})
 
 
 class Level(ClassifierMixin, BaseEstimator):

@@ -16,7 +16,7 @@ from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
 from bench.circumstances.subjects import Subjects
 from bench.cli import main
-from bench.corpora.faults import FAULTS, as_shares, damaged
+from bench.corpora.faults import FAULTS, as_shares, damaged, usual_faults
 from bench.errors import InputError
 from bench.kinds.captures import Captures
 from bench.outcomes import scores
@@ -189,7 +189,7 @@ def test_metrics_are_those_of_the_table(stressed):
     alone = stress((), (1,)).fold(cell_of(Level), CORPUS, FOLD, 1).tables["labels"]  # the learning curve alone
     assert not alone["circumstance"].eq("under").any() and set(alone["train_subjects"]) == {1, 3}
     assert stress((), (1,)).arguments() == {"under": "none", "train_subjects": "1"}
-    assert stress(tuple(FAULTS)).arguments() == {"under": "all"} and kind.arguments()["under"] == "noise,early_end"
+    assert stress(usual_faults()).arguments() == {"under": "all"} and kind.arguments()["under"] == "noise,early_end"
 
 
 def test_other_faults_or_training_subjects_are_another_run(corpus):

@@ -81,7 +81,7 @@ def todo(plan, *numbers):
 
 
 def tables(outcomes):
-    return [outcome.tables["all"] for outcome in outcomes]
+    return [outcome.tables["predictions"] for outcome in outcomes]
 
 
 @pytest.mark.parametrize("workers", [Workers, Several])
@@ -109,9 +109,19 @@ def test_the_same_run_twice_in_one_command_is_computed_once(store, plan, monkeyp
 def test_a_result_reads_its_tables_from_the_store(store, plan):
     for _ in range(2):  # computed, and found again
         (outcome,) = execute(todo(plan, 0))
-        shorter = pd.read_parquet(path := store.runs[outcome["run_id"]].folder / "all.parquet").iloc[1:]
+        shorter = pd.read_parquet(path := store.runs[outcome["run_id"]].folder / "predictions.parquet").iloc[1:]
         shorter.to_parquet(path, index=False)
-        assert [*outcome.tables] == ["all"] and len(outcome.tables["all"]) == len(shorter)
+        assert [*outcome.tables] == ["predictions"] and len(outcome.tables["predictions"]) == len(shorter)
+
+
+def test_predictions_are_stored_once_and_folds_of_a_finished_run_have_them(store, plan):
+    tables = []
+    for _ in range(2):  # computed, and found again
+        (outcome,) = execute(todo(plan, 0))
+        tables.append([fold.predictions for fold in MEASURED[0]])
+        files = {path.name for fold in store.folds(outcome["run_id"]) for path in (fold.folder / "fold").iterdir()}
+        assert files == {"timing.json"}
+    assert len(DONE) == 4 and all(a.equals(b) for a, b in zip(*tables, strict=True))
 
 
 @pytest.mark.parametrize("workers", [Workers, Several])
@@ -129,7 +139,7 @@ def test_what_is_cut_off_goes_on_and_ends_the_same(workers, how, error, store, p
     folds = {**MEASURED}
     monkeypatch.setattr(loop, "connect", lambda writes: Memory())
     for number, (a, b) in enumerate(zip(resumed, execute(todo(plan, 0, 1)), strict=True)):
-        assert a.tables["all"].equals(b.tables["all"]) and a.metrics == b.metrics
+        assert a.tables["predictions"].equals(b.tables["predictions"]) and a.metrics == b.metrics
         assert [vars(r) | {"predictions": 0, "seconds": 0, "scored": 0} for r in folds[number]] == [
             vars(r) | {"predictions": 0, "seconds": 0, "scored": 0} for r in MEASURED[number]
         ]
@@ -251,7 +261,7 @@ def test_a_run_is_tracked_whole(capsys):
     assert svm.data.metrics["accuracy"] == pytest.approx(right.mean())
     child = store.folds(cnn.info.run_id)[0]
     assert [m.step for m in store.client.get_metric_history(child.info.run_id, "loss")] == [1, 2]
-    files = "predictions.parquet confusion.csv confusion.svg per_subject.parquet per_class.csv "
+    files = "predictions.parquet confusion.csv per_subject.parquet per_class.csv "
     files += "confusion.parquet per_class.parquet"
     assert {a.path for a in store.client.list_artifacts(svm.info.run_id)} == {*files.split()}
     assert main(["run", "model=svm", *SMALL]) == 0  # the same again computes nothing

@@ -98,6 +98,9 @@ class Watches(Protocol):
     def reports(self, recordings: Corpus, evidence: list[Any] | None = None) -> pd.DataFrame:
         """The touches that it reports (columns of `bench.outcomes.events.REPORT`)."""
 
+    def refused(self, recordings: Corpus, evidence: list[Any]) -> np.ndarray:
+        """How many frames of each recording are refused or saturated, as `Stream.status` has it; int64 [recordings]."""
+
     def sweep(self, recordings: Recordings, evidence: list[Any]) -> pd.DataFrame:
         """What other thresholds find: ``offset`` from the learned one, ``hits``, ``alarms`` and ``reports``, counts."""
 

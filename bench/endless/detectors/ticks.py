@@ -17,7 +17,7 @@ from bench.corpora.recordings import Recordings
 from bench.endless.detectors.base import UNKNOWN, Event, Rules, Signals, Stream, Watches
 from bench.endless.detectors.names import LONGEST_S, learned_names, of_all, probabilities, weights
 from bench.endless.detectors.spans import Span, Touches, means, spans_of
-from bench.endless.recent import Recent
+from bench.endless.recent import Recent, saturated
 from bench.errors import InputError
 from bench.few import INTERVAL
 from bench.models.recipe import behind, taken
@@ -283,6 +283,10 @@ class TickWatcher:
         seen = self.prepared(recordings)
         series = (signals_of(self.detector, means(seen[i], self.count)) for i in range(len(seen)))
         return [self.detector.evidence(each) for each in series]
+
+    def refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
+        """Frames that are saturated; such detectors refuse nothing."""
+        return np.array([saturated(stream, recordings.full_scale).sum() for stream in recordings], dtype=np.int64)
 
     def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
         """Touches found, false alarms and reports of all levels, by their place relative to the learned one."""
