@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 
 import bench
 from bench.corpora.corpus import Corpus
+from bench.corpora.faults import FAULTS, as_readings
 from bench.corpora.recordings import Recordings, captures_in, event_table
 from bench.corpora.synth_recordings import generate
 from bench.endless.detectors.best import Best
 from bench.endless.detectors.filter import Filter
-from bench.endless.detectors.frames import Frames, Hysteresis, Times
+from bench.endless.detectors.frames import CALM, Frames, Hysteresis, Levels, Times, disturbance
 from bench.endless.detectors.named import detectors
 from bench.endless.detectors.names import of_all, touches
 from bench.endless.detectors.spans import spans_of
@@ -24,6 +25,7 @@ from bench.endless.page import watch_section
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
+from bench.outcomes.events import FALSE_ALARM, matched
 from bench.outcomes.runs import every_result
 from bench.outcomes.store import connect
 from tests.conftest import SMALL, runs
@@ -169,6 +171,44 @@ def test_frames_one_by_one_give_the_reports_of_whole_recordings(detector, record
     sure = [e.confidence for _, e in news if e.end is not None]
     assert sure == pytest.approx(reports["confidence"][: len(sure)].tolist(), abs=1e-5)
     assert {e.reported for n, e in news if n == e.reported} == {e.reported for _, e in news}  # at once
+
+
+def test_noise_that_training_did_not_have_costs_few_touches(recordings):
+    corpus = recordings.corpus
+    weak = [np.rint(0.3 * stream) for stream in corpus]  # a light hand
+    make_corpus = lambda streams: Corpus.from_captures(  # noqa: E731
+        streams, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale
+    )
+    weaker = Recordings(make_corpus(weak), recordings.events)
+    train, test = weaker[np.arange(2)], weaker[[2]]
+    captures = captures_in(train)
+    make = lambda: lda(TouchFeatures())  # noqa: E731
+    watcher, _ = Frames().learn(make, make().fit(captures, captures.gestures), captures, train, 60.0)
+    shares = weak[2].astype(np.float32) / np.float32(corpus.full_scale)
+    noise = FAULTS["noise"].damage(shares, 1.0, np.random.default_rng(0))
+    noisy = make_corpus([*weak[:2], as_readings(test.corpus, noise)])[[2]]
+    reports = watcher.reports(noisy)
+    found, reported = matched(test.events, reports, corpus.rate_hz)
+    assert found["found"].sum() >= 8  # of 14; 0 with the classifier for a calm sensor, at 12 false alarms
+    assert (reported["touch"] == FALSE_ALARM).sum() <= 3
+    live = watcher.stream(noisy.grid, noisy.rate_hz, noisy.full_scale)
+    ended = [e.reported for frame in noisy[0] for e in live.push(frame.astype(np.float32)) if e.end is not None]
+    assert ended == reports["reported"].tolist()[: len(ended)] and len(reports) - len(ended) <= 1
+
+
+def test_a_sensor_is_disturbed_as_a_plain_loop_says():
+    rng = np.random.default_rng(0)
+    levels = Levels(0.002, 0.06)
+    frames = rng.integers(0, 50, (150, 4, 5))
+    signals = np.stack([levels.step(frame) for frame in frames])
+    shared = [sorted(frame.ravel().tolist())[8] for frame in frames]  # the 40 % quantile
+    change = [0.0, *[abs(b - a) for a, b in zip(shared, shared[1:], strict=False)]]
+    gauge = disturbance(signals)
+    for tick in (CALM - 1, 100, 149):
+        past = range(tick - CALM + 1, tick + 1)
+        assert gauge[tick, 0] == sorted(change[k] for k in past)[CALM // 4]
+        assert gauge[tick, 1] == min(signals[k, 3] for k in past)
+    assert not gauge[: CALM // 4].any() and not gauge[:CALM, 1].any()  # calm at first
 
 
 def test_longer_spans_count_more():

@@ -55,7 +55,8 @@ static float cosine(float product, float a, float b)
     return length > 0 ? product / length : 1;
 }
 
-/* Signals of a tick: its levels, area, likeness to the tick before and the third before, and centroid. */
+/* Signals of a tick: its levels, area, likeness to the tick before and the third before, centroid, and what all taxels
+   share. */
 static void feel(touch_watch_t *w, const float *tick, float *found)
 {
     float *values = w->now.taxels, least = shared(w, tick), size = ROWS > COLS ? ROWS : COLS;
@@ -94,15 +95,16 @@ static void feel(touch_watch_t *w, const float *tick, float *found)
     found[LEVELS + 2] = w->felt < 3 ? 1 : cosine(far, squares, far_squares);
     found[LEVELS + 3] = total > 0 ? row / total / size : 0;
     found[LEVELS + 4] = total > 0 ? col / total / size : 0;
+    found[LEVELS + 5] = TAXELS > 1 ? least : tick[0];
     w->newest = (w->newest + 1) % 3;
     w->felt += w->felt < 3;
 }
 
-/* Logarithms of the levels so many ticks ago, or of the first tick. */
+/* Logarithms of the levels so many ticks ago, or of the first tick, as the deciding classifier takes them. */
 static const float *ago(const touch_watch_t *w, int ticks)
 {
     int steps = ticks < w->looked ? ticks : w->looked - 1;
-    return w->logs[(w->at + LOOK - steps) % LOOK];
+    return w->logs[w->model][(w->at + LOOK - steps) % LOOK];
 }
 
 static float change(const touch_watch_t *w, int ticks) { return ago(w, ticks)[1] - ago(w, ticks + 1)[1]; }
@@ -117,14 +119,41 @@ static float median(const touch_watch_t *w, int kind, int level)
     return (values[(MEDIAN - 1) / 2] + values[MEDIAN / 2]) / 2;
 }
 
+/* Which classifier decides on a tick: the first, or one for vibration or noise where the last ticks show it. */
+static int deciding(touch_watch_t *w, const float *found)
+{
+    int model = 0;
+#if MODELS > 1
+    static const int kinds[] = KIND_OF;
+    float sorted[CALM], gauges[2];
+    w->calm[0][w->calmed] = w->looked ? fabsf(found[LEVELS + 5] - w->shared) : 0;
+    w->calm[1][w->calmed] = found[3];
+    w->calmed = (w->calmed + 1) % CALM;
+    w->shared = found[LEVELS + 5];
+    memcpy(sorted, w->calm[0], sizeof sorted);
+    place(sorted, CALM, CALMEST);
+    gauges[0] = sorted[CALMEST];
+    gauges[1] = w->calm[1][0];
+    for (int k = 1; k < CALM; k++)
+        gauges[1] = fminf(gauges[1], w->calm[1][k]);
+    for (int m = 1; m < MODELS; m++)
+        if (gauges[kinds[m - 1]] > look_limits[kinds[m - 1]])
+            model = m;
+#endif
+    (void)found;
+    return model;
+}
+
 /* Features of a tick from its signals and those before it. */
 static void look(touch_watch_t *w, const float *found, float *next)
 {
     static const int minima[] = MINIMA, maxima[] = MAXIMA;
+    w->model = deciding(w, found);
     w->at = (w->at + 1) % LOOK;
     w->looked += w->looked < LOOK;
-    for (int l = 0; l < LEVELS; l++)
-        w->logs[w->at][l] = logf(found[l] + look_offsets[l]);
+    for (int m = 0; m < MODELS; m++)
+        for (int l = 0; l < LEVELS; l++)
+            w->logs[m][w->at][l] = logf(found[l] + look_offsets[m * LEVELS + l]);
     for (int l = 0; l < LEVELS; l++) {
         float now = ago(w, 0)[l], least = now, most = now;
         *next++ = now;
@@ -167,25 +196,26 @@ static float log_add(float a, float b) { return fmaxf(a, b) + log1pf(expf(-fabsf
 static void judge(touch_watch_t *w, float *odds, float *begins)
 {
     float likely[KINDS], *x = w->now.features;
+    int m = w->model;
     for (int k = 0; k < KINDS; k++)
-        likely[k] = look_bias[k];
+        likely[k] = look_bias[m * KINDS + k];
     for (int i = 0; i < LOOKS; i++) {
-        float unit = fminf(fmaxf((x[i] - look_mean[i]) / look_sd[i], -CLIP), CLIP);
+        float unit = fminf(fmaxf((x[i] - look_mean[m * LOOKS + i]) / look_sd[m * LOOKS + i], -CLIP), CLIP);
         for (int k = 0; k < KINDS; k++)
-            likely[k] += look_weights[k * LOOKS + i] * unit;
+            likely[k] += look_weights[(m * KINDS + k) * LOOKS + i] * unit;
     }
     float touch = likely[1], other = likely[0];
     for (int k = 2; k < KINDS; k++) {
         touch = log_add(touch, likely[k]);
         other = log_add(other, likely[k]);
     }
-    *odds = touch - likely[0];
+    *odds = touch - likely[0] + look_shift[m];
     *begins = likely[1] - other;
 }
 
 static sign_t sensed(touch_watch_t *w, const float *tick)
 {
-    float signals[LEVELS + 5], odds, begins;
+    float signals[LEVELS + 6], odds, begins;
     sign_t sign = {0, 0, 0, 0};
     feel(w, tick, signals);
     look(w, signals, w->now.features);

@@ -4,18 +4,31 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, rank_filter
 from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
+from bench.corpora.faults import seeded
 from bench.corpora.recordings import Recordings
 from bench.endless.detectors.base import InC, Sign
-from bench.endless.detectors.ticks import Detector, of_file
+from bench.endless.detectors.ticks import (
+    Detector,
+    frames_of_tick,
+    left_out,
+    of_file,
+    signals_of,
+    sweep,
+    ticked,
+    worth,
+)
+from bench.endless.disturbed import KINDS, disturbed
 from bench.errors import InputError
+from bench.models.search.inner_folds import inner_folds
 
 COMMON = 0.4  # quantile over taxels that a change of all taxels moves, too
 HIGHEST = 25  # one of so many taxels is among the highest
@@ -29,6 +42,13 @@ SEEN = 0.75  # of such a touch is seen at least: its beginning is noticed late; 
 FADED = 0.25  # of the highest log-odds of a touch: below, it is over after `hold` seconds; chosen on HAART
 BEGUN = -2.0  # log-odds of the beginning of a touch, without which none is reported; chosen on HAART and A to C
 LEVELS = 5  # signals that are levels: mean, excess, highest, movement, highest movement
+MOVEMENT, COMMON_LEVEL = 3, 10  # signals that tell whether the sensor is disturbed
+CALM, CALMEST = 60, 0.25  # ticks, and the share of them in which all taxels move together least
+MARGIN = 1.5  # how much more disturbed than in training a sensor may be before the other classifier decides
+SLIGHT = 3e-4  # of full scale: a sensor that is disturbed less counts as calm; below the gauge of 0.5 % on HAART
+IMPOSSIBLE = -1e30  # log of the share of a class that training did not have
+GROUPS = "3"  # of training recordings for the threshold of that classifier
+MANY = 8  # recordings, or subjects, from which on each kind of disturbance is learned from some of them, to save time
 
 
 class Levels:
@@ -40,10 +60,11 @@ class Levels:
         self.before: deque[np.ndarray] = deque(maxlen=3)
 
     def step(self, frame: np.ndarray) -> np.ndarray:
-        """Mean, mean excess over the baseline, mean of its highest, the same of its change, area, cosines, centroid."""
+        """Levels (mean, excess, its highest, the same of its change), area, cosines, centroid, what taxels share."""
         flat = np.asarray(frame, np.float32).ravel()
+        common = np.partition(flat, int(COMMON * len(flat)))[int(COMMON * len(flat))]
         if len(flat) > 1:
-            flat = np.maximum(flat - np.partition(flat, int(COMMON * len(flat)))[int(COMMON * len(flat))], 0)
+            flat = np.maximum(flat - common, 0)
         if self.baseline is None:
             self.baseline = flat.copy()
         above = flat - self.baseline
@@ -58,7 +79,7 @@ class Levels:
         self.before.append(above)
         size = max(frame.shape)
         levels = flat.mean(), above.mean(), _highest(above), moved.mean(), _highest(moved)
-        return np.array([*levels, area, near, far, y / size, x / size], np.float32)
+        return np.array([*levels, area, near, far, y / size, x / size, common], np.float32)
 
     def _cosine(self, above: np.ndarray, back: int) -> float:
         if len(self.before) < back:
@@ -93,9 +114,22 @@ def features(signals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     columns.append(_past(maximum_filter1d, rise, RISES))
     area, near, far = signals[:, LEVELS : LEVELS + 3].T
     columns += [area, np.diff(area, prepend=area[:1]), near, far]
-    speed = np.abs(np.diff(signals[:, -2:], axis=0, prepend=signals[:1, -2:])).sum(axis=1)
+    centre = signals[:, LEVELS + 3 : LEVELS + 5]
+    speed = np.abs(np.diff(centre, axis=0, prepend=centre[:1])).sum(axis=1)
     columns.append(speed)
     return np.stack(columns, axis=1).astype(np.float32)
+
+
+def disturbance(signals: np.ndarray) -> np.ndarray:
+    """How disturbed the sensor is in each tick by each of `KINDS` [ticks, 2].
+
+    Vibration: the lower quartile of the changes of what all taxels share. Noise: the least movement of the last ticks,
+    as some are without touch. The first tick has none, so that a stream counts as calm until it has left the window.
+    """
+    change = np.abs(np.diff(signals[:, COMMON_LEVEL], prepend=signals[:1, COMMON_LEVEL]))
+    rank = int(CALMEST * CALM)
+    vibration = rank_filter(change, rank, CALM, origin=(CALM - 1) // 2, mode="nearest")
+    return np.stack([vibration, _past(minimum_filter1d, signals[:, MOVEMENT], CALM)], axis=1)
 
 
 def _past(extreme: Callable[..., np.ndarray], series: np.ndarray, size: int) -> np.ndarray:
@@ -230,13 +264,58 @@ class Frames(Detector):
         shares = np.array([weight[classes == k].sum() for k in fitted.model_.classes_])
         fitted.prior_ = np.log(shares / shares.sum())
         fitted.times_ = Times.of(recordings, self.wait, self.hold)
+        calm = np.max([disturbance(each).max(axis=0) for each in signals], axis=0)
+        fitted.limits_ = np.maximum(MARGIN * calm, SLIGHT * recordings.corpus.full_scale)
+        fitted.disturbed_ = ()
         return fitted
+
+    def hardened(self, others: list[Self], recordings: Recordings, level: float, false_alarms: float) -> Self:
+        """The same with a classifier for noise and one for vibration, each if it is worth more there.
+
+        Each is learned from copies of recordings with such a disturbance, and has a threshold of its own, by which its
+        log-odds are shifted. Arguments are those of `Detector.hardened`.
+        """
+        hard = copy(self)
+        parts = [np.arange(len(recordings))] * len(KINDS)
+        if len(set(left_out(recordings))) >= MANY:
+            parts = np.array_split(seeded("disturbed recordings").permutation(len(recordings)), len(KINDS))
+        count = frames_of_tick(self.tick, recordings.corpus.rate_hz)
+        for kind, (change, part) in enumerate(zip(KINDS, parts, strict=True)):
+            few = np.sort(part)
+            some = recordings[few]
+            ticks = ticked(Recordings(disturbed(some.corpus, change), some.events), count)
+            signals = [signals_of(self, ticks.corpus[i]) for i in range(len(ticks))]
+            plain = [others[i] for i in few]
+            evidence = [other.evidence(each) for other, each in zip(plain, signals, strict=True)]
+            before = worth(sweep(plain, some, evidence, count, [level]), false_alarms).max()
+            for train, judged in inner_folds(left_out(some), GROUPS):
+                fitted = replace(self).fit([signals[i] for i in train], ticks[train])
+                for i in judged:
+                    plain[i], evidence[i] = fitted, fitted.evidence(signals[i])
+            settings = sweep(plain, some, evidence, count, self.levels)
+            worths = worth(settings, false_alarms)
+            if worths.max() > before:
+                shift = level - float(settings["level"][worths.idxmax()])
+                hard.disturbed_ = *hard.disturbed_, (kind, replace(self).fit(signals, ticks), shift)
+        return hard
 
     def _units(self, table: np.ndarray) -> np.ndarray:
         return np.clip((table - self.mean_) / self.sd_, -CLIP, CLIP)
 
     def evidence(self, signals: np.ndarray) -> np.ndarray:
-        """Log-odds of touch, and of its beginning, as if all classes were equally frequent [ticks, 2]."""
+        """Log-odds of touch, and of its beginning, as if all classes were equally frequent [ticks, 2].
+
+        Those of a tick in which the sensor is disturbed come from the classifier for that, of both for noise.
+        """
+        odds = self._log_odds(signals)
+        if not self.disturbed_:
+            return odds
+        applies = disturbance(signals) > self.limits_
+        for kind, other, shift in self.disturbed_:
+            odds = np.where(applies[:, [kind]], other._log_odds(signals) + [shift, 0], odds)
+        return odds
+
+    def _log_odds(self, signals: np.ndarray) -> np.ndarray:
         scores = self.model_.decision_function(self._units(features(signals, self.offsets_)))
         likely = (np.stack([0 * scores, scores], axis=1) if scores.ndim == 1 else scores) - self.prior_
         touch = np.logaddexp.reduce(likely[:, 1:], axis=1) - likely[:, 0]
@@ -259,9 +338,9 @@ class Frames(Detector):
 
     def in_c(self) -> InC:
         """As `bench.endless.detectors.ticks.Detector.in_c`."""
-        weights, bias = self.model_.coef_, self.model_.intercept_
-        if len(weights) == 1:  # of two classes; the first one scores 0
-            weights, bias = np.concatenate([0 * weights, weights]), np.append(0, bias)
+        models = [self, *(other for _, other, _ in self.disturbed_)]
+        classes = max(len(one.prior_) for one in models)
+        learned = [one._linear(classes) for one in models]
         looks = {
             "MINIMA": "{" + ", ".join(map(str, MINIMA)) + "}",
             "MAXIMA": "{" + ", ".join(map(str, MAXIMA)) + "}",
@@ -270,7 +349,11 @@ class Frames(Detector):
             "RISES": RISES,
             "LEVELS": LEVELS,
             "LOOKS": len(self.mean_),
-            "KINDS": len(weights),
+            "KINDS": classes,
+            "MODELS": len(models),
+            "CALM": CALM,
+            "CALMEST": int(CALMEST * CALM),
+            "KIND_OF": "{" + ", ".join(str(kind) for kind, _, _ in self.disturbed_) + "}",
         }
         constants = (
             (
@@ -292,19 +375,27 @@ class Frames(Detector):
             ),
         )
         arrays = {
-            "offsets": self.offsets_,
-            "mean": self.mean_,
-            "sd": self.sd_,
-            "weights": weights.ravel(),
-            "bias": bias - self.prior_,
+            "offsets": np.concatenate([one.offsets_ for one in models]),
+            "mean": np.concatenate([one.mean_ for one in models]),
+            "sd": np.concatenate([one.sd_ for one in models]),
+            "weights": np.concatenate([weights.ravel() for weights, _ in learned]),
+            "bias": np.concatenate([bias for _, bias in learned]),
+            "shift": [0.0, *(shift for _, _, shift in self.disturbed_)],
+            **({"limits": self.limits_} if self.disturbed_ else {}),
         }
         state = (
             "float baseline[{TAXELS}], above[3][{TAXELS}];  /* of the last ticks, a ring */",
-            "float logs[{LOOK}][{LEVELS}], area, row, col;  /* a ring; of the last tick */",
+            "float logs[{MODELS}][{LOOK}][{LEVELS}], area, row, col;  /* rings; of the last tick */",
+            "int model;  /* the classifier that decides */",
             "int newest, felt, at, looked;  /* places in the rings, ticks in them */",
             "int since, below, weak, begun, held, lasts, is_known;  /* ticks of the touch; whether it was reported */",
             "float highest;  /* log-odds of the touch */",
         )
+        if self.disturbed_:
+            state += (
+                "float calm[2][{CALM}], shared;  /* rings: changes of what taxels share, movement; last tick */",
+                "int calmed;  /* place in these rings */",
+            )
         return InC(
             of_file(__file__),
             state,
@@ -312,6 +403,14 @@ class Frames(Detector):
             arrays={f"look_{name}": np.asarray(values, np.float32) for name, values in arrays.items()},
             pretended="w->level = touched ? -1e30f : 1e30f; w->begun = 9;",
         )
+
+    def _linear(self, classes: int) -> tuple[np.ndarray, np.ndarray]:
+        """Weights [classes, features] and biases of the classes; one that was not there in training is impossible."""
+        weights, bias = self.model_.coef_, self.model_.intercept_
+        if len(weights) == 1:  # of two classes; the first one scores 0
+            weights, bias = np.concatenate([0 * weights, weights]), np.append(0, bias)
+        more = classes - len(bias)
+        return np.pad(weights, ((0, more), (0, 0))), np.append(bias - self.prior_, np.full(more, IMPOSSIBLE))
 
     @property
     def chosen(self) -> dict[str, object]:
@@ -321,7 +420,8 @@ class Frames(Detector):
     @property
     def numbers(self) -> int:
         """Count of learned numbers."""
-        return self.model_.coef_.size + 3 + 2 * len(self.mean_) + LEVELS + 3
+        own = self.model_.coef_.size + 3 + 2 * len(self.mean_) + LEVELS + 3
+        return own + sum(other.numbers + 2 for _, other, _ in self.disturbed_)
 
 
 def ages_of(recording: Recordings) -> tuple[np.ndarray, np.ndarray]:

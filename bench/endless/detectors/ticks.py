@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -68,6 +68,17 @@ class Detector:
     def fit(self, signals: list[np.ndarray], recordings: Recordings) -> Self:
         """Learn from the signals of recordings whose frames are ticks."""
         raise NotImplementedError
+
+    def hardened(self, others: list[Self], recordings: Recordings, level: float, false_alarms: float) -> Self:
+        """The same, fitted, and prepared for a sensor that changes after training; unchanged unless overridden.
+
+        Args:
+            others: detectors that were fitted without each recording.
+            recordings: training recordings, after the steps that are done frame by frame.
+            level: learned threshold.
+            false_alarms: accepted false alarms per hour of background.
+        """
+        return self
 
     def evidence(self, signals: np.ndarray) -> np.ndarray:
         """What the signals of each tick and those before it say [ticks, ...]."""
@@ -145,7 +156,13 @@ def signs_of(rules: Rules, evidence: np.ndarray) -> np.ndarray:
     return np.array([rules.step(each) for each in evidence], dtype=np.float64).reshape(-1, 3)
 
 
-def sweep(detectors: list[Detector], recordings: Recordings, evidence: list[np.ndarray], count: int) -> pd.DataFrame:
+def sweep(
+    detectors: Sequence[Detector],
+    recordings: Recordings,
+    evidence: list[np.ndarray],
+    count: int,
+    levels: Sequence[float] | np.ndarray,
+) -> pd.DataFrame:
     """Count what each level gives on recordings.
 
     Args:
@@ -153,6 +170,7 @@ def sweep(detectors: list[Detector], recordings: Recordings, evidence: list[np.n
         recordings: recordings with their events.
         evidence: evidence of each recording.
         count: frames of a tick.
+        levels: thresholds.
 
     Returns:
         Columns ``level``, ``alarms``, ``hours`` (of background), ``found`` (share), ``hits`` and ``reports``
@@ -161,7 +179,7 @@ def sweep(detectors: list[Detector], recordings: Recordings, evidence: list[np.n
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
     rows = []
-    for level in detectors[0].levels:
+    for level in levels:
         reported = []
         for i, series in enumerate(evidence):
             at = np.flatnonzero(signs_of(detectors[i].rules(float(level)), series)[:, 2])
@@ -209,11 +227,14 @@ def learned(
         fitted = copy(detector).fit([signals[i] for i in train], ticks[train])
         for i in judged:
             detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
-    settings = sweep(detectors, recordings, evidence, count)
+    settings = sweep(detectors, recordings, evidence, count, detector.levels)
     level = float(settings["level"][worth(settings, false_alarms).idxmax()])
     names = learned_names(make_system, recordings)
     points = points_of(settings.rename(columns={"level": "threshold"}), level, rising=False)
-    return TickWatcher(system, names, copy(detector).fit(signals, ticks), level, count, points=points), settings
+    fitted = copy(detector).fit(signals, ticks)
+    seen = Recordings(corpus, recordings.events, recordings.doubtful)
+    hardened = fitted.hardened(detectors, seen, level, false_alarms)
+    return TickWatcher(system, names, hardened, level, count, points=points), settings
 
 
 def left_out(recordings: Recordings) -> np.ndarray:
@@ -329,8 +350,9 @@ class TickWatcher:
 
     def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
         """Touches found, false alarms and reports of all levels, by their place relative to the learned one."""
-        settings = sweep([self.detector] * len(evidence), recordings, evidence, self.count)
-        learned = int(np.abs(self.detector.levels - self.level).argmin())
+        levels = self.detector.levels
+        settings = sweep([self.detector] * len(evidence), recordings, evidence, self.count, levels)
+        learned = int(np.abs(levels - self.level).argmin())
         return settings[["hits", "alarms", "reports"]].assign(offset=np.arange(len(settings)) - float(learned))
 
     def probability(self, evidence: np.ndarray, rate_hz: float) -> pd.DataFrame:

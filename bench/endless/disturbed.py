@@ -1,0 +1,51 @@
+"""Recordings as a sensor with noise or vibration shows them, from which a detector learns to find touches in these.
+
+A kind of disturbance is a function of a recording, float32 shares of full scale [frames, rows, cols], its rate in Hz
+and a random generator. Amounts differ from recording to recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from bench.corpora.corpus import Corpus
+from bench.corpora.faults import as_readings, as_shares, seeded
+
+AMOUNT = (0.005, 0.015)  # of full scale, from slight to more than the 1 % that a detector must bear
+SHAKING_HZ = (1.0, 10.0)  # from a step to a motor
+
+
+def noisy(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+    """White noise on every reading."""
+    return shares + _between(AMOUNT, rng) * rng.standard_normal(shares.shape, dtype=np.float32)
+
+
+def shaken(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+    """All taxels swing together, at a frequency of this recording."""
+    turns = _between(SHAKING_HZ, rng) * np.arange(len(shares)) / rate_hz + rng.random()
+    return shares + _between(AMOUNT, rng) * np.sin(2 * np.pi * turns).astype(np.float32)[:, None, None]
+
+
+Kind = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
+KINDS: tuple[Kind, ...] = (shaken, noisy)
+
+
+def disturbed(corpus: Corpus, kind: Kind) -> Corpus:
+    """Recordings as a disturbed sensor shows them; the same random numbers at each call.
+
+    Args:
+        corpus: recordings, after the steps that are done frame by frame.
+        kind: one of `KINDS`.
+    """
+    streams = []
+    for i in range(len(corpus)):
+        shares = kind(as_shares(corpus, np.array([i]))[0], corpus.rate_hz, seeded(f"{kind.__name__} in recording {i}"))
+        streams.append(as_readings(corpus, shares))
+    return Corpus.from_captures(streams, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale)
+
+
+def _between(bounds: tuple[float, float], rng: np.random.Generator) -> np.float32:
+    """A number whose logarithm is drawn evenly."""
+    return np.float32(np.exp(rng.uniform(*np.log(bounds))))
