@@ -140,7 +140,7 @@ static int deciding(touch_watch_t *w, const float *found)
         if (gauges[kinds[m - 1]] > look_limits[kinds[m - 1]])
             model = m;
 #endif
-    (void)found;
+    (void)w, (void)found;
     return model;
 }
 
