@@ -16,7 +16,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, stored_value, verify
 from bench.corpora.read.cost import write
 from bench.corpora.read.limits import briefly
-from bench.corpora.recordings import Recordings, as_touches, is_recorded
+from bench.corpora.recordings import Recordings, as_touches, is_recorded, parts_of
 from bench.corpora.streams import PRESSURES, StreamSurvey, survey_recordings
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError, nearest
@@ -25,7 +25,7 @@ from bench.outcomes.runs import NothingTracked, grouped, stored
 from bench.outcomes.same_wrong import agreements
 from bench.outcomes.store import connect, exists
 from bench.plan.cells import corpus_variants
-from bench.plan.plan import captures_of, parts_of
+from bench.plan.plan import captures_of
 from bench.scratch import home
 from bench.table import Table, rows_of
 from bench.words import DEFAULTS, SMALL

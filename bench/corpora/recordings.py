@@ -251,3 +251,13 @@ def recorded(captures: Corpus) -> Recordings:
 def is_recorded(captures: Corpus) -> bool:
     """Return True for captures that `captures_in` has cut from recordings."""
     return bool(captures.info.get(RECORDED))
+
+
+def parts_of(whole: Recordings, where: str) -> Corpus:
+    """All events, doubtful stretches and gaps of the recordings that satisfy a condition, as captures.
+
+    Raises:
+        InputError: they cannot be chosen.
+    """
+    captures = captures_in(whole)
+    return captures[whole.chosen(where)[captures.captures["recording"]]] if where else captures

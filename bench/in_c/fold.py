@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from bench.corpora.recordings import certain, is_recorded, recorded
+from bench.corpora.library import recordings
+from bench.corpora.recordings import certain, is_recorded, parts_of, recorded
 from bench.errors import InputError
 from bench.in_c.measure import compiled, lacking, measured, measured_watching
 from bench.in_c.tables import check
 from bench.in_c.write import files_of
 from bench.outcomes import scores
 from bench.outcomes.results import FoldResult
-from bench.plan.plan import corpus_of
 from bench.registry import parts
 from bench.work.fitted import Fitted
 from bench.work.fold import computing
@@ -101,7 +101,7 @@ def _watching(at: Fitted, recogniser: Recogniser, bits: int, detector: str) -> d
     """
     train, recording = at.train, None
     if is_recorded(at.corpus):
-        every = corpus_of(at.cell.of_recordings())
+        every = parts_of(recordings(at.cell.data, at.cell.data_parameters), at.cell.where)
         tested = np.isin(every.subjects, at.corpus.subjects[at.fold.test])
         train, whole = certain(every[~tested]), recorded(every[tested]).corpus
         recording = whole[0][: round(WATCHED_S * whole.rate_hz)]

@@ -16,7 +16,7 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import open_corpus, recordings
-from bench.corpora.recordings import DOUBT, Recordings, captures_in
+from bench.corpora.recordings import DOUBT, parts_of
 from bench.corpora.stretches import positions_of, stretches_of
 from bench.errors import InputError
 from bench.plan import splits
@@ -206,16 +206,6 @@ def corpus_of(cell: Cell) -> Corpus:
         where = f" where={quoted(cell.where)}" if cell.where else ""
         raise InputError(f"data={cell.data}{where}: only one {corpus.target} is left; choose captures of two or more")
     return corpus
-
-
-def parts_of(whole: Recordings, where: str) -> Corpus:
-    """All events, doubtful stretches and gaps of the recordings that satisfy a condition, as captures.
-
-    Raises:
-        InputError: they cannot be chosen.
-    """
-    captures = captures_in(whole)
-    return captures[whole.chosen(where)[captures.captures["recording"]]] if where else captures
 
 
 def captures_of(data: str, parameters: dict[str, object], where: str, target: str) -> Corpus:
