@@ -112,6 +112,12 @@ def growth() -> None:
     measured("repair of 168 captures, side:", [8, 32], repair)
 
 
+def enter(folder: str) -> None:
+    """Work in a folder, with a store of its own: MLflow sets the address of the last one for the whole process."""
+    os.chdir(folder)
+    os.environ.pop("MLFLOW_TRACKING_URI", None)
+
+
 def spent(*words: str) -> tuple[float, float]:
     """Processor and wall seconds of Python with some words in a new process, which must go well."""
     paths = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
@@ -140,7 +146,7 @@ def runs() -> None:
     before: dict[str, tuple[int, float]] = {}
     for size in RUNS:
         with tempfile.TemporaryDirectory() as folder:
-            os.chdir(folder)
+            enter(folder)
             fill(size)
             spent(*shown["a stored run again"])
             for name, words in shown.items():
@@ -169,7 +175,7 @@ def commands() -> None:
             "        plan.cell.estimator().fit(train, y[fold.train]).predict(test)\n"
         )
         with tempfile.TemporaryDirectory() as folder:
-            os.chdir(folder)
+            enter(folder)
             spent("-c", script)  # which makes the captures
             sides = [spent("-c", script), spent(*bench(f"run {words}"))]
             os.chdir("/")
@@ -246,7 +252,7 @@ def folds(captures: int, cluster: str) -> None:
 
     one = {"model": "bayes", "features": "jung28", "data.subjects": str(EACH), "data.repetitions": "1"}
     with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)
+        enter(folder)
         (plan,) = planned(cells(one), 2)
         todo = [(plan, Known(number, captures)) for number in range(FOLDS // EACH)]
         for owner, names in (
