@@ -78,6 +78,8 @@ def growth() -> None:
         return cells({"data.subjects": str(people), "data.repetitions": "6", **more})
 
     def plans(people: int, count: int) -> Callable[[], object]:
+        planned(cells_of(people, **GRID)[:1], 1)  # which makes the captures
+
         def work() -> list:
             every = planned(cells_of(people, **GRID)[:count], 1)
             return [(plan, plan.facts, plan.label, plan.identity()) for plan in every]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
 import warnings
 from copy import copy
@@ -82,8 +83,8 @@ class Plan:
         Positions in the corpus, one pair for each tested capture.
         """
         calibrations = [pair for fold in self.folds if fold.known for draw in fold.known.draws for pair in draw]
-        sides = [*((fold.train, fold.test) for fold in self.folds), *calibrations]
-        return seen_before(repeated(self.corpus), sides, len(self.corpus))
+        sides = ((fold.train, fold.test) for fold in self.folds)  # one after the other: together they are 10 MB
+        return seen_before(repeated(self.corpus), itertools.chain(sides, calibrations), len(self.corpus))
 
     @cached_property
     def label(self) -> str:
