@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.faults import as_readings, as_shares, seeded
+from bench.corpora.faults import as_readings, as_shares, noise, seeded
 
 AMOUNT = (0.005, 0.015)  # of full scale, from slight to more than the 1 % that a detector must bear
 SHAKING_HZ = (1.0, 10.0)  # from a step to a motor
@@ -19,7 +19,7 @@ SHAKING_HZ = (1.0, 10.0)  # from a step to a motor
 
 def noisy(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
     """White noise on every reading."""
-    return shares + _between(AMOUNT, rng) * rng.standard_normal(shares.shape, dtype=np.float32)
+    return noise(shares, 100 * float(_between(AMOUNT, rng)), rng)
 
 
 def shaken(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:

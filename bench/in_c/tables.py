@@ -112,7 +112,9 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
         watch = watcher.in_c(recogniser.classes, recogniser.rate_hz)
         if watch is None:
             finds = watcher.chosen["detector"]
-            raise InputError(f"detector={finds} has no C; use filter or frames in bench fit detector=, or watch=no")
+            raise InputError(
+                f"detector={finds} has no C; use filter, frames or threshold in bench fit detector=, or watch=no"
+            )
         defines |= _watching(watch, recogniser, sizes, 0 if any(map(is_fraction, steps)) else recogniser.step)
         points = watcher.points or ((watch.level, np.nan, np.nan),)
         arrays |= watch.arrays | {"levels": np.array([level for level, _, _ in points], np.float32)}

@@ -277,7 +277,7 @@ class Store:
         """A run as a whole, with the files of a folder; the address of its artifacts.
 
         In MLflow's SQLite file it is one transaction after its files, so that a kill leaves no half of it; MLflow takes
-        six and ten times as long. It does it where it has no such file, or the file or a value is an unusual one.
+        six, and four times as long. MLflow does it where there is no such file, or where the file or a name is unusual.
         """
         tags = tags | {"mlflow.runName": name, "touchbench.format": FORMAT}
         texts = {key: str(value) for key, value in (params or {}).items()}

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from bench.work.replay import Stopping
 
 CLOSE = 1e-3  # of a step, as single precision has readings
+MOST_VALUES = 1 << 16  # of readings that are multiples of a step: what C can sum up in 32 bits
 FORMAT = "2"  # version of saved models; others are refused
 
 PACKAGES = ("features", "models", "protocols")  # of the code that goes with a model, and that of bench itself
@@ -87,7 +88,7 @@ class Recogniser(PythonModel):
         self.full_scale = float(corpus.full_scale)
         self.longest = int(corpus.lengths.max())
         self.synthetic = corpus.synthetic
-        self.step = step_of(storage(corpus)[0])
+        self.step = step_of(corpus)
 
     @property
     def channels(self) -> list[str]:
@@ -205,15 +206,15 @@ class Recogniser(PythonModel):
         }
 
 
-def step_of(readings: np.ndarray) -> float:
-    """The number that all readings are multiples of, such as 1; 0 if there is none.
-
-    Args:
-        readings: values from 0, of any shape.
-    """
-    if readings.dtype.kind in "iu":
+def step_of(corpus: Corpus) -> float:
+    """The number that all readings of some captures are multiples of, such as 1; 0 if there is none."""
+    if storage(corpus)[0].dtype.kind in "iu":
         return 1.0
-    values = np.unique(readings).astype(np.float64)
+    values = np.zeros(0)
+    for frames in corpus:  # those of other captures, which may be tested, lie beside them
+        values = np.union1d(values, frames).astype(np.float64)
+        if len(values) > MOST_VALUES:
+            return 0.0
     step = float(np.diff(values, prepend=0.0)[values > 0].min(initial=np.inf))
     whole = values / step
     return step if np.abs(whole - whole.round()).max(initial=0) < CLOSE and step < np.inf else 0.0

@@ -54,7 +54,7 @@ def test_a_detector_without_c_is_not_exported_and_none_is_asked_for_in_vain(tmp_
     assert main(["fit", *words, "detector=my.py:Mine"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "next: bench predict rec new.csv"
     assert main(["export", "rec", "out=rec_c"]) == 2
-    assert "detector=mine has no C; use filter or frames" in capsys.readouterr().err
+    assert "detector=mine has no C; use filter, frames or threshold" in capsys.readouterr().err
     for unused in ("detector=frames", "detector.wait=1", "false_alarms=3"):
         assert main(["fit", *words, "watch=no", unused]) == 2
         (line,) = capsys.readouterr().err.splitlines()

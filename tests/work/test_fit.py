@@ -14,13 +14,14 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
+from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
 from bench.in_c.write import files_of
 from bench.plan.cells import cells
 from bench.work.fit import fit
 from bench.work.replay import STATE, Calibration, Replay, Stopping, Waiting, learned
-from bench.work.saved import Recogniser, load, quiet, requirements
+from bench.work.saved import Recogniser, load, quiet, requirements, step_of
 from tests.conftest import random_corpus, runs
 from tests.work.fakes import Level
 from tests.work.test_circumstances import CORPUS, TEST, TRAIN, Shy
@@ -112,6 +113,16 @@ def test_a_saved_system_decides_as_the_estimator_as_surely_as_it_may(shipped, mo
     run = shipped.run
     assert {"fit_seconds", "fit_cpu_seconds", "predict_ms_p50", "predict_ms_p99", "parameters"} <= set(run.data.metrics)
     assert run.data.tags["system"] == shipped.cell.system() and run.data.params["captures"] == str(len(corpus))
+
+
+def test_the_step_of_readings_is_that_of_the_training_captures_alone():
+    rng = np.random.default_rng(0)
+    streams = [1.5 * rng.integers(0, 9, (5, 2, 3)), 1.5 * rng.integers(0, 9, (4, 2, 3)), rng.random((6, 2, 3))]
+    captures = pd.DataFrame({"subject": ["1", "2", "3"], "gesture": "pat"})
+    corpus = Corpus.from_captures([s.astype(np.float32) for s in streams], captures, 7.0, full_scale=255.0)
+    assert step_of(corpus[:2]) == 1.5 and step_of(corpus) == 0.0
+    whole = Corpus.from_captures([s.astype(np.int16) for s in streams], captures, 7.0, full_scale=255.0)
+    assert step_of(whole) == 1.0
 
 
 def test_what_cannot_be_fitted_or_loaded_is_refused(shipped, capsys):

@@ -305,7 +305,7 @@ class Frames(Detector):
     def evidence(self, signals: np.ndarray) -> np.ndarray:
         """Log-odds of touch, and of its beginning, as if all classes were equally frequent [ticks, 2].
 
-        Those of a tick in which the sensor is disturbed come from the classifier for that, of both for noise.
+        Where the sensor is disturbed, they are those of the classifier for that disturbance. Noise goes first.
         """
         odds = self._log_odds(signals)
         if not self.disturbed_:

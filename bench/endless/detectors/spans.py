@@ -26,8 +26,8 @@ class Span:
     Attributes:
         reported: time of the report.
         end: time of the end, or of the last tick so far.
-        named: beginning and end of the frames that it is named from, at the report and as it grows; those of a long
-            touch lie in parts of it that follow one another.
+        named: beginning and end of the frames that it is named from, at the report and as it grows. A long touch has
+            parts that follow one another, and each name comes from one of them.
         last: the same for its name at the end, if it ends before it is named again; None if that is the last of
             ``named``.
     """
