@@ -5,6 +5,7 @@ Everything is causal and has a fixed memory, so that `bench export` can write th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -16,7 +17,7 @@ from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.features.base import labels as row_labels
 from bench.features.touch import TouchFeatures
-from bench.models.classic.lda import Discriminants
+from bench.models.classic.lda import Discriminants, Summed
 
 BACKGROUND = ""  # class of background
 BROKEN = " "  # first letter of the class of each kind of broken sensor; sorts before all gestures
@@ -80,6 +81,35 @@ def window_of(system: contract.System, rate_hz: float) -> int:
     return contract.window(system, rate_hz) or max(1, round(NAME_S * rate_hz))
 
 
+@dataclass(frozen=True)
+class Taught:
+    """What the windows of one recording teach a detector.
+
+    Attributes:
+        sums: statistics of all its windows.
+        real: features of those that no broken sensor shows [windows, n_features].
+    """
+
+    sums: Summed
+    real: np.ndarray
+
+    @classmethod
+    def of(cls, table: np.ndarray, labels: np.ndarray, events: np.ndarray) -> Taught:
+        """Count windows.
+
+        Args:
+            table: features [windows, n_features], float32.
+            labels: str [windows]: gesture, `BACKGROUND`, or `BROKEN` followed by the kind of a broken sensor.
+            events: number of the event, or the gap between events, that each window lies in.
+        """
+        rows = pd.DataFrame(table, index=row_labels(events, np.zeros(len(events), np.int64)))
+        return cls(_discriminants().summed(rows, labels), table[~np.char.startswith(labels, BROKEN)])
+
+
+def _discriminants() -> Discriminants:
+    return Discriminants(windows=REPEATED)
+
+
 @dataclass(eq=False)
 class Detector:
     """Linear discriminants on `bench.features.touch` that tell touch from background, whatever the gesture.
@@ -99,19 +129,11 @@ class Detector:
 
     detect: int
 
-    def fit(self, table: np.ndarray, labels: np.ndarray, events: np.ndarray) -> Detector:
-        """Learn from windows.
-
-        Args:
-            table: features [windows, n_features], float32.
-            labels: str [windows]: gesture, `BACKGROUND`, or `BROKEN` followed by the kind of a broken sensor.
-            events: number of the event, or the gap between events, that each window lies in.
-        """
-        rows = pd.DataFrame(table, index=row_labels(events, np.zeros(len(events), np.int64)))
-        self.classifier_ = Discriminants(windows=REPEATED).fit(rows, labels)
-        real = ~np.char.startswith(labels, BROKEN)
+    def fit(self, parts: Sequence[Taught]) -> Detector:
+        """Learn from the windows of some recordings, all at once."""
+        self.classifier_ = _discriminants().fit_summed([part.sums for part in parts])
         self.quiet_ = sum(name == BACKGROUND or name.startswith(BROKEN) for name in self.classifier_.classes_)
-        self.limit_ = MARGIN * float(self.unusual(table[real]).max())
+        self.limit_ = MARGIN * max(float(self.unusual(part.real).max(initial=0)) for part in parts)
         return self
 
     def log_odds(self, table: np.ndarray, still: np.ndarray) -> np.ndarray:

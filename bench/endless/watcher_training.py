@@ -12,7 +12,7 @@ from bench.corpora.corpus import Corpus, storage
 from bench.corpora.recordings import Recordings
 from bench.corpora.steps import Scale
 from bench.endless.broken import FEELING, KINDS, broken
-from bench.endless.detector import BACKGROUND, BROKEN, Clock, Detector, cut, windows_of
+from bench.endless.detector import BACKGROUND, BROKEN, Clock, Detector, Taught, cut, windows_of
 from bench.endless.detectors.base import Watches
 from bench.endless.points import frontier, points_of
 from bench.endless.watcher import Watcher, bias_table
@@ -55,18 +55,16 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
     clock = Clock.of(system, corpus.rate_hz)
     seen = [windows_of(corpus[[i]], clock) for i in range(len(corpus))]
     whole = storage(recordings.corpus)[0].dtype.kind in "iu" and not any(isinstance(step, Scale) for step in steps)
-    tables = [
-        joined(
-            [
-                training_windows(recordings[i], table, clock),
-                *broken_windows(recordings[i], corpus[[i]], clock, whole),
-            ]
-        )
-        for i, (table, _) in enumerate(seen)
-    ]
+    people = recordings.subjects.astype(str)
+    windows: dict[str, list[Windowed]] = {person: [] for person in people}
+    for i, person in enumerate(people):
+        windows[person].append(training_windows(recordings[i], seen[i][0], clock))
+        windows[person] += broken_windows(recordings[i], corpus[[i]], clock, whole)
+    both = {person: joined(parts) for person, parts in windows.items()}
+    taught = {person: Taught.of(*parts) for person, parts in both.items() if len(parts[0])}
     odds: list[np.ndarray] = [np.zeros(0)] * len(seen)
-    for train, judged in inner_folds(recordings.subjects.astype(str), "loso"):
-        detector = _fitted([tables[i] for i in train], clock)
+    for train, judged in inner_folds(people, "loso"):
+        detector = Detector(clock.detect).fit([part for person, part in taught.items() if person in people[train]])
         for i in judged:
             odds[i] = detector.log_odds(*seen[i])
     settings = bias_table(recordings, odds, clock)
@@ -75,7 +73,7 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
     chosen = best(short, false_alarms)
     gestures = set(recordings.events["gesture"])
     background = tuple(sorted(set(np.asarray(system.classes_).astype(str)) - gestures))
-    detector = _fitted(tables, clock)
+    detector = Detector(clock.detect).fit([*taught.values()])
     strong = float(chosen["strong"])
     watcher = Watcher(system, background, clock, detector, bias, int(chosen["tail"]), strong)
     some = np.union1d(frontier(settings.rename(columns={"bias": "threshold"}))["threshold"], [bias])
@@ -140,11 +138,6 @@ def joined(parts: list[Windowed]) -> Windowed:
     events = [number + first for (_, _, number), first in zip(parts, firsts[:-1], strict=True)]
     table, labels = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
     return table, labels, np.concatenate(events)
-
-
-def _fitted(parts: list[Windowed], clock: Clock) -> Detector:
-    """A detector that is fitted to the windows of some recordings."""
-    return Detector(clock.detect).fit(*joined(parts))
 
 
 def learn_reject(

@@ -20,7 +20,7 @@ from bench.endless.detectors.named import detectors
 from bench.endless.detectors.names import of_all, touches
 from bench.endless.detectors.spans import spans_of
 from bench.endless.detectors.threshold import Threshold, TwoInARow
-from bench.endless.detectors.ticks import left_out, signs_of, worth
+from bench.endless.detectors.ticks import Detector, left_out, signs_of, worth
 from bench.endless.page import watch_section
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
@@ -108,6 +108,20 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     assert not signs_of(Hysteresis(1.0, 1.5, Times(2, 1, 9)), never)[:, 2].any()
     signs = signs_of(TwoInARow(2.0), np.array([[0], [3], [3], [1.5], [3], [0.5], [3], [3]]))
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 7]
+
+
+@given(
+    steps=st.lists(st.tuples(st.floats(-4, 4, width=16), st.sampled_from([-9, -9, -9, 4])), min_size=9, max_size=60),
+    times=st.tuples(*[st.integers(1, 5)] * 3),
+    drop=st.sampled_from([0.5, 2.0]),
+)
+def test_many_levels_at_once_report_what_each_does(steps, times, drop):
+    detector = Frames(drop=drop)
+    detector.times_ = Times(*times)
+    evidence = np.array(steps).cumsum(axis=0) * [1, 0] + np.array(steps) * [0, 1]
+    levels = np.array([-3.0, 0.0, 1.5, 4.0])
+    expected = Detector.reported(detector, evidence, levels)
+    assert [each.tolist() for each in detector.reported(evidence, levels)] == [each.tolist() for each in expected]
 
 
 @given(

@@ -22,7 +22,7 @@ from bench.endless.detector import windows_of
 from bench.endless.detectors import names
 from bench.endless.detectors.frames import Frames
 from bench.endless.detectors.threshold import Threshold
-from bench.endless.detectors.ticks import frames_of_tick, signals_of, ticked
+from bench.endless.detectors.ticks import frames_of_tick, ticked
 from bench.endless.disturbed import KINDS, disturbed
 from bench.endless.watcher import UNKNOWN
 from bench.endless.watcher_training import learned
@@ -216,7 +216,7 @@ def learnt_from(corpus, streams):
     """Signals and ticks of recordings, as `frames` learns from them."""
     detector = Frames()
     ticks = ticked(Recordings(corpus, streams.events), frames_of_tick(detector.tick, corpus.rate_hz))
-    return [signals_of(detector, ticks.corpus[i]) for i in range(len(ticks))], ticks
+    return [detector.signals_of(ticks.corpus[i]) for i in range(len(ticks))], ticks
 
 
 @pytest.mark.parametrize("name", DETECTORS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
@@ -21,7 +20,6 @@ from bench.endless.detectors.ticks import (
     frames_of_tick,
     left_out,
     of_file,
-    signals_of,
     sweep,
     ticked,
     worth,
@@ -48,6 +46,7 @@ MARGIN = 1.5  # how much more disturbed than in training a sensor may be before 
 SLIGHT = 3e-4  # of full scale: a sensor that is disturbed less counts as calm; below the gauge of 0.5 % on HAART
 IMPOSSIBLE = -1e30  # log of the share of a class that training did not have
 GROUPS = "3"  # of training recordings for the threshold of that classifier
+BLOCK = 1000  # ticks at once, which bounds memory
 MANY = 8  # recordings, or subjects, from which on each kind of disturbance is learned from some of them, to save time
 
 
@@ -56,43 +55,57 @@ class Levels:
 
     def __init__(self, up: float, down: float) -> None:
         self.up, self.down = np.float32(up), np.float32(down)
-        self.baseline: np.ndarray | None = None
-        self.before: deque[np.ndarray] = deque(maxlen=3)
+        self.baseline = self.before = np.zeros((0, 0), np.float32)
 
     def step(self, frame: np.ndarray) -> np.ndarray:
-        """Levels (mean, excess, its highest, the same of its change), area, cosines, centroid, what taxels share."""
-        flat = np.asarray(frame, np.float32).ravel()
-        common = np.partition(flat, int(COMMON * len(flat)))[int(COMMON * len(flat))]
-        if len(flat) > 1:
-            flat = np.maximum(flat - common, 0)
-        if self.baseline is None:
-            self.baseline = flat.copy()
-        above = flat - self.baseline
-        self.baseline += np.where(above > 0, self.up, self.down) * above
-        above = np.maximum(above, 0)
-        moved = np.abs(above - self.before[-1]) if self.before else np.zeros_like(above)
-        total, squares = above.sum(), (above * above).sum()
-        area = total * total / squares / len(flat) if squares else 0.0
-        near, far = (self._cosine(above, back) for back in (1, 3))
-        rows, cols = np.divmod(np.arange(len(flat)), frame.shape[1])
-        y, x = ((above * where).sum() / total if total else 0.0 for where in (rows, cols))
-        self.before.append(above)
-        size = max(frame.shape)
-        levels = flat.mean(), above.mean(), _highest(above), moved.mean(), _highest(moved)
-        return np.array([*levels, area, near, far, y / size, x / size, common], np.float32)
+        """The signals of the next frame."""
+        return self.steps(frame[None])[0]
 
-    def _cosine(self, above: np.ndarray, back: int) -> float:
-        if len(self.before) < back:
-            return 1.0
-        old = self.before[-back]
-        length = float(np.sqrt((above @ above) * (old @ old)))
-        return float(above @ old) / length if length else 1.0
+    def steps(self, frames: np.ndarray) -> np.ndarray:
+        """Those of the next frames [ticks, rows, cols], as if they came one by one.
+
+        Levels (mean, excess, its highest, the same two of its change), area, cosines, centroid, what taxels share.
+        """
+        flat = frames.reshape(len(frames), -1).astype(np.float32)
+        size, taxels = max(frames.shape[1:]), flat.shape[1]
+        rank = int(COMMON * taxels)
+        common = np.partition(flat, rank, axis=1)[:, rank]
+        if taxels > 1:
+            flat = np.maximum(flat - common[:, None], 0)
+        if not len(self.before):
+            self.baseline, self.before = flat[0].copy(), np.zeros((3, taxels), np.float32)
+        every = np.concatenate([self.before, np.maximum(self._above(flat), 0)])
+        above, self.before = every[3:], every[-3:].copy()
+        moved = np.abs(above - every[2:-1])
+        total, squares = above.sum(axis=1), (every * every).sum(axis=1)
+        area = _share(total * total, squares[3:], 0) / taxels
+        ago = {k: slice(3 - k, -k) for k in (1, 3)}
+        length = {k: np.sqrt(squares[3:] * squares[past]) for k, past in ago.items()}
+        near, far = (_share((above * every[past]).sum(axis=1), length[k], 1) for k, past in ago.items())
+        rows, cols = np.divmod(np.arange(taxels), frames.shape[2])
+        y, x = (_share((above * where).sum(axis=1), total, 0) / size for where in (rows, cols))
+        mean, excess, movement = (each.sum(axis=1) / taxels for each in (flat, above, moved))
+        levels = mean, excess, _highest(above), movement, _highest(moved)
+        return np.stack([*levels, area, near, far, y, x, common], axis=1).astype(np.float32)
+
+    def _above(self, flat: np.ndarray) -> np.ndarray:
+        """Frames less the baseline, which follows them."""
+        above = np.empty_like(flat)
+        for tick, now in zip(above, flat, strict=True):
+            np.subtract(now, self.baseline, out=tick)
+            self.baseline += np.where(tick > 0, self.up, self.down) * tick
+        return above
 
 
-def _highest(values: np.ndarray) -> float:
-    """The mean of the highest values."""
-    few = max(1, len(values) // HIGHEST)
-    return float(np.partition(values, len(values) - few)[-few:].mean())
+def _share(part: np.ndarray, whole: np.ndarray, without: float) -> np.ndarray:
+    """The part of each whole [ticks]; another value without a whole."""
+    return np.divide(part, whole, out=np.full_like(part, without), where=whole > 0)
+
+
+def _highest(values: np.ndarray) -> np.ndarray:
+    """The mean of the highest values of each tick [ticks]."""
+    few = max(1, values.shape[1] // HIGHEST)
+    return np.partition(values, values.shape[1] - few, axis=1)[:, -few:].sum(axis=1) / few
 
 
 def features(signals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
@@ -215,6 +228,36 @@ class Hysteresis:
         return Sign(float(expit(odds - self.level)), self.since if report or not self.over else 0, report)
 
 
+def reports_of(evidence: np.ndarray, levels: np.ndarray, drop: float, times: Times) -> list[np.ndarray]:
+    """In which ticks `Hysteresis` reports a touch, for many levels at once.
+
+    Args:
+        evidence: log-odds of touch and of its beginning, of the ticks of one recording [ticks, 2].
+        levels: log-odds.
+        drop: argument of `Hysteresis`.
+        times: argument of `Hysteresis`.
+    """
+    may_begin = _past(maximum_filter1d, evidence[:, 1], AGES - 1) > BEGUN
+    lower, lowest = levels - drop, levels.min()
+    since, held, below, weak = np.zeros((4, len(levels)), np.int64)
+    highest, lasts, due = np.zeros(len(levels)), np.zeros(len(levels), bool), np.zeros(len(levels), bool)
+    reports = np.zeros((len(evidence), len(levels)), bool)
+    for tick, (odds, may) in enumerate(zip(evidence[:, 0].tolist(), may_begin.tolist(), strict=True)):
+        if not (may and odds > lowest) and not lasts.any():
+            continue
+        begins = ~lasts & (odds > levels) if may else np.zeros_like(lasts)
+        since = np.where(lasts, since + 1, 1)
+        highest = np.where(lasts, np.maximum(highest, odds), odds)
+        below = np.where(lasts & (odds < lower), below + 1, 0)
+        held = np.where(below > 0, held, since)
+        weak = np.where(lasts & (odds < FADED * highest), weak + 1, 0)
+        due = lasts & due | begins
+        lasts = lasts & (below < times.hold) & (weak < times.fade) | begins
+        reports[tick] = due & (held >= times.wait)
+        due = due & ~reports[tick]
+    return [np.flatnonzero(each) for each in reports.T]
+
+
 @dataclass
 class Frames(Detector):
     """A logistic classifier of ticks (background, beginning, rest of a touch) and hysteresis with learned times.
@@ -245,6 +288,11 @@ class Frames(Detector):
     def signals(self) -> Levels:
         """Signals of a new stream."""
         return Levels(self.tick / self.up, self.tick / self.down)
+
+    def signals_of(self, ticks: np.ndarray) -> np.ndarray:
+        """Many ticks at once."""
+        signals = self.signals()
+        return np.concatenate([signals.steps(ticks[i : i + BLOCK]) for i in range(0, len(ticks), BLOCK)])
 
     def fit(self, signals: list[np.ndarray], recordings: Recordings) -> Self:
         """Fit the classifier, count the times."""
@@ -284,10 +332,10 @@ class Frames(Detector):
             few = np.sort(part)
             some = recordings[few]
             ticks = ticked(Recordings(disturbed(some.corpus, change), some.events), count)
-            signals = [signals_of(self, ticks.corpus[i]) for i in range(len(ticks))]
+            signals = [self.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
             plain = [others[i] for i in few]
             evidence = [other.evidence(each) for other, each in zip(plain, signals, strict=True)]
-            before = worth(sweep(plain, some, evidence, count, [level]), false_alarms).max()
+            before = worth(sweep(plain, some, evidence, count, np.array([level])), false_alarms).max()
             for train, judged in inner_folds(left_out(some), GROUPS):
                 fitted = replace(self).fit([signals[i] for i in train], ticks[train])
                 for i in judged:
@@ -325,6 +373,10 @@ class Frames(Detector):
     def rules(self, level: float) -> Hysteresis:
         """Rules of a new stream."""
         return Hysteresis(level, self.drop, self.times_)
+
+    def reported(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
+        """All levels at once."""
+        return reports_of(evidence, levels, self.drop, self.times_)
 
     @property
     def soonest(self) -> int:

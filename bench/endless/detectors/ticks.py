@@ -88,6 +88,15 @@ class Detector:
         """Rules of a new stream."""
         raise NotImplementedError
 
+    def signals_of(self, ticks: np.ndarray) -> np.ndarray:
+        """Signals of a recording whose frames are ticks [ticks, signals]."""
+        signals = self.signals()
+        return np.stack([signals.step(frame) for frame in ticks])
+
+    def reported(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
+        """In which ticks of a recording the rules of each level report a touch."""
+        return [np.flatnonzero(signs_of(self.rules(float(level)), evidence)[:, 2]) for level in levels]
+
     @property
     def soonest(self) -> int:
         """Ticks of a touch before its report, at least."""
@@ -145,12 +154,6 @@ def ticked(recordings: Recordings, count: int) -> Recordings:
     return Recordings(ticks, events)
 
 
-def signals_of(detector: Detector, ticks: np.ndarray) -> np.ndarray:
-    """Signals of a recording whose frames are ticks [ticks, signals]."""
-    signals = detector.signals()
-    return np.stack([signals.step(frame) for frame in ticks])
-
-
 def signs_of(rules: Rules, evidence: np.ndarray) -> np.ndarray:
     """The signs of new rules over one recording, float64 [ticks, 3]."""
     return np.array([rules.step(each) for each in evidence], dtype=np.float64).reshape(-1, 3)
@@ -161,7 +164,7 @@ def sweep(
     recordings: Recordings,
     evidence: list[np.ndarray],
     count: int,
-    levels: Sequence[float] | np.ndarray,
+    levels: np.ndarray,
 ) -> pd.DataFrame:
     """Count what each level gives on recordings.
 
@@ -178,13 +181,11 @@ def sweep(
     """
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
+    reported = [one.reported(series, levels) for one, series in zip(detectors, evidence, strict=True)]
     rows = []
-    for level in levels:
-        reported = []
-        for i, series in enumerate(evidence):
-            at = np.flatnonzero(signs_of(detectors[i].rules(float(level)), series)[:, 2])
-            reported.append(pd.DataFrame({"recording": i, "reported": (at + 1) * count}))
-        reports = pd.concat(reported, ignore_index=True).astype(np.int64)
+    for k, level in enumerate(levels):
+        parts = [pd.DataFrame({"recording": i, "reported": (each[k] + 1) * count}) for i, each in enumerate(reported)]
+        reports = pd.concat(parts, ignore_index=True).astype(np.int64)
         touch = touches_of(recordings.events, reports, rate_hz, doubtful=recordings.doubtful)
         hits = len(np.unique(touch[touch >= 0]))
         found = hits / max(len(recordings.events), 1)
@@ -220,7 +221,7 @@ def learned(
     corpus = taken(recordings.corpus, behind(system)[0])[0]
     count = frames_of_tick(detector.tick, corpus.rate_hz)
     ticks = ticked(Recordings(corpus, recordings.events), count)
-    signals = [signals_of(detector, ticks.corpus[i]) for i in range(len(ticks))]
+    signals = [detector.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
     evidence: list[np.ndarray] = [np.zeros(0)] * len(signals)
     detectors = [detector] * len(signals)
     for train, judged in inner_folds(left_out(recordings), FOLDS):
@@ -341,7 +342,7 @@ class TickWatcher:
     def evidence(self, recordings: Corpus) -> list[np.ndarray]:
         """The evidence of each recording, tick by tick."""
         seen = self.prepared(recordings)
-        series = (signals_of(self.detector, means(seen[i], self.count)) for i in range(len(seen)))
+        series = (self.detector.signals_of(means(seen[i], self.count)) for i in range(len(seen)))
         return [self.detector.evidence(each) for each in series]
 
     def refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
