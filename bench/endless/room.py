@@ -1,6 +1,6 @@
 """What endless streams add to touchbench: as entry points ``touchbench.<group>`` of a package would."""
 
-from bench.endless import FORMER
+from bench.endless import DETECTOR
 from bench.options import TRUSTED, Command, Option
 from bench.usual import FALSE_ALARMS
 
@@ -26,7 +26,7 @@ FINDS = Option(
     "detector",
     "fit",
     "text",
-    FORMER,
+    DETECTOR,
     "finds the touches of a stream: {detectors}, or my.py:Mine; detector.NAME= sets a parameter",
 )
 ALARMS = Option(

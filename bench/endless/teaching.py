@@ -11,7 +11,7 @@ from bench import contract
 from bench.amounts import quantity
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import is_recorded
-from bench.endless import FORMER
+from bench.endless import DETECTOR
 from bench.endless.background import further, joined
 from bench.endless.composer import check_background, pieces
 from bench.endless.detectors.base import Watches
@@ -19,7 +19,7 @@ from bench.endless.detectors.named import detectors
 from bench.endless.watch import recordings_of, usual
 from bench.errors import InputError
 from bench.usual import FALSE_ALARMS
-from bench.words import Values
+from bench.words import Values, labelled
 
 
 class Watching:
@@ -36,11 +36,21 @@ class Watching:
     keys: ClassVar[tuple[str, ...]] = ("detector", "false_alarms", "background")
 
     def __init__(self, values: Values) -> None:
-        parts = detectors({"detector": FORMER} | {k: v for k, v in values.items() if k.partition(".")[0] == "detector"})
-        if len(parts) > 1:
+        named = self.detectors(values)
+        if len(named) > 1:
             raise InputError("bench fit saves one detector; give one value of detector= and its parameters")
-        self.part, self.background = parts[0], str(values.get("background") or "")
+        self.part, self.background = detectors(labelled("detector", named[0]))[0], str(values.get("background") or "")
         self.false_alarms = quantity("false_alarms", values.get("false_alarms", FALSE_ALARMS))
+
+    @staticmethod
+    def detectors(values: Values) -> list[str]:
+        """Each detector that typed values name, with its parameters; the usual one where they name none.
+
+        Raises:
+            InputError: an unknown detector or parameter, or a value that it refuses.
+        """
+        of_detector = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
+        return [part.typed() for part in detectors({"detector": DETECTOR} | of_detector)]
 
     @property
     def params(self) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
@@ -14,7 +14,7 @@ from bench.measures import Cost, Measure, over_people, percent, text
 from bench.options import Command
 from bench.registry import parts
 from bench.table import Table
-from bench.words import Values, items
+from bench.words import Values, items, labelled
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,14 +60,15 @@ class InC(Circumstance):
         """A circumstance for each number of bits.
 
         Raises:
-            InputError: there is no such form or number, or a parameter of a detector.
+            InputError: there is no such form, number or detector.
         """
-        if dotted := [key for key in values if key.startswith("detector.")]:
-            raise InputError(f"{dotted[0]}=: bench chip takes a detector without parameters; leave it out")
         for form in items("form", values["form"]):
             if form != C:
                 raise InputError(f"form={form}: give {C}")
-        return super().of(values)
+        of_detector = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
+        made = super().of({key: value for key, value in values.items() if key not in of_detector})
+        named = parts("watchers")[0].detectors(of_detector) if of_detector else [""]
+        return [replace(one, detector=name) for one in made for name in named]
 
     def options(self) -> dict[str, object]:
         """Bits and compilers."""
@@ -77,7 +78,7 @@ class InC(Circumstance):
 
     def changed(self) -> dict[str, str]:
         """The options as typed."""
-        return {"form": C} | super().changed()
+        return {"form": C} | super().changed() | (labelled("detector", self.detector) if self.detector else {})
 
     def identity(self) -> object:
         """Bits, the C that is the same for all systems, and the compilers."""

@@ -18,6 +18,7 @@ from bench.in_c.write import files_of
 from bench.outcomes import scores
 from bench.outcomes.results import FoldResult
 from bench.registry import parts
+from bench.words import labelled
 from bench.work.fitted import Fitted
 from bench.work.fold import computing
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
@@ -59,7 +60,7 @@ def warnings(plan: Plan) -> list[str]:
 
 def _watcher(detector: str) -> Any:
     """What learns to watch with a detector; empty for the usual one of ``bench fit``."""
-    return parts("watchers")[0]({"detector": detector} if detector else {})
+    return parts("watchers")[0](labelled("detector", detector) if detector else {})
 
 
 def fold(at: Fitted, bits: int, detector: str) -> FoldResult:
@@ -95,9 +96,8 @@ def _written(recogniser: Recogniser, bits: int, folder: Path) -> Path:
 def _watching(at: Fitted, recogniser: Recogniser, bits: int, detector: str) -> dict[str, float]:
     """Costs of the system with a watcher; none where the captures cannot teach one.
 
-    Two training subjects with all gestures teach a watcher of the same size in a tenth of the time, except for the
-    learned tail and for gestures that their recordings never have for a whole window. Of recordings, all training
-    subjects teach it, with their background, and it also watches the beginning of one of a test subject.
+    All training subjects teach the watcher, as which detector is taken depends on them. Of recordings, their background
+    does, too, and it also watches the beginning of one of a test subject.
     """
     train, recording = at.train, None
     if is_recorded(at.corpus):
@@ -105,12 +105,8 @@ def _watching(at: Fitted, recogniser: Recogniser, bits: int, detector: str) -> d
         tested = np.isin(every.subjects, at.corpus.subjects[at.fold.test])
         train, whole = certain(every[~tested]), recorded(every[tested]).corpus
         recording = whole[0][: round(WATCHED_S * whole.rate_hz)]
-    subjects = train.subjects.astype(str)
-    names = np.unique(subjects)
-    fewer = (train[np.isin(subjects, names[:count])] for count in range(2, len(names) + 1))
-    few = next((one for one in fewer if recording is None and set(one.gestures) == set(train.gestures)), train)
     try:
-        recogniser.watcher = _watcher(detector).learned(at.cell.estimator, recogniser.estimator, few, train)
+        recogniser.watcher = _watcher(detector).learned(at.cell.estimator, recogniser.estimator, train, train)
     except InputError:
         return {}
     with tempfile.TemporaryDirectory() as name:

@@ -45,6 +45,17 @@ def test_a_saved_model_watches_with_the_detector_that_was_asked_for(tmp_path):
 
 
 @pytest.mark.usefixtures("day")
+def test_the_usual_detector_is_the_best_as_for_bench_watch_and_has_c(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = "data=day model=lda features=touch model.window=0.5 stopping=no out=rec".split()
+    assert main(["fit", *words]) == 0
+    watcher = load("rec").watcher
+    taken = watcher.chosen["detector"]
+    assert taken in ("filter", "frames") and f"detector={taken} finds touches" in capsys.readouterr().out
+    assert main(["export", "rec", "out=in_c"]) == 0
+
+
+@pytest.mark.usefixtures("day")
 def test_a_detector_without_c_is_not_exported_and_none_is_asked_for_in_vain(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my.py").write_text(

@@ -11,6 +11,7 @@ import pytest
 from bench.cli import main
 from bench.commands.printing import runs_table
 from bench.endless.broken import KINDS
+from bench.errors import InputError
 from bench.in_c import fold as onchip
 from bench.in_c import measure as compiled
 from bench.in_c import network
@@ -92,6 +93,15 @@ def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, ca
     most = 13 + 1 + len(KINDS)  # gestures, background, broken sensors; a gesture may be shorter than a window
     assert most - 2 <= measured.data.metrics["chip_watch_defined"] <= most
     assert not any(name in run.data.metrics for run in unmeasured for name in WATCHED)
+
+
+def test_detectors_are_named_with_their_parameters():
+    each = InC.of({"form": "c", "bits": "8", "detector": "frames", "detector.wait": "0.5,0.7"})
+    assert [(one.bits, one.detector) for one in each] == [("8", "frames[wait=0.5]"), ("8", "frames")]
+    assert each[0].changed() == {"form": "c", "bits": "8", "detector": "frames", "detector.wait": "0.5"}
+    assert InC.of({"form": "c"})[0].detector == ""
+    with pytest.raises(InputError, match="wiat"):
+        InC.of({"form": "c", "detector": "frames", "detector.wiat": "0.5"})
 
 
 def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):
