@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -110,13 +110,26 @@ def _discriminants() -> Discriminants:
     return Discriminants(windows=REPEATED)
 
 
+class Decisions(NamedTuple):
+    """What a detector makes of windows.
+
+    Attributes:
+        odds: log-odds of touch, `REFUSED` for a window that is no touch whatever it shows, float32 [windows].
+        refused: True for these, and where a broken sensor is more probable than anything else, bool [windows].
+    """
+
+    odds: np.ndarray
+    refused: np.ndarray
+
+
 @dataclass(eq=False)
 class Detector:
     """Linear discriminants on `bench.features.touch` that tell touch from background, whatever the gesture.
 
     Background from broken sensors (`bench.endless.broken`) has one class for each kind. A window is refused, and is no
     touch, if more of its features lie far from training than in any real training window, or if no taxel changes in it:
-    the sensor is tared, saturated or disconnected.
+    the sensor is tared, saturated or disconnected. Noise, vibration and drift look like a broken sensor most of the
+    time, so windows that do count as refused, too, though their log-odds stay.
 
     Args:
         detect: frames of a window.
@@ -124,6 +137,7 @@ class Detector:
     Attributes:
         classifier_: fitted to windows of each gesture and of background.
         quiet_: number of its classes that are no gesture; they are the first. Without any, all is touch.
+        sound_: of these, the number of those that are no broken sensor; they are the first.
         limit_: share of features beyond 3 SDs above which a window is refused.
     """
 
@@ -132,12 +146,13 @@ class Detector:
     def fit(self, parts: Sequence[Taught]) -> Detector:
         """Learn from the windows of some recordings, all at once."""
         self.classifier_ = _discriminants().fit_summed([part.sums for part in parts])
-        self.quiet_ = sum(name == BACKGROUND or name.startswith(BROKEN) for name in self.classifier_.classes_)
+        self.sound_ = sum(name == BACKGROUND for name in self.classifier_.classes_)
+        self.quiet_ = self.sound_ + sum(name.startswith(BROKEN) for name in self.classifier_.classes_)
         self.limit_ = MARGIN * max(float(self.unusual(part.real).max(initial=0)) for part in parts)
         return self
 
-    def log_odds(self, table: np.ndarray, still: np.ndarray) -> np.ndarray:
-        """Log-odds of touch of each window, float32; `REFUSED` for one that is refused.
+    def decisions(self, table: np.ndarray, still: np.ndarray) -> Decisions:
+        """Decide on windows.
 
         Args:
             table: features [windows, n_features], float32.
@@ -146,7 +161,9 @@ class Detector:
         scores = self.classifier_.decision_function(table)
         quiet = logsumexp(scores[:, : self.quiet_], axis=1) if self.quiet_ else -np.inf
         odds = logsumexp(scores[:, self.quiet_ :], axis=1) - quiet
-        return np.where(still | (self.unusual(table) > self.limit_), REFUSED, odds).astype(np.float32)
+        strange, likeliest = still | (self.unusual(table) > self.limit_), scores.argmax(axis=1)
+        broken = (likeliest >= self.sound_) & (likeliest < self.quiet_)
+        return Decisions(np.where(strange, REFUSED, odds).astype(np.float32), strange | broken)
 
     @property
     def numbers(self) -> int:

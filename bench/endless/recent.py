@@ -18,6 +18,23 @@ def saturated(frames: np.ndarray, full_scale: float) -> np.ndarray:
     return np.count_nonzero(frames >= full_scale, axis=(1, 2)) * SATURATED >= frames[0].size
 
 
+def unfelt(recordings: Corpus, refused: list[np.ndarray], first: int, hop: int) -> np.ndarray:
+    """How many frames of each recording are saturated, or are refused by the last decision, int64 [recordings].
+
+    Args:
+        recordings: whole recordings.
+        refused: whether each decision on a recording refuses its frames, bool [decisions].
+        first: frames seen at the first decision.
+        hop: frames from one decision to the next.
+    """
+    counts = []
+    for stream, each in zip(recordings, refused, strict=True):
+        decision = (np.arange(1, len(stream) + 1) - first) // hop
+        silent = (decision >= 0) & np.append(each, False)[np.clip(decision, 0, max(len(each) - 1, 0))]
+        counts.append((silent | saturated(stream, recordings.full_scale)).sum())
+    return np.array(counts, dtype=np.int64)
+
+
 class Recent:
     """The last frames; of those before, the smallest and largest values, from which steps tell what is stuck.
 

@@ -64,7 +64,10 @@ static float log_odds(touch_watch_t *w)
         unusual += !(fabsf(w->now.features[i]) <= UNUSUAL);
     if (unusual > MOST_UNUSUAL)
         return REFUSED;
-    w->is_refused = 0;
+    int likeliest = 0;
+    for (int c = 1; c < DETECTED; c++)
+        likeliest = scores[c] > scores[likeliest] ? c : likeliest;
+    w->is_refused = likeliest >= SOUND && likeliest < QUIET; /* as a broken sensor */
     return log_sum(scores + QUIET, DETECTED - QUIET) - log_sum(scores, QUIET);
 }
 

@@ -27,6 +27,7 @@ from bench.endless.detector import (
     UNUSUAL,
     WEIGHT,
     Clock,
+    Decisions,
     Detector,
     cut,
     seen_windows,
@@ -35,7 +36,7 @@ from bench.endless.detector import (
     windows_of,
 )
 from bench.endless.detectors.base import UNKNOWN, Event, InC, Point
-from bench.endless.recent import Recent, saturated
+from bench.endless.recent import Recent, unfelt
 from bench.features.touch import TouchFeatures
 from bench.models.recipe import behind, taken
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
@@ -264,6 +265,7 @@ class Watcher:
                 "The detector's classes, and how many of its features may lie beyond so many SDs; learned.",
                 {
                     "DETECTED": len(learnt.classifier_.classes_),
+                    "SOUND": learnt.sound_,
                     "QUIET": learnt.quiet_,
                     "UNUSUAL": UNUSUAL,
                     "MOST_UNUSUAL": max(n for n in range(features + 1) if n / features <= learnt.limit_),
@@ -309,7 +311,7 @@ class Watcher:
         """The same with a system that was adapted to a person."""
         return replace(self, system=system)
 
-    def reports(self, recordings: Corpus, evidence: list[np.ndarray] | None = None) -> pd.DataFrame:
+    def reports(self, recordings: Corpus, evidence: list[Decisions] | None = None) -> pd.DataFrame:
         """Events in recordings, each as if its frames came one by one.
 
         Args:
@@ -325,7 +327,7 @@ class Watcher:
         rows: list[tuple] = []
         for i in range(len(seen)):
             recording = seen[[i]]
-            odds = self._odds(recording) if evidence is None else evidence[i]
+            odds = (self._decisions(recording) if evidence is None else evidence[i]).odds
             touch = touched(odds + np.float32(self.bias), self.clock, seen.rate_hz)
             times = self.clock.detect + self.clock.hop * np.arange(len(touch))
             _, wanted = events_of(Rules(self.clock, self.strong), times, touch, odds)
@@ -351,34 +353,28 @@ class Watcher:
         """Recordings without their labels, after the steps that are done frame by frame."""
         return taken(contract.blinded(self.system, recordings), behind(self.system)[0])[0]
 
-    def evidence(self, recordings: Corpus) -> list[np.ndarray]:
-        """The detector's log-odds of touch in each recording, without the bias."""
+    def evidence(self, recordings: Corpus) -> list[Decisions]:
+        """The detector's decisions on each recording, without the bias."""
         seen = self.prepared(recordings)
-        return [self._odds(seen[[i]]) for i in range(len(seen))]
+        return [self._decisions(seen[[i]]) for i in range(len(seen))]
 
-    def refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
+    def refused(self, recordings: Corpus, evidence: list[Decisions]) -> np.ndarray:
         """Frames of each recording that are saturated, or whose last decision refused its window."""
-        counts = []
-        for stream, odds in zip(recordings, evidence, strict=True):
-            decision = (np.arange(1, len(stream) + 1) - self.clock.detect) // self.clock.hop
-            silent = (decision >= 0) & (odds == REFUSED)[np.clip(decision, 0, len(odds) - 1)]
-            counts.append((silent | saturated(stream, recordings.full_scale)).sum())
-        return np.array(counts, dtype=np.int64)
+        return unfelt(recordings, [each.refused for each in evidence], self.clock.detect, self.clock.hop)
 
-    def _odds(self, recording: Corpus) -> np.ndarray:
-        return self.detector.log_odds(*windows_of(recording, self.clock))
+    def _decisions(self, recording: Corpus) -> Decisions:
+        return self.detector.decisions(*windows_of(recording, self.clock))
 
-    def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
+    def sweep(self, recordings: Recordings, evidence: list[Decisions]) -> pd.DataFrame:
         """Touches found, false alarms and reports by offset of the bias."""
-        settings = bias_table(
-            recordings, evidence, self.clock, (OFFSETS + self.bias).astype(np.float32), (self.strong,)
-        )
+        odds, biases = [each.odds for each in evidence], (OFFSETS + self.bias).astype(np.float32)
+        settings = bias_table(recordings, odds, self.clock, biases, (self.strong,))
         hits = (settings["found"] * len(recordings.events)).round()
         return pd.DataFrame({"offset": OFFSETS, "hits": hits, **settings[["alarms", "reports"]]})
 
-    def probability(self, evidence: np.ndarray, rate_hz: float) -> pd.DataFrame:
+    def probability(self, evidence: Decisions, rate_hz: float) -> pd.DataFrame:
         """The probability of touch in one recording."""
-        probability = touched(evidence + np.float32(self.bias), self.clock, rate_hz)
+        probability = touched(evidence.odds + np.float32(self.bias), self.clock, rate_hz)
         times = self.clock.detect + self.clock.hop * np.arange(len(probability))
         return pd.DataFrame({"reported": times, "confidence": probability})
 
@@ -465,8 +461,8 @@ class LiveStream:
             return []
         recording = self.recent.recording(self.watcher.prepared)
         ends = recording.lengths
-        odds = self.watcher.detector.log_odds(*seen_windows(recording, ends, clock.detect))[0]
-        self.is_refused = bool(odds == REFUSED)
+        (odds,), (refused,) = self.watcher.detector.decisions(*seen_windows(recording, ends, clock.detect))
+        self.is_refused = bool(refused)
         self.touch = updated(self.touch, odds + np.float32(self.watcher.bias), clock, rate_hz)
         if self.tracker.step(seen, float(self.touch), float(odds)):
             inner = behind(self.watcher.system)[1]

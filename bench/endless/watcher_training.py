@@ -66,7 +66,7 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
     for train, judged in inner_folds(people, "loso"):
         detector = Detector(clock.detect).fit([part for person, part in taught.items() if person in people[train]])
         for i in judged:
-            odds[i] = detector.log_odds(*seen[i])
+            odds[i] = detector.decisions(*seen[i]).odds
     settings = bias_table(recordings, odds, clock)
     bias = float(best(settings, false_alarms)["bias"])
     short = bias_table(recordings, odds, clock, np.array([bias], np.float32), STRONG)

@@ -15,6 +15,7 @@ import pytest
 
 from bench.corpora import synth, synth_recordings
 from bench.corpora.corpus import Corpus, storage
+from bench.corpora.faults import as_readings, as_shares, noise
 from bench.corpora.recordings import Recordings
 from bench.endless import live
 from bench.endless.composer import composed
@@ -343,6 +344,29 @@ def test_refused_windows_and_saturated_frames_are_counted(tmp_path):
     assert abs(counts[1] / clock.hop - refused.sum()) <= 1  # a share of features at the limit, rounded
     expected = np.where(most[clock.detect - 1 :: clock.hop][: len(each)], 2, refused)
     assert (np.array(each) != expected).sum() <= 1
+
+
+@pytest.mark.parametrize("name", ["lda", "frames"])
+def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and_in_c(name, tmp_path):
+    recogniser, streams = copy(watching(name)), streams_of(name)
+    watcher = recogniser.watcher = copy(recogniser.watcher)
+    if name == "frames":
+        watcher.detector = copy(watcher.detector)
+        watcher.detector.disturbed_ = ()  # no classifier for noise
+    corpus, rng = streams.corpus, np.random.default_rng(0)
+    noisy = [as_readings(corpus, noise(one, 4.0, rng)) for one in as_shares(corpus, np.arange(len(corpus)))]
+    noisy = Corpus.from_captures(noisy, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale)
+    calm, expected = (watcher.refused(one, watcher.evidence(one)) for one in (corpus, noisy))
+    assert calm.sum() < 0.1 * len(corpus.frames) and expected.sum() > 0.6 * len(corpus.frames)
+    watched, counts = Watched(recogniser, tmp_path), (ctypes.c_uint32 * 3)()
+    for i in range(len(noisy)):
+        watched.start()(noisy[i])
+        watched.code.status(counts)
+        assert counts[1] == pytest.approx(expected[i] - counts[2], rel=0.02)
+    live = watcher.stream(noisy.grid, noisy.rate_hz, noisy.full_scale)
+    told = [(live.push(frame.astype(np.float32)), live.status)[1] for frame in noisy[0][:3000]]
+    first = noisy[[0]].changed(lengths=np.array([3000]), digest="", path=None)
+    assert len(told) - told.count("ok") == watcher.refused(first, watcher.evidence(first))[0] > 0
 
 
 def check_silence(watched, recogniser, seconds, frames, seen=0):

@@ -78,8 +78,8 @@ class Stream(Protocol):
     """A watcher on frames that come one by one; memory does not grow.
 
     Attributes:
-        status: ``ok``, ``saturated`` (many taxels are at full scale), or ``refused`` (the detector takes the frames for
-            no touch because they do not change, or are unlike all that it learned from).
+        status: ``ok``, ``saturated`` (many taxels are at full scale), or ``refused`` (the frames do not change, are
+            unlike all that the detector learned from, or look like those of a broken sensor; it may miss touches).
     """
 
     @property

@@ -119,12 +119,11 @@ static float median(const touch_watch_t *w, int kind, int level)
     return (values[(MEDIAN - 1) / 2] + values[MEDIAN / 2]) / 2;
 }
 
-/* Which classifier decides on a tick: the first, or one for vibration or noise where the last ticks show it. */
+/* Which classifier decides on a tick: the first, or one for vibration or noise where the last ticks show it. Refuses
+   a sensor that is more disturbed than all of training. */
 static int deciding(touch_watch_t *w, const float *found)
 {
     int model = 0;
-#if MODELS > 1
-    static const int kinds[] = KIND_OF;
     float sorted[CALM], gauges[2];
     w->calm[0][w->calmed] = w->looked ? fabsf(found[LEVELS + 5] - w->shared) : 0;
     w->calm[1][w->calmed] = found[3];
@@ -136,11 +135,13 @@ static int deciding(touch_watch_t *w, const float *found)
     gauges[1] = w->calm[1][0];
     for (int k = 1; k < CALM; k++)
         gauges[1] = fminf(gauges[1], w->calm[1][k]);
+    w->is_refused = gauges[0] > look_most[0] || gauges[1] > look_most[1];
+#if MODELS > 1
+    static const int kinds[] = KIND_OF;
     for (int m = 1; m < MODELS; m++)
         if (gauges[kinds[m - 1]] > look_limits[kinds[m - 1]])
             model = m;
 #endif
-    (void)w, (void)found;
     return model;
 }
 

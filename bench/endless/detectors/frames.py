@@ -208,8 +208,8 @@ class Hysteresis:
         self.highest, self.reported, self.over = 0.0, False, True
 
     def step(self, evidence: np.ndarray) -> Sign:
-        """Take the log-odds of touch, and of the beginning of one, in a tick."""
-        odds, begins = map(float, evidence)
+        """Take the evidence of a tick."""
+        odds, begins = map(float, evidence[:2])
         self.begun = AGES - 1 if begins > BEGUN else self.begun - 1
         if not self.over:
             self.since += 1
@@ -351,17 +351,23 @@ class Frames(Detector):
         return np.clip((table - self.mean_) / self.sd_, -CLIP, CLIP)
 
     def evidence(self, signals: np.ndarray) -> np.ndarray:
-        """Log-odds of touch, and of its beginning, as if all classes were equally frequent [ticks, 2].
+        """Log-odds of touch, and of its beginning, as if all classes were equally frequent, and `refused` [ticks, 3].
 
         Where the sensor is disturbed, they are those of the classifier for that disturbance. Noise goes first.
         """
-        odds = self._log_odds(signals)
-        if not self.disturbed_:
-            return odds
-        applies = disturbance(signals) > self.limits_
+        odds, gauges = self._log_odds(signals), disturbance(signals)
         for kind, other, shift in self.disturbed_:
-            odds = np.where(applies[:, [kind]], other._log_odds(signals) + [shift, 0], odds)
-        return odds
+            odds = np.where(gauges[:, [kind]] > self.limits_[kind], other._log_odds(signals) + [shift, 0], odds)
+        return np.column_stack([odds, (gauges > self._most).any(axis=1)])
+
+    def refused(self, evidence: np.ndarray) -> np.ndarray:
+        """Whether the sensor is more disturbed than all that any classifier learned from."""
+        return evidence[:, 2] > 0
+
+    @property
+    def _most(self) -> np.ndarray:
+        """How disturbed the sensor may be by each of `KINDS`."""
+        return np.max([self.limits_, *(other.limits_ for _, other, _ in self.disturbed_)], axis=0)
 
     def _log_odds(self, signals: np.ndarray) -> np.ndarray:
         scores = self.model_.decision_function(self._units(features(signals, self.offsets_)))
@@ -433,6 +439,7 @@ class Frames(Detector):
             "weights": np.concatenate([weights.ravel() for weights, _ in learned]),
             "bias": np.concatenate([bias for _, bias in learned]),
             "shift": [0.0, *(shift for _, _, shift in self.disturbed_)],
+            "most": self._most,
             **({"limits": self.limits_} if self.disturbed_ else {}),
         }
         state = (
@@ -442,12 +449,9 @@ class Frames(Detector):
             "int newest, felt, at, looked;  /* places in the rings, ticks in them */",
             "int since, below, weak, begun, held, lasts, is_known;  /* ticks of the touch; whether it was reported */",
             "float highest;  /* log-odds of the touch */",
+            "float calm[2][{CALM}], shared;  /* rings: changes of what taxels share, movement; last tick */",
+            "int calmed;  /* place in these rings */",
         )
-        if self.disturbed_:
-            state += (
-                "float calm[2][{CALM}], shared;  /* rings: changes of what taxels share, movement; last tick */",
-                "int calmed;  /* place in these rings */",
-            )
         return InC(
             of_file(__file__),
             state,
@@ -472,7 +476,7 @@ class Frames(Detector):
     @property
     def numbers(self) -> int:
         """Count of learned numbers."""
-        own = self.model_.coef_.size + 3 + 2 * len(self.mean_) + LEVELS + 3
+        own = self.model_.coef_.size + 3 + 2 * len(self.mean_) + LEVELS + 5
         return own + sum(other.numbers + 2 for _, other, _ in self.disturbed_)
 
 

@@ -172,6 +172,7 @@ static int watched(touch_watch_t *w, const float *frame, touch_event_t *event)
         sign = sensed(w, t->frame);
 #endif
         w->within = 0;
+        w->counts.refused += w->is_refused ? TICK : 0;
     }
     join_signals(t);
 #if TICK > 1

@@ -19,7 +19,7 @@ from bench.endless.detectors.base import UNKNOWN, Event, InC, Point, Rules, Sign
 from bench.endless.detectors.names import LONGEST_S, learned_names, longest_part, of_all, probabilities
 from bench.endless.detectors.spans import GROWTH, Span, Touches, means, spans_of
 from bench.endless.points import points_of
-from bench.endless.recent import Recent, saturated
+from bench.endless.recent import Recent, unfelt
 from bench.errors import InputError
 from bench.few import INTERVAL
 from bench.models.recipe import behind, taken
@@ -83,6 +83,10 @@ class Detector:
     def evidence(self, signals: np.ndarray) -> np.ndarray:
         """What the signals of each tick and those before it say [ticks, ...]."""
         raise NotImplementedError
+
+    def refused(self, evidence: np.ndarray) -> np.ndarray:
+        """Whether the sensor is unlike all that it learned from, bool [ticks]; never unless overridden."""
+        return np.zeros(len(evidence), bool)
 
     def rules(self, level: float) -> Rules:
         """Rules of a new stream."""
@@ -346,8 +350,8 @@ class TickWatcher:
         return [self.detector.evidence(each) for each in series]
 
     def refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
-        """Frames that are saturated; such detectors refuse nothing."""
-        return np.array([saturated(stream, recordings.full_scale).sum() for stream in recordings], dtype=np.int64)
+        """Frames of each recording that are saturated, or whose last tick is unlike all training."""
+        return unfelt(recordings, [self.detector.refused(each) for each in evidence], self.count, self.count)
 
     def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
         """Touches found, false alarms and reports of all levels, by their place relative to the learned one."""
@@ -418,6 +422,7 @@ class TickStream:
         self.ring: deque[np.ndarray] = deque(maxlen=watcher.detector.memory)
         kept = (max(longest, watcher.detector.latest + 1) + 1) * watcher.count
         self.recent = Recent(kept, grid, rate_hz, full_scale)
+        self.is_refused = False
         self._forget()
 
     def _forget(self) -> None:
@@ -428,8 +433,8 @@ class TickStream:
 
     @property
     def status(self) -> str:
-        """As of `bench.endless.detectors.base.Stream`; such detectors refuse nothing."""
-        return "saturated" if self.recent.is_saturated else "ok"
+        """As of `bench.endless.detectors.base.Stream`."""
+        return "saturated" if self.recent.is_saturated else "refused" if self.is_refused else "ok"
 
     def push(self, frame: np.ndarray) -> list[Event]:
         """Take a frame [rows, cols]; the events that it ends, reports or renames, in this order."""
@@ -439,8 +444,9 @@ class TickStream:
         recording = self.recent.recording(self.watcher.prepared)
         tick = means(recording[0][-self.watcher.count :], self.watcher.count)[0]
         self.ring.append(self.signals.step(tick))
-        evidence = self.watcher.detector.evidence(np.stack(self.ring))[-1]
-        sign = self.rules.step(evidence)
+        evidence = self.watcher.detector.evidence(np.stack(self.ring))[-1:]
+        self.is_refused = bool(self.watcher.detector.refused(evidence)[0])
+        sign = self.rules.step(evidence[0])
         ended = self.touches.step(sign)
         news = []
         if ended is not None and self.event is not None:
