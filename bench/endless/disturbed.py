@@ -1,4 +1,4 @@
-"""Recordings as a sensor with noise or vibration shows them, from which a detector learns to find touches in these.
+"""Recordings as a sensor with noise, vibration or drift shows them, to learn from.
 
 A kind of disturbance is a function of a recording, float32 shares of full scale [frames, rows, cols], its rate in Hz
 and a random generator. Amounts differ from recording to recording.
@@ -15,6 +15,7 @@ from bench.corpora.faults import as_readings, as_shares, noise, seeded
 
 AMOUNT = (0.005, 0.015)  # of full scale, from slight to more than the 1 % that a detector must bear
 SHAKING_HZ = (1.0, 10.0)  # from a step to a motor
+FAR, FAR_S = 0.05, 5.0  # of full scale that all taxels drift at most, and seconds from one level to the next
 
 
 def noisy(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -28,8 +29,16 @@ def shaken(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.n
     return shares + _between(AMOUNT, rng) * np.sin(2 * np.pi * turns).astype(np.float32)[:, None, None]
 
 
+def drifting(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+    """All taxels drift together, from one level to the next."""
+    times = np.arange(len(shares)) / (FAR_S * rate_hz)
+    levels = rng.uniform(0, FAR, int(times[-1]) + 2)
+    return shares + np.interp(times, np.arange(len(levels)), levels).astype(np.float32)[:, None, None]
+
+
 Kind = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
-KINDS: tuple[Kind, ...] = (shaken, noisy)
+KINDS: tuple[Kind, ...] = (shaken, noisy)  # that touches are found in
+NAMED: tuple[Kind, ...] = (shaken, noisy, drifting)  # that they are named in
 
 
 def disturbed(corpus: Corpus, kind: Kind) -> Corpus:
@@ -37,7 +46,7 @@ def disturbed(corpus: Corpus, kind: Kind) -> Corpus:
 
     Args:
         corpus: recordings, after the steps that are done frame by frame.
-        kind: one of `KINDS`.
+        kind: one of `NAMED`.
     """
     streams = []
     for i in range(len(corpus)):

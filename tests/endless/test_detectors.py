@@ -1,6 +1,7 @@
 """Detectors that decide tick by tick: nothing looks ahead, times are learned, reports cost, anybody can add one."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -17,7 +18,7 @@ from bench.endless.detectors.best import Best
 from bench.endless.detectors.filter import Filter
 from bench.endless.detectors.frames import CALM, Frames, Hysteresis, Levels, Times, disturbance
 from bench.endless.detectors.named import detectors
-from bench.endless.detectors.names import of_all, touches
+from bench.endless.detectors.names import BEGUN_S, SHIFTS_S, learned_names, of_all, touches
 from bench.endless.detectors.spans import spans_of
 from bench.endless.detectors.threshold import Threshold, TwoInARow
 from bench.endless.detectors.ticks import Detector, left_out, signs_of, worth
@@ -146,6 +147,31 @@ def test_beginnings_are_frames_of_their_touch_and_at_most_its_shift_before(lengt
                 expected.append((f"g{i}", tuple(frames[i][begin : max(until, begin + 1), 0, 0].tolist())))
     got = [(str(made.gestures[k]), tuple(made[k][:, 0, 0].astype(int).tolist())) for k in range(len(made))]
     assert sorted(got) == sorted(expected)
+
+
+def test_names_are_learned_from_touches_as_they_are_and_as_disturbed_sensors_show_them(recordings):
+    class Kept:
+        def fit(self, X, y):
+            self.X, self.y = X, y
+            return self
+
+    made = learned_names(Kept, recordings)
+    plain = touches(recordings, BEGUN_S, SHIFTS_S)
+    assert all(np.array_equal(made.X[k], plain[k]) for k in range(len(plain)))
+    begin = len(plain)
+    for k, shift in enumerate(SHIFTS_S):
+        places = np.flatnonzero(recordings.events["recording"] % 2 == k % 2)
+        chosen = replace(recordings, events=recordings.events.iloc[places])
+        few = touches(chosen, BEGUN_S, (shift,))
+        copies = [made.X[begin + i] for i in range(len(few))]
+        assert [len(one) for one in copies] == few.lengths.tolist()
+        assert made.y[begin : begin + len(few)].tolist() == few.gestures.tolist()
+        apart = [
+            np.abs(one.astype(float) - few[i]).mean() / recordings.corpus.full_scale for i, one in enumerate(copies)
+        ]
+        assert 0.001 < np.mean(apart) < 0.05 and min(apart) > 0
+        begin += len(few)
+    assert begin == len(made.X) == len(made.y)
 
 
 def test_names_come_from_the_frames_up_to_the_last_sure_tick():

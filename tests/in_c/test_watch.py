@@ -115,7 +115,7 @@ def recordings(rate_hz=135.0, whole=False):
 
 
 DETECTORS = {"frames": Frames(), "frames at 8 Hz": Frames(), "threshold": Threshold()}
-IN_STEPS = {"frames at 8 Hz": 8.0, "threshold": 135.0}  # rates of recordings of whole numbers, whose sums C has exactly
+IN_STEPS = {"frames at 8 Hz": 8.0, "threshold": 100.0}  # rates of recordings of whole numbers, whose sums C has exactly
 
 
 def streams_of(name):
@@ -178,7 +178,11 @@ def test_events_are_those_of_python(name, tmp_path):
     for i in range(len(streams)):
         mine = expected[expected["recording"] == i]
         news = watched.start()(streams.corpus[i])
-        check_equal(events_of(news, recogniser.classes), mine, most=WHOLE if name in IN_STEPS else 0.02)
+        events = events_of(news, recogniser.classes)
+        lasting = mine["end"] > len(streams.corpus[i]) - recogniser.rate_hz / 8  # to the last tick
+        assert len(events) == (~lasting).sum() >= len(mine) - 1
+        mine = mine[: len(events)]
+        check_equal(events, mine, most=WHOLE if name in IN_STEPS else 0.02)
         few = events_of(in_8_bits.start()(streams.corpus[i]), recogniser.classes)
         assert len(few) == len(mine) and (np.abs(few["reported"].to_numpy() - mine["reported"]) <= hop).all()
         changes = news[news["news"] == CHANGED]

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.recordings import Recordings
+from bench.endless.disturbed import NAMED, disturbed
 from bench.models.recipe import behind
 
 BEGUN_S = (0.7, 2.0, np.inf)  # of training touches, from their start, that a system learns from
@@ -56,9 +58,33 @@ def longest_part(rate_hz: float, count: int) -> int:
 
 
 def learned_names(make_system: Callable[[], contract.System], recordings: Recordings) -> contract.System:
-    """A system that names touches, fitted to beginnings of touches and to whole ones."""
-    parts = touches(recordings, BEGUN_S, SHIFTS_S)
-    return make_system().fit(parts, parts.gestures)
+    """A system that names touches, fitted to beginnings of touches and to whole ones.
+
+    It also learns from every second recording as each kind of disturbed sensor shows it, with a shift for each kind.
+    """
+    corpus, events = recordings.corpus, recordings.events
+    copies = [corpus, *(disturbed(corpus, kind) for kind in NAMED)]
+    every = corpus.changed(
+        frames=np.concatenate([copy.frames for copy in copies]),
+        lengths=np.tile(corpus.lengths, len(copies)),
+        captures=pd.concat([corpus.captures] * len(copies), ignore_index=True),
+    )
+    parts = []
+    for k, shifts in enumerate([SHIFTS_S, *((shift,) for shift in SHIFTS_S)]):
+        some = events if k == 0 else events[(events["recording"] + k) % 2 == 1]
+        of_copy = some.assign(recording=some["recording"] + k * len(corpus))
+        parts.append(touches(Recordings(every, of_copy), BEGUN_S, shifts))
+    count = sum(map(len, parts))
+    both = every.changed(
+        starts=np.concatenate([storage(part)[1] for part in parts]),
+        lengths=np.concatenate([part.lengths for part in parts]),
+        captures=pd.concat([part.captures for part in parts], ignore_index=True),
+        index=np.arange(count),
+        piece=np.zeros(count, np.int64),
+        digest="",
+        path=None,
+    )
+    return make_system().fit(both, both.gestures)
 
 
 def probabilities(system: contract.System, recording: Corpus, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
