@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.faults import FAULTS, as_readings
 from bench.corpora.recordings import Recordings, captures_in, event_table
 from bench.corpora.synth_recordings import generate
+from bench.endless.detectors import best
 from bench.endless.detectors.best import Best
 from bench.endless.detectors.filter import Filter
 from bench.endless.detectors.frames import CALM, Frames, Hysteresis, Levels, Times, disturbance
@@ -259,9 +261,11 @@ def test_longer_spans_count_more():
 @pytest.mark.parametrize("better", ["filter", "frames"])
 def test_the_better_detector_watches(better, monkeypatch):
     found = {"filter": [0.5, 0.9], "frames": [0.8, 0.3]} if better == "filter" else {"filter": [0.7], "frames": [0.7]}
-    for cls, name in ((Filter, "filter"), (Frames, "frames")):
-        table = pd.DataFrame({"found": found[name], "alarms": 0, "hours": 1.0, "reports": 0})
-        monkeypatch.setattr(cls, "learn", lambda self, *given, name=name, table=table: (name, table))
+    tables = {n: pd.DataFrame({"found": f, "alarms": 0, "hours": 1.0, "reports": 0}) for n, f in found.items()}
+    monkeypatch.setattr(Filter, "learn", lambda *given: ("filter", tables["filter"]))
+    monkeypatch.setattr(best, "tried", lambda *given: SimpleNamespace(settings=tables["frames"]))
+    names = iter(["frames"] if better == "frames" else [])  # learned only by the one that watches
+    monkeypatch.setattr(best, "learned", lambda *given: next(names))
     watcher, table = Best().learn(None, None, None, of_one([9], [(0, 0, 3, "pat")]), 5.0)
     assert watcher == better
     assert table.groupby("detector")["worth"].max().to_dict() == {n: max(shares) for n, shares in found.items()}

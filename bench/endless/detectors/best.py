@@ -13,7 +13,7 @@ from bench.corpora.recordings import Recordings
 from bench.endless.detectors.base import Watches
 from bench.endless.detectors.filter import Filter
 from bench.endless.detectors.frames import Frames
-from bench.endless.detectors.ticks import worth
+from bench.endless.detectors.ticks import learned, tried, worth
 
 
 @dataclass
@@ -33,10 +33,13 @@ class Best:
         false_alarms: float,
     ) -> tuple[Watches, pd.DataFrame]:
         """The better watcher, and the thresholds of both; arguments of `bench.endless.detectors.base.Detects`."""
-        watchers, tables = {}, []
-        for name, detector in (("frames", Frames()), ("filter", Filter())):
-            watchers[name], table = detector.learn(make_system, system, captures, recordings, false_alarms)
+        trial = tried(Frames(), system, recordings)
+        watcher, settings = Filter().learn(make_system, system, captures, recordings, false_alarms)
+        tables = []
+        for name, table in (("frames", trial.settings), ("filter", settings)):
             counted = table.assign(hits=table["found"] * len(recordings.events))
             tables.append(table.assign(detector=name, worth=worth(counted, false_alarms)))
         both = pd.concat(tables, ignore_index=True)
-        return watchers[str(both.loc[both["worth"].idxmax(), "detector"])], both
+        if both.loc[both["worth"].idxmax(), "detector"] == "filter":
+            return watcher, both
+        return learned(Frames(), make_system, system, recordings, false_alarms, trial), both

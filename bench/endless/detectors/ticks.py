@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -138,7 +138,8 @@ class Detector:
         false_alarms: float,
     ) -> tuple[Watches, pd.DataFrame]:
         """As `Detects`: each training subject is left out for the choice of the threshold."""
-        return learned(self, make_system, system, recordings, false_alarms)
+        trial = tried(self, system, recordings)
+        return learned(self, make_system, system, recordings, false_alarms, trial), trial.settings
 
 
 def frames_of_tick(tick: float, rate_hz: float) -> int:
@@ -210,14 +211,26 @@ def worth(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
     return settings["found"] - PRICE * excess - REPEATS * (per_touch - SPARE).clip(lower=0)
 
 
-def learned(
-    detector: Detector,
-    make_system: Callable[[], contract.System],
-    system: contract.System,
-    recordings: Recordings,
-    false_alarms: float,
-) -> tuple[TickWatcher, pd.DataFrame]:
-    """A watcher whose threshold is learned by leaving training recordings out, and the table of thresholds.
+class Trial(NamedTuple):
+    """What the thresholds of a detector give on training recordings that it was not fitted to.
+
+    Attributes:
+        seen: the recordings, after the steps that are done frame by frame.
+        ticks: the same, whose frames are ticks.
+        signals: of each of them.
+        detectors: fitted without each of them.
+        settings: result of `sweep`.
+    """
+
+    seen: Recordings
+    ticks: Recordings
+    signals: list[np.ndarray]
+    detectors: list[Detector]
+    settings: pd.DataFrame
+
+
+def tried(detector: Detector, system: contract.System, recordings: Recordings) -> Trial:
+    """Try all thresholds on training recordings, each left out.
 
     Raises:
         InputError: fewer than two recordings.
@@ -232,14 +245,27 @@ def learned(
         fitted = copy(detector).fit([signals[i] for i in train], ticks[train])
         for i in judged:
             detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
-    settings = sweep(detectors, recordings, evidence, count, detector.levels)
+    seen = Recordings(corpus, recordings.events, recordings.doubtful)
+    return Trial(seen, ticks, signals, detectors, sweep(detectors, recordings, evidence, count, detector.levels))
+
+
+def learned(
+    detector: Detector,
+    make_system: Callable[[], contract.System],
+    system: contract.System,
+    recordings: Recordings,
+    false_alarms: float,
+    trial: Trial,
+) -> TickWatcher:
+    """A watcher with the best of the thresholds that were tried; arguments of `Detects`, and the trial."""
+    settings = trial.settings
     level = float(settings["level"][worth(settings, false_alarms).idxmax()])
     names = learned_names(make_system, recordings)
     points = points_of(settings.rename(columns={"level": "threshold"}), level, rising=False)
-    fitted = copy(detector).fit(signals, ticks)
-    seen = Recordings(corpus, recordings.events, recordings.doubtful)
-    hardened = fitted.hardened(detectors, seen, level, false_alarms)
-    return TickWatcher(system, names, hardened, level, count, points=points), settings
+    fitted = copy(detector).fit(trial.signals, trial.ticks)
+    hardened = fitted.hardened(trial.detectors, trial.seen, level, false_alarms)
+    count = frames_of_tick(detector.tick, trial.seen.corpus.rate_hz)
+    return TickWatcher(system, names, hardened, level, count, points=points)
 
 
 def left_out(recordings: Recordings) -> np.ndarray:
