@@ -18,7 +18,7 @@ from bench.corpora.synth_recordings import generate
 from bench.endless.detectors import best
 from bench.endless.detectors.best import Best
 from bench.endless.detectors.filter import Filter
-from bench.endless.detectors.frames import CALM, Frames, Hysteresis, Levels, Times, disturbance
+from bench.endless.detectors.frames import CALM, Frames, Hysteresis, Levels, Times, disturbance, features
 from bench.endless.detectors.named import detectors
 from bench.endless.detectors.names import BEGUN_S, SHIFTS_S, learned_names, of_all, touches
 from bench.endless.detectors.spans import spans_of
@@ -251,6 +251,20 @@ def test_a_sensor_is_disturbed_as_a_plain_loop_says():
         assert gauge[tick, 0] == sorted(change[k] for k in past)[CALM // 4]
         assert gauge[tick, 1] == min(signals[k, 3] for k in past)
     assert not gauge[: CALM // 4].any() and not gauge[:CALM, 1].any()  # calm at first
+
+
+def test_a_stream_begins_as_that_of_an_idle_sensor():
+    rng = np.random.default_rng(0)
+    signals, idle = rng.random((5, 11)).astype(np.float32), np.arange(1, 6, dtype=np.float32)
+    first, other = signals.copy(), signals.copy()
+    first[0, 1:5] = 0  # no baseline yet, nothing moved
+    other[0, 1:5] = idle[1:]
+    offsets = np.full(5, 0.5)
+    np.testing.assert_array_equal(features(first, offsets, idle), features(other, offsets, idle))
+    before, now = np.log(idle[1] + 0.5), np.log(signals[1, 1] + 0.5)
+    looks = features(first, offsets, idle)[1, 11:22]  # of the second level: itself, less minima, maxima, median
+    expected = [now, *[now - min(before, now)] * 5, *[now - max(before, now)] * 4, now - before]
+    np.testing.assert_allclose(looks, expected, rtol=1e-5)
 
 
 def test_longer_spans_count_more():

@@ -275,7 +275,7 @@ def test_interrupted_touches_are_those_of_python(gap_s, name, tmp_path):
         strict = replace(recogniser.watcher, detector=copy(detector))
         strict.detector.limit_ = detector.limit_ * 0.6
     else:
-        strict = replace(recogniser.watcher, level=recogniser.watcher.level + 4)
+        strict = replace(recogniser.watcher, level=recogniser.watcher.level + 8)
     watchers = recogniser.watcher, strict
     counts = []
     for watcher, place in zip(watchers, ("learned", "strict"), strict=True):

@@ -154,7 +154,8 @@ static void look(touch_watch_t *w, const float *found, float *next)
     w->looked += w->looked < LOOK;
     for (int m = 0; m < MODELS; m++)
         for (int l = 0; l < LEVELS; l++)
-            w->logs[m][w->at][l] = logf(found[l] + look_offsets[m * LEVELS + l]);
+            w->logs[m][w->at][l] =
+                logf((l && w->looked == 1 ? look_idle[m * LEVELS + l] : found[l]) + look_offsets[m * LEVELS + l]);
     for (int l = 0; l < LEVELS; l++) {
         float now = ago(w, 0)[l], least = now, most = now;
         *next++ = now;

@@ -108,14 +108,20 @@ def _highest(values: np.ndarray) -> np.ndarray:
     return np.partition(values, values.shape[1] - few, axis=1)[:, -few:].sum(axis=1) / few
 
 
-def features(signals: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+def features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.ndarray:
     """What the classifier sees of each tick, from the signals of this tick and those before it [ticks, features].
+
+    The first tick of a stream is its own baseline, and nothing has moved yet. So that the next ones are no rise, its
+    levels but for the mean are those of an idle sensor.
 
     Args:
         signals: result of `Levels`, one recording [ticks, signals].
         offsets: added to each level before its logarithm is taken.
+        idle: levels of an idle sensor.
     """
-    logs = np.log(signals[:, :LEVELS] + offsets)
+    levels = signals[:, :LEVELS].copy()
+    levels[0, 1:] = idle[1:]
+    logs = np.log(levels + offsets)
     looks = [logs]
     looks += [logs - _past(minimum_filter1d, logs, back + 1) for back in MINIMA]
     looks += [logs - _past(maximum_filter1d, logs, back + 1) for back in MAXIMA]
@@ -304,7 +310,8 @@ class Frames(Detector):
         if touched.all():
             raise InputError("detector=frames: the training recordings have no background; record some, or use another")
         fitted.offsets_ = OFFSET * np.median(every[touched, :LEVELS], axis=0) + 1e-6
-        table = np.concatenate([features(each, fitted.offsets_) for each in signals])
+        fitted.idle_ = np.median(every[~touched, :LEVELS], axis=0).astype(np.float32)
+        table = np.concatenate([features(each, fitted.offsets_, fitted.idle_) for each in signals])
         classes = np.where(~touched, 0, np.where(age <= AGES, 1, 2))
         weight = np.where(touched, np.sqrt(np.minimum(1, 2 * AGES / np.maximum(length, 1))), 1.0)
         fitted.mean_, fitted.sd_ = table.mean(axis=0), table.std(axis=0) + 1e-6
@@ -370,7 +377,7 @@ class Frames(Detector):
         return np.max([self.limits_, *(other.limits_ for _, other, _ in self.disturbed_)], axis=0)
 
     def _log_odds(self, signals: np.ndarray) -> np.ndarray:
-        scores = self.model_.decision_function(self._units(features(signals, self.offsets_)))
+        scores = self.model_.decision_function(self._units(features(signals, self.offsets_, self.idle_)))
         likely = (np.stack([0 * scores, scores], axis=1) if scores.ndim == 1 else scores) - self.prior_
         touch = np.logaddexp.reduce(likely[:, 1:], axis=1) - likely[:, 0]
         begun = likely[:, 1] - np.logaddexp.reduce(likely[:, [0, *range(2, likely.shape[1])]], axis=1)
@@ -434,6 +441,7 @@ class Frames(Detector):
         )
         arrays = {
             "offsets": np.concatenate([one.offsets_ for one in models]),
+            "idle": np.concatenate([one.idle_ for one in models]),
             "mean": np.concatenate([one.mean_ for one in models]),
             "sd": np.concatenate([one.sd_ for one in models]),
             "weights": np.concatenate([weights.ravel() for weights, _ in learned]),
@@ -476,7 +484,7 @@ class Frames(Detector):
     @property
     def numbers(self) -> int:
         """Count of learned numbers."""
-        own = self.model_.coef_.size + 3 + 2 * len(self.mean_) + LEVELS + 5
+        own = self.model_.coef_.size + 3 + 2 * len(self.mean_) + 2 * LEVELS + 5
         return own + sum(other.numbers + 2 for _, other, _ in self.disturbed_)
 
 
