@@ -83,7 +83,7 @@ def window_of(system: contract.System, rate_hz: float) -> int:
 
 @dataclass(frozen=True)
 class Taught:
-    """What the windows of one recording teach a detector.
+    """What the windows of one subject teach a detector.
 
     Attributes:
         sums: statistics of all its windows.
@@ -115,7 +115,7 @@ class Decisions(NamedTuple):
 
     Attributes:
         odds: log-odds of touch, `REFUSED` for a window that is no touch whatever it shows, float32 [windows].
-        refused: True for these, and where a broken sensor is more probable than anything else, bool [windows].
+        refused: True for such windows, and where a broken sensor is more probable than anything else, bool [windows].
     """
 
     odds: np.ndarray
@@ -137,14 +137,14 @@ class Detector:
     Attributes:
         classifier_: fitted to windows of each gesture and of background.
         quiet_: number of its classes that are no gesture; they are the first. Without any, all is touch.
-        sound_: of these, the number of those that are no broken sensor; they are the first.
+        sound_: number of these that are no broken sensor; they are the first.
         limit_: share of features beyond 3 SDs above which a window is refused.
     """
 
     detect: int
 
     def fit(self, parts: Sequence[Taught]) -> Detector:
-        """Learn from the windows of some recordings, all at once."""
+        """Learn from the windows of some subjects, all at once."""
         self.classifier_ = _discriminants().fit_summed([part.sums for part in parts])
         self.sound_ = sum(name == BACKGROUND for name in self.classifier_.classes_)
         self.quiet_ = self.sound_ + sum(name.startswith(BROKEN) for name in self.classifier_.classes_)

@@ -23,7 +23,7 @@ def unfelt(recordings: Corpus, refused: list[np.ndarray], first: int, hop: int) 
 
     Args:
         recordings: whole recordings.
-        refused: whether each decision on a recording refuses its frames, bool [decisions].
+        refused: True for a decision on a recording that refuses its frames, bool [decisions].
         first: frames seen at the first decision.
         hop: frames from one decision to the next.
     """

@@ -217,7 +217,7 @@ class Trial(NamedTuple):
     Attributes:
         seen: the recordings, after the steps that are done frame by frame.
         ticks: the same, whose frames are ticks.
-        signals: of each of them.
+        signals: result of `Detector.signals_of` for each of them.
         detectors: fitted without each of them.
         settings: result of `sweep`.
     """
