@@ -99,7 +99,7 @@ def compared(values: dict[str, str], bits: int) -> dict[str, object]:
     recordings = recordings_of(corpus, usual(corpus))
     with computing(usable_cores()):
         estimator = cell.estimator().fit(corpus, corpus.gestures)
-        watcher = Watching(of_watcher).learned(cell.estimator, estimator, corpus, corpus)
+        watcher = Watching(of_watcher).learned(cell.estimator, estimator, corpus)
         if bits == 8 and isinstance(watcher, Watcher):
             detector = Pipeline([("classifier", watcher.detector.classifier_)])
             watcher.detector.classifier_ = in_bits(detector, bits).steps[-1][1]

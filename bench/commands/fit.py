@@ -36,8 +36,8 @@ def fit(arguments: list[str]) -> int:
         print(f"{NO_SAVING}: the model classifies whole captures")
     address = quoted(str(out or fitted.uri))
     watcher = fitted.recogniser.watcher
-    if watcher is not None:
-        print(f"detector={watcher.chosen['detector']} finds touches in a stream")
+    if fitted.detector:
+        print(fitted.detector)
     without = watcher is not None and watcher.in_c(fitted.recogniser.classes, fitted.recogniser.rate_hz) is None
     then(f"bench predict {address} new.csv", *([] if without else [f"bench export {address} out=in_c"]))
     return 0

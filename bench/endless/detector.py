@@ -82,7 +82,7 @@ def window_of(system: contract.System, rate_hz: float) -> int:
 
 
 @dataclass(frozen=True)
-class Taught:
+class SubjectSums:
     """What the windows of one subject teach a detector.
 
     Attributes:
@@ -94,7 +94,7 @@ class Taught:
     real: np.ndarray
 
     @classmethod
-    def of(cls, table: np.ndarray, labels: np.ndarray, events: np.ndarray) -> Taught:
+    def of(cls, table: np.ndarray, labels: np.ndarray, events: np.ndarray) -> SubjectSums:
         """Count windows.
 
         Args:
@@ -143,7 +143,7 @@ class Detector:
 
     detect: int
 
-    def fit(self, parts: Sequence[Taught]) -> Detector:
+    def fit(self, parts: Sequence[SubjectSums]) -> Detector:
         """Learn from the windows of some subjects, all at once."""
         self.classifier_ = _discriminants().fit_summed([part.sums for part in parts])
         self.sound_ = sum(name == BACKGROUND for name in self.classifier_.classes_)

@@ -6,7 +6,7 @@ and a random generator. Amounts differ from recording to recording.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -38,21 +38,22 @@ def drifting(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np
 
 Kind = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
 KINDS: tuple[Kind, ...] = (shaken, noisy)  # that touches are found in
-NAMED: tuple[Kind, ...] = (shaken, noisy, drifting)  # that they are named in
+NAMING_KINDS: tuple[Kind, ...] = (shaken, noisy, drifting)  # that they are named in
 
 
-def disturbed(corpus: Corpus, kind: Kind) -> Corpus:
+def disturbed(corpus: Corpus, kind: Kind, some: Sequence[int] | None = None) -> Corpus:
     """Recordings as a disturbed sensor shows them; the same random numbers at each call.
 
     Args:
-        corpus: recordings, after the steps that are done frame by frame.
-        kind: one of `NAMED`.
+        corpus: recordings.
+        kind: one of `NAMING_KINDS`.
+        some: positions of the recordings to disturb; all without.
     """
-    streams = []
-    for i in range(len(corpus)):
+    some, streams = range(len(corpus)) if some is None else some, []
+    for i in some:
         shares = kind(as_shares(corpus, np.array([i]))[0], corpus.rate_hz, seeded(f"{kind.__name__} in recording {i}"))
         streams.append(as_readings(corpus, shares))
-    return Corpus.from_captures(streams, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale)
+    return Corpus.from_captures(streams, corpus.captures.iloc[some], corpus.rate_hz, full_scale=corpus.full_scale)
 
 
 def _between(bounds: tuple[float, float], rng: np.random.Generator) -> np.float32:

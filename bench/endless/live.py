@@ -28,7 +28,7 @@ MOST_BAD = 10  # lines in a row that are no frames: more are another format, or 
 LASTS_S = 5.0  # seconds that a status lasts before it is told
 TOLD = {
     "ok": "frames are as in training again",
-    "refused": "touches may be missed: no taxel changes, or the frames are unlike training or as of a broken sensor",
+    "refused": "touches may be missed: no taxel changes, or frames differ from training or look like a broken sensor",
     "saturated": "a tenth of the taxels or more are at full scale",
 }
 NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")

@@ -18,7 +18,7 @@ def saturated(frames: np.ndarray, full_scale: float) -> np.ndarray:
     return np.count_nonzero(frames >= full_scale, axis=(1, 2)) * SATURATED >= frames[0].size
 
 
-def unfelt(recordings: Corpus, refused: list[np.ndarray], first: int, hop: int) -> np.ndarray:
+def refused_frames(recordings: Corpus, refused: list[np.ndarray], first: int, hop: int) -> np.ndarray:
     """How many frames of each recording are saturated, or are refused by the last decision, int64 [recordings].
 
     Args:

@@ -11,15 +11,15 @@ from bench import contract
 from bench.amounts import quantity
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import is_recorded
-from bench.endless import DETECTOR
 from bench.endless.background import further, joined
 from bench.endless.composer import check_background, pieces
-from bench.endless.detectors.base import Watches
+from bench.endless.detectors.base import Detects, Watches
 from bench.endless.detectors.named import detectors
 from bench.endless.watch import recordings_of, usual
 from bench.errors import InputError
+from bench.plan.cells import Part
 from bench.usual import FALSE_ALARMS
-from bench.words import Values, labelled
+from bench.words import Values
 
 
 class Watching:
@@ -36,21 +36,21 @@ class Watching:
     keys: ClassVar[tuple[str, ...]] = ("detector", "false_alarms", "background")
 
     def __init__(self, values: Values) -> None:
-        named = self.detectors(values)
-        if len(named) > 1:
+        self.part, *more = self.parts(values)
+        if more:
             raise InputError("bench fit saves one detector; give one value of detector= and its parameters")
-        self.part, self.background = detectors(labelled("detector", named[0]))[0], str(values.get("background") or "")
+        self.background = str(values.get("background") or "")
         self.false_alarms = quantity("false_alarms", values.get("false_alarms", FALSE_ALARMS))
 
     @staticmethod
-    def detectors(values: Values) -> list[str]:
-        """Each detector that typed values name, with its parameters; the usual one where they name none.
+    def parts(values: Values) -> list[Part[Detects]]:
+        """The detectors that typed values name, with their parameters; the usual one where they name none.
 
         Raises:
             InputError: an unknown detector or parameter, or a value that it refuses.
         """
         of_detector = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
-        return [part.typed() for part in detectors({"detector": DETECTOR} | of_detector)]
+        return detectors(of_detector)
 
     @property
     def params(self) -> dict[str, str]:
@@ -60,6 +60,12 @@ class Watching:
             "watch.false_alarms": f"{self.false_alarms:g}",
             "watch.background": self.background,
         }
+
+    def sentence(self, watcher: Watches) -> str:
+        """Which detector finds touches, and which one it has taken if it takes one of several."""
+        own, taken = type(self.part.make()).__name__.lower(), watcher.chosen.get("detector")
+        which = f": {taken}, the better one in training" if taken not in (None, own) else ""
+        return f"detector={self.part.typed()} finds touches in a stream{which}"
 
     def check(self, captures: Corpus) -> None:
         """Refuse captures that cannot teach it.
@@ -73,21 +79,18 @@ class Watching:
             return
         check_background(*pieces(captures, usual(captures, self.background)))
 
-    def learned(
-        self, make_system: Callable[[], contract.System], system: contract.System, captures: Corpus, whole: Corpus
-    ) -> Watches:
+    def learned(self, make_system: Callable[[], contract.System], system: contract.System, captures: Corpus) -> Watches:
         """A fitted system that watches.
 
         Args:
             make_system: factory of the system, not fitted.
             system: fitted to the captures.
             captures: captures that teach, of two subjects at least.
-            whole: the captures that tell which background is the usual one.
 
         Raises:
             InputError: they cannot teach it.
         """
-        recordings = recordings_of(captures, usual(whole, self.background))
+        recordings = recordings_of(captures, usual(captures, self.background))
         if self.background and is_recorded(captures):
             recordings = joined(recordings, further(self.background, captures), np.array([], str))
         return self.part.make().learn(make_system, system, captures, recordings, self.false_alarms)[0]

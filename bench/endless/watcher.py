@@ -36,7 +36,7 @@ from bench.endless.detector import (
     windows_of,
 )
 from bench.endless.detectors.base import UNKNOWN, Event, InC, Point
-from bench.endless.recent import Recent, unfelt
+from bench.endless.recent import Recent, refused_frames
 from bench.features.touch import TouchFeatures
 from bench.models.recipe import behind, taken
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
@@ -360,7 +360,7 @@ class Watcher:
 
     def refused(self, recordings: Corpus, evidence: list[Decisions]) -> np.ndarray:
         """Frames of each recording that are saturated, or whose last decision refused its window."""
-        return unfelt(recordings, [each.refused for each in evidence], self.clock.detect, self.clock.hop)
+        return refused_frames(recordings, [each.refused for each in evidence], self.clock.detect, self.clock.hop)
 
     def _decisions(self, recording: Corpus) -> Decisions:
         return self.detector.decisions(*windows_of(recording, self.clock))

@@ -12,7 +12,7 @@ from bench.corpora.corpus import Corpus, storage
 from bench.corpora.recordings import Recordings
 from bench.corpora.steps import Scale
 from bench.endless.broken import FEELING, KINDS, broken
-from bench.endless.detector import BACKGROUND, BROKEN, Clock, Detector, Taught, cut, windows_of
+from bench.endless.detector import BACKGROUND, BROKEN, Clock, Detector, SubjectSums, cut, windows_of
 from bench.endless.detectors.base import Watches
 from bench.endless.points import frontier, points_of
 from bench.endless.watcher import Watcher, bias_table
@@ -61,7 +61,7 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
         windows[person].append(training_windows(recordings[i], seen[i][0], clock))
         windows[person] += broken_windows(recordings[i], corpus[[i]], clock, whole)
     both = {person: joined(parts) for person, parts in windows.items()}
-    taught = {person: Taught.of(*parts) for person, parts in both.items() if len(parts[0])}
+    taught = {person: SubjectSums.of(*parts) for person, parts in both.items() if len(parts[0])}
     odds: list[np.ndarray] = [np.zeros(0)] * len(seen)
     for train, judged in inner_folds(people, "loso"):
         detector = Detector(clock.detect).fit([part for person, part in taught.items() if person in people[train]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from bench.circumstances.base import Circumstance, option
 from bench.errors import InputError
@@ -21,16 +21,18 @@ if TYPE_CHECKING:
 
     from bench.candidate import Candidate, Wish
     from bench.outcomes.results import FoldResult
+    from bench.plan.cells import Part
     from bench.plan.plan import Plan
     from bench.result import Result
     from bench.source import Code
     from bench.work.fitted import Fitted
 
+FORMER = "filter"  # the detector of runs that name none
 C = "c"  # the form, and the table with its probabilities
 WATCHING = (  # columns of the costs of watching an endless stream
     text("system", read=lambda r: r.system),
     Measure("bits", read="chip.bits"),
-    Measure("detector", read="chip.detector", left=True, spare=3),
+    Measure("detector", read=lambda row: row.get("chip.detector") or FORMER, left=True, spare=3),
     Measure("flash", "flash kB", "chip_watch_flash_bytes", ",.1f", per=1000),
     Measure("ram", "RAM kB", "chip_watch_ram_bytes", ",.1f", per=1000),
     Measure("stack", "stack B", "chip_watch_stack_bytes", ",.0f"),
@@ -67,25 +69,33 @@ class InC(Circumstance):
                 raise InputError(f"form={form}: give {C}")
         of_detector = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
         made = super().of({key: value for key, value in values.items() if key not in of_detector})
-        named = parts("watchers")[0].detectors(of_detector) if of_detector else [""]
+        named = [part.typed() for part in parts("watchers")[0].parts(of_detector)] if of_detector else [""]
         return [replace(one, detector=name) for one in made for name in named]
 
     def options(self) -> dict[str, object]:
         """Bits and compilers."""
         from bench.in_c.measure import toolchain
 
-        return {"chip.bits": int(self.bits), "chip.detector": self.detector, "chip.toolchain": "; ".join(toolchain())}
+        params = {"chip.bits": int(self.bits), "chip.toolchain": "; ".join(toolchain())}
+        return params | ({"chip.detector": self.part.typed()} if parts("watchers") else {})
 
     def changed(self) -> dict[str, str]:
         """The options as typed."""
         return {"form": C} | super().changed() | (labelled("detector", self.detector) if self.detector else {})
 
     def identity(self) -> object:
-        """Bits, the C that is the same for all systems, and the compilers."""
+        """Bits, the C that is the same for all systems, the compilers, and the detector with its code."""
         from bench.in_c.measure import toolchain
         from bench.in_c.write import digest
 
-        return [self.bits, digest(), toolchain(), self.detector]
+        return [self.bits, digest(), toolchain(), self.part.identity() if parts("watchers") else ""]
+
+    @property
+    def part(self) -> Part[Any]:
+        """The detector, with all parameters."""
+        from bench.in_c.fold import watching
+
+        return watching(self.detector).part
 
     def depends(self) -> list[Code]:
         """What those who write the C import late: of networks, and of systems that watch."""

@@ -43,8 +43,6 @@ def refuse(plan: Plan, detector: str) -> None:
         raise InputError(
             f"detector={detector}: only the C of systems on touch with model.window= watches; leave it out"
         )
-    if detector:
-        _watcher(detector)
     if missing := lacking():
         raise InputError(
             f"bench chip needs {', '.join(missing)}, which are not installed; on Debian, install gcc make "
@@ -58,7 +56,7 @@ def warnings(plan: Plan) -> list[str]:
     return [f"warning: costs of watching an endless stream are not measured: {why}"] if why else []
 
 
-def _watcher(detector: str) -> Any:
+def watching(detector: str) -> Any:
     """What learns to watch with a detector; empty for the usual one of ``bench fit``."""
     return parts("watchers")[0](labelled("detector", detector) if detector else {})
 
@@ -96,8 +94,8 @@ def _written(recogniser: Recogniser, bits: int, folder: Path) -> Path:
 def _watching(at: Fitted, recogniser: Recogniser, bits: int, detector: str) -> dict[str, float]:
     """Costs of the system with a watcher; none where the captures cannot teach one.
 
-    All training subjects teach the watcher, as which detector is taken depends on them. Of recordings, their background
-    does, too, and it also watches the beginning of one of a test subject.
+    All training subjects teach the watcher, because the choice of the detector depends on them. Of recordings, their
+    background does, too, and it also watches the beginning of one of a test subject.
     """
     train, recording = at.train, None
     if is_recorded(at.corpus):
@@ -106,7 +104,7 @@ def _watching(at: Fitted, recogniser: Recogniser, bits: int, detector: str) -> d
         train, whole = certain(every[~tested]), recorded(every[tested]).corpus
         recording = whole[0][: round(WATCHED_S * whole.rate_hz)]
     try:
-        recogniser.watcher = _watcher(detector).learned(at.cell.estimator, recogniser.estimator, train, train)
+        recogniser.watcher = watching(detector).learned(at.cell.estimator, recogniser.estimator, train)
     except InputError:
         return {}
     with tempfile.TemporaryDirectory() as name:

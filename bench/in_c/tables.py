@@ -111,7 +111,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
     if name == "touch" and (watcher := recogniser.watcher) is not None:
         watch = watcher.in_c(recogniser.classes, recogniser.rate_hz)
         if watch is None:
-            finds = watcher.chosen["detector"]
+            finds = watcher.chosen.get("detector", type(watcher).__name__.lower())
             raise InputError(
                 f"detector={finds} has no C; use filter, frames or threshold in bench fit detector=, or watch=no"
             )

@@ -190,7 +190,7 @@ def _watch_state(chip: Chip) -> str:
         "touch_t now;  /* the last frames, and what features and classifier work in */",
         "float level;  /* the threshold */",
         "uint32_t seen;  /* frames; modulo 2^32 */",
-        "touch_counts_t counts; int is_refused, is_saturated;  /* the last window, the last frame */",
+        "touch_counts_t counts; int is_refused, is_saturated;  /* of the last decision, of the last frame */",
         *(line.format_map(chip.defines) for line in chip.watch.state),
     )
     return COUNTS + "typedef struct {\n" + "".join(f"    {line}\n" for line in members) + "} touch_watch_t;\n"
@@ -229,8 +229,8 @@ int touch_watch_init(touch_watch_t *w);
    is news once, TOUCH_ENDED. */
 int touch_watch(touch_watch_t *w, const float *frame, touch_event_t *event);
 
-/* Whether it can feel a touch now: TOUCH_OK, TOUCH_REFUSED or TOUCH_SATURATED, or a code. counts tells how many frames
-   were so, and may be NULL. */
+/* Whether touches may be missed now: TOUCH_OK, TOUCH_REFUSED or TOUCH_SATURATED, or a code. counts tells how many
+   frames were so, and may be NULL. */
 int touch_status(const touch_watch_t *w, touch_counts_t *counts);
 """
 

@@ -46,6 +46,7 @@ class Fitted:
         uri: address of the saved model in the store.
         run_id: id of its run.
         captures: number of training captures.
+        detector: sentence on what finds touches in a stream; empty without.
     """
 
     cell: Cell
@@ -53,6 +54,7 @@ class Fitted:
     uri: str
     run_id: str
     captures: int
+    detector: str = ""
 
     def __str__(self) -> str:
         kind = "synthetic " if self.recogniser.synthetic else ""
@@ -132,7 +134,8 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: An
             if out is not None:  # last, so that what is killed before can be repeated: the folder is not there yet
                 with made_whole(out) as beside:
                     mlflow.pyfunc.save_model(str(beside), **model)
-    return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus))
+    detector = "" if watcher is None else watching.sentence(watcher)
+    return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus), detector)
 
 
 def _watcher(watching: Any, cell: Cell, estimator: contract.System, corpus: Corpus) -> Any:
@@ -140,7 +143,7 @@ def _watcher(watching: Any, cell: Cell, estimator: contract.System, corpus: Corp
     try:
         if len(set(corpus.subjects)) < 2:
             raise InputError("only one subject trains")
-        return watching.learned(cell.estimator, estimator, corpus, corpus)
+        return watching.learned(cell.estimator, estimator, corpus)
     except InputError as e:
         warn(f"warning: the model cannot watch an endless stream: {e}")
         return None

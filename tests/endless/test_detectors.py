@@ -277,12 +277,31 @@ def test_the_better_detector_watches(better, monkeypatch):
     found = {"filter": [0.5, 0.9], "frames": [0.8, 0.3]} if better == "filter" else {"filter": [0.7], "frames": [0.7]}
     tables = {n: pd.DataFrame({"found": f, "alarms": 0, "hours": 1.0, "reports": 0}) for n, f in found.items()}
     monkeypatch.setattr(Filter, "learn", lambda *given: ("filter", tables["filter"]))
-    monkeypatch.setattr(best, "tried", lambda *given: SimpleNamespace(settings=tables["frames"]))
+    monkeypatch.setattr(best, "trial_of", lambda *given: SimpleNamespace(settings=tables["frames"]))
     names = iter(["frames"] if better == "frames" else [])  # learned only by the one that watches
     monkeypatch.setattr(best, "learned", lambda *given: next(names))
     watcher, table = Best().learn(None, None, None, of_one([9], [(0, 0, 3, "pat")]), 5.0)
     assert watcher == better
     assert table.groupby("detector")["worth"].max().to_dict() == {n: max(shares) for n, shares in found.items()}
+
+
+@pytest.mark.parametrize("better", ["filter", "frames"])
+def test_a_detector_that_cannot_learn_leaves_it_to_the_other(better, monkeypatch):
+    def refused(*given):
+        raise InputError("no background")
+
+    table = pd.DataFrame({"found": [0.7], "alarms": 0, "hours": 1.0, "reports": 0})
+    trial, learned = SimpleNamespace(settings=table), lambda *given: "frames"
+    monkeypatch.setattr(Filter, "learn", refused if better == "frames" else lambda *given: ("filter", table))
+    monkeypatch.setattr(best, "trial_of", refused if better == "filter" else lambda *given: trial)
+    monkeypatch.setattr(best, "learned", learned)
+    touch = of_one([9], [(0, 0, 3, "pat")])
+    watcher, tables = Best().learn(None, None, None, touch, 5.0)
+    assert watcher == better and set(tables["detector"]) == {better}
+    monkeypatch.setattr(Filter, "learn", refused)
+    monkeypatch.setattr(best, "trial_of", refused)
+    with pytest.raises(InputError, match="no background"):
+        Best().learn(None, None, None, touch, 5.0)
 
 
 def test_few_subjects_are_left_out_by_recording():
@@ -307,10 +326,10 @@ def test_a_time_that_is_none_is_refused_before_anything_runs(value):
         detectors({"detector": "threshold,frames", "detector.up": value})
 
 
-def test_without_background_frames_says_so():
-    full = of_one([20], [(0, 0, 20, "pat")])
-    with pytest.raises(InputError, match="no background"):
-        Frames().fit([np.ones((20, 10), np.float32)], full)
+@pytest.mark.parametrize("events, lacking", [([(0, 0, 20, "pat")], "background"), ([], "touch")])
+def test_without_touch_or_background_frames_says_so(events, lacking):
+    with pytest.raises(InputError, match=f"no {lacking}"):
+        Frames().fit([np.ones((20, 11), np.float32)], of_one([20], events))
 
 
 def test_a_detector_of_a_file_watches_like_any_other(tmp_path):

@@ -1,6 +1,7 @@
 """A detector that is saved with its system, and what C makes of it."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from bench.endless.teaching import Watching
 from bench.errors import InputError
 from bench.in_c.write import files_of
 from bench.outcomes.store import connect
-from bench.work.saved import load
+from bench.work.saved import FORMAT, load
+from tests.conftest import runs
 from tests.endless.test_background import PEOPLE, stored
 
 GIVEN = {"detector": "frames", "detector.wait": 0.5, "false_alarms": 40}
@@ -49,10 +51,44 @@ def test_the_usual_detector_is_the_best_as_for_bench_watch_and_has_c(tmp_path, m
     monkeypatch.chdir(tmp_path)
     words = "data=day model=lda features=touch model.window=0.5 stopping=no out=rec".split()
     assert main(["fit", *words]) == 0
-    watcher = load("rec").watcher
-    taken = watcher.chosen["detector"]
-    assert taken in ("filter", "frames") and f"detector={taken} finds touches" in capsys.readouterr().out
+    taken = load("rec").watcher.chosen["detector"]
+    assert f"detector=best finds touches in a stream: {taken}, the better one" in capsys.readouterr().out
+    (run,) = runs("fit")[1]
+    assert run.data.params["watch.detector"] == "best" and taken in ("filter", "frames")
     assert main(["export", "rec", "out=in_c"]) == 0
+
+
+@pytest.mark.parametrize("model, detector", [("reflex", "filter"), ("lda", "frames")])
+@pytest.mark.usefixtures("day")
+def test_models_are_of_another_format_when_their_objects_change(model, detector, request):
+    """The golden file of a format stays as it is: raise `bench.work.saved.FORMAT` and write that of the new one."""
+    more = {"stopping": False, "model.copies": 1} if model == "reflex" else {"features": "touch"}
+    recogniser = bench.fit(data="day", model=model, detector=detector, **more).recogniser
+    text = "".join(f"{name}: {', '.join(sorted(kept))}\n" for name, kept in sorted(attributes(recogniser).items()))
+    golden = Path(__file__).parent / f"golden/saved_{FORMAT}_{detector}.txt"
+    if request.config.getoption("golden") and not golden.exists():
+        golden.write_text(text)
+    assert text == golden.read_text()
+
+
+def attributes(thing):
+    """Names of the attributes of all objects of touchbench that an object holds, by class."""
+    names, stack, done = {}, [thing], []
+    while stack:
+        one = stack.pop()
+        if any(one is other for other in done) or isinstance(one, (np.ndarray, str, type)):
+            continue
+        done.append(one)
+        if isinstance(one, (list, tuple, set)):
+            stack += one
+        elif isinstance(one, dict):
+            stack += one.values()
+        elif hasattr(one, "__dict__") and not callable(getattr(one, "__get__", None)):
+            stack += vars(one).values()
+            if type(one).__module__.startswith("bench."):
+                kind = f"{type(one).__module__}.{type(one).__qualname__}"
+                names[kind] = names.get(kind, set()) | set(vars(one))
+    return names
 
 
 @pytest.mark.usefixtures("day")
@@ -63,7 +99,9 @@ def test_a_detector_without_c_is_not_exported_and_none_is_asked_for_in_vain(tmp_
     )
     words = "data=day model=lda features=touch model.window=0.5 stopping=no out=rec".split()
     assert main(["fit", *words, "detector=my.py:Mine"]) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == "next: bench predict rec new.csv"
+    *_, line, last = capsys.readouterr().out.splitlines()
+    assert line == f"detector={tmp_path / 'my.py'}:Mine finds touches in a stream"
+    assert last == "next: bench predict rec new.csv"
     assert main(["export", "rec", "out=rec_c"]) == 2
     assert "detector=mine has no C; use filter, frames or threshold" in capsys.readouterr().err
     for unused in ("detector=frames", "detector.wait=1", "false_alarms=3"):

@@ -104,6 +104,17 @@ def test_detectors_are_named_with_their_parameters():
         InC.of({"form": "c", "detector": "frames", "detector.wiat": "0.5"})
 
 
+@pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
+def test_with_other_code_of_a_detector_costs_are_measured_again(tmp_path):
+    files = [tmp_path / name / "my.py" for name in ("before", "after", "copy")]
+    for file, levels in zip(files, (3, 4, 3), strict=True):
+        file.parent.mkdir()
+        text = "from bench.endless.detectors.threshold import Threshold\nclass Mine(Threshold): levels = range({})\n"
+        file.write_text(text.format(levels))
+    before, after, copy = (InC.of({"form": "c", "detector": f"{file}:Mine"})[0].identity() for file in files)
+    assert repr(before) != repr(after) and repr(before) == repr(copy)
+
+
 def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):
     monkeypatch.setattr(compiled.shutil, "which", lambda name: None if "arm" in name else "/bin/true")
     for arguments, fact in {

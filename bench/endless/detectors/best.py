@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import pandas as pd
@@ -13,7 +14,8 @@ from bench.corpora.recordings import Recordings
 from bench.endless.detectors.base import Watches
 from bench.endless.detectors.filter import Filter
 from bench.endless.detectors.frames import Frames
-from bench.endless.detectors.ticks import learned, tried, worth
+from bench.endless.detectors.ticks import learned, trial_of, worth
+from bench.errors import InputError
 
 
 @dataclass
@@ -22,6 +24,7 @@ class Best:
 
     Each is worth the share of touches that its best threshold finds, less the price of false alarms and of repeated
     reports (`bench.endless.detectors.ticks.worth`); where both are worth the same, `frames` is taken, which is sooner.
+    Where one of them cannot learn from the recordings, the other is taken.
     """
 
     def learn(
@@ -33,13 +36,23 @@ class Best:
         false_alarms: float,
     ) -> tuple[Watches, pd.DataFrame]:
         """The better watcher, and the thresholds of both; arguments of `bench.endless.detectors.base.Detects`."""
-        trial = tried(Frames(), system, recordings)
-        watcher, settings = Filter().learn(make_system, system, captures, recordings, false_alarms)
-        tables = []
-        for name, table in (("frames", trial.settings), ("filter", settings)):
+        tables, trial, watcher = [], None, None
+
+        def add(name: str, table: pd.DataFrame) -> None:
             counted = table.assign(hits=table["found"] * len(recordings.events))
             tables.append(table.assign(detector=name, worth=worth(counted, false_alarms)))
+
+        with suppress(InputError):
+            trial = trial_of(Frames(), system, recordings)
+            add("frames", trial.settings)
+        try:
+            watcher, settings = Filter().learn(make_system, system, captures, recordings, false_alarms)
+            add("filter", settings)
+        except InputError:
+            if trial is None:
+                raise
         both = pd.concat(tables, ignore_index=True)
-        if both.loc[both["worth"].idxmax(), "detector"] == "filter":
+        if watcher is not None and (trial is None or both.loc[both["worth"].idxmax(), "detector"] == "filter"):
             return watcher, both
+        assert trial is not None  # otherwise `filter` has learned, or refused
         return learned(Frames(), make_system, system, recordings, false_alarms, trial), both

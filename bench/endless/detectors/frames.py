@@ -238,7 +238,7 @@ def reports_of(evidence: np.ndarray, levels: np.ndarray, drop: float, times: Tim
     """In which ticks `Hysteresis` reports a touch, for many levels at once.
 
     Args:
-        evidence: log-odds of touch and of its beginning, of the ticks of one recording [ticks, 2].
+        evidence: log-odds of touch and of its beginning, of the ticks of one recording [ticks, 2 or more].
         levels: log-odds.
         drop: argument of `Hysteresis`.
         times: argument of `Hysteresis`.
@@ -307,8 +307,9 @@ class Frames(Detector):
         every = np.concatenate(signals)
         age, length = (np.concatenate([each[k] for each in ages]) for k in (0, 1))
         touched = age > 0
-        if touched.all():
-            raise InputError("detector=frames: the training recordings have no background; record some, or use another")
+        if touched.all() or not touched.any():
+            lacking = "background" if touched.any() else "touch"
+            raise InputError(f"detector=frames: a part of the training recordings has no {lacking}; record some")
         fitted.offsets_ = OFFSET * np.median(every[touched, :LEVELS], axis=0) + 1e-6
         fitted.idle_ = np.median(every[~touched, :LEVELS], axis=0).astype(np.float32)
         table = np.concatenate([features(each, fitted.offsets_, fitted.idle_) for each in signals])
@@ -368,7 +369,7 @@ class Frames(Detector):
         return np.column_stack([odds, (gauges > self._most).any(axis=1)])
 
     def refused(self, evidence: np.ndarray) -> np.ndarray:
-        """Whether the sensor is more disturbed than all that any classifier learned from."""
+        """Whether the sensor is disturbed 1.5 times as much as in all that any classifier learned from, or more."""
         return evidence[:, 2] > 0
 
     @property

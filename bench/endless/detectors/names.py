@@ -10,7 +10,7 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.recordings import Recordings
-from bench.endless.disturbed import NAMED, disturbed
+from bench.endless.disturbed import NAMING_KINDS, disturbed
 from bench.models.recipe import behind
 
 BEGUN_S = (0.7, 2.0, np.inf)  # of training touches, from their start, that a system learns from
@@ -62,21 +62,18 @@ def learned_names(make_system: Callable[[], contract.System], recordings: Record
 
     It also learns from every second recording as each kind of disturbed sensor shows it, with a shift for each kind.
     """
-    corpus, events = recordings.corpus, recordings.events
-    copies = [corpus, *(disturbed(corpus, kind) for kind in NAMED)]
-    every = corpus.changed(
-        frames=np.concatenate([copy.frames for copy in copies]),
-        lengths=np.tile(corpus.lengths, len(copies)),
-        captures=pd.concat([corpus.captures] * len(copies), ignore_index=True),
-    )
-    parts = []
-    for k, shifts in enumerate([SHIFTS_S, *((shift,) for shift in SHIFTS_S)]):
-        some = events if k == 0 else events[(events["recording"] + k) % 2 == 1]
-        of_copy = some.assign(recording=some["recording"] + k * len(corpus))
-        parts.append(touches(Recordings(every, of_copy), BEGUN_S, shifts))
+    corpus = recordings.corpus.changed(frames=recordings.corpus.frames)
+    parts = [touches(Recordings(corpus, recordings.events), BEGUN_S, SHIFTS_S)]
+    for k, (kind, shift) in enumerate(zip(NAMING_KINDS, SHIFTS_S, strict=True)):
+        if len(half := np.arange(k % 2, len(corpus), 2)):
+            copy = Recordings(disturbed(corpus, kind, half), recordings[half].events)
+            parts.append(touches(copy, BEGUN_S, (shift,)))
+    frames, starts = zip(*map(storage, parts), strict=True)
+    before = np.cumsum([0, *map(len, frames)])
     count = sum(map(len, parts))
-    both = every.changed(
-        starts=np.concatenate([storage(part)[1] for part in parts]),
+    both = corpus.changed(
+        frames=np.concatenate(frames),
+        starts=np.concatenate([first + each for first, each in zip(before[:-1], starts, strict=True)]),
         lengths=np.concatenate([part.lengths for part in parts]),
         captures=pd.concat([part.captures for part in parts], ignore_index=True),
         index=np.arange(count),

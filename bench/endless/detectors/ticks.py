@@ -19,7 +19,7 @@ from bench.endless.detectors.base import UNKNOWN, Event, InC, Point, Rules, Sign
 from bench.endless.detectors.names import LONGEST_S, learned_names, longest_part, of_all, probabilities
 from bench.endless.detectors.spans import GROWTH, Span, Touches, means, spans_of
 from bench.endless.points import points_of
-from bench.endless.recent import Recent, unfelt
+from bench.endless.recent import Recent, refused_frames
 from bench.errors import InputError
 from bench.few import INTERVAL
 from bench.models.recipe import behind, taken
@@ -138,7 +138,7 @@ class Detector:
         false_alarms: float,
     ) -> tuple[Watches, pd.DataFrame]:
         """As `Detects`: each training subject is left out for the choice of the threshold."""
-        trial = tried(self, system, recordings)
+        trial = trial_of(self, system, recordings)
         return learned(self, make_system, system, recordings, false_alarms, trial), trial.settings
 
 
@@ -229,7 +229,7 @@ class Trial(NamedTuple):
     settings: pd.DataFrame
 
 
-def tried(detector: Detector, system: contract.System, recordings: Recordings) -> Trial:
+def trial_of(detector: Detector, system: contract.System, recordings: Recordings) -> Trial:
     """Try all thresholds on training recordings, each left out.
 
     Raises:
@@ -377,7 +377,7 @@ class TickWatcher:
 
     def refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
         """Frames of each recording that are saturated, or whose last tick is unlike all training."""
-        return unfelt(recordings, [self.detector.refused(each) for each in evidence], self.count, self.count)
+        return refused_frames(recordings, [self.detector.refused(each) for each in evidence], self.count, self.count)
 
     def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
         """Touches found, false alarms and reports of all levels, by their place relative to the learned one."""
