@@ -42,6 +42,7 @@ from bench.models.recipe import behind, taken
 from bench.outcomes.events import FALSE_ALARM, report_table, touches_of
 
 ON, OFF = float(np.float32(0.95)), float(np.float32(0.1))  # as single precision has them
+PROBABLE = 0.5
 BIASES = np.arange(-10, 4.25, 0.25, dtype=np.float32)  # one of them is learned
 OFFSETS = np.arange(-4, 4.5, 0.5)  # from the learned bias, for the curve
 
@@ -80,7 +81,7 @@ class Rules:
         """
         if self.over:
             self.begun = self.over = False
-        if touch > 0.5 >= self.before:
+        if touch > PROBABLE >= self.before:
             self.rise, self.peak = seen, log_odds
         elif log_odds > self.peak:
             self.peak = log_odds
@@ -127,6 +128,16 @@ def events_of(
     if rules.begun and not rules.over and rules.reported:  # the recording ends before the touch does
         events.append((rules.reported, rules.low or int(times[-1])))
     return np.array(events, dtype=np.int64).reshape(-1, 2), wanted
+
+
+def lasting(touch: np.ndarray) -> np.ndarray:
+    """Decisions in a row, so far, in which touch was probable, int64 [decisions].
+
+    Args:
+        touch: probability of touch at each decision of one recording.
+    """
+    decisions = np.arange(1, len(touch) + 1)
+    return decisions - np.maximum.accumulate(np.where(touch > PROBABLE, 0, decisions))
 
 
 class Tracker:
@@ -197,6 +208,7 @@ class Watcher:
         bias: added to the detector's log-odds, learned for a number of false alarms per hour.
         tail: frames from the end of a touch until that is detected, learned.
         strong: log-odds from which on a touch that is too short for a window is reported, learned.
+        longest: decisions that a touch may last; what lasts longer is refused.
         reject: confidence below which a label is ``unknown``; 0 for never.
         points: bias, false alarms per hour and share of touches found of operating points on training recordings, from
             the strictest to the most eager.
@@ -209,6 +221,7 @@ class Watcher:
     bias: float
     tail: int
     strong: float = np.inf
+    longest: float = np.inf
     reject: float = 0.0
     points: tuple[Point, ...] = ()
 
@@ -279,6 +292,7 @@ class Watcher:
                     "BEGIN": float(np.float32(BEGIN) * hop_s),
                     "STAY": float(1 - np.float32(END) * hop_s),
                     "STRONG": float(min(self.strong, 1e30)),
+                    "LONGEST": int(min(self.longest, 1e9)),
                     "ON": ON,
                     "OFF": OFF,
                     "REJECT": float(self.reject),
@@ -290,6 +304,7 @@ class Watcher:
             "int part, within, filled, unchanged;  /* last part, frames in it, parts, frames since a change */",
             "float touched, peak;  /* probability of touch at the last hop, largest log-odds since */",
             "int begun, falling, over, is_reported, label;  /* of the event that goes on */",
+            "int lasts;  /* hops in a row in which touch is probable */",
             "uint32_t rise, crossed, low, limit, first, reported;  /* frames; all of them may wrap */",
             "uint32_t named, joined;  /* windows of the event, and of them those in the mean */",
             "uint32_t ends[{PENDING}];  /* of the last windows */",
@@ -359,8 +374,14 @@ class Watcher:
         return [self._decisions(seen[[i]]) for i in range(len(seen))]
 
     def refused(self, recordings: Corpus, evidence: list[Decisions]) -> np.ndarray:
-        """Frames of each recording that are saturated, or whose last decision refused its window."""
-        return refused_frames(recordings, [each.refused for each in evidence], self.clock.detect, self.clock.hop)
+        """Frames of each recording that are saturated, or whose last decision refused its window or lasts too long."""
+        refused = [
+            each.refused | (lasting(self._touched(each, recordings.rate_hz)) > self.longest) for each in evidence
+        ]
+        return refused_frames(recordings, refused, self.clock.detect, self.clock.hop)
+
+    def _touched(self, evidence: Decisions, rate_hz: float) -> np.ndarray:
+        return touched(evidence.odds + np.float32(self.bias), self.clock, rate_hz)
 
     def _decisions(self, recording: Corpus) -> Decisions:
         return self.detector.decisions(*windows_of(recording, self.clock))
@@ -374,7 +395,7 @@ class Watcher:
 
     def probability(self, evidence: Decisions, rate_hz: float) -> pd.DataFrame:
         """The probability of touch in one recording."""
-        probability = touched(evidence.odds + np.float32(self.bias), self.clock, rate_hz)
+        probability = self._touched(evidence, rate_hz)
         times = self.clock.detect + self.clock.hop * np.arange(len(probability))
         return pd.DataFrame({"reported": times, "confidence": probability})
 
@@ -446,7 +467,7 @@ class LiveStream:
     def __init__(self, watcher: Watcher, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
         self.watcher, self.tracker = watcher, Tracker(watcher)
         self.recent = Recent(max(watcher.clock.detect, watcher.clock.name) + 1, grid, rate_hz, full_scale)
-        self.touch, self.is_refused = np.zeros((), np.float32), False
+        self.touch, self.lasts, self.is_refused = np.zeros((), np.float32), 0, False
 
     @property
     def status(self) -> str:
@@ -462,8 +483,9 @@ class LiveStream:
         recording = self.recent.recording(self.watcher.prepared)
         ends = recording.lengths
         (odds,), (refused,) = self.watcher.detector.decisions(*seen_windows(recording, ends, clock.detect))
-        self.is_refused = bool(refused)
         self.touch = updated(self.touch, odds + np.float32(self.watcher.bias), clock, rate_hz)
+        self.lasts = self.lasts + 1 if self.touch > PROBABLE else 0
+        self.is_refused = bool(refused) or self.lasts > self.watcher.longest
         if self.tracker.step(seen, float(self.touch), float(odds)):
             inner = behind(self.watcher.system)[1]
             self.tracker.name(seen, self.watcher.probabilities(inner, cut(recording, ends, clock.name))[0])

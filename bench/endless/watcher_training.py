@@ -25,6 +25,7 @@ from bench.outcomes.events import last_confidence
 RARE = 8  # one of so many training windows is also learned as broken sensors show it
 STRONG = (np.inf, 40.0, 30.0, 25.0, 20.0, 16.0, 14.0, 12.0, 10.0)  # log-odds of short touches, one is learned
 PRICE = 0.01  # share of touches that one false alarm per hour too many is worth, where none too many is impossible
+LASTS = 3  # times the longest training touch: what lasts longer is refused, as a sensor that shakes looks like that
 GROUPS = "3"  # of subjects, each left out once for the threshold of unknown gestures
 REJECTED = 0.05  # share of touches with a known gesture that may be labelled unknown
 NEARLY = 0.005  # share of touches that is given for a lower bias
@@ -76,6 +77,8 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
     detector = Detector(clock.detect).fit([*taught.values()])
     strong = float(chosen["strong"])
     watcher = Watcher(system, background, clock, detector, bias, int(chosen["tail"]), strong)
+    longest = (recordings.events["end"] - recordings.events["start"]).max()
+    watcher.longest = -(-LASTS * int(longest) // clock.hop)
     some = np.union1d(frontier(settings.rename(columns={"bias": "threshold"}))["threshold"], [bias])
     tried = bias_table(recordings, odds, clock, some.astype(np.float32), (strong,))
     watcher.points = points_of(tried.rename(columns={"bias": "threshold"}), bias, rising=True)
