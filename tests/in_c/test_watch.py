@@ -118,7 +118,7 @@ DETECTORS = {"frames": Frames(), "frames at 8 Hz": Frames(), "threshold": Thresh
 IN_STEPS = {
     "frames at 8 Hz": 8.0,
     "threshold": 100.0,
-}  # rates of recordings of whole numbers; rounding decides on few turns
+}  # of whole numbers; rounding decides on few turns
 
 
 def streams_of(name):

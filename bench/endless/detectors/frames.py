@@ -41,10 +41,7 @@ FADED = 0.25  # of the highest log-odds of a touch: below, it is over after `hol
 BEGUN = -2.0  # log-odds of the beginning of a touch, without which none is reported; chosen on HAART and A to C
 LEVELS = 5  # signals that are levels: mean, excess, highest, movement, highest movement
 MOVEMENT, COMMON_LEVEL = 3, 9  # signals that tell whether the sensor is disturbed
-PACES = (
-    1.0,
-    7.5,
-)  # seconds of the slow means that readings are compared with; chosen on HAART with noise, CuddleBot seen
+PACES = (1.0, 7.5)  # seconds of slow means that readings are compared with; chosen on HAART with noise and CuddleBot
 CHANGES = 3 * len(PACES)  # signals from these: mean, highest and SD over taxels
 CALM, CALMEST = 60, 0.25  # ticks, and the share of them in which all taxels move together least
 MARGIN = 1.5  # how much more disturbed than in training a sensor may be before the other classifier decides
