@@ -240,7 +240,7 @@ def test_noise_that_training_did_not_have_costs_few_touches(recordings):
 
 def test_a_sensor_is_disturbed_as_a_plain_loop_says():
     rng = np.random.default_rng(0)
-    levels = Levels(0.002, 0.06)
+    levels = Levels(0.002, 0.06, [0.1])
     frames = rng.integers(0, 50, (150, 4, 5))
     signals = np.stack([levels.step(frame) for frame in frames])
     shared = [sorted(frame.ravel().tolist())[8] for frame in frames]  # the 40 % quantile
@@ -253,13 +253,24 @@ def test_a_sensor_is_disturbed_as_a_plain_loop_says():
     assert not gauge[: CALM // 4].any() and not gauge[:CALM, 1].any()  # calm at first
 
 
+def test_readings_are_compared_with_slow_means_as_a_plain_loop_says():
+    frames = np.random.default_rng(0).integers(0, 50, (40, 3, 9)).astype(np.float32)
+    levels, slow = Levels(0.002, 0.06, [0.125, 1.0]), frames[0].astype(float)
+    for tick, (frame, signals) in enumerate(zip(frames, levels.steps(frames), strict=True)):
+        slow = slow + 0.125 * (frame - slow)
+        above = (frame - slow).ravel()
+        expected = [above.mean(), sorted(above)[-1], above.std()]  # one of 27 taxels is among the highest
+        np.testing.assert_allclose(signals[-6:-3], expected, atol=1e-4)
+        assert not signals[-3:].any() and (tick or not signals[-6:].any())  # a mean of one tick is the reading itself
+
+
 def test_a_stream_begins_as_that_of_an_idle_sensor():
     rng = np.random.default_rng(0)
-    signals, idle = rng.random((5, 11)).astype(np.float32), np.arange(1, 6, dtype=np.float32)
+    signals, idle = rng.random((5, 16)).astype(np.float32), np.arange(1, 6, dtype=np.float32)
     first, other = signals.copy(), signals.copy()
     first[0, 1:5] = 0  # no baseline yet, nothing moved
     other[0, 1:5] = idle[1:]
-    offsets = np.full(5, 0.5)
+    offsets = np.full(11, 0.5)
     np.testing.assert_array_equal(features(first, offsets, idle), features(other, offsets, idle))
     before, now = np.log(idle[1] + 0.5), np.log(signals[1, 1] + 0.5)
     looks = features(first, offsets, idle)[1, 11:22]  # of the second level: itself, less minima, maxima, median
@@ -329,7 +340,7 @@ def test_a_time_that_is_none_is_refused_before_anything_runs(value):
 @pytest.mark.parametrize("events, lacking", [([(0, 0, 20, "pat")], "background"), ([], "touch")])
 def test_without_touch_or_background_frames_says_so(events, lacking):
     with pytest.raises(InputError, match=f"no {lacking}"):
-        Frames().fit([np.ones((20, 11), np.float32)], of_one([20], events))
+        Frames().fit([np.ones((20, 16), np.float32)], of_one([20], events))
 
 
 def test_a_detector_of_a_file_watches_like_any_other(tmp_path):

@@ -55,14 +55,32 @@ static float cosine(float product, float a, float b)
     return length > 0 ? product / length : 1;
 }
 
-/* Signals of a tick: its levels, area, likeness to the tick before and the third before, centroid, and what all taxels
-   share. */
+/* What the readings of a tick are above a slow mean, which follows them: mean, highest and SD over taxels. */
+static void compare(float *slow, float pace, float *values, const float *tick, int is_first, float *found)
+{
+    float sum = 0, squares = 0;
+    for (int i = 0; i < TAXELS; i++) {
+        if (is_first)
+            slow[i] = tick[i];
+        slow[i] += pace * (tick[i] - slow[i]);
+        values[i] = tick[i] - slow[i];
+        sum += values[i];
+    }
+    found[0] = sum / TAXELS;
+    for (int i = 0; i < TAXELS; i++)
+        squares += (values[i] - found[0]) * (values[i] - found[0]);
+    found[1] = mean_highest(values);
+    found[2] = sqrtf(squares / TAXELS);
+}
+
+/* Signals of a tick: its levels, area, likeness to the tick before, centroid, what all taxels share, and how it
+   compares with each slow mean. */
 static void feel(touch_watch_t *w, const float *tick, float *found)
 {
     float *values = w->now.taxels, least = shared(w, tick), size = ROWS > COLS ? ROWS : COLS;
-    float *last = w->above[w->newest], *now = w->above[(w->newest + 1) % 3]; /* holds the third before */
-    float mean = 0, total = 0, moved = 0, squares = 0, row = 0, col = 0;
-    float near = 0, near_squares = 0, far = 0, far_squares = 0;
+    float mean = 0, total = 0, moved = 0, squares = 0, row = 0, col = 0, near = 0, near_squares = 0;
+    for (int k = 0; k < CHANGES / 3; k++)
+        compare(w->slow[k], look_paces[k], values, tick, !w->felt, found + LEVELS + 5 + 3 * k);
     for (int i = 0; i < TAXELS; i++) {
         float flat = fmaxf(tick[i] - least, 0);
         if (!w->felt)
@@ -70,11 +88,11 @@ static void feel(touch_watch_t *w, const float *tick, float *found)
         float above = flat - w->baseline[i];
         w->baseline[i] += (above > 0 ? UP : DOWN) * above;
         above = fmaxf(above, 0);
-        far += above * now[i];
-        far_squares += now[i] * now[i];
-        near += above * last[i];
-        near_squares += last[i] * last[i];
-        now[i] = values[i] = above;
+        near += above * w->above[i];
+        near_squares += w->above[i] * w->above[i];
+        values[i] = fabsf(above - w->above[i]);
+        w->above[i] = above;
+        moved += values[i];
         mean += flat;
         total += above;
         squares += above * above;
@@ -83,21 +101,16 @@ static void feel(touch_watch_t *w, const float *tick, float *found)
     }
     found[0] = mean / TAXELS;
     found[1] = total / TAXELS;
-    found[2] = mean_highest(values);
-    for (int i = 0; i < TAXELS; i++) {
-        values[i] = w->felt ? fabsf(now[i] - last[i]) : 0;
-        moved += values[i];
-    }
     found[3] = moved / TAXELS;
     found[4] = mean_highest(values);
+    memcpy(values, w->above, sizeof w->above);
+    found[2] = mean_highest(values);
     found[LEVELS] = squares > 0 ? total * total / squares / TAXELS : 0;
-    found[LEVELS + 1] = w->felt < 1 ? 1 : cosine(near, squares, near_squares);
-    found[LEVELS + 2] = w->felt < 3 ? 1 : cosine(far, squares, far_squares);
-    found[LEVELS + 3] = total > 0 ? row / total / size : 0;
-    found[LEVELS + 4] = total > 0 ? col / total / size : 0;
-    found[LEVELS + 5] = TAXELS > 1 ? least : tick[0];
-    w->newest = (w->newest + 1) % 3;
-    w->felt += w->felt < 3;
+    found[LEVELS + 1] = cosine(near, squares, near_squares);
+    found[LEVELS + 2] = total > 0 ? row / total / size : 0;
+    found[LEVELS + 3] = total > 0 ? col / total / size : 0;
+    found[LEVELS + 4] = TAXELS > 1 ? least : tick[0];
+    w->felt = 1;
 }
 
 /* Logarithms of the levels so many ticks ago, or of the first tick, as the deciding classifier takes them. */
@@ -125,10 +138,10 @@ static int deciding(touch_watch_t *w, const float *found)
 {
     int model = 0;
     float sorted[CALM], gauges[2];
-    w->calm[0][w->calmed] = w->looked ? fabsf(found[LEVELS + 5] - w->shared) : 0;
+    w->calm[0][w->calmed] = w->looked ? fabsf(found[LEVELS + 4] - w->shared) : 0;
     w->calm[1][w->calmed] = found[3];
     w->calmed = (w->calmed + 1) % CALM;
-    w->shared = found[LEVELS + 5];
+    w->shared = found[LEVELS + 4];
     memcpy(sorted, w->calm[0], sizeof sorted);
     place(sorted, CALM, CALMEST);
     gauges[0] = sorted[CALMEST];
@@ -179,16 +192,17 @@ static void look(touch_watch_t *w, const float *found, float *next)
     *next++ = rise - median(w, 1, 0);
     *next++ = fall - median(w, -1, 0);
     *next++ = highest;
-    found += LEVELS; /* area, likeness to two ticks, centroid */
+    found += LEVELS; /* area, likeness to the tick before, centroid, what taxels share, changes */
     int first = w->looked == 1;
     *next++ = found[0];
     *next++ = first ? 0 : found[0] - w->area;
     *next++ = found[1];
-    *next++ = found[2];
-    *next++ = first ? 0 : fabsf(found[3] - w->row) + fabsf(found[4] - w->col);
+    *next++ = first ? 0 : fabsf(found[2] - w->row) + fabsf(found[3] - w->col);
+    for (int i = 0; i < CHANGES; i++)
+        *next++ = copysignf(log1pf(fabsf(found[5 + i]) / look_sizes[w->model * CHANGES + i]), found[5 + i]);
     w->area = found[0];
-    w->row = found[3];
-    w->col = found[4];
+    w->row = found[2];
+    w->col = found[3];
 }
 
 /* Logarithm of the sum of two exponentials. */
@@ -217,7 +231,7 @@ static void judge(touch_watch_t *w, float *odds, float *begins)
 
 static sign_t sensed(touch_watch_t *w, const float *tick)
 {
-    float signals[LEVELS + 6], odds, begins;
+    float signals[LEVELS + 5 + CHANGES], odds, begins;
     sign_t sign = {0, 0, 0, 0};
     feel(w, tick, signals);
     look(w, signals, w->now.features);

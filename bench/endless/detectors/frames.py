@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
@@ -40,7 +40,9 @@ SEEN = 0.75  # of such a touch is seen at least: its beginning is noticed late; 
 FADED = 0.25  # of the highest log-odds of a touch: below, it is over after `hold` seconds; chosen on HAART
 BEGUN = -2.0  # log-odds of the beginning of a touch, without which none is reported; chosen on HAART and A to C
 LEVELS = 5  # signals that are levels: mean, excess, highest, movement, highest movement
-MOVEMENT, COMMON_LEVEL = 3, 10  # signals that tell whether the sensor is disturbed
+MOVEMENT, COMMON_LEVEL = 3, 9  # signals that tell whether the sensor is disturbed
+PACES = (1.0, 7.5)  # seconds of slow means that readings are compared with; chosen on HAART with noise and CuddleBot
+CHANGES = 3 * len(PACES)  # signals from these: mean, highest and SD over taxels
 CALM, CALMEST = 60, 0.25  # ticks, and the share of them in which all taxels move together least
 MARGIN = 1.5  # how much more disturbed than in training a sensor may be before the other classifier decides
 SLIGHT = 3e-4  # of full scale: a sensor that is disturbed less counts as calm; below the gauge of 0.5 % on HAART
@@ -51,11 +53,17 @@ MANY = 8  # recordings, or subjects, from which on each kind of disturbance is l
 
 
 class Levels:
-    """Signals of a frame: its levels, how much of the skin it covers, where, and how it changes."""
+    """Signals of a frame: its levels, how much of the skin it covers, where, and how it changes.
 
-    def __init__(self, up: float, down: float) -> None:
-        self.up, self.down = np.float32(up), np.float32(down)
-        self.baseline = self.before = np.zeros((0, 0), np.float32)
+    Args:
+        up: share of the way to a higher reading that the baseline of a taxel goes in a tick.
+        down: that to a lower one.
+        paces: those of slow means to the reading.
+    """
+
+    def __init__(self, up: float, down: float, paces: Sequence[float]) -> None:
+        self.up, self.down, self.paces = np.float32(up), np.float32(down), np.array(paces, np.float32)[:, None]
+        self.baseline = self.before = self.slow = np.zeros((0, 0), np.float32)
 
     def step(self, frame: np.ndarray) -> np.ndarray:
         """The signals of the next frame."""
@@ -64,29 +72,40 @@ class Levels:
     def steps(self, frames: np.ndarray) -> np.ndarray:
         """Those of the next frames [ticks, rows, cols], as if they came one by one.
 
-        Levels (mean, excess, its highest, the same two of its change), area, cosines, centroid, what taxels share.
+        Levels (mean, excess, its highest, the same two of its change), area, cosine to the tick before, centroid, what
+        taxels share, and for each pace the mean, highest and SD of what readings are above the slow mean.
         """
-        flat = frames.reshape(len(frames), -1).astype(np.float32)
+        raw = flat = frames.reshape(len(frames), -1).astype(np.float32)
         size, taxels = max(frames.shape[1:]), flat.shape[1]
         rank = int(COMMON * taxels)
         common = np.partition(flat, rank, axis=1)[:, rank]
         if taxels > 1:
             flat = np.maximum(flat - common[:, None], 0)
         if not len(self.before):
-            self.baseline, self.before = flat[0].copy(), np.zeros((3, taxels), np.float32)
+            self.baseline, self.before = flat[0].copy(), np.zeros((1, taxels), np.float32)
+            self.slow = np.repeat(raw[:1], len(self.paces), axis=0)
         every = np.concatenate([self.before, np.maximum(self._above(flat), 0)])
-        above, self.before = every[3:], every[-3:].copy()
-        moved = np.abs(above - every[2:-1])
+        above, before, self.before = every[1:], every[:-1], every[-1:].copy()
+        moved = np.abs(above - before)
         total, squares = above.sum(axis=1), (every * every).sum(axis=1)
-        area = _share(total * total, squares[3:], 0) / taxels
-        ago = {k: slice(3 - k, -k) for k in (1, 3)}
-        length = {k: np.sqrt(squares[3:] * squares[past]) for k, past in ago.items()}
-        near, far = (_share((above * every[past]).sum(axis=1), length[k], 1) for k, past in ago.items())
+        area = _share(total * total, squares[1:], 0) / taxels
+        near = _share((above * before).sum(axis=1), np.sqrt(squares[1:] * squares[:-1]), 1)
         rows, cols = np.divmod(np.arange(taxels), frames.shape[2])
         y, x = (_share((above * where).sum(axis=1), total, 0) / size for where in (rows, cols))
         mean, excess, movement = (each.sum(axis=1) / taxels for each in (flat, above, moved))
         levels = mean, excess, _highest(above), movement, _highest(moved)
-        return np.stack([*levels, area, near, far, y, x, common], axis=1).astype(np.float32)
+        changes = [
+            each for pace in self._changes(raw) for each in (pace.mean(axis=1), _highest(pace), pace.std(axis=1))
+        ]
+        return np.stack([*levels, area, near, y, x, common, *changes], axis=1).astype(np.float32)
+
+    def _changes(self, raw: np.ndarray) -> np.ndarray:
+        """Readings less each of the slow means, which follow them [paces, ticks, taxels]."""
+        above = np.empty((len(raw), *self.slow.shape), np.float32)
+        for tick, now in zip(above, raw, strict=True):
+            self.slow += self.paces * (now - self.slow)
+            np.subtract(now, self.slow, out=tick)
+        return above.swapaxes(0, 1)
 
     def _above(self, flat: np.ndarray) -> np.ndarray:
         """Frames less the baseline, which follows them."""
@@ -116,12 +135,12 @@ def features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.n
 
     Args:
         signals: result of `Levels`, one recording [ticks, signals].
-        offsets: added to each level before its logarithm is taken.
+        offsets: added to each level, and to the size of each change, before its logarithm is taken.
         idle: levels of an idle sensor.
     """
     levels = signals[:, :LEVELS].copy()
     levels[0, 1:] = idle[1:]
-    logs = np.log(levels + offsets)
+    logs = np.log(levels + offsets[:LEVELS])
     looks = [logs]
     looks += [logs - _past(minimum_filter1d, logs, back + 1) for back in MINIMA]
     looks += [logs - _past(maximum_filter1d, logs, back + 1) for back in MAXIMA]
@@ -131,11 +150,12 @@ def features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.n
     rise, fall = np.maximum(change, 0), np.maximum(-change, 0)
     columns += [rise, fall, rise - _median(rise, MEDIAN), fall - _median(fall, MEDIAN)]
     columns.append(_past(maximum_filter1d, rise, RISES))
-    area, near, far = signals[:, LEVELS : LEVELS + 3].T
-    columns += [area, np.diff(area, prepend=area[:1]), near, far]
-    centre = signals[:, LEVELS + 3 : LEVELS + 5]
+    area, near = signals[:, LEVELS : LEVELS + 2].T
+    columns += [area, np.diff(area, prepend=area[:1]), near]
+    centre = signals[:, LEVELS + 2 : LEVELS + 4]
     speed = np.abs(np.diff(centre, axis=0, prepend=centre[:1])).sum(axis=1)
-    columns.append(speed)
+    changes = signals[:, -CHANGES:]
+    columns += [speed, *(np.sign(changes) * np.log1p(np.abs(changes) / offsets[LEVELS:])).T]
     return np.stack(columns, axis=1).astype(np.float32)
 
 
@@ -293,7 +313,7 @@ class Frames(Detector):
 
     def signals(self) -> Levels:
         """Signals of a new stream."""
-        return Levels(self.tick / self.up, self.tick / self.down)
+        return Levels(self.tick / self.up, self.tick / self.down, [min(1.0, self.tick / pace) for pace in PACES])
 
     def signals_of(self, ticks: np.ndarray) -> np.ndarray:
         """Many ticks at once."""
@@ -310,7 +330,8 @@ class Frames(Detector):
         if touched.all() or not touched.any():
             lacking = "background" if touched.any() else "touch"
             raise InputError(f"detector=frames: a part of the training recordings has no {lacking}; record some")
-        fitted.offsets_ = OFFSET * np.median(every[touched, :LEVELS], axis=0) + 1e-6
+        sizes = np.abs(np.concatenate([every[:, :LEVELS], every[:, -CHANGES:]], axis=1))
+        fitted.offsets_ = OFFSET * np.median(sizes[touched], axis=0) + 1e-6
         fitted.idle_ = np.median(every[~touched, :LEVELS], axis=0).astype(np.float32)
         table = np.concatenate([features(each, fitted.offsets_, fitted.idle_) for each in signals])
         classes = np.where(~touched, 0, np.where(age <= AGES, 1, 2))
@@ -414,6 +435,7 @@ class Frames(Detector):
             "MEDIAN": MEDIAN,
             "RISES": RISES,
             "LEVELS": LEVELS,
+            "CHANGES": CHANGES,
             "LOOKS": len(self.mean_),
             "KINDS": classes,
             "MODELS": len(models),
@@ -441,7 +463,9 @@ class Frames(Detector):
             ),
         )
         arrays = {
-            "offsets": np.concatenate([one.offsets_ for one in models]),
+            "offsets": np.concatenate([one.offsets_[:LEVELS] for one in models]),
+            "paces": self.signals().paces,
+            "sizes": np.concatenate([one.offsets_[LEVELS:] for one in models]),
             "idle": np.concatenate([one.idle_ for one in models]),
             "mean": np.concatenate([one.mean_ for one in models]),
             "sd": np.concatenate([one.sd_ for one in models]),
@@ -452,10 +476,11 @@ class Frames(Detector):
             **({"limits": self.limits_} if self.disturbed_ else {}),
         }
         state = (
-            "float baseline[{TAXELS}], above[3][{TAXELS}];  /* of the last ticks, a ring */",
+            "float baseline[{TAXELS}], above[{TAXELS}];  /* of the last tick */",
+            f"float slow[{len(PACES)}][{{TAXELS}}];  /* slow means */",
             "float logs[{MODELS}][{LOOK}][{LEVELS}], area, row, col;  /* rings; of the last tick */",
             "int model;  /* the classifier that decides */",
-            "int newest, felt, at, looked;  /* places in the rings, ticks in them */",
+            "int felt, at, looked;  /* whether there was a tick; place in the rings, ticks in them */",
             "int since, below, weak, begun, held, lasts, is_known;  /* ticks of the touch; whether it was reported */",
             "float highest;  /* log-odds of the touch */",
             "float calm[2][{CALM}], shared;  /* rings: changes of what taxels share, movement; last tick */",
@@ -485,7 +510,7 @@ class Frames(Detector):
     @property
     def numbers(self) -> int:
         """Count of learned numbers."""
-        own = self.model_.coef_.size + 3 + 2 * len(self.mean_) + 2 * LEVELS + 5
+        own = self.model_.coef_.size + 3 + 2 * len(self.mean_) + 2 * LEVELS + CHANGES + 5
         return own + sum(other.numbers + 2 for _, other, _ in self.disturbed_)
 
 
