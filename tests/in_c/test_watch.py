@@ -328,7 +328,7 @@ def test_each_operating_point_gives_the_events_of_python(name, tmp_path):
 
 def test_refused_windows_long_touches_and_saturated_frames_are_counted(tmp_path):
     recogniser, (_, streams) = copy(watching("lda")), recordings()
-    detector, longest = copy(recogniser.watcher.detector), 20
+    detector, longest = copy(recogniser.watcher.detector), 5
     detector.limit_ *= 0.4
     recogniser.watcher = replace(recogniser.watcher, detector=detector, longest=longest)
     clock, full = recogniser.watcher.clock, recogniser.full_scale

@@ -55,7 +55,7 @@ static float cosine(float product, float a, float b)
     return length > 0 ? product / length : 1;
 }
 
-/* What the readings of a tick are above a slow mean, which follows them: mean, highest and SD over taxels. */
+/* What the readings of a tick are above a slow mean, which follows them: mean, how far the highest exceed it, SD. */
 static void compare(float *slow, float pace, float *values, const float *tick, int is_first, float *found)
 {
     float sum = 0, squares = 0;
@@ -69,7 +69,7 @@ static void compare(float *slow, float pace, float *values, const float *tick, i
     found[0] = sum / TAXELS;
     for (int i = 0; i < TAXELS; i++)
         squares += (values[i] - found[0]) * (values[i] - found[0]);
-    found[1] = mean_highest(values);
+    found[1] = mean_highest(values) - found[0];
     found[2] = sqrtf(squares / TAXELS);
 }
 
@@ -113,21 +113,26 @@ static void feel(touch_watch_t *w, const float *tick, float *found)
     w->felt = 1;
 }
 
-/* Logarithms of the levels so many ticks ago, or of the first tick, as the deciding classifier takes them. */
-static const float *ago(const touch_watch_t *w, int ticks)
+/* Place in the rings of the tick so many ticks ago, or of the first one. */
+static int back(const touch_watch_t *w, int ticks)
 {
     int steps = ticks < w->looked ? ticks : w->looked - 1;
-    return w->logs[w->model][(w->at + LOOK - steps) % LOOK];
+    return (w->at + LOOK - steps) % LOOK;
 }
+
+/* Logarithms of its levels, as the deciding classifier takes them. */
+static const float *ago(const touch_watch_t *w, int ticks) { return w->logs[w->model][back(w, ticks)]; }
 
 static float change(const touch_watch_t *w, int ticks) { return ago(w, ticks)[1] - ago(w, ticks + 1)[1]; }
 
-/* The median of the last ticks: kind 0 of a level, 1 of rises, -1 of falls. */
-static float median(const touch_watch_t *w, int kind, int level)
+/* The median of the last ticks: kind 0 of a level, 1 of rises, -1 of falls, 2 of what is above a slow mean. */
+static float median(const touch_watch_t *w, int kind, int which)
 {
     float values[MEDIAN];
     for (int k = 0; k < MEDIAN; k++)
-        values[k] = kind ? fmaxf((float)kind * change(w, k), 0) : ago(w, k)[level];
+        values[k] = kind == 0   ? ago(w, k)[which]
+                    : kind == 2 ? w->means[back(w, k)][which]
+                                : fmaxf((float)kind * change(w, k), 0);
     sort(values, MEDIAN);
     return (values[(MEDIAN - 1) / 2] + values[MEDIAN / 2]) / 2;
 }
@@ -165,6 +170,8 @@ static void look(touch_watch_t *w, const float *found, float *next)
     w->model = deciding(w, found);
     w->at = (w->at + 1) % LOOK;
     w->looked += w->looked < LOOK;
+    for (int k = 0; k < CHANGES / 3; k++)
+        w->means[w->at][k] = found[LEVELS + 5 + 3 * k];
     for (int m = 0; m < MODELS; m++)
         for (int l = 0; l < LEVELS; l++)
             w->logs[m][w->at][l] =
@@ -198,8 +205,10 @@ static void look(touch_watch_t *w, const float *found, float *next)
     *next++ = first ? 0 : found[0] - w->area;
     *next++ = found[1];
     *next++ = first ? 0 : fabsf(found[2] - w->row) + fabsf(found[3] - w->col);
-    for (int i = 0; i < CHANGES; i++)
-        *next++ = copysignf(log1pf(fabsf(found[5 + i]) / look_sizes[w->model * CHANGES + i]), found[5 + i]);
+    for (int i = 0; i < CHANGES; i++) {
+        float more = found[5 + i] - (i % 3 ? 0 : median(w, 2, i / 3)); /* which a drift of all taxels leaves */
+        *next++ = copysignf(log1pf(fabsf(more) / look_sizes[w->model * CHANGES + i]), more);
+    }
     w->area = found[0];
     w->row = found[2];
     w->col = found[3];

@@ -42,7 +42,7 @@ BEGUN = -2.0  # log-odds of the beginning of a touch, without which none is repo
 LEVELS = 5  # signals that are levels: mean, excess, highest, movement, highest movement
 MOVEMENT, COMMON_LEVEL = 3, 9  # signals that tell whether the sensor is disturbed
 PACES = (1.0, 7.5)  # seconds of slow means that readings are compared with; chosen on HAART with noise and CuddleBot
-CHANGES = 3 * len(PACES)  # signals from these: mean, highest and SD over taxels
+CHANGES = 3 * len(PACES)  # signals from these: mean over taxels, highest less mean, SD
 CALM, CALMEST = 60, 0.25  # ticks, and the share of them in which all taxels move together least
 MARGIN = 1.5  # how much more disturbed than in training a sensor may be before the other classifier decides
 SLIGHT = 3e-4  # of full scale: a sensor that is disturbed less counts as calm; below the gauge of 0.5 % on HAART
@@ -73,7 +73,7 @@ class Levels:
         """Those of the next frames [ticks, rows, cols], as if they came one by one.
 
         Levels (mean, excess, its highest, the same two of its change), area, cosine to the tick before, centroid, what
-        taxels share, and for each pace the mean, highest and SD of what readings are above the slow mean.
+        taxels share, and of what readings are above each slow mean: their mean, how far the highest exceed it, SD.
         """
         raw = flat = frames.reshape(len(frames), -1).astype(np.float32)
         size, taxels = max(frames.shape[1:]), flat.shape[1]
@@ -94,9 +94,9 @@ class Levels:
         y, x = (_share((above * where).sum(axis=1), total, 0) / size for where in (rows, cols))
         mean, excess, movement = (each.sum(axis=1) / taxels for each in (flat, above, moved))
         levels = mean, excess, _highest(above), movement, _highest(moved)
-        changes = [
-            each for pace in self._changes(raw) for each in (pace.mean(axis=1), _highest(pace), pace.std(axis=1))
-        ]
+        changes = []
+        for each in self._changes(raw):
+            changes += [each.mean(axis=1), _highest(each) - each.mean(axis=1), each.std(axis=1)]
         return np.stack([*levels, area, near, y, x, common, *changes], axis=1).astype(np.float32)
 
     def _changes(self, raw: np.ndarray) -> np.ndarray:
@@ -154,7 +154,8 @@ def features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.n
     columns += [area, np.diff(area, prepend=area[:1]), near]
     centre = signals[:, LEVELS + 2 : LEVELS + 4]
     speed = np.abs(np.diff(centre, axis=0, prepend=centre[:1])).sum(axis=1)
-    changes = signals[:, -CHANGES:]
+    changes = signals[:, -CHANGES:].copy()
+    changes[:, ::3] -= _median(changes[:, ::3], MEDIAN)  # which a drift of all taxels leaves as it is
     columns += [speed, *(np.sign(changes) * np.log1p(np.abs(changes) / offsets[LEVELS:])).T]
     return np.stack(columns, axis=1).astype(np.float32)
 
@@ -479,6 +480,7 @@ class Frames(Detector):
             "float baseline[{TAXELS}], above[{TAXELS}];  /* of the last tick */",
             f"float slow[{len(PACES)}][{{TAXELS}}];  /* slow means */",
             "float logs[{MODELS}][{LOOK}][{LEVELS}], area, row, col;  /* rings; of the last tick */",
+            "float means[{LOOK}][{CHANGES} / 3];  /* a ring: mean of the readings less each slow mean */",
             "int model;  /* the classifier that decides */",
             "int felt, at, looked;  /* whether there was a tick; place in the rings, ticks in them */",
             "int since, below, weak, begun, held, lasts, is_known;  /* ticks of the touch; whether it was reported */",
