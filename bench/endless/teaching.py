@@ -11,6 +11,7 @@ from bench import contract
 from bench.amounts import quantity
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import is_recorded
+from bench.endless import DETECTOR
 from bench.endless.background import further, joined
 from bench.endless.composer import check_background, pieces
 from bench.endless.detectors.base import Detects, Watches
@@ -62,10 +63,9 @@ class Watching:
         }
 
     def sentence(self, watcher: Watches) -> str:
-        """Which detector finds touches, and which one it has taken if it takes one of several."""
-        own, taken = type(self.part.make()).__name__.lower(), watcher.chosen.get("detector")
-        which = f": {taken}, the better one in training" if taken not in (None, own) else ""
-        return f"detector={self.part.typed()} finds touches in a stream{which}"
+        """Which detector finds touches, and which one the usual one has taken."""
+        taken = f"; it has taken {watcher.chosen['detector']}" if self.part.name == DETECTOR else ""
+        return f"detector={self.part.typed()} finds touches in a stream{taken}"
 
     def check(self, captures: Corpus) -> None:
         """Refuse captures that cannot teach it.

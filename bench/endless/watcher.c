@@ -177,8 +177,8 @@ static int watched(touch_watch_t *w, const float *frame, touch_event_t *event)
         return 0;
     float before = w->touched, odds = log_odds(w);
     w->touched = filtered(before, odds, w->level);
-    w->lasts = w->touched <= 0.5f ? 0 : w->lasts <= LONGEST ? w->lasts + 1 : w->lasts;
-    w->is_refused |= w->lasts > LONGEST; /* no touch lasts so long */
+    w->lasts = w->touched <= 0.5f ? 0 : w->lasts <= LASTING ? w->lasts + 1 : w->lasts;
+    w->is_refused |= w->lasts > LASTING; /* no touch lasts so long */
     w->counts.refused += w->is_refused ? WATCH_HOP : 0;
     return news(w, before, odds, event);
 }

@@ -292,7 +292,7 @@ class Watcher:
                     "BEGIN": float(np.float32(BEGIN) * hop_s),
                     "STAY": float(1 - np.float32(END) * hop_s),
                     "STRONG": float(min(self.strong, 1e30)),
-                    "LONGEST": int(min(self.longest, 1e9)),
+                    "LASTING": int(min(self.longest, 1e9)),
                     "ON": ON,
                     "OFF": OFF,
                     "REJECT": float(self.reject),

@@ -49,8 +49,10 @@ def learned(system: contract.System, recordings: Recordings, false_alarms: float
         The watcher, and the `bias_table` of all biases.
 
     Raises:
-        InputError: fewer than two subjects.
+        InputError: fewer than two subjects, or no touch.
     """
+    if not len(recordings.events):
+        raise InputError("detector=filter: the training recordings have no touch; record some")
     steps, _ = behind(system)
     corpus = taken(recordings.corpus, steps)[0]
     clock = Clock.of(system, corpus.rate_hz)

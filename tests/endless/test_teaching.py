@@ -52,7 +52,7 @@ def test_the_usual_detector_is_the_best_as_for_bench_watch_and_has_c(tmp_path, m
     words = "data=day model=lda features=touch model.window=0.5 stopping=no out=rec".split()
     assert main(["fit", *words]) == 0
     taken = load("rec").watcher.chosen["detector"]
-    assert f"detector=best finds touches in a stream: {taken}, the better one" in capsys.readouterr().out
+    assert f"detector=best finds touches in a stream; it has taken {taken}\n" in capsys.readouterr().out
     (run,) = runs("fit")[1]
     assert run.data.params["watch.detector"] == "best" and taken in ("filter", "frames")
     assert main(["export", "rec", "out=in_c"]) == 0
@@ -72,7 +72,7 @@ def test_models_are_of_another_format_when_their_objects_change(model, detector,
 
 
 def attributes(thing):
-    """Names of the attributes of all objects of touchbench that an object holds, by class."""
+    """Names of the attributes of touchbench's objects in an object, by class; with shapes of a detector's arrays."""
     names, stack, done = {}, [thing], []
     while stack:
         one = stack.pop()
@@ -87,7 +87,9 @@ def attributes(thing):
             stack += vars(one).values()
             if type(one).__module__.startswith("bench."):
                 kind = f"{type(one).__module__}.{type(one).__qualname__}"
-                names[kind] = names.get(kind, set()) | set(vars(one))
+                own = kind.startswith("bench.endless.")
+                shapes = {n: f"{n}{v.shape}" if own and isinstance(v, np.ndarray) else n for n, v in vars(one).items()}
+                names[kind] = names.get(kind, set()) | {*shapes.values()}
     return names
 
 

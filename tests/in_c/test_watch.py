@@ -330,6 +330,8 @@ def test_refused_windows_long_touches_and_saturated_frames_are_counted(tmp_path)
     recogniser, (_, streams) = copy(watching("lda")), recordings()
     detector, longest = copy(recogniser.watcher.detector), 5
     detector.limit_ *= 0.4
+    lengths = streams.events["end"] - streams.events["start"]
+    assert recogniser.watcher.longest == -(-3 * lengths.max() // recogniser.watcher.clock.hop)
     recogniser.watcher = replace(recogniser.watcher, detector=detector, longest=longest)
     clock, full = recogniser.watcher.clock, recogniser.full_scale
     frames = streams.corpus[0][:4000].copy()
@@ -353,6 +355,12 @@ def test_refused_windows_long_touches_and_saturated_frames_are_counted(tmp_path)
     assert 0 < still.sum() < (still | (detector.unusual(table) > detector.limit_)).sum() < refused.sum() < len(refused)
     assert counts[0] == clock.detect + clock.hop * (len(each) - 1)
     assert counts[2] == most[: counts[0]].sum() >= 50
+    whole = corpus.changed(lengths=np.array([counts[0]]), digest="", path=None)
+    silent = np.append(np.zeros(clock.detect - 1, bool), np.repeat(refused, clock.hop))[: counts[0]] | most[: counts[0]]
+    assert recogniser.watcher.refused(whole, recogniser.watcher.evidence(whole)) == silent.sum()
+    live = recogniser.watcher.stream(corpus.grid, corpus.rate_hz, full)
+    told = [(live.push(frame.astype(np.float32)), live.status)[1] for frame in frames[:1500]]
+    assert len(told) - told.count("ok") == silent[:1500].sum() > still.sum() * clock.hop
     assert abs(counts[1] / clock.hop - refused.sum()) <= 1  # a share of features at the limit, rounded
     expected = np.where(most[clock.detect - 1 :: clock.hop][: len(each)], 2, refused)
     assert (np.array(each) != expected).sum() <= 1

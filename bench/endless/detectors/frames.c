@@ -138,7 +138,7 @@ static float median(const touch_watch_t *w, int kind, int which)
 }
 
 /* Which classifier decides on a tick: the first, or one for vibration or noise where the last ticks show it. Refuses
-   a sensor that is more disturbed than all of training. */
+   a sensor that is more than 1.5 times as disturbed as in training. */
 static int deciding(touch_watch_t *w, const float *found)
 {
     int model = 0;
@@ -206,7 +206,7 @@ static void look(touch_watch_t *w, const float *found, float *next)
     *next++ = found[1];
     *next++ = first ? 0 : fabsf(found[2] - w->row) + fabsf(found[3] - w->col);
     for (int i = 0; i < CHANGES; i++) {
-        float more = found[5 + i] - (i % 3 ? 0 : median(w, 2, i / 3)); /* which a drift of all taxels leaves */
+        float more = found[5 + i] - (i % 3 ? 0 : median(w, 2, i / 3)); /* a drift of all taxels cancels out */
         *next++ = copysignf(log1pf(fabsf(more) / look_sizes[w->model * CHANGES + i]), more);
     }
     w->area = found[0];

@@ -155,7 +155,7 @@ def features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.n
     centre = signals[:, LEVELS + 2 : LEVELS + 4]
     speed = np.abs(np.diff(centre, axis=0, prepend=centre[:1])).sum(axis=1)
     changes = signals[:, -CHANGES:].copy()
-    changes[:, ::3] -= _median(changes[:, ::3], MEDIAN)  # which a drift of all taxels leaves as it is
+    changes[:, ::3] -= _median(changes[:, ::3], MEDIAN)  # a drift of all taxels cancels out
     columns += [speed, *(np.sign(changes) * np.log1p(np.abs(changes) / offsets[LEVELS:])).T]
     return np.stack(columns, axis=1).astype(np.float32)
 
@@ -391,7 +391,7 @@ class Frames(Detector):
         return np.column_stack([odds, (gauges > self._most).any(axis=1)])
 
     def refused(self, evidence: np.ndarray) -> np.ndarray:
-        """Whether the sensor is disturbed 1.5 times as much as in all that any classifier learned from, or more."""
+        """Whether the sensor is more than 1.5 times as disturbed as in all that any classifier learned from."""
         return evidence[:, 2] > 0
 
     @property

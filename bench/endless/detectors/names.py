@@ -62,7 +62,7 @@ def learned_names(make_system: Callable[[], contract.System], recordings: Record
 
     It also learns from every second recording as each kind of disturbed sensor shows it, with a shift for each kind.
     """
-    corpus = recordings.corpus.changed(frames=recordings.corpus.frames)
+    corpus = recordings.corpus.changed(frames=recordings.corpus.frames)  # these recordings alone
     parts = [touches(Recordings(corpus, recordings.events), BEGUN_S, SHIFTS_S)]
     for k, (kind, shift) in enumerate(zip(NAMING_KINDS, SHIFTS_S, strict=True)):
         if len(half := np.arange(k % 2, len(corpus), 2)):
