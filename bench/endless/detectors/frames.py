@@ -57,8 +57,8 @@ class Levels:
 
     Args:
         up: share of the way to a higher reading that the baseline of a taxel goes in a tick.
-        down: that to a lower one.
-        paces: those of slow means to the reading.
+        down: share of the way to a lower one.
+        paces: shares of the way to the reading that slow means go.
     """
 
     def __init__(self, up: float, down: float, paces: Sequence[float]) -> None:
