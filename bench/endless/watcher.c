@@ -177,7 +177,7 @@ static int watched(touch_watch_t *w, const float *frame, touch_event_t *event)
         return 0;
     float before = w->touched, odds = log_odds(w);
     w->touched = filtered(before, odds, w->level);
-    w->lasts = w->touched <= 0.5f ? 0 : w->lasts <= LASTING ? w->lasts + 1 : w->lasts;
+    w->lasts = w->touched > 0.5f ? w->lasts + (w->lasts <= LASTING) : 0;
     w->is_refused |= w->lasts > LASTING; /* no touch lasts so long */
     w->counts.refused += w->is_refused ? WATCH_HOP : 0;
     return news(w, before, odds, event);

@@ -116,7 +116,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
                 f"detector={finds} has no C; use filter, frames or threshold in bench fit detector=, or watch=no"
             )
         if taken := {name for _, group in watch.constants for name in group} & {*defines}:
-            raise ValueError(f"the C has constants {', '.join(sorted(taken))}; rename those of the detector")
+            raise InputError(f"detector: its C defines {', '.join(sorted(taken))}, as touch.c does; rename it there")
         defines |= _watching(watch, recogniser, sizes, 0 if any(map(is_fraction, steps)) else recogniser.step)
         points = watcher.points or ((watch.level, np.nan, np.nan),)
         arrays |= watch.arrays | {"levels": np.array([level for level, _, _ in points], np.float32)}

@@ -27,6 +27,7 @@ from bench.endless.detectors.ticks import frames_of_tick, ticked
 from bench.endless.disturbed import KINDS, disturbed
 from bench.endless.watcher import UNKNOWN
 from bench.endless.watcher_training import learned
+from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.in_c import measure
 from bench.models.classic.lda import lda
@@ -115,10 +116,7 @@ def recordings(rate_hz=135.0, whole=False):
 
 
 DETECTORS = {"frames": Frames(), "frames at 8 Hz": Frames(), "threshold": Threshold()}
-IN_STEPS = {
-    "frames at 8 Hz": 8.0,
-    "threshold": 100.0,
-}  # of whole numbers; rounding decides on few turns
+IN_STEPS = {"frames at 8 Hz": 8.0, "threshold": 100.0}  # whole numbers, at rates where rounding decides on few turns
 
 
 def streams_of(name):
@@ -324,6 +322,15 @@ def test_each_operating_point_gives_the_events_of_python(name, tmp_path):
         counts.append(len(expected))
     assert len(set(counts)) > 1
     assert in_c.code.set(-1) == in_c.code.set(len(points)) == -1
+
+
+def test_a_constant_of_a_detector_that_the_c_has_is_refused(tmp_path):
+    recogniser = copy(watching("frames"))
+    inner = recogniser.watcher.in_c(recogniser.classes, recogniser.rate_hz)
+    clashing = replace(inner, constants=(*inner.constants, ("Most frames.", {"LONGEST": 9})))
+    recogniser.watcher = SimpleNamespace(in_c=lambda *given: clashing, points=())
+    with pytest.raises(InputError, match="LONGEST"):
+        written(recogniser, tmp_path)
 
 
 def test_refused_windows_long_touches_and_saturated_frames_are_counted(tmp_path):

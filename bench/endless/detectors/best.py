@@ -36,23 +36,20 @@ class Best:
         false_alarms: float,
     ) -> tuple[Watches, pd.DataFrame]:
         """The better watcher, and the thresholds of both; arguments of `bench.endless.detectors.base.Detects`."""
-        tables, trial, watcher = [], None, None
-
-        def add(name: str, table: pd.DataFrame) -> None:
-            counted = table.assign(hits=table["found"] * len(recordings.events))
-            tables.append(table.assign(detector=name, worth=worth(counted, false_alarms)))
-
+        settings: dict[str, pd.DataFrame] = {}
         with suppress(InputError):
             trial = trial_of(Frames(), system, recordings)
-            add("frames", trial.settings)
+            settings["frames"] = trial.settings
         try:
-            watcher, settings = Filter().learn(make_system, system, captures, recordings, false_alarms)
-            add("filter", settings)
+            watcher, settings["filter"] = Filter().learn(make_system, system, captures, recordings, false_alarms)
         except InputError:
-            if trial is None:
+            if not settings:
                 raise
+        tables = []
+        for name, table in settings.items():
+            counted = table.assign(hits=table["found"] * len(recordings.events))
+            tables.append(table.assign(detector=name, worth=worth(counted, false_alarms)))
         both = pd.concat(tables, ignore_index=True)
-        if watcher is not None and (trial is None or both.loc[both["worth"].idxmax(), "detector"] == "filter"):
+        if both.loc[both["worth"].idxmax(), "detector"] == "filter":
             return watcher, both
-        assert trial is not None  # otherwise `filter` has learned, or refused
         return learned(Frames(), make_system, system, recordings, false_alarms, trial), both

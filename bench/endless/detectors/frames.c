@@ -80,10 +80,10 @@ static void feel(touch_watch_t *w, const float *tick, float *found)
     float *values = w->now.taxels, least = shared(w, tick), size = ROWS > COLS ? ROWS : COLS;
     float mean = 0, total = 0, moved = 0, squares = 0, row = 0, col = 0, near = 0, near_squares = 0;
     for (int k = 0; k < CHANGES / 3; k++)
-        compare(w->slow[k], look_paces[k], values, tick, !w->felt, found + LEVELS + 5 + 3 * k);
+        compare(w->slow[k], look_paces[k], values, tick, !w->looked, found + LEVELS + 5 + 3 * k);
     for (int i = 0; i < TAXELS; i++) {
         float flat = fmaxf(tick[i] - least, 0);
-        if (!w->felt)
+        if (!w->looked)
             w->baseline[i] = flat;
         float above = flat - w->baseline[i];
         w->baseline[i] += (above > 0 ? UP : DOWN) * above;
@@ -110,7 +110,6 @@ static void feel(touch_watch_t *w, const float *tick, float *found)
     found[LEVELS + 2] = total > 0 ? row / total / size : 0;
     found[LEVELS + 3] = total > 0 ? col / total / size : 0;
     found[LEVELS + 4] = TAXELS > 1 ? least : tick[0];
-    w->felt = 1;
 }
 
 /* Place in the rings of the tick so many ticks ago, or of the first one. */

@@ -482,7 +482,7 @@ class Frames(Detector):
             "float logs[{MODELS}][{LOOK}][{LEVELS}], area, row, col;  /* rings; of the last tick */",
             "float means[{LOOK}][{CHANGES} / 3];  /* a ring: mean of the readings less each slow mean */",
             "int model;  /* the classifier that decides */",
-            "int felt, at, looked;  /* whether there was a tick; place in the rings, ticks in them */",
+            "int at, looked;  /* place in the rings, ticks in them */",
             "int since, below, weak, begun, held, lasts, is_known;  /* ticks of the touch; whether it was reported */",
             "float highest;  /* log-odds of the touch */",
             "float calm[2][{CALM}], shared;  /* rings: changes of what taxels share, movement; last tick */",
