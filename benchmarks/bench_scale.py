@@ -31,9 +31,9 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # where workers find it, too
 
-from bench.outcomes.results import FoldResult, table_of
 from bench.result import Result
 from bench.work.experiment import Experiment
+from bench.work.results import FoldResult, table_of
 
 PEOPLE = [10, 31, 100]
 GRID = {"model": "lda,bayes", "features": "jung28,jung54,touch,gaus,hughes36"}

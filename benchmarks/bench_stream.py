@@ -16,9 +16,9 @@ import pandas as pd
 
 from bench.corpora.library import open_corpus
 from bench.models.search.inner_folds import inner_folds
-from bench.outcomes.scores import classes_of
 from bench.plan.cells import cells
 from bench.plan.plan import folds_of
+from bench.scores import classes_of
 from bench.work.replay import Calibration, Replay, decision_latency, replayed
 
 

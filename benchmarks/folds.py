@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bench.outcomes.results import FoldResult
 from bench.work.experiment import Experiment
+from bench.work.results import FoldResult
 from bench.work.workers import Processes, Task
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bench import few
-from bench.outcomes import resampling, scores
+from bench import few, resampling, scores
 
 
 def drawn_confusions(labelled: pd.DataFrame, classes: list[str], draws: int, seed: int) -> np.ndarray:

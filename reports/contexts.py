@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from bench import few
 from bench.comparable import Row, alike, context_of, seed_number, shared
-from bench.outcomes.curves import clean_accuracy
 from bench.result import Result
+from bench.work.curves import clean_accuracy
 
 CONTEXTS = 3  # captures-and-protocol groups that are drawn
 METHODS = 10  # of a context

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.outcomes import scores
+from bench import scores
 from bench.reports.figures import LINE, MARKERS, WIDEST, bars, new_figure, plain, save, width_of
 from bench.result import Result
 

@@ -12,7 +12,6 @@ import pandas as pd
 
 from bench.comparable import Row
 from bench.measures import Measure, percent, text
-from bench.outcomes.curves import clean_accuracy
 from bench.reports.contexts import context_words, contexts
 from bench.reports.figures import save
 from bench.reports.part import Part, Section
@@ -20,6 +19,7 @@ from bench.reports.stability_figures import heat_map
 from bench.result import Result
 from bench.sentences import sentences
 from bench.table import Table
+from bench.work.curves import clean_accuracy
 
 FAULTS = "Faults"  # heading
 FAILING = (  # columns of the table of systems under faults

@@ -9,12 +9,12 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from bench.measures import text
-from bench.outcomes.curves import clean_accuracy
 from bench.reports.contexts import contexts, scarce
 from bench.reports.figures import DASHES, MARKERS, bars, new_figure, plain, save
 from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.table import Table
+from bench.work.curves import clean_accuracy
 
 
 def level_section(circumstance: Any, results: Sequence[Result], folder: Path) -> Section | None:

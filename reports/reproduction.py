@@ -13,9 +13,9 @@ from importlib.resources import files
 import numpy as np
 import pandas as pd
 
-from bench import few
+from bench import few, scores
 from bench.comparable import Row, facts_of, seed_number
-from bench.outcomes import scores, statistics
+from bench.outcomes import statistics
 from bench.outcomes.runs import subject_accuracy
 from bench.reports.bootstrap import macro_interval
 from bench.reports.comparison import SAME

@@ -11,8 +11,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench import few as fewest
+from bench import scores
 from bench.comparable import facts_of, seed_number
-from bench.outcomes import scores, statistics
+from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
 from bench.reports import details, paired_statistics
 from bench.reports.bootstrap import recall_interval

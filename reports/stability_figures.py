@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.outcomes.curves import clean_accuracy
-from bench.outcomes.stability import learning
 from bench.reports.figures import DASHES, MARKERS, bars, write_svg
+from bench.work.curves import clean_accuracy
+from bench.work.stability import learning
 
 if TYPE_CHECKING:
     from bench.result import Result

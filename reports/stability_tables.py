@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bench import scores
 from bench.comparable import notes_on
 from bench.errors import InputError
 from bench.measures import Measure, percent, text
-from bench.outcomes import scores
-from bench.outcomes.curves import joined, unharmed
-from bench.outcomes.stability import ALPHA, FAMILIES, families, learning, ranks, seeds
 from bench.reports import stability_figures as figures
 from bench.reports.layout import markdown
 from bench.reports.numbers import noted
@@ -22,6 +20,8 @@ from bench.result import Result
 from bench.sentences import sentences
 from bench.table import Table, of_text, rows_of, write_sheet
 from bench.usual import CLEAN
+from bench.work.curves import joined, unharmed
+from bench.work.stability import ALPHA, FAMILIES, families, learning, ranks, seeds
 
 TOP = 10  # rows of a table
 SEEDS = (

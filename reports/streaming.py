@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from bench.comparable import alike
 from bench.errors import InputError
 from bench.measures import Measure, percent, text
-from bench.outcomes.stopping import NO_SAVING, saves
 from bench.reports.contexts import context_words, contexts, scarce
 from bench.reports.figures import DASHES, MARKERS, bars, log_ticks, save, write_svg
 from bench.reports.numbers import noted
@@ -21,6 +20,7 @@ from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.sentences import sentences
 from bench.table import Table, write_sheet
+from bench.work.stopping import NO_SAVING, saves
 
 Same = Mapping[str, tuple[str, str]]  # parameters that comparable replays share (`bench.comparable.shared`)
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature

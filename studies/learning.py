@@ -18,9 +18,9 @@ import numpy as np
 import pandas as pd
 
 import bench
+from bench import resampling
 from bench.amounts import convert
 from bench.arguments import KEYS, parse
-from bench.outcomes import resampling
 from bench.reports.figures import MARKERS, new_figure, save
 
 DRAWS = 500  # of subjects, for the interval of a law

@@ -5,12 +5,12 @@ from itertools import count
 import numpy as np
 import pandas as pd
 
+from bench import scores
 from bench.circumstances.faults import Faults
 from bench.circumstances.subjects import Subjects
-from bench.outcomes import scores
-from bench.outcomes.results import FoldResult, measure
-from bench.outcomes.stability import sliced
 from bench.result import Result
+from bench.work.results import FoldResult, measure
+from bench.work.stability import sliced
 
 GESTURES = ("pat", "rub", "tap")
 NAMES = ("fold", "capture", "start", "frames", "true", "subject", *(f"p_{g}" for g in GESTURES))
@@ -124,7 +124,7 @@ def under_stress(table, system="svm", **about):
     """A result of ``bench stress`` with this table of labels, analysed as the run does.
 
     Args:
-        table: columns of `bench.outcomes.curves`.
+        table: columns of `bench.work.curves`.
         system: name of the system.
         about: tags and parameters besides the usual ones.
     """

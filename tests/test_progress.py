@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from bench import progress
-from bench.outcomes.results import FoldResult
 from bench.progress import Message, messages, note, tell, telling
 from bench.work import workers
 from bench.work.bar import Bar
+from bench.work.results import FoldResult
 
 
 @pytest.fixture(autouse=True)

@@ -18,12 +18,13 @@ PACKAGES = ("bench", "features", "models", "protocols", "reports")
 
 # Rooms from the bottom to the top: modules, or packages with all below them, and the rooms that they may import.
 GROUND = "bench.amounts bench.errors bench.few bench.machine bench.memory bench.paired bench.pareto bench.progress "
-GROUND += "bench.registry bench.scratch bench.source bench.timing bench.usual bench.work.backend"
+GROUND += "bench.registry bench.resampling bench.scratch bench.source bench.timing bench.usual bench.work.backend"
 VALUES = "bench.candidate bench.comparable bench.described bench.measures bench.result bench.sentences bench.table "
 VALUES += "bench.words"
 ROOMS = {
     "ground": (GROUND, ""),
     "values": (VALUES, "ground"),
+    "numbers": ("bench.scores bench.work.curves bench.work.stability bench.work.stopping", "ground values"),
     "grammar": ("bench.arguments bench.options", "ground values"),  # of the command line: results do not know it
     "corpora": ("bench.corpora", "ground"),
     "features": ("bench.features", "ground corpora"),
@@ -31,12 +32,12 @@ ROOMS = {
     "models": ("bench.models", "ground corpora features contract"),
     "protocols": ("bench.protocols", "ground corpora"),
     "plan": ("bench.plan", "ground values corpora contract models"),
-    "outcomes": ("bench.outcomes bench.scene_file", "ground values corpora"),
-    "reports": ("bench.reports", "ground values corpora outcomes"),
-    "work": ("bench.work", "ground values corpora features contract models plan outcomes"),
+    "outcomes": ("bench.outcomes bench.scene_file", "ground values numbers corpora"),
+    "reports": ("bench.reports", "ground values numbers corpora outcomes"),
+    "work": ("bench.work", "ground values numbers corpora features contract models plan outcomes"),
     "kinds": (
         "bench.kinds bench.circumstances",
-        "ground values grammar corpora contract plan outcomes reports work",
+        "ground values numbers grammar corpora contract plan outcomes reports work",
     ),
 }
 # These may be taken away: no other room imports one, and each may import all others.

@@ -9,8 +9,8 @@ from rich.console import Console
 
 from bench.errors import InputError
 from bench.measures import SECTIONS, Cost, Interval, Measure, costs, percent, run_columns, text, three
-from bench.outcomes.resampling import drawn, ratio_interval, weights
 from bench.outcomes.tables import TEXT, file_of, read_table, uniform, write_table
+from bench.resampling import drawn, ratio_interval, weights
 from bench.result import SMALL, Failure, Result, Tables
 from bench.scene_file import OTHER
 from bench.table import Table, of_text

@@ -16,8 +16,8 @@ from bench.board.tasks import RATE_HZ, Task
 from bench.comparable import CONDITIONS, seed_number
 from bench.errors import InputError
 from bench.outcomes.events import REPORT
-from bench.outcomes.scores import ABSTAINED
 from bench.result import Result
+from bench.scores import ABSTAINED
 
 FILE = re.compile(r"(?<==)(?:.*[/\\])?([^/\\]+\.py)(:\w+)$")  # of a word of a command that names a part of a file
 SHARED = {"subset": "all", "target": "gesture", "status": "FINISHED"}  # by the runs of all tasks

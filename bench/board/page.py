@@ -14,9 +14,9 @@ from bench.board.submissions import NUMBERS, Submission, behind, reference_of
 from bench.board.tasks import TASKS
 from bench.measures import Cell, Interval, Measure, Row, known, text, whole
 from bench.outcomes.ranking import ranking
-from bench.outcomes.scores import per_subject
 from bench.reports.layout import page
 from bench.reports.over_corpora import OverCorpora, section
+from bench.scores import per_subject
 from bench.table import Table, rows_of
 
 TEMPLATE = Path(str(files("bench.board"))) / "leaderboard.jinja"

@@ -23,12 +23,12 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 
+from bench import resampling, scores
 from bench.board.tasks import CLEAN, FALSE_ALARMS, RATE_HZ, Task, digest_of, recordings_of, rows_of, task_of
 from bench.corpora.read.csv_text import FrameFile
 from bench.corpora.read.limits import called, check_labels, plain, quoted, short
 from bench.corpora.read.parquet import ParquetFile
 from bench.errors import InputError
-from bench.outcomes import resampling, scores
 from bench.outcomes.events import FALSE_ALARM, REPORT, matched, summary
 
 METADATA = "submission.json"

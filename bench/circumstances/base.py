@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
     from bench import contract
     from bench.corpora.corpus import Corpus
-    from bench.outcomes.results import FoldResult
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
     from bench.reports.part import Section
     from bench.source import Code
     from bench.work.fitted import Fitted
+    from bench.work.results import FoldResult
 
 CASE = ("case", "level")  # its columns that name a case
 
@@ -112,8 +112,8 @@ class Circumstance(Options, Shown):
         """Label the test captures of a fold in every case."""
         import pandas as pd
 
-        from bench.outcomes.results import FoldResult
         from bench.work.fold import computing
+        from bench.work.results import FoldResult
 
         begun, parts, last = time.perf_counter(), [], None
         with computing(at.threads):
@@ -150,7 +150,7 @@ class Circumstance(Options, Shown):
             folds: results of the folds.
             rate_hz: frames per second.
         """
-        from bench.outcomes.curves import curve, loss
+        from bench.work.curves import curve, loss
 
         table = curve(tables[LABELS], self.key)
         numbers = {f"accuracy.{r.case}.{r.level:g}": r.accuracy for r in table.itertuples()}
@@ -206,8 +206,8 @@ class Circumstance(Options, Shown):
         """
         import pandas as pd
 
-        from bench.outcomes.curves import unharmed
-        from bench.outcomes.stability import sliced
+        from bench.work.curves import unharmed
+        from bench.work.stability import sliced
 
         numbers: dict[str, float] = {}
         made: dict[str, pd.DataFrame] = {}
@@ -267,7 +267,7 @@ class Circumstance(Options, Shown):
     @classmethod
     def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """The curves of all systems."""
-        from bench.outcomes.curves import joined
+        from bench.work.curves import joined
 
         return {cls.key: joined(results, cls.key)} if results else {}
 

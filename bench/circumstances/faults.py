@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bench.candidate import Losses
-    from bench.outcomes.results import FoldResult
     from bench.plan.plan import Plan
     from bench.reports.part import Section
     from bench.result import Result
     from bench.source import Code
     from bench.table import Table
     from bench.work.fitted import Fitted
+    from bench.work.results import FoldResult
 
 
 def losses(row: Row) -> dict[str, float]:
@@ -37,7 +37,7 @@ def losses(row: Row) -> dict[str, float]:
 
 
 def _clean(row: Result) -> Shown:
-    from bench.outcomes.curves import clean_accuracy
+    from bench.work.curves import clean_accuracy
 
     return 100 * clean_accuracy(row)
 
@@ -162,7 +162,7 @@ class Faults(Circumstance):
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
     ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
         """Accuracy and loss under each fault, and where half of the margin over chance is lost."""
-        from bench.outcomes.stability import fault_metrics, fault_tables
+        from bench.work.stability import fault_metrics, fault_tables
 
         made = fault_tables(tables[LABELS], self.key)
         return fault_metrics(made) | {"faults_tested": len(self.under)}, made
@@ -241,7 +241,7 @@ class Faults(Circumstance):
     @classmethod
     def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """Accuracy under each fault."""
-        from bench.outcomes.curves import joined
+        from bench.work.curves import joined
 
         return {"faults": joined(results, "faults")} if results else {}
 
@@ -250,7 +250,7 @@ class Faults(Circumstance):
         """The label of each capture as it is, and under each ``fault`` at each ``severity``."""
         import pandas as pd
 
-        from bench.outcomes.curves import unharmed
+        from bench.work.curves import unharmed
 
         table = result.tables[LABELS]
         table = pd.concat([unharmed(table), table[table["circumstance"] == cls.key]], ignore_index=True)

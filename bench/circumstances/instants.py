@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bench.candidate import Candidate, Wish
-    from bench.outcomes.results import FoldResult
     from bench.plan.plan import Plan
     from bench.reports.part import Section
     from bench.result import Result
     from bench.source import Code
     from bench.work.fitted import Fitted
     from bench.work.replay import Replay
+    from bench.work.results import FoldResult
 
 EACH = "each"
 SHOWN_MS = (250, 500, 1000, 2000)  # what is told of the curve
@@ -139,7 +139,7 @@ class Instants(Circumstance):
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy of whole captures, and of stopping at the learned threshold."""
-        from bench.outcomes.stopping import fold_numbers
+        from bench.work.stopping import fold_numbers
 
         return fold_numbers(result.tables, rate_hz)
 
@@ -147,14 +147,14 @@ class Instants(Circumstance):
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
     ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
         """Accuracy after each time and of adaptive stopping; both curves."""
-        from bench.outcomes.results import costs
-        from bench.outcomes.stopping import replay_numbers
+        from bench.work.results import costs
+        from bench.work.stopping import replay_numbers
 
         return replay_numbers(tables, self.after or SHOWN_MS, costs([*folds])["replay_ms_p95"], rate_hz)
 
     def labels(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
         """The label that stands after each time that was asked for, or after round ones."""
-        from bench.outcomes.stopping import standing_labels
+        from bench.work.stopping import standing_labels
 
         return standing_labels(tables[REPLAY], self.after or SHOWN_MS, self.key, rate_hz)
 
@@ -274,7 +274,7 @@ class Instants(Circumstance):
     @classmethod
     def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
         """The label of each capture that stands after each time ``ms``; none at a time that a run leaves out."""
-        from bench.outcomes.stopping import standing_labels
+        from bench.work.stopping import standing_labels
 
         rows = standing_labels(result.tables[REPLAY], [*map(float, cases["ms"])], cls.key, rate_hz)
         if (times := str(result["stream.after"])) != EACH:

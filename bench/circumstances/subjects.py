@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from bench.outcomes.results import FoldResult
     from bench.plan.plan import Plan
     from bench.result import Result
     from bench.work.fitted import Fitted
+    from bench.work.results import FoldResult
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Subjects(Circumstance):
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
     ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
         """The learning curve, which ends with all training subjects."""
-        from bench.outcomes.stability import learning
+        from bench.work.stability import learning
 
         curve = learning(tables[LABELS])
         numbers = {f"accuracy.train_subjects.{r.train_subjects:g}": r.accuracy for r in curve.itertuples()}
@@ -101,7 +101,7 @@ class Subjects(Circumstance):
     @classmethod
     def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """The curves of all systems."""
-        from bench.outcomes.curves import joined
+        from bench.work.curves import joined
 
         return {"learning": joined(results, "learning")} if results else {}
 

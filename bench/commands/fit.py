@@ -10,12 +10,12 @@ from bench.commands.printing import then, unwritable
 from bench.corpora.read.table import read_unlabelled
 from bench.errors import InputError
 from bench.options import keys
-from bench.outcomes.stopping import NO_SAVING
 from bench.plan.cells import cells
 from bench.registry import parts
 from bench.scratch import new_folder, replacing
 from bench.table import write_sheet
 from bench.words import Values, quoted
+from bench.work.stopping import NO_SAVING
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus

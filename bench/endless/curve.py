@@ -7,7 +7,7 @@ import pandas as pd
 
 from bench import few
 from bench.endless import RATES
-from bench.outcomes.resampling import interval, weights
+from bench.resampling import interval, weights
 
 MOST_REPORTS = 1.25  # per touch
 COUNTS = ["hits", "alarms", "reports"]

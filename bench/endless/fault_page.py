@@ -11,13 +11,13 @@ import pandas as pd
 from bench.endless import others
 from bench.endless.stress import FAULTS
 from bench.measures import Measure, percent, text
-from bench.outcomes.curves import joined
 from bench.reports.contexts import context_words, contexts, scarce
 from bench.reports.figures import DASHES, MARKERS, plain, save
 from bench.reports.part import Part
 from bench.result import Result
 from bench.table import Table, rows_of
 from bench.usual import CLEAN
+from bench.work.curves import joined
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

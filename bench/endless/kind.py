@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from bench.candidate import Candidate, Wish
     from bench.corpora.corpus import Corpus
     from bench.endless.detectors.base import Detects
-    from bench.outcomes.results import FoldResult
     from bench.plan.cells import Cell, Part
     from bench.plan.plan import Fold, Plan
     from bench.reports.part import Section
     from bench.source import Code
     from bench.table import Table
+    from bench.work.results import FoldResult
 
 
 REFUSED = Measure("refused", read=lambda row: 100 * row["refused"] if row.get("refused") else None, spare=3)

@@ -16,8 +16,8 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.read.limits import quoted
 from bench.corpora.read.sensor_values import checked, highest_of
 from bench.errors import InputError
-from bench.outcomes.stopping import NO_SAVING
 from bench.work.replay import GROWTH
+from bench.work.stopping import NO_SAVING
 
 if TYPE_CHECKING:
     from bench.endless.detectors.base import Watches

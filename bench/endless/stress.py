@@ -15,12 +15,12 @@ from bench.corpora.faults import Fault, all_faults, as_readings, as_shares, aske
 from bench.corpora.recordings import Recordings
 from bench.endless.scored import numbers_of
 from bench.errors import InputError
-from bench.outcomes.results import table_of, tables_of
 from bench.usual import CLEAN, SEVERITIES
+from bench.work.results import table_of, tables_of
 
 if TYPE_CHECKING:
     from bench.endless.detectors.base import Watches
-    from bench.outcomes.results import FoldResult
+    from bench.work.results import FoldResult
 
 FAULTED = "reports_under_faults"  # table of a run
 FAULTS = "scores_under_faults"  # table of a run, a row for each case

@@ -22,7 +22,6 @@ from bench.endless.stress import FAULTED, faulted
 from bench.endless.watcher_training import learn_reject
 from bench.errors import InputError
 from bench.outcomes.events import last_confidence, per_subject, unknown_scores
-from bench.outcomes.results import FoldResult, costs, table_of
 from bench.sentences import sentences
 from bench.timing import Times, timed
 from bench.usual import NO_TOUCH
@@ -37,6 +36,7 @@ from bench.work.fold import (
     footprint,
     paced,
 )
+from bench.work.results import FoldResult, costs, table_of
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bench.candidate import Candidate, Wish
-    from bench.outcomes.results import FoldResult
     from bench.plan.cells import Part
     from bench.plan.plan import Plan
     from bench.result import Result
     from bench.source import Code
     from bench.work.fitted import Fitted
+    from bench.work.results import FoldResult
 
 FORMER = "filter"  # the detector of runs that name none
 C = "c"  # the form, and the table with its probabilities
@@ -141,7 +141,7 @@ class InC(Circumstance):
 
     def labels(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
         """The labels of the C."""
-        from bench.outcomes.scores import captures
+        from bench.scores import captures
 
         rows = captures(tables[C])[["fold", "capture", "subject", "true", "predicted"]]
         return rows.assign(circumstance=self.key, case=C, level=int(self.bits), amount=f"{self.bits} bits")

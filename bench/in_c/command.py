@@ -9,8 +9,8 @@ from bench.arguments import parse_words, settings
 from bench.commands.printing import then
 from bench.errors import InputError
 from bench.options import keys
-from bench.outcomes.stopping import NO_SAVING
 from bench.scratch import made_whole, new_folder
+from bench.work.stopping import NO_SAVING
 
 
 def export(arguments: list[str]) -> int:

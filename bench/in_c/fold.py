@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from bench import scores
 from bench.corpora.library import recordings
 from bench.corpora.recordings import certain, is_recorded, parts_of, recorded
 from bench.errors import InputError
 from bench.in_c.measure import compiled, lacking, measured, measured_watching
 from bench.in_c.tables import check
 from bench.in_c.write import files_of
-from bench.outcomes import scores
-from bench.outcomes.results import FoldResult
 from bench.registry import parts
 from bench.words import labelled
 from bench.work.fitted import Fitted
 from bench.work.fold import computing
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
+from bench.work.results import FoldResult
 from bench.work.saved import Recogniser
 
 if TYPE_CHECKING:

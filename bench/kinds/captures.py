@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from bench.candidate import Candidate, Wish
     from bench.circumstances.base import Circumstance
     from bench.corpora.corpus import Corpus
-    from bench.outcomes.results import FoldResult
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
     from bench.source import Code
+    from bench.work.results import FoldResult
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Captures(Kind):
         """Further columns of its tables of labels; a corpus cannot have them."""
         if not self.circumstances:
             return frozenset()
-        from bench.outcomes.curves import COLUMNS
+        from bench.work.curves import COLUMNS
 
         return COLUMNS.union(*(c.columns for c in self.circumstances))
 
@@ -124,8 +124,8 @@ class Captures(Kind):
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Scores and costs of one fold."""
-        from bench.outcomes import scores
-        from bench.outcomes.results import costs
+        from bench import scores
+        from bench.work.results import costs
 
         more = (c.fold_metrics(result, rate_hz) for c in self.circumstances if c.key not in result.failed)
         return (
@@ -134,7 +134,7 @@ class Captures(Kind):
 
     def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Scores and costs of the whole run; confusions, subjects and classes; what each circumstance changes."""
-        from bench.outcomes.results import measured, tables_of
+        from bench.work.results import measured, tables_of
 
         rate_hz = plan.corpus.rate_hz
         numbers, tables, unit = measured(folds, rate_hz)
@@ -229,7 +229,7 @@ class Captures(Kind):
     @classmethod
     def gestures(cls, result: Result) -> tuple[str, ...]:
         """All gestures of the captures of a run."""
-        from bench.outcomes.scores import classes_of
+        from bench.scores import classes_of
 
         tables = (result.tables.get(name) for name in ("predictions", *result.tables))
         every = (classes_of(table) for table in tables if table is not None)
@@ -240,7 +240,7 @@ class Captures(Kind):
         """The label of each capture with its mean probabilities, or in each ``draw`` of a protocol."""
         import pandas as pd
 
-        from bench.outcomes.scores import PREFIX, captures, classes_of
+        from bench.scores import PREFIX, captures, classes_of
 
         table = result.tables["predictions"]
         labelled = captures(table)

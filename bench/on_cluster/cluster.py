@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any
 
 from bench.errors import ClusterError, InputError
 from bench.on_cluster.worker import answer, check_of, packed
-from bench.outcomes.results import FoldResult
 from bench.plan.plan import Plan
 from bench.progress import Message, forget, note
+from bench.work.results import FoldResult
 from bench.work.workers import Done, Task, Todo
 
 if TYPE_CHECKING:

@@ -105,7 +105,7 @@ def _own(table: pd.DataFrame | None, result: Result) -> pd.DataFrame | None:
 
 
 def _labels(table: pd.DataFrame) -> pd.DataFrame:
-    """Labels under faults and by fewer subjects, in the columns of `bench.outcomes.curves`."""
+    """Labels under faults and by fewer subjects, in the columns of `bench.work.curves`."""
     most = table.groupby("fold")["train_subjects"].transform("max")
     harmed, fewer = table["fault"] != "none", table["train_subjects"] < most
     key = np.select([harmed, fewer], ["under", "train_subjects"], "")

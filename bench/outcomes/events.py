@@ -37,8 +37,8 @@ from typing import SupportsFloat
 import numpy as np
 import pandas as pd
 
-from bench.outcomes import scores
-from bench.outcomes.resampling import ratio_interval
+from bench import scores
+from bench.resampling import ratio_interval
 
 REPORT = {"recording": np.int64, "reported": np.int64, "end": np.int64, "first": str, "label": str}
 REPORT |= {"confidence": np.float64}

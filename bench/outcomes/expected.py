@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from bench import few
+from bench import few, resampling
 from bench.measures import costs
-from bench.outcomes import resampling, stability
 from bench.outcomes.candidates import Candidates
 from bench.outcomes.choice import named, said
 from bench.outcomes.pick import People, fitting, pick
 from bench.outcomes.reactions import Reactions
 from bench.paired import interval
 from bench.table import rows_of
+from bench.work import stability
 
 DRAWS = 1000  # of people with replacement
 POWER, LEVEL = 0.8, 0.05  # of the paired t-test, two-sided
@@ -168,7 +168,7 @@ def more_people(table: pd.DataFrame, reactions: Reactions) -> tuple[int, pd.Data
     The score is taken as a - b / n for n training people, fitted by least squares to the means over subjects.
 
     Args:
-        table: labels of a run with ``train_subjects=`` (`bench.outcomes.curves`). Whole training sets of
+        table: labels of a run with ``train_subjects=`` (`bench.work.curves`). Whole training sets of
             different size count as their mean.
         reactions: reactions that are scored.
 

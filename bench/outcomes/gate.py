@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binom
 
-from bench.outcomes import scores
+from bench import scores
 from bench.outcomes.baseline import NAMES, Measured
 
 if TYPE_CHECKING:

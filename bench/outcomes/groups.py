@@ -17,8 +17,8 @@ import re
 import numpy as np
 import pandas as pd
 
+from bench import scores
 from bench.errors import InputError
-from bench.outcomes import scores
 from bench.paired import interval
 
 LEVELS = (90, 95, 99)  # percent
@@ -29,7 +29,7 @@ def groupings(predictions: pd.DataFrame) -> pd.DataFrame:
     """Accuracy against the number of groups, each person's groups chosen on the predictions for the others.
 
     Args:
-        predictions: table of `bench.outcomes.scores`, of one or more seeds (then with a column ``seed``).
+        predictions: table of `bench.scores`, of one or more seeds (then with a column ``seed``).
 
     Returns:
         A row for each number of ``groups``, from one per gesture down to 2: ``grouping`` (chosen on all subjects, as

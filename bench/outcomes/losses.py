@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import pandas as pd
 
 from bench.candidate import Losses
-from bench.outcomes.curves import unharmed
 from bench.outcomes.reactions import Reactions
 from bench.result import Result
 from bench.usual import CLEAN
+from bench.work.curves import unharmed
 
 
 def points_lost(results: Sequence[Result], asked: Losses, reactions: Reactions, key: str) -> pd.DataFrame | None:

@@ -14,7 +14,7 @@ import pandas as pd
 
 from bench import few
 from bench.outcomes import statistics
-from bench.outcomes.resampling import interval, weights
+from bench.resampling import interval, weights
 from bench.result import Result
 
 COLUMNS = "system mean_rank low high accuracy difference difference_low difference_high p_holm".split()

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bench.errors import InputError, nearest
-from bench.outcomes.scores import PREFIX, classes_of
+from bench.scores import PREFIX, classes_of
 
 NOTHING = "nothing"  # the reaction of a robot that does nothing
 
@@ -131,7 +131,7 @@ def mean_probabilities(predictions: pd.DataFrame) -> tuple[pd.DataFrame, pd.Data
     """``subject`` and ``true`` of each tested capture, and its mean probabilities, with a column for each class.
 
     Args:
-        predictions: table of predictions (`bench.outcomes.scores`).
+        predictions: table of predictions (`bench.scores`).
     """
     groups = predictions.groupby(["fold", "capture"], sort=False)
     classes = classes_of(predictions)
@@ -143,7 +143,7 @@ def by_capture(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
     """``subject``, ``true`` and the reaction ``taken`` for each tested capture, by mean probability.
 
     Args:
-        predictions: table of predictions (`bench.outcomes.scores`).
+        predictions: table of predictions (`bench.scores`).
         reactions: reactions of the robot.
     """
     rows, mean = mean_probabilities(predictions)

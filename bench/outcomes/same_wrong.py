@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import pandas as pd
 
 from bench.comparable import seed_number
-from bench.outcomes.scores import ABSTAINED, PREFIX, captures, classes_of
 from bench.result import Result
+from bench.scores import ABSTAINED, PREFIX, captures, classes_of
 
 LEAST = 5  # models; fewer are too few to doubt a label
 PROBABILITY = "mean probability"
@@ -44,7 +44,7 @@ def agreement(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     """The label that systems agree on, of each capture that all were tested on.
 
     Args:
-        tables: predictions of each system, as in `bench.outcomes.scores`. Folds that test a capture are averaged.
+        tables: predictions of each system, as in `bench.scores`. Folds that test a capture are averaged.
 
     Returns:
         ``capture``, ``subject``, ``true``, ``predicted`` (missing where systems differ), ``mean probability`` (of each

@@ -10,10 +10,10 @@ import pandas as pd
 from bench.candidate import EARLY, Candidate, Wish
 from bench.outcomes.reactions import by_capture, by_decision
 from bench.outcomes.runs import subject_accuracy
-from bench.outcomes.scores import captures
-from bench.outcomes.stopping import standing
 from bench.paired import TOLERANCE
 from bench.result import Result
+from bench.scores import captures
+from bench.work.stopping import standing
 
 NAMED = 3  # systems that a line names
 WINDOW = {"predict": "decide_ms_p50", "decision": "observed_ms"}  # what the costs of single windows read

@@ -11,8 +11,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, Task, TextCol
 from rich.text import Text
 
 from bench import progress
-from bench.outcomes.results import FoldResult, reason_of
 from bench.progress import Message, about, messages, seconds_left, smoothed, span
+from bench.work.results import FoldResult, reason_of
 
 NAMED = 3  # running folds that a line names
 

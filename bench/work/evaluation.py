@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from bench import contract
-from bench.outcomes.results import FoldResult
 from bench.work.fold import ALONE, batch_effects, check_agreement, computing, decisions, footprint, latency
 from bench.work.personal import met
+from bench.work.results import FoldResult
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus

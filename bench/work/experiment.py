@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, ClassVar
 if TYPE_CHECKING:
     from bench import contract
     from bench.corpora.corpus import Corpus
-    from bench.outcomes.results import FoldResult
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
     from bench.result import Result
     from bench.source import Code
+    from bench.work.results import FoldResult
 
 
 @dataclass(frozen=True)

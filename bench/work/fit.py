@@ -16,7 +16,6 @@ from bench import contract
 from bench.corpora.recordings import certain
 from bench.errors import InputError
 from bench.machine import this_machine
-from bench.outcomes.results import FoldResult, costs
 from bench.outcomes.store import connect, only_one, reached
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
@@ -26,6 +25,7 @@ from bench.work.bar import Bar
 from bench.work.experiment import Experiment
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.replay import Replay, Stopping, learned, unlearnable
+from bench.work.results import FoldResult, costs
 from bench.work.tracking import key_of, log_captures, params_of, tags_of
 from bench.work.workers import fill_cache
 

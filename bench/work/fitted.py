@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from bench import contract
-from bench.outcomes import scores
+from bench import contract, scores
 from bench.usual import CLEAN
 from bench.work.experiment import Case
 from bench.work.fold import SOME, batch_effects, decisions

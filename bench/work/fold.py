@@ -82,7 +82,7 @@ def peak_memory() -> int:
 def decisions(
     estimator: contract.System, corpus: Corpus, fold: str, test: np.ndarray, classes: list[str] | None = None
 ) -> pd.DataFrame:
-    """The predictions table of one fold, described in `bench.outcomes.scores`.
+    """The predictions table of one fold, described in `bench.scores`.
 
     Its classes are those of the corpus, unless they are given, sorted.
     """

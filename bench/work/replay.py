@@ -1,7 +1,7 @@
 """Captures seen by a robot, only the touch so far: decisions at instants, and early stopping.
 
 The replay table has one row per capture and instant at which there was something new: the columns of the predictions
-table (`bench.outcomes.scores`), where ``start`` and ``frames`` are what had been seen, ``instant`` (the frames that a
+table (`bench.scores`), where ``start`` and ``frames`` are what had been seen, ``instant`` (the frames that a
 capture that is long enough would have given by then), ``confidence`` (calibrated) and ``settled`` (1 less what waiting
 is expected to gain). After its last row a capture keeps its last decision.
 """
@@ -23,11 +23,11 @@ from bench import contract
 from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError
 from bench.models.search.inner_folds import inner_folds
-from bench.outcomes.results import FoldResult
-from bench.outcomes.scores import PREFIX, classes_of, windows
-from bench.outcomes.stopping import learn_stopping
+from bench.scores import PREFIX, classes_of, windows
 from bench.timing import Times, timed
 from bench.work.fold import SOME, TIMED_CAPTURES, batch_effects, computing, decisions
+from bench.work.results import FoldResult
+from bench.work.stopping import learn_stopping
 
 if TYPE_CHECKING:
     from bench.work.fitted import Fitted

@@ -17,7 +17,6 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.machine import Machine
-from bench.outcomes.results import FoldResult
 from bench.outcomes.runs import ROOMS, stored_tables
 from bench.outcomes.store import Store
 from bench.outcomes.tables import AGAIN, FOR_PEOPLE, file_of, read_table, uniform, write_table
@@ -26,6 +25,7 @@ from bench.plan.plan import Fold, Plan
 from bench.result import FAILED, Failure, Result, Tables
 from bench.source import git_revision, source_digest, versions
 from bench.work.experiment import Experiment
+from bench.work.results import FoldResult
 
 if TYPE_CHECKING:
     from mlflow.entities import Run

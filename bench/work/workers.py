@@ -15,13 +15,13 @@ from typing import NamedTuple, Protocol
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.machine import Machine, this_machine
-from bench.outcomes.results import FoldResult
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
 from bench.progress import forget, telling
 from bench.work.experiment import Experiment
 from bench.work.fold import forget_peak
 from bench.work.pool import Executor, pool
+from bench.work.results import FoldResult
 
 Todo = list[tuple[Plan, Experiment]]  # what a command is to run
 

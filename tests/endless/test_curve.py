@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from bench.endless.curve import missed_at, swept
-from bench.outcomes.resampling import weights
+from bench.resampling import weights
 
 
 def sweep_of(rows):

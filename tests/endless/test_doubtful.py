@@ -16,10 +16,10 @@ from bench.endless.background import joined
 from bench.endless.detectors.ticks import left_out
 from bench.endless.kind import Continuous
 from bench.endless.watch import run_numbers
-from bench.outcomes.results import FoldResult
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.scratch import home
+from bench.work.results import FoldResult
 
 PEOPLE = generate(subjects=3, variants=("normal",), rows=3, cols=3, rate_hz=15.0)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench import scores
 from bench.cli import main
 from bench.commands.printing import runs_table
 from bench.endless.broken import KINDS
@@ -17,7 +18,6 @@ from bench.in_c import measure as compiled
 from bench.in_c import network
 from bench.in_c.circumstance import InC
 from bench.kinds.captures import Captures
-from bench.outcomes import scores
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work.tracking import key_of

@@ -5,11 +5,11 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from bench import few, paired
+from bench import few, paired, scores
 from bench.measures import over_people
-from bench.outcomes import scores, statistics
-from bench.outcomes.resampling import ratio_interval
+from bench.outcomes import statistics
 from bench.reports.comparison import comparison, published
+from bench.resampling import ratio_interval
 from tests.results import evaluated, with_hits
 
 

@@ -16,7 +16,7 @@ from bench.errors import InputError
 from bench.options import options
 from bench.outcomes.baseline import Measured, read, text
 from bench.outcomes.gate import compare, drawn, held, interval, p_value, units_of
-from bench.outcomes.results import FoldResult, costs
+from bench.work.results import FoldResult, costs
 
 NAMES = {
     "data": "toy",

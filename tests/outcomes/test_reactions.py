@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench import scores
 from bench.errors import InputError
-from bench.outcomes import scores
 from bench.outcomes.reactions import Reactions, by_capture, by_decision
 from tests.reports.store import made_up
 

@@ -3,7 +3,7 @@ import pandas as pd
 import pytest
 from sklearn.metrics import accuracy_score, f1_score, precision_score, recall_score
 
-from bench.outcomes import scores
+from bench import scores
 
 # Two subjects, three captures, classes a and b. Capture 0 has three windows that vote a, a, b but whose mean says b.
 PREDICTIONS = pd.DataFrame(

@@ -8,6 +8,7 @@ import pytest
 import torch
 from sklearn.base import BaseEstimator, TransformerMixin
 
+from bench import scores
 from bench.corpora.corpus import origin
 from bench.corpora.synth import generate
 from bench.features.jung54 import Jung54
@@ -16,7 +17,6 @@ from bench.models.classic.rf import rf
 from bench.models.classic.svm import svm
 from bench.models.nets.cnn85 import CNN85
 from bench.models.nets.training import Windows
-from bench.outcomes import scores
 from bench.outcomes.baseline import Measured
 from bench.outcomes.gate import compare
 from bench.protocols.subjects import LOSO

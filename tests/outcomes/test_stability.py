@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from scipy.stats import binomtest
 
-from bench.outcomes.curves import curve, unharmed
-from bench.outcomes.stability import chance_of, fault_metrics, flipped, half_margins, ranks, seeds, sliced, slices
+from bench.work.curves import curve, unharmed
+from bench.work.stability import chance_of, fault_metrics, flipped, half_margins, ranks, seeds, sliced, slices
 from tests.results import under_stress
 
 WORDS = {"under": "fault"}

@@ -109,8 +109,8 @@ CAPTURES = {"run", *LABELLED}
         ("protocols/subjects.py", code, {*KINDS}),
         ("bench/corpora/corpus.py", code, {*KINDS}),
         ("bench/corpora/folder.py", code, set()),
-        ("bench/outcomes/scores.py", code, {*KINDS}),
-        ("bench/outcomes/resampling.py", code, {*KINDS}),
+        ("bench/scores.py", code, {*KINDS}),
+        ("bench/resampling.py", code, {*KINDS}),
         ("bench/measures.py", lambda text: text.replace(b'"flash kB"', b'"kB of flash"'), set()),  # a caption
         ("bench/measures.py", code, set()),
         ("bench/table.py", code, set()),
@@ -150,7 +150,7 @@ CAPTURES = {"run", *LABELLED}
         ("bench/work/subset.py", code, {"curve"}),
         ("bench/circumstances/instants.py", line("fold"), {"stream"}),
         ("bench/work/replay.py", code, {"stream", "chip"}),  # C has a stopping rule
-        ("bench/outcomes/stopping.py", code, {"stream", "chip"}),
+        ("bench/work/stopping.py", code, {"stream", "chip"}),
         ("bench/in_c/circumstance.py", line("fold"), {"chip"}),
         ("bench/in_c/fold.py", code, {"chip"}),
         ("bench/in_c/network.py", code, {"chip"}),

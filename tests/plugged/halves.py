@@ -7,17 +7,17 @@ from typing import ClassVar
 
 import numpy as np
 
+from bench import scores
 from bench.candidate import Candidate, Wish
 from bench.kinds.base import Kind, Spelling, option
 from bench.measures import Cost, Measure, percent, text
 from bench.options import Command
-from bench.outcomes import scores
-from bench.outcomes.results import FoldResult, costs, table_of
 from bench.reports.figures import new_figure, save
 from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.table import Table
 from bench.work.fold import computing, decisions, fitted, footprint
+from bench.work.results import FoldResult, costs, table_of
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.outcomes import scores
+from bench import scores
 from bench.outcomes.runs import grouped
 from bench.reports import reproduction
 from bench.reports.bootstrap import macro_interval, recall_interval

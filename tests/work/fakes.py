@@ -13,9 +13,9 @@ import pandas as pd
 from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 
-from bench.outcomes.results import FoldResult, table_of
 from bench.result import Result
 from bench.work.experiment import Experiment
+from bench.work.results import FoldResult, table_of
 
 
 class Memory:

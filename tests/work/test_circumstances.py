@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 import bench
+from bench import scores
 from bench.candidate import Wish
 from bench.circumstances.base import Case, Circumstance, option
 from bench.circumstances.faults import Faults
@@ -19,14 +20,13 @@ from bench.cli import main
 from bench.corpora.faults import FAULTS, as_shares, damaged, usual_faults
 from bench.errors import InputError
 from bench.kinds.captures import Captures
-from bench.outcomes import scores
-from bench.outcomes.curves import COLUMNS, unharmed
 from bench.outcomes.reactions import Reactions, by_capture
 from bench.outcomes.runs import every_result, plain
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, Plan, folds_of
 from bench.result import Result
+from bench.work.curves import COLUMNS, unharmed
 from bench.work.fitted import labelled
 from bench.work.fold import decisions
 from bench.work.loop import prepared

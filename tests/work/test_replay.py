@@ -11,14 +11,13 @@ from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics import log_loss
 
+from bench import scores
 from bench.circumstances.instants import Instants
 from bench.corpora.corpus import Corpus, storage, unblinded
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.features.jung54 import Jung54
 from bench.kinds.captures import Captures
-from bench.outcomes import scores
-from bench.outcomes.stopping import by_instant, by_threshold, learn_stopping, learned_point, standing, stopped
 from bench.plan.plan import Fold
 from bench.work.replay import (
     STATE,
@@ -33,6 +32,7 @@ from bench.work.replay import (
     unlearnable,
     weighed,
 )
+from bench.work.stopping import by_instant, by_threshold, learn_stopping, learned_point, standing, stopped
 from tests.conftest import random_corpus, with_other_values
 from tests.work.fakes import Level, cell_of
 

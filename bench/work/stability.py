@@ -1,6 +1,6 @@
 """Where recognisers fail: groups of captures, faults, fewer training subjects. Every function is pure.
 
-The table of a run is described in `bench.outcomes.curves`; here it also has ``hit``, whether the label is right. A
+The table of a run is described in `bench.work.curves`; here it also has ``hit``, whether the label is right. A
 *unit* is one tested capture of one fold. A *slice* is a part of the units (of one subject, class, condition or length),
 all units in one case of a circumstance, such as a fault at one severity, or what two of these have in common.
 """
@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from bench import few
-from bench.outcomes import scores
-from bench.outcomes.curves import COLUMNS, clean_accuracy, curve, unharmed
+from bench import few, scores
 from bench.usual import CLEAN
+from bench.work.curves import COLUMNS, clean_accuracy, curve, unharmed
 
 if TYPE_CHECKING:
     from bench.result import Result
@@ -41,7 +40,7 @@ def sliced(
     they are, and those in the circumstance; ``failing_slices`` counts all.
 
     Args:
-        labels: table of the run (`bench.outcomes.curves`).
+        labels: table of the run (`bench.work.curves`).
         words: a word for each case of the circumstances in which groups of captures are tested, too, by their keys.
         target: columns that define the class.
     """

@@ -12,8 +12,8 @@ import pandas as pd
 
 from bench.corpora.corpus import PROBABILITY as PREFIX
 from bench.corpora.corpus import RESERVED as RESERVED
-from bench.outcomes.resampling import DRAWS, ratio_interval
 from bench.paired import share_interval
+from bench.resampling import DRAWS, ratio_interval
 
 ABSTAINED = ""  # the label of a system that abstains; no gesture is called so
 

@@ -9,8 +9,7 @@ from typing import SupportsFloat
 import numpy as np
 import pandas as pd
 
-from bench import measures
-from bench.outcomes import scores
+from bench import measures, scores
 from bench.outcomes.tables import uniform
 
 

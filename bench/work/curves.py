@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from bench.outcomes import scores
+from bench import scores
 
 if TYPE_CHECKING:
     from bench.result import Result

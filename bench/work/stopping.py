@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pandas as pd
 
-from bench.outcomes.scores import over_people, windows
 from bench.paired import mean_and_error, within_one_standard_error
+from bench.scores import over_people, windows
 
 THRESHOLDS = (*np.round(np.arange(0.05, 0.96, 0.05), 2).tolist(), 0.97, 0.98, 0.99, 0.995, 0.999, np.inf)
 NO_SAVING = "no saving found by deciding early"
@@ -109,7 +109,7 @@ def after(table: pd.DataFrame, times: Iterable[float], rate_hz: float) -> dict[f
 
 
 def standing_labels(table: pd.DataFrame, times: Iterable[float], key: str, rate_hz: float) -> pd.DataFrame:
-    """The label that stands after each time, in the columns of ``labels`` (`bench.outcomes.curves`)."""
+    """The label that stands after each time, in the columns of ``labels`` (`bench.work.curves`)."""
     parts = []
     for ms in times:
         rows = standing(table, int(ms * rate_hz / 1000 + 1e-6))[["fold", "capture", "subject", "true", "predicted"]]
