@@ -23,10 +23,7 @@ __all__ = [*API, *VALUES]
 
 def __getattr__(name: str) -> object:
     if name.startswith("_") or (name not in __all__ and name not in _makers()):
-        from bench.errors import FORMER
-
-        now = f"; it is now called {FORMER[name][0]}" if name in FORMER else ""
-        raise AttributeError(f"module 'bench' has no attribute {name!r}{now}")
+        raise AttributeError(f"module 'bench' has no attribute {name!r}")
     return getattr(importlib.import_module(VALUES.get(name, "bench.api")), name)
 
 

@@ -16,7 +16,6 @@ from bench.work.backend import Backend
 
 KEYS = {o.key for o in OPTIONS if "run" in o.commands.split() and "." not in o.key}  # of the cells of bench run
 FEW = 3  # values that a refusal lists
-MOVED = {"source": "bench live MODEL", "over": "bench tune smallest="}  # keys of the version before: commands of today
 
 
 def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, str]:
@@ -69,8 +68,6 @@ def check_key(key: str, known: Collection[str]) -> None:
     Raises:
         InputError: it is not known, or must not be dotted.
     """
-    if key in MOVED and key not in known:
-        raise InputError(f"no key is called {key!r}; it is now {MOVED[key]}")
     if key.split(".")[0] not in known or ("." in key and key.split(".")[0] not in (*rooms(), "data")):
         raise InputError(f"no key is called {key!r}; {nearest(key, known)}")
 

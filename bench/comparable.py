@@ -10,7 +10,6 @@ from typing import Any
 BATCH, CONDITIONS = "touchbench.depends_on_batch", "touchbench.conditions"  # tags of a run
 MARK = "\N{DAGGER}"  # behind the name of a system whose predictions depend on the batch
 MARKED = f"{MARK} predictions depend on other test captures; not compared with other systems"
-REFERENCE = " (reference)"  # behind the name of a result that comes with touchbench
 MIXED_MARK = "\N{DOUBLE DAGGER}"  # behind a protocol that mixes subjects
 MIXED = "Training and test captures come from the same subjects: expect lower accuracy for a new person."
 DESIGNED = (

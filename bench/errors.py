@@ -5,14 +5,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-FORMER = {  # names of the version before, which this one still answers: the name of today, and what differs
-    "scene": ("groups", ""),
-    "systems": ("papers", ""),
-    "budget": ("seconds", ""),
-    "run": ("stored", ": stored=yes for run=no"),
-    "worst": ("worst_person", ""),
-    "max_worst_person": ("min_worst_person", ", the least accuracy: 100 less the old number"),
-    "max_worst_tenth": ("min_worst_tenth", ", the least accuracy: 100 less the old number"),
+GONE = {  # commands and keys that are gone: what to type instead
+    "submit": "bench report writes comparison.csv, which others can compare with theirs",
+    "leaderboard": "bench report writes comparison.csv, which others can compare with theirs",
 }
 
 
@@ -37,11 +32,10 @@ class ClusterError(Exception):
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """The end of an error message: what a former name is called now, or the likeliest names, then all of them."""
+    """The end of an error message: what to type instead of a name that is gone, or the likeliest names, then all."""
+    if word in GONE:
+        return f"it is gone: {GONE[word]}"
     known = sorted(known)
-    now, change = FORMER.get(word, ("", ""))
-    if now in known:
-        return f"it is now called {now}{change}"
     close = difflib.get_close_matches(word, known, n=3, cutoff=0.6)
     hint = f"did you mean {' or '.join(close)}? " if close else ""
     return f"{hint}known: {', '.join(known) or 'none'}"

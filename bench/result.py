@@ -1,7 +1,7 @@
 """A finished run as a value: what it is of, its numbers, its tables, and the folds that failed.
 
 The loop makes it from the folds, `bench.outcomes.runs.stored` from MLflow. Comparison, statistics, choice, gate, page
-and leaderboard take results and nothing else. It is a mapping of tags, parameters and numbers by name, as MLflow has
+take results and nothing else. It is a mapping of tags, parameters and numbers by name, as MLflow has
 them.
 """
 

@@ -11,7 +11,6 @@ from bench.errors import InputError, nearest
 from bench.measures import over_people
 from bench.outcomes.runs import SELECTING, asked_of, frame_of, grouped, selected, stored, wanted
 from bench.outcomes.store import connect
-from bench.registry import parts
 from bench.reports.comparison import comparison, published
 from bench.reports.pair import Compared, compared
 from bench.result import COUNTS, Result
@@ -19,10 +18,9 @@ from bench.table import Table
 from bench.words import items
 
 SHOWN = (  # columns that matter, by name
-    "task system accuracy low high behind subject_sd macro_f1 adaptive_accuracy adaptive_ms flash_bytes predict_ms_p50 "
-    "origin seed folds run_id subset target data protocol"
+    "system accuracy low high behind subject_sd macro_f1 adaptive_accuracy adaptive_ms flash_bytes predict_ms_p50 "
+    "seed folds run_id subset target data protocol"
 ).split()
-OWN = "reference"  # name of the results that come with touchbench
 RENAMED = {"accuracy_low": "low", "accuracy_high": "high", "subject_accuracy_sd": "subject_sd"}
 POOLED = ["accuracy", "accuracy_low", "accuracy_high"]  # over captures, as runs store them; shown over subjects
 ON = ("data", "where", "target", "protocol")
@@ -54,7 +52,7 @@ class Results(pd.DataFrame):
 
     Attributes:
         runs: the `bench.result.Result` of each run behind the rows, with its ``tables``. In `bench.results` a run may
-            have several rows, and reference results have none.
+            have several rows.
         tables: tables of all runs below each other by name, each with the column ``system`` (with the seed, where that
             is not the usual one).
     """
@@ -73,20 +71,18 @@ class Results(pd.DataFrame):
     @property
     def full(self) -> pd.DataFrame:
         """A row for each run with every number that was measured, in percent; ``accuracy`` is pooled over captures."""
-        return table_of(self.runs) if self.runs else pd.DataFrame(self)  # reference results have no runs
+        return table_of(self.runs)
 
 
-def results(of: str = "", full: bool = False, against: str = "", **values: object) -> Results | pd.DataFrame:
-    """Tracked evaluations, accuracies in percent, with published numbers; reference results come last.
+def results(full: bool = False, against: str = "", **values: object) -> Results | pd.DataFrame:
+    """Tracked evaluations, accuracies in percent, with published numbers.
 
     Args:
-        of: nothing for the store; ``reference`` for the results that come with touchbench: a row per frozen task and
-            system, and by ``<task>/<name>`` the labels of every capture.
         full: one row per run with every tag, parameter and metric, as MLflow has them: accuracies are fractions there.
         against: system that p values compare with, in the groups that have it; default the best one of each.
         values: the runs to keep: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`,
             ``run`` (their ids), ``latest`` (True: of each model and feature set, only the newest parameters and
-            captures). With ``model``, ``features``, ``run`` or ``latest``, reference results are left out.
+            captures).
 
     Returns:
         One row per run and way to score it, as `bench.reports.comparison.comparison` makes them; ``runs`` as of
@@ -95,15 +91,13 @@ def results(of: str = "", full: bool = False, against: str = "", **values: objec
     Raises:
         InputError: nothing is tracked for them.
     """
-    if of:
-        return _reference(of, values | ({"full": full} if full else {}))
     typed = values_of(values, SELECTING)
     runs = wanted(stored(connect()), asked_of(typed))
     if full:
         return frame_of(runs)
     if against and against not in (systems := sorted({r.system for r in runs})):
         raise InputError(f"against={against}: no run of this system is stored; {nearest(against, systems)}")
-    table = comparison(grouped(runs), published(), not {"model", "features", "run", "latest"} & set(typed), against)
+    table = comparison(grouped(runs), published(), against)
     return _with(Results(table), runs)
 
 
@@ -159,18 +153,6 @@ def _system(values: dict[str, object]) -> str:
     if len(systems) > 1:
         raise InputError(f"{values} describe {len(systems)} systems; give one")
     return systems.pop()
-
-
-def _reference(of: str, values: dict[str, object]) -> Results:
-    if of != OWN or values:
-        what = f"{of!r}: give {OWN!r}" if of != OWN else f"{next(iter(values))}=: not with {OWN!r}"
-        raise InputError(f"{what}, or nothing for the runs of the store")
-    if not (shipped := parts("references")):
-        raise InputError(f"{of!r}: this installation has no reference results; give nothing for the runs of the store")
-    scores, tables = zip(*(one.tables() for one in shipped), strict=True)
-    table = Results(pd.concat(scores, ignore_index=True))
-    table.runs, table.tables = [], {name: each for named in tables for name, each in named.items()}
-    return table
 
 
 def table_of(runs: Sequence[Result]) -> pd.DataFrame:

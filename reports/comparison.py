@@ -1,4 +1,4 @@
-"""The table of stored runs, and that of reference results, with published numbers."""
+"""The table of stored runs, with published numbers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from bench.comparable import notes_on, seed_number
 from bench.measures import Cost, Measure, Row, columns, framed, run_columns, text
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
-from bench.registry import parts
 from bench.result import Result
 from bench.table import Table, rows_of
 
@@ -36,12 +35,9 @@ def published() -> pd.DataFrame:
 def comparison(
     groups: Mapping[str, Sequence[Result]],
     papers: pd.DataFrame,
-    references: bool = True,
     against: str = "",
 ) -> pd.DataFrame:
     """Table with a row per run and way to score it, best first within each data, subset, protocol and unit.
-
-    Reference results of the same captures and protocol come last in each, with ``source`` reference and no test.
 
     ``unit`` is what is labelled, a capture or a window; ``combined`` is how a system on windows labels a capture.
     Accuracies, SDs and F1 are in percent. ``accuracy`` is the mean over subjects, ``low`` and ``high`` are the ends of
@@ -54,7 +50,6 @@ def comparison(
     Args:
         groups: results from `bench.outcomes.runs.grouped`.
         papers: `published`.
-        references: True to add reference results.
         against: the system to compare with, in groups that have it; empty for the best one of each.
     """
     rows: list[Row] = []
@@ -66,8 +61,6 @@ def comparison(
             for row in views(r, numbers):
                 tested = row["combined"] != "majority vote" and row["unit"] == "capture"
                 rows.append({**row, **first} | (tests.get(r.system, {}) if tested else {}))
-        shipped = parts("references") if references else []
-        rows += [first | row for one in shipped for row in one.beside(results)]
     measures = columns(run_columns(), "csv")
     stored = [Measure(m.read or m.key) if isinstance(m, Cost) and isinstance(m.read, str) else m for m in measures]
     frame = Table([text("system"), *stored], rows).frame()
@@ -76,9 +69,9 @@ def comparison(
     table = table.astype(dict.fromkeys(TESTED, float))  # also where nothing is tested
     context = [*CONTEXT, "unit"]
     best = table.groupby([*context, "system"])["accuracy"].transform("max")
-    order = table.assign(best=-best, number=table["seed"].map(seed_number), last=table["source"] == "reference")
-    order = order.sort_values([*context, "last", "best", "system", "number"], kind="stable")
-    return order.drop(columns=["best", "number", "last"]).reset_index(drop=True)
+    order = table.assign(best=-best, number=table["seed"].map(seed_number))
+    order = order.sort_values([*context, "best", "system", "number"], kind="stable")
+    return order.drop(columns=["best", "number"]).reset_index(drop=True)
 
 
 def _tests(subjects: pd.DataFrame, against: str) -> dict[str, dict[str, object]]:

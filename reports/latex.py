@@ -45,9 +45,8 @@ def latex(table: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
     """Tables that compare systems, each with a caption that names corpus, protocol and unit.
 
     Args:
-        table: table from `bench.results`, of the store or of ``reference``: a row per run and unit, accuracies in
-            percent. Rows on the same captures, under the same protocol and in the same unit share one table;
-            reference results have their own. Choose
+        table: table from `bench.results`: a row per run and unit, accuracies in
+            percent. Rows on the same captures, under the same protocol and in the same unit share one table. Choose
             systems with `bench.results` rather than in its table: p is corrected for all systems of that.
         paper: columns of a table with systems as rows and protocols side by side: ``accuracy`` (mean over people ± SD)
             and ``macro_f1`` under each protocol, ``fit``, ``predict`` and ``flash`` of each system. Protocols that mix
@@ -114,7 +113,7 @@ def _one(part: pd.DataFrame, position: int) -> str:
             cells[r"95\,\% interval"] = [
                 "-" if v is None or v.low is None else f"{v.low:.1f}--{v.high:.1f}" for v in ends
             ]
-    compared = ~part["system"].astype(str).str.endswith(MARK) & ~_shipped(part)
+    compared = ~part["system"].astype(str).str.endswith(MARK)
     best = compared & (part["accuracy"] == part["accuracy"][compared].max()) & (len(part) > 1)
     cells["accuracy"] = cells["accuracy"].mask(best, r"\textbf{" + cells["accuracy"] + "}")
     return _written(cells, _caption(part), f"tab:touchbench-{position}")
@@ -157,16 +156,10 @@ def _caption(part: pd.DataFrame) -> str:
         timed="predict_ms_p50" in part,
         busy=[*dict.fromkeys(note for row in rows_of(part) for note in busy(row))],
         against=against[0] if against and part["p_holm"].notna().any() else "",
-        shipped=_shipped(part),
         classifiers=definitions(part["system"].astype(str)),
         notes=[note.rstrip(".") for note in dict.fromkeys(notes)],
     )
     return escaped(" ".join(words)).replace(r"95 \%", r"95\,\%")
-
-
-def _shipped(part: pd.DataFrame) -> bool:
-    """True for a table of reference results."""
-    return "source" in part and bool((part["source"] == "reference").any())
 
 
 def _numbers(column: pd.Series) -> str:

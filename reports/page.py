@@ -110,8 +110,7 @@ def _write(
         write_sheet(table, folder / f"{name}.csv")
     (folder / "comparison.md").write_text(markdown("report.jinja", **values), encoding="utf-8")
     if runs:
-        every = pd.concat([tables[name] for name in ("comparison", "reference") if name in tables])
-        (folder / "comparison.tex").write_text(latex(every), encoding="utf-8")
+        (folder / "comparison.tex").write_text(latex(tables["comparison"]), encoding="utf-8")
         (folder / "paper.tex").write_text(side_by_side(made), encoding="utf-8")
     (folder / "index.html").write_text(page("report.jinja", **values), encoding="utf-8")
     drawn = sorted(path.relative_to(folder) for path in (folder / "figures").iterdir())
@@ -149,12 +148,10 @@ def assemble(
     agreed = agreements(largest)
     same_wrong = [pd.DataFrame(columns=["group", *COLUMNS]), *(a.same_wrong.assign(group=a.group) for a in agreed)]
     over = over_corpora.of_runs(groups)
-    compared = comparison(groups, papers, against=against)
-    shipped = compared[compared["source"] == "reference"].dropna(axis=1, how="all")
     data_of = {name: str(members[0]["data"]) for name, members in groups.items()}
     data_of |= {o.title: "haart" for o in over if "haart" in o.found.people}
     tables = {
-        "comparison": compared[compared["source"] == "store"],
+        "comparison": comparison(groups, papers, against),
         "budgets": by_budget(candidates, alone),
         "published": beside_papers(papers, runs),
         "statistics": pd.concat(
@@ -168,7 +165,6 @@ def assemble(
         ),
         "same_wrong_label": pd.concat(same_wrong, ignore_index=True),
     }
-    tables |= {"reference": shipped} if len(shipped) else {}
     people_of = {name: g.subjects.shape[1] for name, g in parts.items() if len(g.subjects)}
     tables = {name: noted(table, data_of, people_of) for name, table in (sheets(results) | tables).items()}
     tables["provenance"] = provenance(grouped(results))
@@ -186,7 +182,6 @@ def assemble(
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
         "budgets": budget_tables(tables["budgets"]),
         "runs": runs_section(tables["comparison"], [*largest, *left_out]) if runs else None,
-        "reference": runs_section(shipped, [*largest, *left_out])["table"] if len(shipped) else None,
         "counts": counts(runs or results),
         "briefs": dict(briefs(told(results), parts)),
         "published": published_section(tables["published"]),

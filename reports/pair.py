@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARK, REFERENCE, notes_on
+from bench.comparable import MARK, notes_on
 from bench.errors import InputError, nearest
 from bench.measures import Measure, p_value
 from bench.outcomes import statistics
@@ -108,8 +108,6 @@ def _groups(name: str, runs: Mapping[str, Sequence[Result]]) -> dict[str, str]:
         names |= {*systems}
         if matching := [system for system in systems if _is(name, system)]:
             groups[group] = matching[0]
-    if name.endswith(REFERENCE):
-        raise InputError(f"{name}: reference results take part in no test; make a run of the system to compare it")
     if not groups:
         raise InputError(f"no complete run of {name!r} is tracked; {nearest(name, sorted(names))}")
     return groups

@@ -24,7 +24,6 @@ import pandas as pd
 import bench
 from bench.amounts import convert
 from bench.arguments import parse
-from bench.comparable import REFERENCE
 from bench.corpora.library import imported
 from bench.errors import nearest
 from bench.outcomes.runs import every_result, frame_of
@@ -149,7 +148,7 @@ def side_by_side(corpora: tuple[str, ...], rival: str = "reflex") -> pd.DataFram
     """
     tables = [bench.results(data=data, protocol="loso") for data in corpora]
     shared = set.intersection(*(set(table["system"]) for table in tables))
-    systems = sorted(system for system in shared if not system.endswith(REFERENCE))
+    systems = sorted(shared)
     if rival not in systems:
         raise bench.InputError(f"{rival} has no complete run on each of {', '.join(corpora)}")
     columns = {}

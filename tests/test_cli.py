@@ -70,7 +70,6 @@ BAD = [  # arguments, and what the line names
     (["extract", "out=f.txt"], "out=f.txt"),
     (["check", "changes=5"], "'changes'"),
     (["completion", "tcsh"], "bash"),
-    (["leaderboard", "rerun=a", "out=b"], "rerun=a"),
     (["demo", "model=svm"], "'model'"),
     (["gallery"], "'gallery'"),
     *((["ui", f"port={port}"], "from 1 to 65535") for port in ("0", "65536", "99999999999", "٣", "-1")),

@@ -279,7 +279,6 @@ def own_names(package=""):
 
 NAMED = {  # file: names that it may have, with the reason
     "bench/commands/demo.py": {"stream", "stress"},  # lines as a user types them
-    "bench/board/tasks.py": {"stream", "stress", "watch"},  # frozen tasks are data: commands that answer them
     "bench/in_c/write.py": {"watch"},  # a file of C
     "bench/endless/kind.py": {"stream", "under"},  # a section of scene files; faults of recordings, by the same key
     "bench/endless/candidates.py": {"decision", "cycles"},  # costs that a system that watches does not have
@@ -373,4 +372,4 @@ def test_a_run_enters_no_other_kind_no_choice_and_no_report(tmp_path):
     assert not of["reports/"]
     choice = {"candidates", "choice", "pick", "expected", "steps", "reactions", "losses", "scored"} - {"scored"}
     assert not {f"bench/outcomes/{name}.py" for name in choice} & of["bench/"]
-    assert not {f"bench/commands/{name}.py" for name in ("choose", "report", "leaderboard")} & of["bench/"]
+    assert not {f"bench/commands/{name}.py" for name in ("choose", "report")} & of["bench/"]

@@ -16,13 +16,6 @@ ROOT = Path(__file__).parent.parent
 ROOMS = ("bench", "features", "models", "protocols", "reports")
 FILES = ("pyproject.toml", "README.md", "LICENSE")
 SMALL = ["data.subjects=3", "data.variants=normal", "data.repetitions=2"]
-RESULTS = """\
-import bench
-from pathlib import Path
-assert Path({place!r}) in Path(bench.__file__).parents, bench.__file__
-found = bench.results("reference")
-print(len(found), len(found.tables))
-"""
 
 pytestmark = pytest.mark.live
 
@@ -94,10 +87,13 @@ def test_it_runs_where_the_clone_is_not(built, which, tmp_path):
             return said(place / "bin" / "bench", *commands[0], cwd=work)
         return said(python, "-c", f"from bench.cli import main\nfor c in {commands}: assert main(c) == 0, c", cwd=work)
 
-    assert "leaderboard" in bench(["--help"]) and bench(["--version"]).startswith("touchbench ")
-    rows, tables = said(python, "-c", RESULTS.format(place=str(place)), cwd=work).split()
-    assert int(rows) == int(tables) >= 20
-    assert "leaderboard.html" in bench(["leaderboard"])
+    assert "choose" in bench(["--help"]) and bench(["--version"]).startswith("touchbench ")
+    said(
+        python,
+        "-c",
+        f"import bench, pathlib; assert pathlib.Path({str(place)!r}) in pathlib.Path(bench.__file__).parents",
+        cwd=work,
+    )
     if which == "sdist":  # the same files, as the other test shows
         return
     assert "svm" in bench(["run", "model=svm,lda", "features=jung28", *SMALL])

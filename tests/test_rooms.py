@@ -17,7 +17,6 @@ ROOMS = {  # with words that are typed, and the line that refuses them
     "endless": ("watch model=lda", "no command is called 'watch'"),
     "in_c": ("chip model=lda", "no command is called 'chip'"),
     "on_cluster": ("run cluster=tcp://x:1", "no key is called 'cluster'"),
-    "board": ("submit task=haart-loso-v1", "no command is called 'submit'"),
 }
 SMALL = "data.subjects=3 data.variants=normal data.repetitions=2"
 TYPED = """

@@ -41,7 +41,7 @@ ROOMS = {
     ),
 }
 # These may be taken away: no other room imports one, and each may import all others.
-AWAY = {"board": "bench.board", "cluster": "bench.on_cluster", "C": "bench.in_c", "endless": "bench.endless"}
+AWAY = {"cluster": "bench.on_cluster", "C": "bench.in_c", "endless": "bench.endless"}
 FRONT = "bench bench.api bench.stored bench.cli bench.commands"  # may import every room
 EXCEPTIONS = {  # importing module, imported room: reason
     ("bench.in_c.tables", "endless"): "the rules of a watcher as C, of systems that have one",
@@ -58,8 +58,6 @@ TABLES = {  # modules that call one, beside bench.outcomes.tables, and their fil
     "bench.corpora.folder": "captures and events",
     "bench.corpora.read.csv_text": "files to import",
     "bench.corpora.read.cuddlebot": "files to import",
-    "bench.board.submissions": "files of anybody, in the columns of a task",
-    "bench.board.tasks": "captures of frozen tasks",
     "bench.table": "what is shown, for the user",
     "bench.work.tracking": "a copy of some tables for people, which is not read",
     "bench.features.cache": "features",

@@ -291,13 +291,6 @@ class Circumstance(Options, Shown):
         return {name: result.metrics[name] for name in names if isinstance(name, str) and name in result.metrics}
 
     @classmethod
-    def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-        """The label of each capture in each ``case`` at each ``level``, with the ``amount``."""
-        table = result.tables[LABELS]
-        table = table[table["circumstance"] == cls.key]
-        return table.assign(level=table["level"].map("{:g}".format))[["capture", *CASE, "amount", "true", "predicted"]]
-
-    @classmethod
     def lost(cls, results: Sequence[Result], asked: Losses, reactions: object) -> pd.DataFrame | None:
         """Points lost in some cases [cases, subjects], for costs of losses; None if it knows none."""
         return None

@@ -246,18 +246,6 @@ class Faults(Circumstance):
         return {"faults": joined(results, "faults")} if results else {}
 
     @classmethod
-    def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-        """The label of each capture as it is, and under each ``fault`` at each ``severity``."""
-        import pandas as pd
-
-        from bench.work.curves import unharmed
-
-        table = result.tables[LABELS]
-        table = pd.concat([unharmed(table), table[table["circumstance"] == cls.key]], ignore_index=True)
-        table = table.assign(fault=table["case"], severity=table["level"].map("{:g}".format))
-        return table[["capture", "fault", "severity", "amount", "true", "predicted"]]
-
-    @classmethod
     def lost(cls, results: Sequence[Result], asked: Losses, reactions: Any) -> pd.DataFrame | None:
         """Points lost under each fault at each severity [cases, subjects], in some runs of one system."""
         from bench.outcomes.losses import points_lost

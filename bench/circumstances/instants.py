@@ -272,16 +272,6 @@ class Instants(Circumstance):
         return sheets(results) if results else {}
 
     @classmethod
-    def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-        """The label of each capture that stands after each time ``ms``; none at a time that a run leaves out."""
-        from bench.work.stopping import standing_labels
-
-        rows = standing_labels(result.tables[REPLAY], [*map(float, cases["ms"])], cls.key, rate_hz)
-        if (times := str(result["stream.after"])) != EACH:
-            rows = rows[rows["level"].isin([*map(float, times.split(", "))])]
-        return rows.assign(ms=rows["level"].map("{:g}".format))[["capture", "ms", "true", "predicted"]]
-
-    @classmethod
     def offers(cls, result: Result, wish: Wish) -> bool:
         """True for a replay from the onset, where a time of decision was asked for."""
         return wish.most is not None and result.about["stream.start"] == "onset"

@@ -309,12 +309,6 @@ class Continuous(Kind):
         return watched_gestures(result)
 
     @classmethod
-    def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-        """Recordings, touches, doubtful stretches and reported events."""
-        table = result.tables["predictions"]
-        return table[table["kind"].isin(["recording", "touch", "doubtful", "report"])]
-
-    @classmethod
     def offers(cls, result: Result, wish: Wish) -> bool:
         """True unless a gesture was left out of training."""
         return not result.about.get("watch.unknown")

@@ -72,7 +72,6 @@ CONSUMERS = frozenset(
         "chosen",
         "told",
         "promise",
-        "rows",
         "_without",
         "consumers",
         "chooses",
@@ -196,23 +195,6 @@ class Shown:
     def lends(cls, result: Result) -> dict[str, float]:
         """Numbers that hold for the system in other runs, too."""
         return {}
-
-    @classmethod
-    def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-        """Labels of a run for a frozen task of the leaderboard.
-
-        Columns: ``capture``, those of the cases, ``true``, ``predicted``. Of recordings their touches and reports, by
-        ``kind``.
-
-        Args:
-            result: a run that `holds`.
-            cases: the cases of the task, as text; without columns where each capture has one label.
-            rate_hz: frames per second.
-
-        Raises:
-            InputError: its table is gone.
-        """
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

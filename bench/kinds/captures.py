@@ -18,8 +18,6 @@ from bench.table import Table
 from bench.words import SMALL, Values
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from bench.candidate import Candidate, Wish
     from bench.circumstances.base import Circumstance
     from bench.corpora.corpus import Corpus
@@ -234,22 +232,6 @@ class Captures(Kind):
         tables = (result.tables.get(name) for name in ("predictions", *result.tables))
         every = (classes_of(table) for table in tables if table is not None)
         return tuple(next(filter(None, every), ()))
-
-    @classmethod
-    def rows(cls, result: Result, cases: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-        """The label of each capture with its mean probabilities, or in each ``draw`` of a protocol."""
-        import pandas as pd
-
-        from bench.scores import PREFIX, captures, classes_of
-
-        table = result.tables["predictions"]
-        labelled = captures(table)
-        rows = labelled[["capture", "true", "predicted"]]
-        if "draw" in cases:
-            return rows.assign(draw=labelled["fold"].str.extract(r" draw (\d+)$")[0])
-        proba = [PREFIX + c for c in classes_of(table)]
-        mean = table.groupby(["fold", "capture"], sort=False)[proba].mean().reset_index(drop=True)
-        return pd.concat([rows, mean], axis=1)
 
     @classmethod
     def offers(cls, result: Result, wish: Wish) -> bool:

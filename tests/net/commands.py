@@ -85,8 +85,6 @@ STEPS = {  # each list in a copy of the store
         ["check", "update=yes", *SYNTH, *TREE, "baseline=b.json"],
         ["check", "stored=yes", "baseline=b.json", "slower=99", "junit=check.xml"],
     ],
-    "submit": [["submit", "task=haart-loso-v1", "who=me", "out=sent", *TREE]],
-    "leaderboard": [["leaderboard", "out=board.html"]],
     "data": [
         ["data"],
         ["data", "show", "people", "where=subject != '4'", "target=variant"],
@@ -110,7 +108,6 @@ FILES = {  # golden files of what commands write, by the step that writes them
     "groups": ["groups/groups.csv"],
     "data": ["f.csv", "look/index.html", "look-day/index.html"],
     "check": ["check.xml"],
-    "leaderboard": ["board.html"],
     "fit": ["p.csv", "rec_c/touch.h"],
 }
 STRESS = ["conditions", "faults", "half_margins", "learning", "ranks", "seeds", "slices"]
@@ -212,10 +209,6 @@ WRONG = [  # commands that are refused
     ["check", "error=0"],
     ["check", "stored=yes", "update=yes"],
     ["check", *PEOPLE, "baseline=b.json"],
-    ["submit", "task=haart-loso-v2", "who=me", "out=sent", *TREE],
-    ["submit", "task=haart-loso-v1", "out=sent", *TREE],
-    ["leaderboard", "nowhere"],
-    ["leaderboard", "rerun=nobody"],
     ["papers", "all"],
     ["audit", "model=svm,nobody"],
     ["data", "sow"],

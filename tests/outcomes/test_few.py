@@ -44,7 +44,7 @@ def test_the_accuracy_that_users_see_is_the_mean_over_subjects_with_its_t_interv
     run = evaluated(predictions=table)
     ends = stats.t.interval(0.95, 4, each.mean(), stats.sem(each))
     assert over_people("accuracy").cell(run) == pytest.approx((each.mean(), ends[0], min(ends[1], 100)))
-    row = comparison({"g": [run]}, published(), references=False).iloc[0]
+    row = comparison({"g": [run]}, published()).iloc[0]
     assert row[["accuracy", "low"]].tolist() == pytest.approx([each.mean(), ends[0]])
     assert row["pooled_accuracy"] == pytest.approx(100 * 72 / 112) != row["accuracy"]
     assert row["interval"] == "95 % t-interval over subjects" and row["subject_sd"] == pytest.approx(each.std(ddof=1))
@@ -55,5 +55,5 @@ def test_the_accuracy_that_users_see_is_the_mean_over_subjects_with_its_t_interv
 def test_of_three_subjects_the_table_says_why_there_is_no_interval():
     run = evaluated(predictions=with_hits([5, 20, 11]))
     assert over_people("accuracy").cell(run) == pytest.approx(60)
-    row = comparison({"g": [run]}, published(), references=False).iloc[0]
+    row = comparison({"g": [run]}, published()).iloc[0]
     assert row["interval"] == "3 subjects: too few for an interval" and np.isnan(row["low"])

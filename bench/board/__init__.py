@@ -1,1 +1,0 @@
-"""Frozen tasks, submissions, and marks of verified ones. Nothing here runs a fold."""
