@@ -1,6 +1,6 @@
 """Parts in words: what each is, and every parameter with its default, its meaning and where the default comes from.
 
-All of it is read from docstrings and signatures, so that help, the page of classifiers and captions cannot differ.
+All of it is read from docstrings and signatures, so that help and captions cannot differ.
 """
 
 from __future__ import annotations
@@ -116,17 +116,6 @@ def help_of_parts(arguments: Sequence[str], rooms: Mapping[str, str]) -> str:
             filled = [w if LISTED.search(w) else textwrap.fill(w, WIDTH, break_on_hyphens=False) for w in words]
             sections.append("\n\n".join([*filled, "\n".join(rows)]))
     return "\n\n".join(sections) + "\n" if sections else ""
-
-
-def markdown(room: str, name: str) -> str:
-    """A part as docs/notes/classifiers.md has it: its definition and a table of its parameters."""
-    one = described(room, name)
-    lines = [f"### `{name}`", "", " ".join([f"{one.summary}.", *one.more]), ""]
-    if one.parameters:
-        lines += ["| parameter | default | meaning | origin of the default |", "|---|---|---|---|"]
-        cells = [(f"`model.{p.name}=`", f"`{p.default}`", p.meaning, p.source or "any seed") for p in one.parameters]
-        lines += [f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in cells]
-    return "\n".join(lines) + "\n"
 
 
 def _row(key: str, p: Parameter) -> str:

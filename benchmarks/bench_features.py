@@ -1,17 +1,12 @@
-"""Feature extraction on one thread: corpora of CoST's size in time and memory, one capture, and general libraries.
+"""Feature extraction on one thread: time and memory on corpora of CoST's size, and time for one capture.
 
 The generated corpus is what the sensor sees; in the random one a quarter of the values may be a spatial peak, which is
-as slow as it gets. What a set learns is fitted to the corpus first and not timed, hughes36 to one tenth of it.
+the slowest case. Sets that learn are fitted first, which is not timed; hughes36 is fitted to one tenth of the corpus.
 
     OMP_NUM_THREADS=1 python benchmarks/bench_features.py
-    OMP_NUM_THREADS=1 python benchmarks/bench_features.py libraries
-
-The second one needs tsfresh and tsfel, which touchbench does not. They are given the 64 taxels of some of the captures
-as 64 series each, and are compared by the time per feature value, in turn with ta273 and gaus on the same captures.
 """
 
 import resource
-import sys
 import time
 import warnings
 
@@ -54,7 +49,7 @@ def seconds_of(call: object, *arguments: object) -> float:
     return time.perf_counter() - started
 
 
-def ours() -> None:
+def main() -> None:
     """Print seconds and added memory per corpus, and milliseconds per capture, of each set."""
     makers = {"random": random_corpus, "generated": lambda: generate(subjects=31, repetitions=6)}
     for name, make in makers.items():  # random first: the peak of generating would hide what is added
@@ -76,53 +71,7 @@ def ours() -> None:
             )
 
 
-def libraries(captures: int = 6, rounds: int = 3) -> None:
-    """Print milliseconds per feature value of general libraries and of ours, and the ratio, on the same captures."""
-    import tsfel
-    from tsfresh import extract_features
-    from tsfresh.feature_extraction import EfficientFCParameters
-
-    corpus = generate(subjects=1, repetitions=1)[:captures].detached()
-    frames = corpus.frames.reshape(-1, 64).astype(float)
-    capture = np.repeat(np.arange(len(corpus)), corpus.lengths)
-    wide = pd.DataFrame(frames, columns=[f"taxel{i}" for i in range(64)]).assign(id=capture)
-    long = wide.melt("id")
-    settings = tsfel.get_features_by_domain()
-    calls = {
-        "tsfresh (efficient)": lambda: extract_features(
-            long,
-            column_id="id",
-            column_kind="variable",
-            column_value="value",
-            n_jobs=0,
-            disable_progressbar=True,
-            default_fc_parameters=EfficientFCParameters(),
-        ),
-        "tsfel": lambda: pd.concat(
-            [
-                tsfel.time_series_features_extractor(
-                    settings, part.drop(columns="id").reset_index(drop=True), fs=corpus.rate_hz, verbose=0
-                )
-                for _, part in wide.groupby("id")
-            ]
-        ),
-        "ta273": lambda: Ta273().fit(corpus).transform(corpus),
-        "gaus": lambda: Gaus().transform(corpus),
-    }
-    spent = {name: [] for name in calls}
-    for _ in range(rounds):
-        for name, call in calls.items():
-            started = time.perf_counter()
-            table = call()
-            spent[name].append(1000 * (time.perf_counter() - started) / table.size)
-    median = {name: float(np.median(times)) for name, times in spent.items()}
-    print(f"{len(corpus)} generated captures of 64 taxels, {len(corpus.frames)} frames; milliseconds per feature value")
-    for name, each in median.items():
-        ratios = ", ".join(f"{each / median[own]:.0f} x {own}" for own in ("ta273", "gaus"))
-        print(f"  {name}: {each:.5f}" + ("" if name in ("ta273", "gaus") else f" ({ratios})"))
-
-
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
     with threadpool_limits(1):
-        libraries() if sys.argv[1:] == ["libraries"] else ours()
+        main()

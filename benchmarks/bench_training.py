@@ -1,10 +1,9 @@
-"""Training throughput of every network against a plain eager loop and skorch, in turn, on the same threads.
+"""Training throughput of every network against a plain eager loop, in turn, on the same threads.
 
-The plain loop is what one would write first: the same network of ordinary layers, a `DataLoader` over a `TensorDataset`
-of all windows, sequences padded to the longest, and PyTorch's optimiser. Each network is first shown to give the same
-logits in both forms, so that equal steps give equal accuracy. The corpora are generated: captures like CoST's, or of
-432 frames at 54 Hz like HAART's. Where others use the same cores, the ratios of processor time are the ones to
-believe. The skorch column needs `pip install skorch`.
+The plain loop uses the same network with ordinary layers, a `DataLoader` over a `TensorDataset` of all windows,
+sequences padded to the longest, and PyTorch's optimiser. Each network must first give the same logits in both forms,
+so equal steps give equal accuracy. The corpora are generated: captures like CoST's, or of 432 frames at 54 Hz like
+HAART's. On a busy machine, use the ratio of processor time.
 
     python benchmarks/bench_training.py [system ...] [threads=1] [rounds=5] [precision=bfloat16]
 """
@@ -12,7 +11,6 @@ believe. The skorch column needs `pip install skorch`.
 import copy
 import sys
 import time
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -100,30 +98,6 @@ def plain(net: nn.Module, optimiser: torch.optim.Optimizer, loader: DataLoader) 
         loss.item()
 
 
-def skorch(net: nn.Module, optimiser: Callable, data: TensorDataset, classes: int, batch: int) -> Callable[[], object]:
-    """One epoch with skorch, None where it is not installed."""
-    try:
-        from skorch import NeuralNetClassifier
-    except ImportError:
-        return None
-    rate = {f"optimizer__{k}": v for k, v in optimiser.keywords.items()}
-    trainer = NeuralNetClassifier(
-        net,
-        criterion=nn.CrossEntropyLoss,
-        optimizer=optimiser.func,
-        batch_size=batch,
-        max_epochs=1,
-        train_split=None,
-        iterator_train__shuffle=True,
-        iterator_train__drop_last=True,
-        classes=list(range(classes)),
-        verbose=0,
-        **rate,
-    )
-    trainer.initialize()
-    return partial(trainer.partial_fit, *data.tensors)
-
-
 def haart_like(captures: int) -> Corpus:
     """Captures of 432 frames at 54 Hz; generated ones are repeated up to there."""
     corpus = generate(subjects=-(-captures // 42), rate_hz=54.0)[:captures]
@@ -145,11 +119,11 @@ def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
     net = model.network(*corpus.grid, len(classes))
     first = samples.batch(np.arange(2))
     net.eval()(first)
-    theirs = [ordinary(net) for _ in range(2)]
+    theirs = ordinary(net)
     data = tensors(samples, target)
     forward = partial(taxel_major if name == "cnn85" and not precision else model.logits, net)
     with torch.inference_mode():
-        expected = theirs[0].eval()(data.tensors[0][:2])
+        expected = theirs.eval()(data.tensors[0][:2])
         if isinstance(samples, Sequences):
             expected = expected.transpose(1, 2)[data.tensors[1][:2] >= 0]
         rtol, atol = (0.05, 0.05 * float(expected.abs().max())) if precision else (1e-3, 1e-4)
@@ -161,25 +135,22 @@ def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
     sgd = SelectiveSGD(net, (rate,)) if name == "cnn85" else Optimiser(optimiser(net.parameters()))
     sgd.before_epoch = lambda *_: None  # the others do not search their rate
     epochs = {
-        "plain": partial(plain, theirs[0], optimiser(theirs[0].parameters()), loader),
-        "skorch": skorch(theirs[1], optimiser, data, len(classes), batch),
+        "plain": partial(plain, theirs, optimiser(theirs.parameters()), loader),
         "ours": partial(train, net, samples, target, sgd, Schedule(1, batch, seed=0), forward),
     }
     count = len(samples) // batch * batch
     print(
         f"{name}: {len(samples)} samples, batches of {batch}, {threads} threads, torch {torch.__version__}", flush=True
     )
-    speeds = {key: [] for key, epoch in epochs.items() if epoch}
+    speeds = {key: [] for key in epochs}
     for _ in range(rounds):
-        for key, measured in speeds.items():
+        for key, epoch in epochs.items():
             wall, cpu = time.perf_counter(), time.process_time()
-            epochs[key]()
-            measured.append((count / (time.perf_counter() - wall), count / (time.process_time() - cpu)))
-        print("  " + "   ".join(f"{k} {measured[-1][0]:8.1f} /s" for k, measured in speeds.items()), flush=True)
-    ours = np.array(speeds.pop("ours"))
-    for key, measured in speeds.items():
-        wall, cpu = np.median(ours / np.array(measured), axis=0)
-        print(f"  ours over {key}: {wall:.2f} (processor time {cpu:.2f})", flush=True)
+            epoch()
+            speeds[key].append((count / (time.perf_counter() - wall), count / (time.process_time() - cpu)))
+        print("  " + "   ".join(f"{key} {speeds[key][-1][0]:8.1f} /s" for key in epochs), flush=True)
+    wall, cpu = np.median(np.array(speeds["ours"]) / np.array(speeds["plain"]), axis=0)
+    print(f"  ours over plain: {wall:.2f} (processor time {cpu:.2f})", flush=True)
 
 
 def main(*arguments: str) -> None:

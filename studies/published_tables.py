@@ -1,6 +1,6 @@
-"""Published numbers recomputed from the papers' own tables, which lie in the folder ``published``.
+"""Accuracies recomputed from the confusion tables that papers print, which lie in the folder ``published``.
 
-    python studies/published_tables.py > docs/notes/recomputed.md
+    python studies/published_tables.py
 
 ``albawi2018_table3.csv`` holds counts of windows, rows and columns in the order and under the names of the print.
 ``jung2017_table8.csv`` holds counts of captures, columns are the actual classes; ``jung2017_table7.csv`` the share of
@@ -11,18 +11,12 @@ hold percent of each actual class.
 from __future__ import annotations
 
 import itertools
-import textwrap
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from bench.measures import Measure, known, text
-from bench.outcomes import statistics
 from bench.reports.comparison import published
-from bench.reports.paired_statistics import statistics_table
-from bench.reports.papers import NAMES
-from bench.table import Table, rows_of
 
 # Test captures of the 2015 challenge by class: HAART's from the release, CoST's 119 squeezes and 120 of all others.
 HAART_TEST = {"constant": 35}
@@ -37,7 +31,6 @@ TABLES = {  # of Hughes et al. 2017: corpus, row of published.csv that it must a
     "VII": ("cost", "hughes2017-cost-ae-rnn", "parts of captures"),
 }
 FOLDER = Path(__file__).with_name("published")
-WIDTH = 150  # characters of a line of the page
 
 
 def table(name: str) -> pd.DataFrame:
@@ -53,11 +46,6 @@ def albawi_counts() -> pd.DataFrame:
 def jung_counts() -> pd.DataFrame:
     """Captures [actual, predicted] of Jung et al. 2017, Table 8 (SVM with RBF kernel)."""
     return table("jung2017_table8").T
-
-
-def subjects_of_jung() -> pd.DataFrame:
-    """Accuracy in percent [classifiers, subjects] of Jung et al. 2017, Table 7."""
-    return 100 * table("jung2017_table7").T
 
 
 def hughes_percent(number: str) -> pd.DataFrame:
@@ -146,7 +134,7 @@ def recomputed(papers: pd.DataFrame) -> pd.DataFrame:
         counts = hughes_counts(numeral)
         measured = {"macro_recall": hughes_percent(numeral).to_numpy().diagonal().mean()}
         measured = dict.fromkeys(("right", "of", "pooled"), np.nan) | measured if counts is None else measures(*counts)
-        name = f"Hughes et al. 2017, Table {numeral} ({NAMES[data]})"
+        name = f"Hughes et al. 2017, Table {numeral} ({'HAART' if data == 'haart' else 'CoST'})"
         rows.append((name, unit, claims[claim], measured, 0.105))
     tables = pd.DataFrame([{"source": s, "unit": u, "claimed": c, **m} for s, u, c, m, _ in rows])
     off = (tables["pooled"] - tables["claimed"]).abs() - [tolerance for *_, tolerance in rows]
@@ -177,69 +165,13 @@ def _confusions(counts: np.ndarray) -> np.ndarray:
     return (share + share.T)[np.triu_indices(len(share), 1)]
 
 
-COLUMNS = (  # of `recomputed`
-    text("source", "table"),
-    text("unit"),
-    Measure("claimed", "claimed %", form="g"),
-    text("right", "correct", lambda r: f"{r['right']:.0f} of {r['of']:.0f}" if known(r["of"]) else "not printed"),
-    Measure("pooled", "pooled accuracy %", form=".2f"),
-    Measure("macro_recall", "macro recall %", form=".2f"),
-    Measure("macro_precision", "macro precision %", form=".2f"),
-    text("agrees", "claim is the pooled accuracy"),
-)
-
-
-def page() -> str:
-    """The page of the documentation, with all numbers computed."""
-    tables = recomputed(published())
-    albawi = tables.iloc[0]
+def main() -> None:
+    """Print the recomputed accuracies, and the exchange of two labels that makes two papers most alike."""
+    print(recomputed(published()).round(2).to_string(index=False))
     exchanged = swaps(albawi_counts(), jung_counts())
-    best, printed = exchanged.iloc[0], exchanged[exchanged["first"] == ""].iloc[0]
-    subjects = subjects_of_jung()
-    subjects = subjects.loc[subjects.mean(axis=1).sort_values(ascending=False).index]
-    ranks, p = statistics.friedman(subjects)
-    off = tables[(tables["agrees"] == "no") & tables["source"].str.startswith("Hughes")]
-    parts = [
-        "# Published numbers, recomputed",
-        "Papers print confusion tables and accuracies. This page computes the accuracies again from the tables. "
-        "`python studies/published_tables.py` makes it; the tables are in `studies/published`.",
-        "## Confusion tables",
-        f"The {albawi.claimed:g} % of Albawi et al. 2018 is a macro precision ({albawi.macro_precision:.2f} %): the "
-        "mean over classes of the share of correct predictions of a class. Of all windows, "
-        f"{albawi.right:.0f} of {albawi.of:.0f} are correctly classified, which is a pooled accuracy of "
-        f"{albawi.pooled:.2f} %.",
-        f"In the same table, the labels {best['first']} and {best.second} are exchanged. The correlation of its "
-        f"confusions with Jung et al. 2017, Table 8, is {printed.correlation:.2f} as printed. With these two labels "
-        f"exchanged, it is {best.correlation:.2f}, the highest of all {len(exchanged) - 1} exchanges of two labels. "
-        "The codes of CoST are 11 squeeze and 12 stroke.",
-        *(
-            f"{r.source} gives {r.right:.0f} of {r.of:.0f} {r.unit}, {r.pooled:.1f} %; Table I of the same paper gives "
-            f"{r.claimed:g} %."
-            for r in off.itertuples()
-        ),
-        "The totals for Hughes et al. 2017, Tables VI and VII, are the smallest that give the printed percentages. The "
-        "windows per class in Table V are unknown, so only its macro recall can be computed.",
-        Table(COLUMNS, rows_of(tables)),
-        "## Classifiers, by subject",
-        f"Jung et al. 2017 print the accuracy of each of {subjects.shape[1]} subjects (Table 7). Friedman's test over "
-        f"their {len(subjects)} classifiers gives p = {p:.1g}. Mean ranks: "
-        + ", ".join(f"{name} {rank:.2f}" for name, rank in ranks.items())
-        + ".",
-        "Each classifier against the most accurate one, paired over subjects, as in "
-        "[the report](../report.md#statistics):",
-        statistics_table(statistics.against_best(subjects)),
-    ]
-    return "\n\n".join(
-        _markdown(part) if isinstance(part, Table) else textwrap.fill(part, WIDTH, break_on_hyphens=False)
-        for part in parts
-    )
-
-
-def _markdown(table: Table) -> str:
-    """A table in Markdown."""
-    rows = [table.headings, ["---"] * len(table.headings), *([*row.values()] for row in table.texts)]
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    print(f"\nAlbawi et al. 2018 against Jung et al. 2017:\n{exchanged.iloc[[0]].round(2).to_string(index=False)}")
+    print(f"as printed: {exchanged.loc[exchanged['first'] == '', 'correlation'].item():.2f}")
 
 
 if __name__ == "__main__":
-    print(page())
+    main()

@@ -1,20 +1,10 @@
-"""Parts in words: every parameter has a meaning, defaults an origin, and page and help have both."""
-
-import inspect
-import sys
-from pathlib import Path
+"""Parts in words: every parameter has a meaning, defaults an origin, and help has both."""
 
 import pytest
 
 from bench.cli import main
 from bench.described import classifiers, described
-from bench.registry import load, names
-
-TOOLS = Path(__file__).parent.parent / "docs" / "tools"
-sys.path.insert(0, str(TOOLS))
-import parts_page  # noqa: E402
-
-sys.path.remove(str(TOOLS))
+from bench.registry import names
 
 
 @pytest.mark.parametrize("room", ["features", "models", "protocols"])
@@ -31,16 +21,6 @@ def test_every_default_of_a_classifier_has_an_origin():
             [],
             [f"{name}.seed"],
         )
-
-
-def test_the_page_has_the_parameters_of_the_code():
-    page = parts_page.PAGE.read_text(encoding="utf-8")
-    assert page == parts_page.written(page), "run python docs/tools/parts_page.py"
-    for name in classifiers():
-        section = page.split(f"### `{name}`\n")[1].split("###")[0]
-        for p in list(inspect.signature(load("models", name)).parameters.values())[1:]:
-            value = f"{p.default:g}" if isinstance(p.default, float) else p.default
-            assert f"| `model.{p.name}=` | `{value}` |" in section
 
 
 def test_help_prints_the_parameters_of_the_parts_that_are_named(capsys):

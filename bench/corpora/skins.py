@@ -1,7 +1,6 @@
 """Captures of one skin converted to another: full scale, rate and grid, each by a function of its own.
 
-Nothing is learnt, and what becomes of a capture depends on that capture alone. What the other skin cannot hold is lost:
-`bench_transfer.py` in benchmarks sends a corpus through each step and back and says what that costs.
+Nothing is learnt, and what becomes of a capture depends on that capture alone. What the other skin cannot hold is lost.
 """
 
 from __future__ import annotations

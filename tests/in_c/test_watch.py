@@ -33,7 +33,6 @@ from bench.in_c import measure
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
-from studies import watch_in_c
 from tests.in_c.compiled import STRICT, fitted, lacking, written
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
@@ -235,17 +234,6 @@ def test_names_from_several_parts_of_a_touch_are_those_of_python(name, tmp_path,
     check_equal(events, expected, most=WHOLE if name in IN_STEPS else 0.02)
     assert (expected["end"] - expected["reported"]).max() > 1.5 * recogniser.rate_hz
     assert (np.abs(whole["confidence"] - expected["confidence"]) > 0.01).any()
-
-
-def test_the_study_counts_equal_events():
-    recogniser, (_, streams) = watching("lda"), recordings()
-    expected = recogniser.watcher.reports(streams.corpus)
-    counted = watch_in_c.counted(watch_in_c.in_c(recogniser, 32, streams.corpus), expected)
-    counts = [value for value in counted.values() if isinstance(value, int)]
-    assert counts == [len(expected)] * 6
-    fewer = expected[1:].assign(end=expected["end"] + 1)
-    counts = [value for value in watch_in_c.counted(fewer, expected).values() if isinstance(value, int)]
-    assert counts == [len(fewer), len(expected), len(fewer), 0, len(fewer), len(fewer)]
 
 
 def silences(frames):

@@ -12,7 +12,7 @@ from scipy import stats
 
 from bench.outcomes import statistics
 from bench.paired import mean_and_error, within_one_standard_error
-from studies.published_tables import subjects_of_jung
+from studies.published_tables import table
 
 RNG = np.random.default_rng(0)
 
@@ -62,7 +62,7 @@ def test_nadeau_and_bengio_widen_the_variance_by_hand():
 
 
 def test_friedman_of_jung_2017():
-    subjects = subjects_of_jung()
+    subjects = 100 * table("jung2017_table7").T
     ranks, p = statistics.friedman(subjects)
     by_subject = [stats.rankdata(-column) for column in subjects.to_numpy().T]
     assert ranks[subjects.index].tolist() == pytest.approx(np.mean(by_subject, axis=0))
