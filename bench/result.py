@@ -143,11 +143,6 @@ class Result(Mapping[str, Any]):
         return comparable(self.about)
 
     @property
-    def plain(self) -> bool:
-        """True if it has labels of the captures as they are; some runs of earlier versions have none."""
-        return PLAIN not in self.about
-
-    @property
     def scored(self) -> bool:
         """True unless every fold failed."""
         return len(self.metrics) > len(COUNTS)
@@ -174,6 +169,5 @@ class Result(Mapping[str, Any]):
         return f"{done}/{done + failed}"
 
 
-PLAIN = "touchbench.only"  # of a run of an earlier version: the one circumstance that it has labels in
 FAILED = "touchbench.failed"  # of a run: circumstances that failed in a fold
 COUNTS = ("folds", "folds_failed")  # numbers that every result has

@@ -282,7 +282,6 @@ NAMED = {  # file: names that it may have, with the reason
     "bench/in_c/write.py": {"watch"},  # a file of C
     "bench/endless/kind.py": {"stream", "under"},  # a section of scene files; faults of recordings, by the same key
     "bench/endless/candidates.py": {"decision", "cycles"},  # costs that a system that watches does not have
-    "bench/outcomes/earlier.py": {"cell", "stress", "stream", "chip", "under"},  # the reader of old runs
     "bench/scene_file.py": {"stream", "decision"},  # a section of scene files; what clock= adds to
     "bench/outcomes/candidates.py": {"decision", "cycles"},  # what clock= adds to, and what it adds
     "bench/outcomes/chosen.py": {"decision", "cycles"},  # the same; times at which a decision may fall

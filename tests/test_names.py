@@ -25,7 +25,6 @@ from bench.corpora.recordings import BACKGROUND, GAP
 from bench.outcomes.reactions import NOTHING
 from bench.outcomes.runs import every_result
 from bench.outcomes.store import connect
-from bench.outcomes.tables import TEXT
 from bench.protocols.subjects import natural_order
 from tests.net.build import inside
 from tests.net.masks import MASKED
@@ -34,6 +33,8 @@ GESTURES, PEOPLE = ("pat", "rub", "tap"), ("a", "b", "c")
 HARD = '1|10|2|03|1.0|-1|1e3|NA|N/A|null|nan|NaN|inf|True|false|true|none.|no one|a,b|a"b|"|\'|=1+1|#|[x]|{y}|\\|100 %'
 HARD = f"{HARD}|\u00fc|\u89e6\u308b|\U0001f590|unknown|notouch|quiet|fold|capture|subject|p_true|labels".split("|")
 NAMED = ("subject", "gesture", "label", "first", "fold", "true", "predicted", "value")  # columns of names
+TEXT = "subject gesture label first fold true predicted factor value kind slice fault amount where system data".split()
+TEXT += ["subset", "protocol"]
 RATE, GRID = 20, 16
 
 
@@ -85,7 +86,7 @@ def numbers(table, back):
 def numbers_of_file(path):
     """The numbers of a CSV file of the report; no name, as one may look like a number, and no choice by time."""
     table = pd.read_csv(path, dtype=str, keep_default_na=False)
-    table = table[~table.eq("predict").any(axis=1)].drop(columns=[*TEXT], errors="ignore")
+    table = table[~table.eq("predict").any(axis=1)].drop(columns=TEXT, errors="ignore")
     return numbers(table.apply(pd.to_numeric, errors="coerce"), {})
 
 

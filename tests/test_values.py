@@ -9,7 +9,7 @@ from rich.console import Console
 
 from bench.errors import InputError
 from bench.measures import SECTIONS, Cost, Interval, Measure, costs, percent, run_columns, text, three
-from bench.outcomes.tables import TEXT, file_of, read_table, uniform, write_table
+from bench.outcomes.tables import file_of, read_table, uniform, write_table
 from bench.resampling import drawn, ratio_interval, weights
 from bench.result import SMALL, Failure, Result, Tables
 from bench.scene_file import OTHER
@@ -170,34 +170,11 @@ words = st.sampled_from(["NA", "null", "nan", "03", "1.0", "1", "", "True", "a,b
 def test_stored_text_stays_text(tmp_path_factory, labels):
     folder = tmp_path_factory.mktemp("tables")
     find = lambda name: folder / name if (folder / name).exists() else None  # noqa: E731
-    table = pd.DataFrame(dict.fromkeys(TEXT, labels) | {"label": labels[::-1], "share": 0.1 + 0.2})
+    table = pd.DataFrame({"true": labels, "label": labels[::-1], "share": 0.1 + 0.2})
     write_table(table, folder / file_of("touches"))
     assert file_of("touches") == "touches.parquet"
     pd.testing.assert_frame_equal(read_table(find, "touches"), table, check_dtype=False)
-    table.to_csv(folder / "reports.csv", index=False)  # as earlier versions stored it
-    pd.testing.assert_frame_equal(read_table(find, "reports"), table, check_dtype=False)
     assert read_table(find, "curve") is None
-
-
-def test_other_columns_of_an_old_csv_file_are_numbers_only_if_written_as_numbers(tmp_path):
-    columns = {
-        "cover": (["NA", "null", "nan"],) * 2,
-        "run": (["03", "4", "5"],) * 2,
-        "gap": (["NA", "", "None"], ["NA", None, "None"]),
-        "whole": (["3", "-4", "0"], [3, -4, 0]),
-        "share": (["0.30000000000000004", "", "1e-05"], [0.1 + 0.2, None, 1e-05]),
-        "limit": (["inf", "-inf", "2.0"], [np.inf, -np.inf, 2]),
-        "found": (["True", "False", "True"], [True, False, True]),
-        "nothing": (["", "", ""], [None] * 3),
-    }
-    (tmp_path / "old.csv").write_text(
-        "\n".join([",".join(columns), *map(",".join, zip(*(c for c, _ in columns.values()), strict=True))])
-    )
-    read = read_table(lambda name: path if (path := tmp_path / name).exists() else None, "old")
-    assert {name: read[name].astype(object).where(read[name].notna(), None).tolist() for name in read} == {
-        name: values for name, (_, values) in columns.items()
-    }
-    assert [read[name].dtype.kind for name in ("whole", "share", "limit", "found", "nothing")] == [*"iffbf"]
 
 
 def test_a_column_of_several_types_is_stored_as_text(tmp_path):

@@ -17,7 +17,6 @@ from bench.commands.printing import then
 from bench.comparable import several
 from bench.errors import InputError
 from bench.options import keys
-from bench.outcomes.earlier import adopted
 from bench.outcomes.runs import asked_of, result_of
 from bench.outcomes.store import Store, connect, store_uri
 from bench.progress import warn
@@ -115,7 +114,7 @@ def drawn(store: Store) -> Iterator[str]:
         yield run_id
         if not run.data.metrics or any(name.endswith((".svg", ".png")) for name in store.names(run_id, artifacts)):
             continue
-        result = adopted(result_of(store, run))
+        result = result_of(store, run)
         with tempfile.TemporaryDirectory() as folder:
             try:
                 kinds[result.kind].figure(result, Path(folder))

@@ -45,7 +45,7 @@ def _tuning(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
         raise InputError(f"model={model} searches by itself; give smallest= of a model that does not")
     space = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
     seed = cell.seed if "seed" in cell.model.parameters else 0
-    how: How = {"inner": inner, "objective": "smallest", "over": over, "seed": seed}
+    how: How = {"inner": inner, "objective": "smallest", "smallest": over, "seed": seed}
     if over == "features":
         if not cell.features:
             raise InputError(f"smallest=features: model={model} uses no feature set; give one of its parameters")

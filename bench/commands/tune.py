@@ -45,7 +45,7 @@ def searched(values: Values) -> list[Result]:
     given = settings("tune", values)
     how = cast("How", {k: given[k] for k in ("trials", "inner") if k in values})
     if given["seconds"]:
-        how["budget"] = given["seconds"]
+        how["seconds"] = given["seconds"]
     params = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
     if "seed" in params:
         raise InputError(f"model.seed={params['seed']}: give seed= instead, which also sets the seed of the search")

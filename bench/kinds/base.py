@@ -267,7 +267,7 @@ class Kind(Experiment, Options, Shown):
     @classmethod
     def holds(cls, result: Result) -> bool:
         """Whether a run has labels of its captures as they are, or of its recordings."""
-        return result.kind == cls.tag and result.plain
+        return result.kind == cls.tag
 
     @classmethod
     def tracked(cls) -> tuple[str, ...]:

@@ -87,7 +87,7 @@ class Captures(Kind):
 
     def command(self, cell: Cell) -> str:
         """``run``, ``tune`` or ``choose``, as the cell is searched or not."""
-        return "run" if not cell.tuning else "choose" if "over" in cell.tuning else "tune"
+        return "run" if not cell.tuning else "tune"
 
     def depends(self) -> list[Code]:
         """The code of its circumstances, too."""
@@ -237,15 +237,15 @@ class Captures(Kind):
     def offers(cls, result: Result, wish: Wish) -> bool:
         """Whether a run has a candidate: as it is, or in a circumstance."""
         if wish.windows:
-            return result.plain and result.metrics.get("windows", 0) > 0
-        return result.plain or any(c.offers(result, wish) for c in cls.held([result]))
+            return result.metrics.get("windows", 0) > 0
+        return True
 
     @classmethod
     def candidates(cls, result: Result, wish: Wish) -> Iterator[Candidate]:
         """The system in Python, on whole captures or on windows, and in each circumstance of the run."""
         from bench.outcomes.scored import plain_candidates
 
-        if wish.plain and result.plain:
+        if wish.plain:
             yield from cls._without(plain_candidates(result, wish), result, None)
         if not wish.windows:
             for c in (c for c in cls.held([result]) if c.offers(result, wish)):

@@ -11,7 +11,6 @@ import pandas as pd
 from bench.amounts import convert
 from bench.comparable import COMPARABLE, SAME_SYSTEM, context_of
 from bench.errors import InputError
-from bench.outcomes.earlier import TAGS, adopted
 from bench.outcomes.store import Store, Stored
 from bench.outcomes.tables import AGAIN, read_table
 from bench.progress import warn
@@ -95,8 +94,8 @@ def every_result(store: Store) -> list[Result]:
     kinds = classes("kinds").values()
     scores = {kind.tag: kind.score for kind in kinds}
     tracked = {name for kind in kinds for name in kind.tracked()}
-    results = [adopted(result_of(store, run)) for run in store.of_kind(*scores, *TAGS)]
-    scored = [r for r in results if scores[r.kind] in r.metrics or (r.scored and not r.plain)]
+    results = [result_of(store, run) for run in store.of_kind(*scores)]
+    scored = [r for r in results if scores[r.kind] in r.metrics]
     newest = {
         tuple(str(r.get(name)) for name in (*SAME, *tracked)): r
         for r in sorted(scored, key=lambda r: (r.complete, r["started"]))
@@ -127,13 +126,12 @@ def _none_stored() -> Never:
 def plain(results: Iterable[Result]) -> list[Result]:
     """One result for each system, seed, captures and protocol: the newest of those in the fewest circumstances.
 
-    Whatever a circumstance changes, the labels of the captures as they are stay the same. Results of earlier versions
-    that have no such labels are left out.
+    Whatever a circumstance changes, the labels of the captures as they are stay the same.
     """
     tracked = [name for kind in classes("kinds").values() for name in kind.tracked()]
     best: dict[tuple[str, ...], Result] = {}
     rank = lambda r: (r.complete, -sum(name in r.about for name in tracked), r["started"])  # noqa: E731
-    for r in sorted((r for r in results if r.plain), key=rank):
+    for r in sorted(results, key=rank):
         best[r.kind, *(str(r.get(name)) for name in SAME)] = r
     return sorted(best.values(), key=lambda r: r["started"])
 

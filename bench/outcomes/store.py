@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 
 EXPERIMENT = "touchbench"
 TABLE = "experiments"  # in MLflow's file
-FORMAT = "2"  # version of stored runs
-READABLE = (FORMAT, "1")  # versions that are read (`bench.outcomes.earlier`); others are left out
+FORMAT = "2"  # version of stored runs; others are left out
 PATIENCE = 60.0  # seconds that another program may lock MLflow's file
 LOCKED_S = 5.0  # that a read of the file waits before MLflow is asked, which waits longer
 RETRIES = "5"  # of a request to a server: they wait 0, 4, 8, 16 and 32 seconds
@@ -169,7 +168,7 @@ class Store:
         return self._readable(stored)
 
     def _readable(self, stored: list[Read]) -> list[Read]:
-        kept = [run for run in stored if run.data.tags.get("touchbench.format") in READABLE]
+        kept = [run for run in stored if run.data.tags.get("touchbench.format") == FORMAT]
         if len(kept) < len(stored) and not self._warned:
             self._warned = True
             warn("runs that another version of touchbench has stored are left out; run their commands again")

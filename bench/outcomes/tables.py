@@ -1,13 +1,11 @@
 """The tables that are stored with a run: one writer and one reader, so that types survive.
 
 All are parquet, which is what is read back. Some are beside it as CSV, too, for people who look at MLflow's page, which
-shows no parquet. Runs of earlier versions stored these, and others, as CSV alone. Of these, `TEXT` lists the columns
-that are text whatever they hold; any other column is text unless all of its cells are as pandas writes numbers.
+shows no parquet.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,13 +14,7 @@ import pandas as pd
 from bench.errors import InputError
 
 FOR_PEOPLE = ("confusion", "per_class", "chosen", "trials")  # as CSV, too
-LABELS = ("subject", "gesture", "label", "first", "fold", "true", "predicted")
-WORDS = ("factor", "value", "kind", "slice", "fault", "amount", "where", "system", "data", "subset", "protocol")
-TEXT = (*LABELS, *WORDS)  # columns of text, whatever they hold
-CLASSES = {"confusion": ("true",)}  # tables whose other columns are called as classes are: their columns of text
 AGAIN = "restore it, or delete the run in bench ui and run it again"  # what to do without a table
-WHOLE = re.compile("-?(0|[1-9][0-9]*)")
-NUMBER = re.compile("-?(0|[1-9][0-9]*|[0-9]+[.][0-9]+(e[+-][0-9]+)?|[0-9]e[+-][0-9]+|inf)")
 
 
 def file_of(name: str) -> str:
@@ -46,37 +38,15 @@ def read_table(find: Callable[[str], Path | None], name: str, of: str = "this ru
     Raises:
         InputError: the file is damaged.
     """
-    text = CLASSES.get(name, TEXT)
+    if not (path := find(file_of(name))):
+        return None
     try:
-        if path := find(f"{name}.parquet"):
-            from pyarrow import parquet
+        from pyarrow import parquet
 
-            with parquet.ParquetFile(path) as file:  # pandas takes twice as long
-                table = file.read(use_threads=False, use_pandas_metadata=True).to_pandas(use_threads=False)
-        elif path := find(f"{name}.csv"):
-            cells = pd.read_csv(path, dtype=str, keep_default_na=False)
-            table = cells.apply(lambda column: column if column.name in text else _typed(column))
-        else:
-            return None
-    except InputError:
-        raise
+        with parquet.ParquetFile(path) as file:  # pandas takes twice as long
+            return file.read(use_threads=False, use_pandas_metadata=True).to_pandas(use_threads=False)
     except Exception as e:  # pandas and pyarrow raise a dozen types for damaged files
         raise InputError(f"{name} of {of} cannot be read, {path} is damaged; {AGAIN}") from e
-    if "subject" in table and "subject" in text and table["subject"].dtype != "str":
-        return table.astype({"subject": str})
-    return table
-
-
-def _typed(cells: pd.Series) -> pd.Series:
-    """A column of a CSV file in its type; an empty cell is missing."""
-    known = cells[cells != ""]
-    filled = 0 < len(known) == len(cells)
-    if filled and known.isin(["True", "False"]).all():
-        return cells == "True"
-    if filled and known.map(WHOLE.fullmatch).notna().all():
-        return cells.astype("int64")
-    missing = cells.mask(cells == "")
-    return missing.astype(float) if known.map(NUMBER.fullmatch).notna().all() else missing
 
 
 def uniform(table: pd.DataFrame) -> pd.DataFrame:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from bench.models.search.space import Tuning
     from bench.plan.splits import Splitter
 
-HOW = ("inner", "trials", "budget")  # of a search, as it is typed
+HOW = ("inner", "trials", "seconds")  # of a search, as it is typed
 Made = TypeVar("Made")  # what a part is when it is built
 
 
@@ -244,7 +244,7 @@ class Cell:
             lists = {k: v for k, v in self.tuning["space"].items() if isinstance(v, list)}
             values |= {f"model.{k}": ",".join(map(text_of, v)) for k, v in lists.items()}
             how = dict(self.tuning)
-            values |= {k: text_of(how[k]) for k in (("over", "inner") if "over" in how else HOW) if k in how}
+            values |= {k: text_of(how[k]) for k in (("smallest", "inner") if "smallest" in how else HOW) if k in how}
         return values | ({"seed": str(self.seed)} if self.seed else {})
 
 

@@ -31,10 +31,8 @@ def unharmed(labels: pd.DataFrame) -> pd.DataFrame:
 
 
 def clean_accuracy(result: Result) -> float:
-    """Accuracy of the captures as they are, mean over subjects; some runs of earlier versions have labels alone."""
-    if "subject_accuracy_mean" in result.metrics:
-        return result.metrics["subject_accuracy_mean"]
-    return scores.over_people(unharmed(result.tables["labels"]))["accuracy"]
+    """Accuracy of the captures as they are, mean over subjects."""
+    return result.metrics["subject_accuracy_mean"]
 
 
 def curve(labels: pd.DataFrame, key: str) -> pd.DataFrame:

@@ -48,14 +48,14 @@ def labelled_folds(X: Corpus, y: np.ndarray, inner: str) -> list[tuple[np.ndarra
     return folds
 
 
-def check_search(inner: str, trials: int | None, budget: float, endless: bool) -> None:
+def check_search(inner: str, trials: int | None, seconds: float, endless: bool) -> None:
     """Refuse impossible searches.
 
     Args:
         inner: number of groups of subjects, or ``loso``.
         trials: number of trials, None for all.
-        budget: seconds.
-        endless: True if nothing ends the search without trials or a budget.
+        seconds: seconds.
+        endless: True if nothing ends the search without trials or seconds.
 
     Raises:
         InputError: one of them.
@@ -64,9 +64,9 @@ def check_search(inner: str, trials: int | None, budget: float, endless: bool) -
         raise InputError(f"model.inner={inner}: give a number of subject groups from 2 on, or loso")
     if trials is not None and trials < 1:
         raise InputError(f"model.trials={trials}: give at least 1")
-    if not budget > 0:
-        raise InputError(f"model.budget={budget:g}: give a number of seconds above 0")
-    if endless and trials is None and budget == float("inf"):
+    if not seconds > 0:
+        raise InputError(f"seconds={seconds:g}: give a number of seconds above 0")
+    if endless and trials is None and seconds == float("inf"):
         raise InputError("this search has no end: give a number of trials, or a budget in seconds")
 
 

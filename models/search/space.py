@@ -45,13 +45,13 @@ def suggested(draft: Draft, name: str, values: Range | Sequence) -> object:
 
 
 class How(TypedDict, total=False):
-    """Settings of a search: arguments of `bench.models.search.tuning.Search`, and ``over``: `bench tune smallest=`."""
+    """Settings of a search: of `bench.models.search.tuning.Search`, and ``smallest`` of `bench tune`."""
 
     inner: str
     trials: int
-    budget: float
+    seconds: float
     objective: str
-    over: str
+    smallest: str
     seed: int | None
 
 

@@ -51,7 +51,7 @@ class Search(ClassifierMixin, BaseEstimator):
         inner: number of groups into which the training subjects are dealt, or ``loso``.
         trials: combinations to try; None for all of them, which needs lists only. Fewer than all are drawn by a
             tree-structured Parzen estimator.
-        budget: seconds after which no new combination is begun.
+        seconds: seconds after which no new combination is begun.
         objective: ``accuracy``; or ``smallest``, which gives nothing up and takes, of the combinations whose accuracy
             is not below the best by more than a standard error of the paired difference, the one that comes first in
             the lists.
@@ -75,7 +75,7 @@ class Search(ClassifierMixin, BaseEstimator):
         features: dict[str, TransformerMixin] | None = None,
         inner: str = "3",
         trials: int | None = None,
-        budget: float = float("inf"),
+        seconds: float = float("inf"),
         objective: str = "accuracy",
         seed: int = 0,
     ) -> None:
@@ -84,7 +84,7 @@ class Search(ClassifierMixin, BaseEstimator):
         self.features = features
         self.inner = inner
         self.trials = trials
-        self.budget = budget
+        self.seconds = seconds
         self.objective = objective
         self.seed = seed
 
@@ -94,7 +94,7 @@ class Search(ClassifierMixin, BaseEstimator):
         Raises:
             InputError: one of them.
         """
-        check_search(self.inner, self.trials, self.budget, endless=self._grid() is None)
+        check_search(self.inner, self.trials, self.seconds, endless=self._grid() is None)
         if self.objective not in ("accuracy", "smallest"):
             raise InputError(f"model.objective={self.objective}: give accuracy or smallest")
         for part in (self.features or {}).values():
@@ -110,7 +110,7 @@ class Search(ClassifierMixin, BaseEstimator):
         self.check()
         tables = Tables(self.features or {}, X, y, labelled_folds(X, y, self.inner))
         spaces = {model: self._space(model) for model in self.models}
-        study = Study(self._common(), spaces, self.seed, self._size(), self.budget, began, limits={})
+        study = Study(self._common(), spaces, self.seed, self._size(), self.seconds, began, limits={})
         study.search(lambda: self._step(study, tables), self.study_key(), X, y)
         self.search_seconds_ = sum(t.seconds for t in study.tried)
         self.trials_ = _table(study.tried)
@@ -301,17 +301,17 @@ def tuned(
         factory: factory of the model.
         features: one feature set by name, None for a model that reads captures.
         shown: the feature set as it is named in tables.
-        tuning: ``space`` of the model's parameters, ``over`` (``features`` for the smallest subset of these that
+        tuning: ``space`` of the model's parameters, ``smallest`` (``features`` for the smallest subset of these that
             suffices), and further arguments of `Search`.
     """
     if len(tuning["space"].get("person", [()])) > 1:
         raise InputError("model.person= cannot be tuned: nobody whom a search judges by is known; give one value")
-    if tuning.get("over") == "features":
+    if tuning.get("smallest") == "features":
         from bench.features.selection import COUNTS, Subset
 
         (all_columns,) = features.values()
         features = {f"{n} best of {shown}": Subset(clone(all_columns), n) for n in COUNTS} | features
-    how = {k: v for k, v in tuning.items() if k not in ("space", "over")}
+    how = {k: v for k, v in tuning.items() if k not in ("space", "smallest")}
     return Search({name: factory}, {name: tuning["space"]}, features, **how)
 
 
@@ -319,4 +319,4 @@ def machinery(tuning: Tuning) -> list[Code]:
     """Modules that such a search depends on besides its parts."""
     import bench.features.selection
 
-    return [Search, *([bench.features.selection] if tuning.get("over") == "features" else [])]
+    return [Search, *([bench.features.selection] if tuning.get("smallest") == "features" else [])]

@@ -70,7 +70,7 @@ def test_a_grid_is_searched_as_a_plain_loop_would(inner):
     for point, row in trials[trials["state"] == "complete"].iterrows():
         assert row["accuracy"] == pytest.approx(expected[point]) and row["subjects"] == 5
     fewest = {"C": Range(0.01, 1e3, log=True), "gamma": [0.1, 1.0]}
-    assert len(svms(fewest, inner=inner, budget=1e-9).fit(corpus, corpus.gestures).trials_) == 1  # a budget ends it
+    assert len(svms(fewest, inner=inner, seconds=1e-9).fit(corpus, corpus.gestures).trials_) == 1  # a budget ends it
     again = svm(Jung28(), C=search.chosen_["svm.C"], gamma=search.chosen_["svm.gamma"]).fit(corpus, corpus.gestures)
     assert np.array_equal(search.predict_proba(corpus), again.predict_proba(corpus))
     assert parameter_count(search) == parameter_count(again) > 0
@@ -187,7 +187,7 @@ def test_test_subjects_change_nothing_that_is_chosen_or_learned_and_nothing_is_j
     [
         ({"inner": "1"}, "model.inner=1:"),
         ({"trials": 0}, "model.trials=0:"),
-        ({"budget": 0.0}, "model.budget=0:"),
+        ({"seconds": 0.0}, "seconds=0:"),
         ({"objective": "time"}, "model.objective=time:"),
         ({"space": {"C": Range(1.0, 2.0)}}, "no end"),
         ({}, "leaves one class.* inner= than 2"),

@@ -11,7 +11,6 @@ import re
 import shutil
 import sqlite3
 import sys
-import tarfile
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -132,8 +131,6 @@ RUNS = {  # commands that fill the store, by the name of what they print
 }
 FILED = {"runs": "artifact_uri", "experiments": "artifact_location"}  # columns of MLflow's tables that name folders
 CHIP = {"chip": [["chip", *THREE, "model=bayes", "features=jung28", "bits=32,8"]]}
-EARLIER = Path(__file__).with_name("store_of_b4354bf.tar.xz")
-PLACE = "/store"  # its folder in its database
 
 
 @contextmanager
@@ -164,19 +161,6 @@ def copy(folder: Path, to: Path) -> Path:
     """Copy a folder with a store, whose runs have their files beside it, also in the copy."""
     shutil.copytree(folder, to)
     return _moved(str(folder), to)
-
-
-def unpack(folder: Path) -> Path:
-    """Unpack a store of an earlier version into a folder: its runs are read there with their files.
-
-    Touchbench at commit b4354bf made it, with MLflow 3.17.2, of generated captures that were made to look like those of
-    people: the corpora above and runs of ``bench run``, ``stress``, ``stream``, ``watch`` and ``chip``. It holds
-    ``mlflow.db`` and ``mlruns`` without pictures, and no captures. ``store_of_b4354bf.txt`` is what that version
-    printed of it.
-    """
-    with tarfile.open(EARLIER) as archive:
-        archive.extractall(folder, filter="data")
-    return _moved(PLACE, folder)
 
 
 def _moved(before: str, folder: Path) -> Path:

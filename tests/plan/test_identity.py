@@ -180,7 +180,7 @@ def test_no_protocol_depends_on_help_or_on_costs(changed):
 
 def test_a_searched_run_depends_on_the_search_and_its_selection(changed):
     tuned = {"space": {"C": [1.0, 2.0]}}
-    over = {"space": {}, "over": "features"}
+    over = {"space": {}, "smallest": "features"}
     before = [key(tuning=tuned), key(tuning=over)]
     changed("features/selection.py", code)
     assert [key(tuning=tuned) == before[0], key(tuning=over) == before[1]] == [True, False]
