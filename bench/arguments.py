@@ -9,8 +9,7 @@ from typing import Any
 from bench.amounts import UNITS, convert, quantity, text_of
 from bench.errors import InputError, nearest
 from bench.measures import budgets
-from bench.options import OPTIONS, Option, options, rooms
-from bench.registry import names
+from bench.options import OPTIONS, Option, added_keys, options, rooms
 from bench.words import Values
 from bench.work.backend import Backend
 
@@ -113,17 +112,17 @@ def backend_of(values: Values) -> Backend:
     Raises:
         InputError: a value that means nothing, or nothing there.
     """
-    for key in names("workers"):
+    for key, one in added_keys("run").items():
         if (address := str(values.get(key, ""))) and "jobs" in values:
             raise InputError(f"jobs={values['jobs']}: {key}= sets the number of workers; leave jobs= out")
         if address:
-            return Backend(workers=key, address=address)
+            return Backend(workers=one.uses, address=address)
     return Backend(jobs_of(values))
 
 
 def backend_keys() -> set[str]:
     """Keys that say where folds are done, which changes no result."""
-    return {"jobs", *names("workers")}
+    return {"jobs", *added_keys("run")}
 
 
 def jobs_of(values: Values) -> int | None:

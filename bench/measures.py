@@ -1,7 +1,7 @@
 """Measures: every number that is tracked, printed or chosen by, with all that is known of it, once.
 
 A column of a table is a `Measure`. A number by which systems are chosen is a `Cost`; `costs` has them all: those of
-kinds and circumstances stand in their files, installed packages add others (entry points ``touchbench.costs``).
+kinds and circumstances stand in their files.
 Budgets, ``by=``, help, scene files, chart axes, sentences and columns read them. Nothing heavy is imported, so that
 help comes at once.
 """
@@ -11,14 +11,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from bench.amounts import UNITS, quantity
 from bench.errors import InputError
 from bench.few import INTERVAL, too_few
 from bench.registry import classes
-from bench.registry import plugged as installed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -428,61 +426,23 @@ OF_PEOPLE = (
 
 
 ROOMS = ("circumstances", "kinds")  # of the registry, whose classes have costs of their own
-KINDS = {"costs": Cost, "columns": Measure}  # what installed packages add, by the name of a group of entry points
-
-
-@cache
-def plugged(group: str) -> list[Any]:
-    """What installed packages add: a group of `KINDS`.
-
-    Raises:
-        InputError: an entry point cannot be loaded, or is something else.
-    """
-    return [_loaded(entry, KINDS[group]) for entry in installed(group)]
-
-
-def _loaded(entry: EntryPoint, kind: type[Measure]) -> Measure:
-    try:
-        measure = entry.load()
-    except Exception as e:  # a module of somebody else's may raise anything
-        raise InputError(
-            f"{_name(entry)} cannot be loaded from {entry.value}: {type(e).__name__}: {e}; repair or remove the package"
-        ) from e
-    if not isinstance(measure, kind):
-        raise InputError(
-            f"{_name(entry)}: {entry.value} is no bench.measures.{kind.__name__} but {type(measure).__name__}; repair "
-            "or remove the package"
-        )
-    return measure
-
-
-def _name(entry: EntryPoint) -> str:
-    package = f" of the package {entry.dist.name}" if entry.dist else ""
-    return f"the entry point {entry.name} in {entry.group}{package}"
-
-
-def _taken(name: str, measures: Iterable[Measure]) -> InputError:
-    """The refusal of a name that several measures have; those that are plugged in are at fault."""
-    entries = (entry for group in KINDS for entry in installed(group))
-    wrong = [_name(entry) for entry in entries if entry.load().key in {measure.key for measure in measures}]
-    return InputError(f"{' and '.join(wrong)}: {name} is taken; choose another one, or remove the package")
 
 
 @cache
 def costs() -> dict[str, Cost]:
-    """All costs by name: of every run, of circumstances, of people and of kinds, then what installed packages add.
+    """All costs by name: of every run, of circumstances, of people and of kinds.
 
     Raises:
-        InputError: one of a package cannot be used, or its key or its line in a scene file is taken.
+        InputError: a package adds one whose key or line in a scene file is taken.
     """
     every: dict[str, Cost] = {}
     lines: dict[tuple[str, str], Cost] = {}
     of_circumstances, of_kinds = ([cost for c in classes(room).values() for cost in c.costs] for room in ROOMS)
-    for cost in (*OF_SYSTEMS, *of_circumstances, *OF_PEOPLE, *of_kinds, *plugged("costs")):
+    for cost in (*OF_SYSTEMS, *of_circumstances, *OF_PEOPLE, *of_kinds):
         if cost.key in every:
-            raise _taken(f"the key {cost.key}", (every[cost.key], cost))
+            raise InputError(f"two costs have the key {cost.key}; remove the package that adds one")
         if cost.section in lines:
-            raise _taken("the line [{}] {}".format(*cost.section), (lines[cost.section], cost))
+            raise InputError("two costs have the line [{}] {}; remove the package that adds one".format(*cost.section))
         every[cost.key] = lines[cost.section] = cost
     return every
 
@@ -498,29 +458,8 @@ def budgets() -> dict[str, Cost]:
 
 
 def columns(measures: Iterable[Measure], output: str) -> list[Measure]:
-    """The measures that an output shows.
-
-    Raises:
-        InputError: one of an installed package has the heading of another one, which it would replace.
-    """
-    shown = [measure for measure in measures if output in measure.shows]
-    heads: dict[str, Measure] = {"system": Measure("system")}  # which every table has
-    for measure in shown:
-        head = {"csv": measure.key, "latex": measure.latex or measure.name}.get(output, measure.name)
-        if head in heads:
-            raise _taken(f"the heading {head}", (heads[head], measure))
-        heads[head] = measure
-    return shown
-
-
-def check_plugged() -> None:
-    """Refuse costs and columns of installed packages that cannot be used, before any work.
-
-    Raises:
-        InputError: there is one.
-    """
-    for output in OUTPUTS:
-        columns(run_columns(), output)
+    """The measures that an output shows."""
+    return [measure for measure in measures if output in measure.shows]
 
 
 def framed(measure: Measure) -> Measure:
@@ -569,9 +508,6 @@ def run_columns() -> list[Measure]:
         Measure("captures", form=".0f", shows=csv),
         Measure("subjects", "n", form=whole, shows=("page", "csv")),
         text("published", "published %", spare=1, shows=("page", "csv")),
-        *(
-            replace(m, shows=tuple(dict.fromkeys((*m.shows, "csv")))) for m in plugged("columns")
-        ),  # page and LaTeX read it
         text("folds", shows=("page", "csv")),
         *(text(name, shows=csv) for name in ("run_id", "group", "note", "subset", "data", "protocol")),
     ]

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bench.measures import budgets, costs
-from bench.registry import classes, names
+from bench.registry import classes, imported, names
 from bench.usual import FALSE_ALARMS
 from bench.words import DEFAULTS, WIDTH
 
-ROOM = re.compile(r"{(\w+)}")  # in the help of an option
+ROOM = re.compile(r"{([\w.]+)}")  # in the help of an option
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ class Option:
         help: text of the help; ``{models}`` stands for the names of a room, whose parts the key names.
         values: allowed values, if they can be listed.
         joint: separator of several values.
+        uses: class that does what the key asks, ``module:object``, of a key that a package adds.
     """
 
     key: str
@@ -42,6 +43,7 @@ class Option:
     help: str
     values: tuple[str, ...] = ()
     joint: str = ","
+    uses: str = ""
 
     @property
     def room(self) -> str:
@@ -371,13 +373,25 @@ def commands() -> dict[str, Command]:
     last = {name: command for name, command in OTHERS.items() if command.group == OTHERS["completion"].group}
     others = {name: command for name, command in OTHERS.items() if name not in last}
     main = {"demo": OTHERS["demo"], **first, **{name: OTHERS[name] for name in before}, **made, **others}
-    return {**main, **{name: c for name, c in classes("commands").items() if name not in main}, **last}
+    added = {name: c for name, c in classes("commands").items() if isinstance(c, Command) and name not in main}
+    return {**main, **added, **last}
+
+
+def added_keys(command: str = "") -> dict[str, Option]:
+    """The keys that packages add to a command, or to any, by name."""
+    every = {name: one for name, one in classes("commands").items() if isinstance(one, Option)}
+    return {name: one for name, one in every.items() if not command or command in one.commands.split()}
+
+
+def used(command: str) -> dict[str, Any]:
+    """What does the work of the keys that packages add to a command, by key."""
+    return {name: imported(one.uses) for name, one in added_keys(command).items() if one.uses}
 
 
 def options(command: str) -> dict[str, Option]:
     """The keys of a command by name; those of all its actions for one that has some."""
     maker = makers().get(command)
-    if not maker and command not in OTHERS and (added := classes("commands").get(command)):
+    if not maker and command not in OTHERS and isinstance(added := classes("commands").get(command), Command):
         shared = (option for option in OPTIONS if option.key in added.shares.split())
         return {option.key: option for option in (*shared, *added.options)}
     names = {command, "makers"} if maker else {command}
@@ -390,7 +404,7 @@ def _every(command: str) -> Iterator[Option]:
 
     Others do without the costs of installed packages, so that their help comes even where one cannot be loaded.
     """
-    for option in (*OPTIONS, *classes("options").values()):
+    for option in (*OPTIONS, *added_keys().values()):
         if option.key != "by":
             yield option
             continue
@@ -409,7 +423,7 @@ def keys(command: str) -> set[str]:
 def rooms() -> dict[str, str]:
     """The rooms of parts, by the key that names them."""
     made = (option for maker in makers().values() for option in maker.options())
-    return {option.key: option.room for option in (*OPTIONS, *classes("options").values(), *made) if option.room}
+    return {option.key: option.room for option in (*OPTIONS, *added_keys().values(), *made) if option.room}
 
 
 def overview() -> str:

@@ -1,5 +1,8 @@
 """The parts by name: built-in ones, those of installed packages (entry points ``touchbench.<room>``), and files.
 
+An entry point is a model, a feature set, a protocol, a format of corpora, a circumstance, or a command or a key of
+other commands (`bench.options`).
+
 A room names its parts as text (``bench.models.classic.svm:svm``), so nothing of it is imported before it is used, and
 this module knows no room but by name.
 """
@@ -21,7 +24,21 @@ from typing import Any
 from bench.errors import InputError, nearest
 
 ROOMS = {room: f"bench.{room}" for room in ("corpora", "features", "models", "protocols", "kinds", "circumstances")}
-LIGHT = ("kinds", "circumstances", "commands", "options")  # whose parts load nothing heavy, so that help knows them all
+LIGHT = ("kinds", "circumstances", "commands")  # whose parts load nothing heavy, so that help knows them all
+ADDED: dict[str, dict[str, str]] = {  # what the folders that become packages of their own add, as their entry points
+    "kinds": {"watch": "bench.endless.kind:Continuous"},
+    "circumstances": {"form": "bench.in_c.circumstance:InC"},
+    "commands": {
+        "live": "bench.endless.room:LIVE",
+        "watch": "bench.endless.room:WATCH",
+        "detector": "bench.endless.room:FINDS",
+        "false_alarms": "bench.endless.room:ALARMS",
+        "background": "bench.endless.room:IDLE",
+        "export": "bench.in_c.room:EXPORT",
+        "clock": "bench.in_c.room:CLOCK",
+        "cluster": "bench.on_cluster.room:CLUSTER",
+    },
+}
 FILE_MODULE = "touchbench_file_"  # what modules of files are called
 KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}  # of parts of a cell
 
@@ -49,22 +66,11 @@ def forget() -> None:
 
 
 @cache
-def _away() -> list[dict[str, dict[str, str]]]:
-    """What touchbench's rooms add, by group. A room is a package with a module ``room`` and can be taken away.
-
-    The rooms are found by looking which are there, so no other module names them.
-    """
-    found = sorted(place_of("bench").glob("*/room.py"))
-    return [importlib.import_module(f"bench.{path.parent.name}.room").ADDS for path in found]
-
-
-@cache
 def _own(room: str) -> dict[str, str]:
-    """Touchbench's own parts of a room."""
-    parts = dict(importlib.import_module(ROOMS[room]).PARTS) if room in ROOMS else {}
-    for adds in _away():
-        parts |= adds.get(room, {})
-    return parts
+    """The built-in parts of a room, those of a package that lists them in ``PARTS``."""
+    package = ROOMS.get(room, room if "." in room else "")
+    parts = importlib.import_module(package).PARTS if package else {}
+    return parts | ADDED.get(room, {})
 
 
 @cache
@@ -78,21 +84,20 @@ def load(room: str, name: str) -> Callable:
     """Import one part: a class or a function whose keyword arguments are its parameters.
 
     Args:
-        room: one of `KEYS`, or one that a room or a package adds: its key is its name without the s.
+        room: one of `KEYS`, or a package that lists its parts in ``PARTS``: its key is its name without the s.
         name: registered name, or ``file.py:Name`` for a class or function of a file.
 
     Raises:
         InputError: no part has that name, or it cannot be imported.
     """
-    registered, key = names(room), KEYS.get(room, room.removesuffix("s"))
+    registered, key = names(room), KEYS.get(room, room.rpartition(".")[2].removesuffix("s"))
     file, _, attribute = name.rpartition(":")
     if file.endswith(".py"):
         return _from_file(f"{key}={name}", Path(file), attribute)
     if name not in registered:
         raise InputError(f"{key}={name}: unknown; {nearest(name, registered)}")
-    module, _, attribute = registered[name].partition(":")
     try:
-        return getattr(importlib.import_module(module), attribute)
+        return imported(registered[name])
     except (ImportError, AttributeError) as e:
         raise InputError(f"{key}={name} cannot be loaded from {registered[name]}: {e}") from e
 
@@ -103,15 +108,6 @@ def classes(room: str) -> dict[str, Any]:
     Without those of packages that cannot be loaded (`broken`).
     """
     return _loaded(room)[0]
-
-
-def parts(room: str) -> list[Any]:
-    """All parts of a room, in the order of `names`.
-
-    Raises:
-        InputError: one of a package cannot be loaded.
-    """
-    return [part(room, name) for name in names(room)]
 
 
 def broken() -> list[str]:
@@ -150,14 +146,19 @@ def part(room: str, name: str) -> Any:
         InputError: it is of a package and cannot be loaded.
     """
     place = names(room)[name]
-    module, _, attribute = place.partition(":")
     try:
-        return getattr(importlib.import_module(module), attribute)
+        return imported(place)
     except Exception as e:  # a module of somebody else's may raise anything
         raise InputError(
             f"the entry point {name} in touchbench.{room} cannot be loaded from {place}: {type(e).__name__}: {e}; "
             "repair or remove the package"
         ) from e
+
+
+def imported(place: str) -> Any:
+    """What ``module:object`` names."""
+    module, _, attribute = place.partition(":")
+    return getattr(importlib.import_module(module), attribute)
 
 
 def _from_file(argument: str, path: Path, attribute: str) -> Callable:

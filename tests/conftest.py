@@ -256,7 +256,6 @@ def plug(tmp_path, monkeypatch):
     info, installed = site / "watts-1.0.dist-info", []
 
     def forget():
-        measures.plugged.cache_clear()
         measures.costs.cache_clear()
         registry.forget()
         for name in installed:

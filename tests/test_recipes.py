@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from bench.cli import main
-from bench.options import help_of
 from tests.conftest import SMALL
 
 PAGE = Path(__file__).parents[1] / "docs/notes/architecture.md"
@@ -18,8 +17,8 @@ RECIPES = {
 }
 
 
-def test_the_page_has_three_recipes():
-    assert [*RECIPES] == ["watts", "louder", "guess"]
+def test_the_page_has_two_recipes():
+    assert [*RECIPES] == ["louder", "guess"]
 
 
 @pytest.mark.parametrize(
@@ -39,9 +38,3 @@ def test_a_recipe_runs(file, command, words, plug, capsys):
     assert main([*command, *SMALL]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert [w for w in words if w not in printed] == []
-
-
-def test_the_measure_of_the_recipe_is_a_budget(plug):
-    source, points = RECIPES["watts"]
-    plug(points, source, "watts")
-    assert "most energy of a label, such as 2" in help_of("choose")

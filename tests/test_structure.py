@@ -160,7 +160,6 @@ def test_rooms_import_only_those_below_them(graph):
             elif key[1] in AWAY or (not free and key[1] not in ROOMS[room][1].split()):
                 wrong.append(f"{name} ({room}) imports {target} ({key[1]})")
     assert wrong == [] and used == {*EXCEPTIONS}
-    assert {f"bench.{path.parent.name}" for path in (ROOT / "bench").glob("*/room.py")} == {*AWAY.values()}
 
 
 @pytest.mark.parametrize("name", [*LIGHT, EVERY])

@@ -9,9 +9,8 @@ from bench.arguments import parse, parse_words, settings
 from bench.commands.printing import then, unwritable
 from bench.corpora.read.table import read_unlabelled
 from bench.errors import InputError
-from bench.options import keys
+from bench.options import keys, used
 from bench.plan.cells import cells
-from bench.registry import parts
 from bench.scratch import new_folder, replacing
 from bench.table import write_sheet
 from bench.words import Values, quoted
@@ -53,12 +52,11 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     from bench.work.fit import fit
 
     given, watching = settings("fit", values), None
-    if given.get("watch"):
-        watching = parts("watchers")[0](values)
-    elif parts("watchers") and (
-        unused := [key for key in values if key.partition(".")[0] in parts("watchers")[0].keys]
-    ):
-        raise InputError(f"watch=no: nothing watches, so {unused[0]}= has no effect; remove one of them")
+    for key, learner in used("fit").items():
+        if given[key]:
+            watching = learner(values)
+        elif unused := [other for other in values if other.partition(".")[0] in learner.keys]:
+            raise InputError(f"{key}=no: nothing watches, so {unused[0]}= has no effect; remove one of them")
     cell, *more = cells({k: v for k, v in values.items() if k.partition(".")[0] not in given})
     if more:
         raise InputError("bench fit saves one system; give one value of each key")

@@ -4,8 +4,7 @@ A fault is a function ``(frames, amount, rng) -> frames``: float32 [frames, rows
 shares of full scale, how much of it in the fault's unit, and a random generator. One that depends on time has a fourth
 argument ``rate_hz``, frames per second. It gives shares of full scale again, on the same grid, at least one frame, and
 what it was given where the amount is 0. `fault` above a function makes it known, with its unit and the amounts that
-severities 1 to 5 stand for; a package of its own does the same and names the function in the entry-point group
-``touchbench.faults``.
+severities 1 to 5 stand for.
 
 The generator is the same at every severity, so that what is broken at one severity is broken at all higher ones too. It
 depends on nothing but the fault and the capture, or the fault and the subject where the fault is one of the sensor:
@@ -25,7 +24,6 @@ import numpy as np
 
 from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError, nearest
-from bench.registry import plugged
 from bench.usual import ALL
 from bench.usual import SEVERITIES as SEVERITIES
 
@@ -102,9 +100,7 @@ def fault(
 
 
 def all_faults() -> dict[str, Fault]:
-    """All faults, those of installed packages included."""
-    for entry in plugged("faults"):
-        entry.load()  # which registers it
+    """All registered faults."""
     return FAULTS
 
 

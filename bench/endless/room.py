@@ -1,33 +1,23 @@
-"""What endless streams add to touchbench: as entry points ``touchbench.<group>`` of a package would."""
+"""What endless streams add: a command, and keys of ``bench fit``."""
 
 from bench.endless import DETECTOR
 from bench.options import TRUSTED, Command, Option
 from bench.usual import FALSE_ALARMS
 
-ADDS = {
-    "kinds": {"watch": "bench.endless.kind:Continuous"},
-    "commands": {"live": "bench.endless.room:LIVE"},
-    "options": {
-        "watch": "bench.endless.room:WATCH",
-        "detector": "bench.endless.room:FINDS",
-        "false_alarms": "bench.endless.room:ALARMS",
-        "background": "bench.endless.room:IDLE",
-    },
-    "detectors": {
-        "best": "bench.endless.detectors.best:Best",
-        "filter": "bench.endless.detectors.filter:Filter",
-        "frames": "bench.endless.detectors.frames:Frames",
-        "threshold": "bench.endless.detectors.threshold:Threshold",
-    },
-    "watchers": {"detector": "bench.endless.teaching:Watching"},
-}
-WATCH = Option("watch", "fit", "yes", True, "no: skip the post-processing for endless streams")
+WATCH = Option(
+    "watch",
+    "fit",
+    "yes",
+    True,
+    "no: skip the post-processing for endless streams",
+    uses="bench.endless.teaching:Watching",
+)
 FINDS = Option(
     "detector",
     "fit",
     "text",
     DETECTOR,
-    "finds the touches of a stream: {detectors}, or my.py:Mine; detector.NAME= sets a parameter",
+    "finds the touches of a stream: {bench.endless.detectors}, or my.py:Mine; detector.NAME= sets a parameter",
 )
 ALARMS = Option(
     "false_alarms", "fit", "number", FALSE_ALARMS, "false alarms per hour of background accepted in training"

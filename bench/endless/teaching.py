@@ -1,4 +1,4 @@
-"""How a system learns to watch, for those who save it or write it as C (entry points ``touchbench.watchers``)."""
+"""How a system learns to watch, for those who save it or write it as C."""
 
 from __future__ import annotations
 

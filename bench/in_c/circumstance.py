@@ -11,8 +11,7 @@ from bench.circumstances.base import Circumstance, option
 from bench.errors import InputError
 from bench.kinds.base import Spelling
 from bench.measures import Cost, Measure, over_people, percent, text
-from bench.options import Command
-from bench.registry import parts
+from bench.options import Command, used
 from bench.table import Table
 from bench.words import Values, items, labelled
 
@@ -44,6 +43,11 @@ WATCHING = (  # columns of the costs of watching an endless stream
 )
 
 
+def watchers() -> list[Any]:
+    """What learns the post-processing for endless streams, where it is installed."""
+    return [*used("fit").values()]
+
+
 @dataclass(frozen=True)
 class InC(Circumstance):
     """The C that a fitted system is exported as labels the test captures."""
@@ -69,7 +73,7 @@ class InC(Circumstance):
                 raise InputError(f"form={form}: give {C}")
         of_detector = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
         made = super().of({key: value for key, value in values.items() if key not in of_detector})
-        named = [part.typed() for part in parts("watchers")[0].parts(of_detector)] if of_detector else [""]
+        named = [part.typed() for part in watchers()[0].parts(of_detector)] if of_detector else [""]
         return [replace(one, detector=name) for one in made for name in named]
 
     def options(self) -> dict[str, object]:
@@ -77,7 +81,7 @@ class InC(Circumstance):
         from bench.in_c.measure import toolchain
 
         params = {"chip.bits": int(self.bits), "chip.toolchain": "; ".join(toolchain())}
-        return params | ({"chip.detector": self.part.typed()} if parts("watchers") else {})
+        return params | ({"chip.detector": self.part.typed()} if watchers() else {})
 
     def changed(self) -> dict[str, str]:
         """The options as typed."""
@@ -88,7 +92,7 @@ class InC(Circumstance):
         from bench.in_c.measure import toolchain
         from bench.in_c.write import digest
 
-        return [self.bits, digest(), toolchain(), self.part.identity() if parts("watchers") else ""]
+        return [self.bits, digest(), toolchain(), self.part.identity() if watchers() else ""]
 
     @property
     def part(self) -> Part[Any]:
@@ -101,7 +105,7 @@ class InC(Circumstance):
         """What those who write the C import late: of networks, and of systems that watch."""
         from bench.in_c import network
 
-        return [type(self), network, *parts("watchers")]
+        return [type(self), network, *watchers()]
 
     def refuse(self, plan: Plan) -> None:
         """Refuse a system that has no C, and a machine without the programs.

@@ -16,7 +16,7 @@ from bench.errors import InputError
 from bench.in_c.measure import compiled, lacking, measured, measured_watching
 from bench.in_c.tables import check
 from bench.in_c.write import files_of
-from bench.registry import parts
+from bench.options import used
 from bench.words import labelled
 from bench.work.fitted import Fitted
 from bench.work.fold import computing
@@ -52,13 +52,13 @@ def refuse(plan: Plan, detector: str) -> None:
 
 def warnings(plan: Plan) -> list[str]:
     """Warn where the folds cannot teach a watcher."""
-    why = _unwatched(plan) if check(plan.cell.untrained) and parts("watchers") else ""
+    why = _unwatched(plan) if check(plan.cell.untrained) and used("fit") else ""
     return [f"warning: costs of watching an endless stream are not measured: {why}"] if why else []
 
 
 def watching(detector: str) -> Any:
     """What learns to watch with a detector; empty for the usual one of ``bench fit``."""
-    return parts("watchers")[0](labelled("detector", detector) if detector else {})
+    return [*used("fit").values()][0](labelled("detector", detector) if detector else {})
 
 
 def fold(at: Fitted, bits: int, detector: str) -> FoldResult:
@@ -76,7 +76,7 @@ def fold(at: Fitted, bits: int, detector: str) -> FoldResult:
         in_c = compiled(folder, len(recogniser.classes))
         proba = np.array([in_c(frames) for frames in test])
         metrics = measured(folder)
-    if check(at.cell.untrained) and parts("watchers"):
+    if check(at.cell.untrained) and used("fit"):
         with computing(at.threads):
             metrics |= _watching(at, recogniser, bits, detector)
     table[[f"p_{name}" for name in scores.classes_of(at.predictions)]] = np.float32(0)
@@ -116,7 +116,7 @@ def _unwatched(plan: Plan) -> str:
     if any(len(set(plan.corpus.subjects[fold.train])) < 2 for fold in plan.folds):
         return "a fold trains on one subject"
     try:
-        parts("watchers")[0]({}).check(plan.corpus)
+        [*used("fit").values()][0]({}).check(plan.corpus)
     except InputError as e:
         return str(e)
     return ""

@@ -1,12 +1,7 @@
-"""What the C adds to touchbench: as entry points ``touchbench.<group>`` of a package would."""
+"""What C adds: a command, and a key of ``bench choose``."""
 
 from bench.options import TRUSTED, Command, Option
 
-ADDS = {
-    "circumstances": {"form": "bench.in_c.circumstance:InC"},
-    "commands": {"export": "bench.in_c.room:EXPORT"},
-    "options": {"clock": "bench.in_c.room:CLOCK"},
-}
 CLOCK = Option(
     "clock", "choose", "MHz", None, "clock rate of the chip, such as 64MHz; adds its cycles to decision times"
 )

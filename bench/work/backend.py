@@ -11,7 +11,7 @@ class Backend:
 
     Attributes:
         jobs: processes of this machine, None for one per core.
-        workers: name of other workers (entry points ``touchbench.workers``); empty for processes of this machine.
+        workers: class of other workers, ``module:object``; empty for processes of this machine.
         address: the place where they are found.
     """
 

@@ -79,7 +79,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: An
         cell: cell to train; its protocol is ignored.
         stopping: True to learn, from three more fits that leave subjects out, the calibration and the stopping rule; a
             warning appears if there are too few captures for it.
-        watching: learns the post-processing for endless streams, one of ``touchbench.watchers``; None for none.
+        watching: learns the post-processing for endless streams; None for none.
         out: a folder that is new or empty, to save the model there too.
 
     Raises:

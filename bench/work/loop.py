@@ -16,12 +16,11 @@ from bench.corpora.duplicates import named
 from bench.corpora.read.limits import briefly
 from bench.corpora.recordings import as_touches, is_recorded
 from bench.errors import ClusterError, InputError
-from bench.measures import check_plugged
 from bench.outcomes.store import Store, connect, only_one
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, planned, usable_cores
 from bench.progress import console, warn
-from bench.registry import check_loaded, part
+from bench.registry import check_loaded, imported
 from bench.result import Result
 from bench.work.backend import HERE, Backend
 from bench.work.bar import Bar
@@ -41,7 +40,6 @@ def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment], jobs: int
         InputError: something in the cells, the data, the experiments or what installed packages add cannot be used.
     """
     check_loaded()
-    check_plugged()
     todo = [(plan, experiment) for plan in planned(list(cells), jobs) for experiment in experiments]
     for plan, experiment in todo:
         if taken := reserved(map(str, plan.corpus.captures), experiment.columns):
@@ -74,7 +72,7 @@ def execute(todo: Todo, backend: Backend = HERE) -> list[Result]:
                     cores = f"this machine has {usable_cores()} cores"
                     console.print(f"warning: jobs={backend.jobs}: {cores}, more workers do not help")
             else:
-                workers = part("workers", backend.workers)(backend.address, todo, warn, folder)
+                workers = imported(backend.workers)(backend.address, todo, warn, folder)
             if workers.threads:
                 todo = [(replace(plan, threads=workers.threads), experiment) for plan, experiment in todo]
             with workers:

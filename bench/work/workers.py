@@ -1,4 +1,4 @@
-"""Workers for folds: processes of this machine, or others (entry points ``touchbench.workers``)."""
+"""Workers for folds: processes of this machine, or others (`Workers`)."""
 
 from __future__ import annotations
 

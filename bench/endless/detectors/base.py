@@ -1,7 +1,7 @@
 """The contract of detectors: what finds the touches of a stream, and when it reports them.
 
 A detector is made by a factory whose keyword arguments are its parameters (``detector.tick=``), and is registered in
-`bench.endless.room`, by an installed package (entry point ``touchbench.detectors``) or as ``detector=my.py:Mine``. One
+`bench.endless.room`, or as ``detector=my.py:Mine``. One
 that decides tick by tick derives from `bench.endless.detectors.ticks.Detector`; any other has ``learn``.
 """
 

@@ -22,7 +22,11 @@ def detectors(values: Values) -> list[Part[Detects]]:
     siblings = items("detector", values.get("detector", DETECTOR))
     if not all(isinstance(name, str) for name in siblings):
         raise InputError("detector= takes names; give one of them, or my.py:Mine")
-    parts = [part for name in siblings for part in variants(values, "detector", name, siblings, room="detectors")]
+    parts = [
+        part
+        for name in siblings
+        for part in variants(values, "detector", name, siblings, room="bench.endless.detectors")
+    ]
     for part in parts:
         part.make()  # which refuses values
     return parts
