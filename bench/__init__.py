@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import importlib
 
-API = ("audit", "choose", "corpus", "fit", "groups", "look", "plans", "run", "tune")
+API = ("audit", "choose", "corpus", "extract", "fit", "groups", "look", "plans", "run", "tune")
 VALUES = {"Corpus": "bench.corpora.corpus", "InputError": "bench.errors", "fault": "bench.corpora.faults"}
 VALUES |= {"compare": "bench.stored", "latex": "bench.reports.latex", "results": "bench.stored"}
 __all__ = [*API, *VALUES]

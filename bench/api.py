@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from bench import contract
 from bench.arguments import KEYS, jobs_of
 from bench.commands import audit as _audit
 from bench.commands import choose as _choose
@@ -20,13 +21,16 @@ from bench.commands import groups as _groups
 from bench.commands import tune as _tune
 from bench.commands.kind import made
 from bench.corpora.corpus import Corpus
+from bench.corpora.recordings import as_touches, is_recorded
 from bench.corpora.streams import StreamSurvey
 from bench.corpora.survey import Survey
 from bench.errors import InputError
 from bench.options import keys, makers
 from bench.plan.cells import cells, corpus_variants
 from bench.plan.plan import Plan, captures_of, planned
+from bench.progress import warn
 from bench.stored import Results, results_of, values_of
+from bench.words import DEFAULTS
 from bench.work.fit import Fitted
 
 
@@ -156,6 +160,32 @@ def tune(**values: object) -> Results:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
     return results_of(_tune.searched(values_of(values, keys("tune"))))
+
+
+def extract(**values: object) -> pd.DataFrame:
+    """The features of all captures, beside their subject, gesture and conditions.
+
+    Features that learn are fitted to all these captures: do not test on any of them.
+
+    Args:
+        values: ``data``, ``where``, ``target``, ``features`` and ``seed`` of `run`.
+
+    Raises:
+        InputError: something in the values or the data cannot be used.
+    """
+    known = {"data", "where", "target", "features", "seed"}
+    cell, *more = cells(values_of(values, known) | {"model": DEFAULTS["model"]})
+    if more:
+        raise InputError("bench.extract makes one table; give one value of each key")
+    captures = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
+    (features,) = cell.feature_sets().values()
+    contract.check(features)
+    columns = features.fit(captures, captures.gestures).transform(captures)
+    if both := sorted({*captures.captures.columns} & {*columns.columns}):
+        raise InputError(f"{captures.name} has a column {both[0]!r}, also a feature; rename it and import again")
+    if is_recorded(captures):
+        warn(as_touches(captures))
+    return pd.concat([captures.captures, columns], axis=1)
 
 
 def fit(**values: object) -> Fitted:

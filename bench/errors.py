@@ -6,6 +6,10 @@ import difflib
 from collections.abc import Iterable
 
 GONE = {  # commands and keys that are gone: what to type instead
+    "demo": "see README.md for the commands of a comparison",
+    "extract": "bench.extract(data=..., features=...) in Python",
+    "papers": "bench report lists published numbers",
+    "completion": "bench COMMAND --help lists the keys",
     "submit": "bench report writes comparison.csv, which others can compare with theirs",
     "leaderboard": "bench report writes comparison.csv, which others can compare with theirs",
 }

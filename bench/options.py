@@ -1,7 +1,7 @@
 """The command line as data: every command and every key, with its type, default and help.
 
-Parsing, ``--help``, completion and the checks of the Python API read these two tables; commands that make runs, and
-their keys, come from kinds and circumstances. Nothing heavy is imported, so that help and completion come at once.
+Parsing, ``--help`` and the checks of the Python API read these two tables; commands that make runs, and
+their keys, come from kinds and circumstances. Nothing heavy is imported, so that help comes at once.
 """
 
 from __future__ import annotations
@@ -84,14 +84,14 @@ CHOICE = "choose report"
 OPTIONS = (
     Option(
         "data",
-        f"{FOLDS} fit extract",
+        f"{FOLDS} fit",
         "text",
         DEFAULTS["data"],
         "synth (generated captures) or an imported corpus, several joined by +",
     ),
     Option(
         "where",
-        f"{FOLDS} fit extract",
+        f"{FOLDS} fit",
         "text",
         DEFAULTS["where"],
         "captures to use, such as where=\"variant == 'rough'\"",
@@ -109,7 +109,7 @@ OPTIONS = (
     ),
     Option(
         "features",
-        f"{FOLDS} fit audit extract",
+        f"{FOLDS} fit audit",
         "text",
         DEFAULTS["features"],
         "{features}; not used by all models",
@@ -160,7 +160,6 @@ OPTIONS = (
     Option("error", "check", "number", 1, "error rate in percent of all tests of accuracy and labels together"),
     Option("slower", "check", "number", 2, "largest factor of computing time, relative to a reference workload"),
     Option("junit", "check", "text", "", "JUnit file for a CI server, such as check.xml"),
-    Option("out", "extract", "text", "", "output file, .parquet or .csv"),
     Option("name", "data-import", "text", "", "name of the corpus; an earlier corpus of this name is replaced"),
     Option("grid", "data-import", "text", "", "table or recording: rows and columns of the skin, such as 8x8"),
     Option("rate_hz", "data-import", "number", None, "table or recording: frame rate in Hz"),
@@ -179,18 +178,10 @@ OPTIONS = (
         "columns of paper.tex and paper.csv: accuracy and macro_f1 under each protocol; fit, predict and flash",
     ),
     Option("against", "report", "text", "", "system that p values compare with; default the best of your own"),
-    Option("out", "demo", "text", "demo", "folder for all files, with its own store"),
     Option("port", "ui", "text", "5000", "port of the server"),
 )
 TRUSTED = "Loading a model runs its code: use only models that you or someone you trust saved."
 OTHERS = {  # commands that make no runs of a kind
-    "demo": Command(
-        "start here",
-        "see a complete comparison in two minutes, on generated captures",
-        "Runs five systems on generated captures and replays the two most accurate. Tests the best one under two "
-        "faults, writes the page and chooses a system. Generated captures say nothing about people. Each command is "
-        "printed before it runs. An interrupted demo continues where it stopped.",
-    ),
     "choose": Command(
         "start here",
         "find the cheapest system within one standard error of the best",
@@ -234,19 +225,6 @@ OTHERS = {  # commands that make no runs of a kind
         "bench data export synth out.csv subjects=31 repetitions=6",
         "\nimport cost|cuddlebot|haart|table|recording FILE [key=value ...]\nshow NAME [key=value ...]\nverify NAME\n"
         "export NAME FILE",
-    ),
-    "extract": Command(
-        "your captures",
-        "write a table of features",
-        "Writes the features of every capture with its subject, gesture and conditions.",
-        "bench extract data=synth features=jung54 out=features.parquet",
-        "data=NAME features=NAME out=FILE [where=CONDITION]",
-    ),
-    "papers": Command(
-        "compare",
-        "list published numbers and the commands that reproduce them",
-        "Lists every published number with the command that reproduces it, or the reason why there is none.",
-        usage="",
     ),
     "audit": Command(
         "compare",
@@ -323,15 +301,6 @@ OTHERS = {  # commands that make no runs of a kind
         "the labels may change, and sizes may grow by 10 %. Keys of bench run select systems of the baseline.",
         "bench check update=yes data=haart model=svm,rf features=jung54\nbench check junit=check.xml slower=3",
     ),
-    "completion": Command(
-        "more",
-        "complete commands and names in the shell",
-        "Prints a script with which the shell completes commands, keys and names at TAB.",
-        'eval "$(bench completion bash)"                                # in ~/.bashrc\n'
-        'eval "$(bench completion zsh)"                                 # in ~/.zshrc\n'
-        "bench completion fish > ~/.config/fish/completions/bench.fish",
-        "bash|zsh|fish",
-    ),
 }
 
 
@@ -368,11 +337,11 @@ def makers() -> dict[str, Maker]:
 def commands() -> dict[str, Command]:
     """All commands by name, in the order of the overview."""
     made = {name: maker.spelling.command for name, maker in makers().items()}
-    first = {name: command for name, command in made.items() if command.group == OTHERS["demo"].group}
+    first = {name: command for name, command in made.items() if command.group == "start here"}
     before = [*OTHERS][: [*OTHERS].index("groups")]
-    last = {name: command for name, command in OTHERS.items() if command.group == OTHERS["completion"].group}
+    last = {name: command for name, command in OTHERS.items() if command.group == "more"}
     others = {name: command for name, command in OTHERS.items() if name not in last}
-    main = {"demo": OTHERS["demo"], **first, **{name: OTHERS[name] for name in before}, **made, **others}
+    main = {**first, **{name: OTHERS[name] for name in before}, **made, **others}
     added = {name: c for name, c in classes("commands").items() if isinstance(c, Command) and name not in main}
     return {**main, **added, **last}
 

@@ -34,10 +34,6 @@ HEAVY = "numpy pandas sklearn torch mlflow rich matplotlib"
     [
         ("import bench; dir(bench)", HEAVY),
         ("from bench.cli import main; main(['run', '--help'])", HEAVY),
-        (
-            "from bench.cli import main; main(['completion', 'answer', 'run', 'model=sv'])",
-            "numpy pandas rich mlflow torch sklearn",
-        ),
         ("import bench.commands.kind", "dask distributed"),
         ("from bench.plan.cells import cells; cells({'model': 'rocket,svm'})[0].estimator()", "aeon numba"),
     ],

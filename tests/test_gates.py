@@ -102,7 +102,7 @@ def test_a_wrong_kind_or_circumstance_is_refused_in_one_line(plug, capsys, group
     assert (
         main(["gone"]) == 2 and f"touchbench.{group}" in capsys.readouterr().err
     )  # it may be a command of that package
-    assert [main(words) for words in (["--help"], ["run", "--help"], ["papers"])] == [0, 0, 0]  # which make no runs
+    assert [main(words) for words in (["--help"], ["run", "--help"], ["data"])] == [0, 0, 0]  # which make no runs
     assert capsys.readouterr().err.count(f"warning: the entry point gone in touchbench.{group}") == 1  # not in help
 
 
@@ -118,7 +118,6 @@ def own_names(package=""):
 
 
 NAMED = {  # file: names that it may have, with the reason
-    "bench/commands/demo.py": {"stream", "stress"},  # lines as a user types them
     "bench/in_c/write.py": {"watch"},  # a file of C
     "bench/endless/kind.py": {"stream", "under"},  # a section of scene files; faults of recordings, by the same key
     "bench/endless/candidates.py": {"decision", "cycles"},  # costs that a system that watches does not have

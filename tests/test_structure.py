@@ -53,7 +53,6 @@ EVERY = "import bench.registry as r; r.classes('kinds'), r.classes('circumstance
 
 TABULAR = {"read_parquet", "to_parquet", "read_csv", "to_csv"}  # pandas' readers and writers
 TABLES = {  # modules that call one, beside bench.outcomes.tables, and their files, none of which is a table of a run
-    "bench.commands.extract": "features for the user",
     "bench.commands.fit": "the user's captures with labels, printed",
     "bench.corpora.folder": "captures and events",
     "bench.corpora.read.csv_text": "files to import",

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 COMMAND = re.compile(r"\bbench ([a-z]+)")  # in a line to type
 NAMED = 3  # folds or systems that a line names
 WIDTH = 100  # columns of a file or a log, which has no width of its own
-_led = [False]  # whether another command leads from one command to the next
 
 
 def output() -> Console:
@@ -49,18 +48,8 @@ def say(*lines: str) -> None:
 def then(*commands: str) -> None:
     """Print the next commands to type, those that are here."""
     here = [line for line in commands if not (found := COMMAND.search(line)) or found[1] in known_commands()]
-    if here and not _led[0]:
+    if here:
         say(*(f"{'      ' if i else 'next: '}{command}" for i, command in enumerate(here)))
-
-
-@contextmanager
-def led() -> Iterator[None]:
-    """Suppress hints of commands in between; the caller prints its own."""
-    before, _led[0] = _led[0], True
-    try:
-        yield
-    finally:
-        _led[0] = before
 
 
 def writable(folder: Path) -> Path:

@@ -1,4 +1,4 @@
-"""The commands tune, papers and extract, searches in bench run, and other targets than the gesture."""
+"""The command tune, searches in bench run, tables of features, and other targets than the gesture."""
 
 import shlex
 
@@ -6,17 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.arguments import KEYS, parse
+import bench
+from bench.arguments import parse
 from bench.cli import main
 from bench.commands import tune
-from bench.commands.papers import command
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.options import keys
-from bench.plan.cells import cells
 from bench.plan.plan import planned
-from bench.reports.comparison import published
 from tests.conftest import predictions, runs
 from tests.work.test_loop import SMALL
 
@@ -77,44 +75,23 @@ def test_values_are_judged_together(monkeypatch, line):
         ("run features=gaus features.families=sd+sad", "features.families=sd+sad:"),
         ('run model=jung2014_svm where=\'subject in ["1", "2"]\'', "there is 1"),
         ("run target=subject protocol=loso", "subject 1"),
-        ("extract out=a.csv features=jung28,jung54", "one value"),
-        ("extract out=none/a.csv data.subjects=1 data.repetitions=1", "written"),
     ],
 )
 def test_mistakes_are_one_line_and_exit_code_2(line, part, capsys):
     words = shlex.split(line)
-    assert main([*words, *([] if words[0] in ("papers", "extract") else SMALL)]) == 2
+    assert main([*words, *SMALL]) == 2
     error = capsys.readouterr().err
     assert part in error and error.startswith("bench: ") and error.count("\n") == 1
 
 
-def test_every_published_number_has_its_command_or_a_reason(capsys):
-    assert main(["papers"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    rows = published()
-    assert len(rows) >= 65
-    for row in rows.itertuples():
-        (number,) = [i for i, line in enumerate(lines) if line.split()[-1:] == [row.id]]
-        text = command(row)
-        assert text == lines[number + 1].strip()
-        if text.startswith("bench run"):  # understood up to the corpus, which is not here; quotes are those of a shell
-            (cell,) = cells(parse(shlex.split(text)[2:], KEYS))
-            assert cell.model.name == row.system and cell.where == row.subset_key.replace("all", "", 1)
-            assert cell.estimator() is not None
-        else:
-            assert f"model={row.system}" in text or text.endswith(("build it", "not included yet", "on photographs"))
-
-
-def test_features_are_written_as_a_table(capsys):
-    assert main(["extract", "features=jung28", "out=f.parquet", *FEW]) == 0
-    assert "synthetic" in capsys.readouterr().out
+def test_a_table_of_features():
+    table = bench.extract(features="jung28", data__subjects=2, data__repetitions=1)
     corpus = open_corpus("synth", {"subjects": 2, "repetitions": 1})
-    table = pd.read_parquet("f.parquet")
     assert np.array_equal(table["gesture"], corpus.gestures)
     expected = Jung28().transform(corpus)
     pd.testing.assert_frame_equal(table[expected.columns], expected)
-    assert main(["extract", "features=ta273", "out=f.csv", "where=gesture != 'tap'", *FEW]) == 0
-    assert set(pd.read_csv("f.csv")["gesture"]) == set(corpus.gestures) - {"tap"}
+    with pytest.raises(InputError, match="one value"):
+        bench.extract(features=["jung28", "jung54"])
 
 
 def test_another_target_than_the_gesture():

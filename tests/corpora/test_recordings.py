@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import bench
 from bench.cli import main
 from bench.corpora import synth, synth_recordings
 from bench.corpora.corpus import Corpus
@@ -220,11 +221,11 @@ def test_recordings_serve_as_captures_cut_at_their_labels(tmp_path, capsys):
     touches = open_corpus("arm", {})
     assert touches.gestures.tolist() == [event[3] for event in EVENTS]
     assert [t[:, 0, 0].tolist() for t in touches] == [[1, 2], [3], [6], [8], [9], [11]]
-    assert main(["extract", "data=arm", "features=jung28", "where=recording == 'r2'", f"out={tmp_path / 'x.csv'}"]) == 0
+    table = bench.extract(data="arm", features="jung28", where="recording == 'r2'")
     assert capsys.readouterr().err == (
         "arm holds recordings: its 2 touches, cut at their labels, are the captures; their background is left out\n"
     )
-    assert pd.read_csv(tmp_path / "x.csv")[["subject", "gesture", "recording"]].values.tolist() == [
+    assert table[["subject", "gesture", "recording"]].values.tolist() == [
         ["bob", "pat", "r2"],
         ["bob", "rub", "r2"],
     ]

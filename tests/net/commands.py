@@ -36,7 +36,6 @@ LDA = [*SYNTH[:-1], "model=lda", "features=touch", "model.window=0.5"]
 TREE = ["model=tree", "features=jung28"]
 STEPS = {  # each list in a copy of the store
     "help": [["--help"], *([name, "--help"] for name in commands())],
-    "papers": [["papers"]],
     "choose": [
         ["choose"],
         ["choose", *ON],
@@ -92,7 +91,6 @@ STEPS = {  # each list in a copy of the store
         ["data", "export", "synth", "o.csv", "subjects=1", "repetitions=1", "variants=normal", *RATE],
         ["data", "import", "table", "o.csv", "name=mine", *TABLE],
         ["data", "verify", "people"],
-        ["extract", "data=three", "features=jung28", "out=f.csv"],
     ],
     "fit": [
         ["fit", *LDA, "stopping=no", "out=rec"],
@@ -106,7 +104,7 @@ FILES = {  # golden files of what commands write, by the step that writes them
     + ["report/same_wrong_label.csv", "report/statistics.csv", "report/comparison.md", "report/comparison.tex"]
     + ["report/index.html", "report/paper.csv", "report/paper.tex"],
     "groups": ["groups/groups.csv"],
-    "data": ["f.csv", "look/index.html", "look-day/index.html"],
+    "data": ["look/index.html", "look-day/index.html"],
     "check": ["check.xml"],
     "fit": ["p.csv", "rec_c/touch.h"],
 }
@@ -209,7 +207,6 @@ WRONG = [  # commands that are refused
     ["check", "error=0"],
     ["check", "stored=yes", "update=yes"],
     ["check", *PEOPLE, "baseline=b.json"],
-    ["papers", "all"],
     ["audit", "model=svm,nobody"],
     ["data", "sow"],
     ["data", "show", "nowhere"],
@@ -217,9 +214,7 @@ WRONG = [  # commands that are refused
     ["data", "import", "table", "nowhere.csv", "name=x", "grid=8x8", "rate_hz=45"],
     ["data", "import", "table", "people.csv", "name=x", "grid=8x9", "rate_hz=45"],
     ["data", "import", "table", "people.csv", "name=x"],
-    ["extract", "data=people", "features=jung28"],
     ["fit", *THREE[:1], "model=svm,rf"],
     ["predict", "nowhere", "three.csv"],
     ["export", "nowhere", "out=c"],
-    ["completion", "cmd"],
 ]

@@ -31,7 +31,6 @@ OWN = {
     "tune": {"trials": ["2"], "inner": ["2"], "seconds": ["1"]},
     "fit": {"out": ["m"]},
     "choose": {"by": ["flash", "ram"], "max_flash": ["1kB"], "margin": ["1"]},
-    "extract": {"out": ["f.csv", "f.parquet"]},
     "report": {"out": ["r"]},
     "check": {"baseline": ["b.json"], "stored": ["yes"]},
     "data": {"name": ["n"], "grid": ["2x2"], "rate_hz": ["10"], "full_scale": ["255"], "format": ["cost"]},
