@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 
 import bench
 from bench.cli import main
-from bench.corpora.faults import seeded
 from bench.corpora.library import import_corpus
 from bench.corpora.read.limits import flaw
 from bench.corpora.recordings import BACKGROUND, GAP
@@ -90,18 +89,11 @@ def numbers_of_file(path):
     return numbers(table.apply(pd.to_numeric, errors="coerce"), {})
 
 
-def drawn(text):
-    """Random numbers of a kind of broken sensor, whosever it is."""
-    return seeded(text.split()[0])
-
-
 def measured(gestures, people):
     """What run, stress, watch, choose, groups, results and report give under these names."""
     back = dict(zip(people, PEOPLE, strict=True)) | dict(zip(gestures, GESTURES, strict=True))
     write(gestures, people)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.endless.broken.seeded", drawn)
-        return found(back)
+    return found(back)
 
 
 def found(back):

@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-DETECTOR = "best"  # that of bench watch, unless told otherwise
-FORMER = "filter"  # that of runs of versions that had no other
+DETECTOR = "frames"  # that of bench watch, unless told otherwise
 RATES = (1, 5, 10, 60)  # false alarms per hour of background, at which missed touches are counted
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bench.candidate import Candidate, Wish
-from bench.endless import DETECTOR, FORMER
+from bench.endless import DETECTOR
 from bench.errors import InputError
 from bench.result import Result
 from bench.usual import FALSE_ALARMS, NO_TOUCH
@@ -25,7 +25,7 @@ def watched_candidates(result: Result, wish: Wish, unit: str) -> Iterator[Candid
         )
     aim = float(result["watch.false_alarms"])
     unit += "" if aim == FALSE_ALARMS else f", false_alarms={aim:g}"
-    detector = str(result.get("watch.detector") or FORMER)
+    detector = str(result.get("watch.detector") or DETECTOR)
     unit += "" if detector == DETECTOR else f", detector={detector}"
     alarms = (shares["false_alarms_per_hour"] * hours).fillna(0)
     shipped = {"background": str(result.get("watch.background") or "")} | labelled("detector", detector)

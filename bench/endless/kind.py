@@ -178,7 +178,7 @@ class Continuous(Kind):
                 "reported and at the end, false alarms per hour of background, latency and reports per touch. "
                 "Refused frames are counted if there are any. under= repeats this with faults of the test sensors.",
                 f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2\n"
-                "bench watch data=haart model=lda features=touch detector=filter,frames under=noise,vibration,drift",
+                "bench watch data=haart model=lda features=touch detector=frames,threshold under=noise,vibration,drift",
             ),
         )
     }

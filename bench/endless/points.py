@@ -19,16 +19,15 @@ def frontier(settings: pd.DataFrame) -> pd.DataFrame:
     return rows[rows["found"] > before]
 
 
-def points_of(settings: pd.DataFrame, learned: float, rising: bool) -> tuple[Point, ...]:
+def points_of(settings: pd.DataFrame, learned: float) -> tuple[Point, ...]:
     """`bench.endless.detectors.base.Watches.points`: the `frontier` and the learned threshold.
 
     Args:
         settings: thresholds as of `frontier`, and ``hours`` of background.
         learned: one of its thresholds.
-        rising: True where a higher threshold is a more eager one.
     """
     at_frontier = settings["threshold"].isin(frontier(settings)["threshold"])
     kept = settings[at_frontier | np.isclose(settings["threshold"], learned)]
-    kept = kept.sort_values("threshold", ascending=rising)
+    kept = kept.sort_values("threshold", ascending=False)
     kept = kept.assign(rate=kept["alarms"] / kept["hours"].replace(0, np.nan))
     return tuple(tuple(map(float, row)) for row in kept[["threshold", "rate", "found"]].to_numpy())

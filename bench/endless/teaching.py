@@ -11,7 +11,6 @@ from bench import contract
 from bench.amounts import quantity
 from bench.corpora.corpus import Corpus
 from bench.corpora.recordings import is_recorded
-from bench.endless import DETECTOR
 from bench.endless.background import further, joined
 from bench.endless.composer import check_background, pieces
 from bench.endless.detectors.base import Detects, Watches
@@ -62,10 +61,10 @@ class Watching:
             "watch.background": self.background,
         }
 
-    def sentence(self, watcher: Watches) -> str:
-        """Which detector finds touches, and which one the usual one has taken."""
-        taken = f"; it has taken {watcher.chosen['detector']}" if self.part.name == DETECTOR else ""
-        return f"detector={self.part.typed()} finds touches in a stream{taken}"
+    @property
+    def sentence(self) -> str:
+        """Which detector finds touches."""
+        return f"detector={self.part.typed()} finds touches in a stream"
 
     def check(self, captures: Corpus) -> None:
         """Refuse captures that cannot teach it.

@@ -17,9 +17,9 @@ from bench.endless.background import further, joined
 from bench.endless.composer import check_background, composed, pieces
 from bench.endless.curve import missed_at, swept
 from bench.endless.detectors.base import UNKNOWN
+from bench.endless.rejection import learn_reject
 from bench.endless.scored import defined, numbers_of, scored, touches_and_reports
 from bench.endless.stress import FAULTED, faulted
-from bench.endless.watcher_training import learn_reject
 from bench.errors import InputError
 from bench.outcomes.events import last_confidence, per_subject, unknown_scores
 from bench.sentences import sentences

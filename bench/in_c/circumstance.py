@@ -26,12 +26,11 @@ if TYPE_CHECKING:
     from bench.work.fitted import Fitted
     from bench.work.results import FoldResult
 
-FORMER = "filter"  # the detector of runs that name none
 C = "c"  # the form, and the table with its probabilities
 WATCHING = (  # columns of the costs of watching an endless stream
     text("system", read=lambda r: r.system),
     Measure("bits", read="chip.bits"),
-    Measure("detector", read=lambda row: row.get("chip.detector") or FORMER, left=True, spare=3),
+    Measure("detector", read=lambda row: row.get("chip.detector"), left=True, spare=3),
     Measure("flash", "flash kB", "chip_watch_flash_bytes", ",.1f", per=1000),
     Measure("ram", "RAM kB", "chip_watch_ram_bytes", ",.1f", per=1000),
     Measure("stack", "stack B", "chip_watch_stack_bytes", ",.0f"),

@@ -141,18 +141,6 @@ def _discriminants(scaling: Affine, classifier: Discriminants, bits: int) -> Dec
     return _linear(*_standardised(scaling, classifier), bits)
 
 
-def detector(classifier: Discriminants, bits: int) -> Decider:
-    """Scores of the classes of a detector; the function leaves the features standardised.
-
-    Args:
-        classifier: fitted to features, without scaling before it.
-        bits: bits of a learnt weight, 32 or 8.
-    """
-    width = classifier.n_features_in_
-    scaling = _standardised((np.zeros(width), np.ones(width), np.zeros(width)), classifier)
-    return replace(_scores(*scaling, bits), comment="scores of touch and background")
-
-
 def _logistic(scaling: Affine, classifier: LogisticRegression, bits: int) -> Decider:
     weights, bias = classifier.coef_, classifier.intercept_
     if len(weights) == 1:  # two classes; the first one scores 0

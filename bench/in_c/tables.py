@@ -13,8 +13,7 @@ from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
-from bench.in_c.classifiers import HAVE, Decider, decider, detector, has_c, number
-from bench.models.classic.lda import Discriminants
+from bench.in_c.classifiers import HAVE, Decider, decider, has_c, number
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
 from bench.usual import SATURATED
@@ -112,18 +111,14 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
         watch = watcher.in_c(recogniser.classes, recogniser.rate_hz)
         if watch is None:
             finds = watcher.chosen.get("detector", type(watcher).__name__.lower())
-            raise InputError(
-                f"detector={finds} has no C; use filter, frames or threshold in bench fit detector=, or watch=no"
-            )
+            raise InputError(f"detector={finds} has no C; use frames or threshold in bench fit detector=, or watch=no")
         if taken := {name for _, group in watch.constants for name in group} & {*defines}:
             raise InputError(f"detector: its C defines {', '.join(sorted(taken))}, as touch.c does; rename it there")
         defines |= _watching(watch, recogniser, sizes, 0 if any(map(is_fraction, steps)) else recogniser.step)
         points = watcher.points or ((watch.level, np.nan, np.nan),)
         arrays |= watch.arrays | {"levels": np.array([level for level, _, _ in points], np.float32)}
         for function, part in watch.deciders.items():
-            scores = isinstance(part, Discriminants)
-            found = detector(part, bits) if scores else decider(part, width, bits)
-            deciders[function] = replace(found, classes=str(len(part.classes_)))
+            deciders[function] = replace(decider(part, width, bits), classes=str(len(part.classes_)))
     for function, part in deciders.items():
         defines |= {f"{function.upper()}_{name}": value for name, value in part.defines.items()}
     return Chip({k: str(v) for k, v in defines.items()}, deciders, name, recogniser.classes, arrays, points, watch)
@@ -253,7 +248,6 @@ def _watching(watch: InC, recogniser: Recogniser, sizes: dict[str, Any], step: f
         "RING": ring,
         "MOST_POINTS": max(POINTS, min(ring, sizes["SEGMENT"])),
         "WATCH": 1,
-        "HELD": 4 if sizes["EARLY"] else 2,
         "TURN": ring * -(-max(ring, settled) // ring),
         "SATURATED": -(-recogniser.grid[0] * recogniser.grid[1] // SATURATED),
         "LEVEL": number(watch.level),

@@ -210,7 +210,7 @@ WATCH = """
 #define TOUCH_CHANGED 2
 #define TOUCH_ENDED 3
 #define TOUCH_OK 0        /* status */
-#define TOUCH_REFUSED 1   /* no reading changes, or the last frames are unlike training or look like a broken sensor */
+#define TOUCH_REFUSED 1   /* the last frames are unlike training */
 #define TOUCH_SATURATED 2 /* a tenth of the taxels, or more, are at full scale in the last frame */
 
 /* An event: its label so far, mean probability of the label, and frames seen when it was reported and when it ended.

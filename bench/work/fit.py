@@ -134,7 +134,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: An
             if out is not None:  # last, so that what is killed before can be repeated: the folder is not there yet
                 with made_whole(out) as beside:
                     mlflow.pyfunc.save_model(str(beside), **model)
-    detector = "" if watcher is None else watching.sentence(watcher)
+    detector = "" if watcher is None else watching.sentence
     return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus), detector)
 
 

@@ -104,13 +104,13 @@ def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(st
     choice = bench.choose(max_false_alarms=5, max_latency="1s", why=True)
     table = choice.choice.table.set_index(["system", "unit"])
     assert len(table) == 4 and choice.system == "small"  # other recordings and whole captures are left out
-    cheap = table.loc[("small", "touches in recordings, detector=filter")]
+    cheap = table.loc[("small", "touches in recordings")]
     assert cheap[["accuracy", "false_alarms", "latency", "flash"]].tolist() == pytest.approx([238 / 3, 4, 1000, 4])
-    assert table.loc[("small", "touches in recordings, false_alarms=2, detector=filter"), "verdict"].endswith(
+    assert table.loc[("small", "touches in recordings, false_alarms=2"), "verdict"].endswith(
         "latency 1200 ms > 1000 ms"
     )
     for fact in (
-        "Choose small (touches in recordings, detector=filter): 79.3 % with 4 kB of flash.",
+        "Choose small (touches in recordings): 79.3 % with 4 kB of flash.",
         "It raises 4 false alarms per hour of background; its median latency is 1000 ms.",
         "or with another background",
     ):

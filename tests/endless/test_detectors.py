@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -15,9 +14,6 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.faults import FAULTS, as_readings
 from bench.corpora.recordings import Recordings, captures_in, event_table
 from bench.corpora.synth_recordings import generate
-from bench.endless.detectors import best
-from bench.endless.detectors.best import Best
-from bench.endless.detectors.filter import Filter
 from bench.endless.detectors.frames import CALM, Frames, Hysteresis, Levels, Times, disturbance, features
 from bench.endless.detectors.named import detectors
 from bench.endless.detectors.names import BEGUN_S, SHIFTS_S, learned_names, of_all, touches
@@ -281,38 +277,6 @@ def test_a_stream_begins_as_that_of_an_idle_sensor():
 def test_longer_spans_count_more():
     named = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
     np.testing.assert_allclose(of_all(named, np.array([2, 4, 8])), [2 / 14, 12 / 14])
-
-
-@pytest.mark.parametrize("better", ["filter", "frames"])
-def test_the_better_detector_watches(better, monkeypatch):
-    found = {"filter": [0.5, 0.9], "frames": [0.8, 0.3]} if better == "filter" else {"filter": [0.7], "frames": [0.7]}
-    tables = {n: pd.DataFrame({"found": f, "alarms": 0, "hours": 1.0, "reports": 0}) for n, f in found.items()}
-    monkeypatch.setattr(Filter, "learn", lambda *given: ("filter", tables["filter"]))
-    monkeypatch.setattr(best, "trial_of", lambda *given: SimpleNamespace(settings=tables["frames"]))
-    names = iter(["frames"] if better == "frames" else [])  # learned only by the one that watches
-    monkeypatch.setattr(best, "learned", lambda *given: next(names))
-    watcher, table = Best().learn(None, None, None, of_one([9], [(0, 0, 3, "pat")]), 5.0)
-    assert watcher == better
-    assert table.groupby("detector")["worth"].max().to_dict() == {n: max(shares) for n, shares in found.items()}
-
-
-@pytest.mark.parametrize("better", ["filter", "frames"])
-def test_a_detector_that_cannot_learn_leaves_it_to_the_other(better, monkeypatch):
-    def refused(*given):
-        raise InputError("no background")
-
-    table = pd.DataFrame({"found": [0.7], "alarms": 0, "hours": 1.0, "reports": 0})
-    trial, learned = SimpleNamespace(settings=table), lambda *given: "frames"
-    monkeypatch.setattr(Filter, "learn", refused if better == "frames" else lambda *given: ("filter", table))
-    monkeypatch.setattr(best, "trial_of", refused if better == "filter" else lambda *given: trial)
-    monkeypatch.setattr(best, "learned", learned)
-    touch = of_one([9], [(0, 0, 3, "pat")])
-    watcher, tables = Best().learn(None, None, None, touch, 5.0)
-    assert watcher == better and set(tables["detector"]) == {better}
-    monkeypatch.setattr(Filter, "learn", refused)
-    monkeypatch.setattr(best, "trial_of", refused)
-    with pytest.raises(InputError, match="no background"):
-        Best().learn(None, None, None, touch, 5.0)
 
 
 def test_few_subjects_are_left_out_by_recording():

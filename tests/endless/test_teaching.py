@@ -47,25 +47,22 @@ def test_a_saved_model_watches_with_the_detector_that_was_asked_for(tmp_path):
 
 
 @pytest.mark.usefixtures("day")
-def test_the_usual_detector_is_the_best_as_for_bench_watch_and_has_c(tmp_path, monkeypatch, capsys):
+def test_the_usual_detector_is_that_of_bench_watch_and_has_c(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     words = "data=day model=lda features=touch model.window=0.5 stopping=no out=rec".split()
     assert main(["fit", *words]) == 0
-    taken = load("rec").watcher.chosen["detector"]
-    assert f"detector=best finds touches in a stream; it has taken {taken}\n" in capsys.readouterr().out
+    assert "detector=frames finds touches in a stream\n" in capsys.readouterr().out
     (run,) = runs("fit")[1]
-    assert run.data.params["watch.detector"] == "best" and taken in ("filter", "frames")
+    assert run.data.params["watch.detector"] == load("rec").watcher.chosen["detector"] == "frames"
     assert main(["export", "rec", "out=in_c"]) == 0
 
 
-@pytest.mark.parametrize("model, detector", [("reflex", "filter"), ("lda", "frames")])
 @pytest.mark.usefixtures("day")
-def test_models_are_of_another_format_when_their_objects_change(model, detector, request):
+def test_models_are_of_another_format_when_their_objects_change(request):
     """The golden file of a format stays as it is: raise `bench.work.saved.FORMAT` and write that of the new one."""
-    more = {"stopping": False, "model.copies": 1} if model == "reflex" else {"features": "touch"}
-    recogniser = bench.fit(data="day", model=model, detector=detector, **more).recogniser
+    recogniser = bench.fit(data="day", model="lda", features="touch", detector="frames").recogniser
     text = "".join(f"{name}: {', '.join(sorted(kept))}\n" for name, kept in sorted(attributes(recogniser).items()))
-    golden = Path(__file__).parent / f"golden/saved_{FORMAT}_{detector}.txt"
+    golden = Path(__file__).parent / f"golden/saved_{FORMAT}_frames.txt"
     if request.config.getoption("golden") and not golden.exists():
         golden.write_text(text)
     assert text == golden.read_text()
@@ -105,7 +102,7 @@ def test_a_detector_without_c_is_not_exported_and_none_is_asked_for_in_vain(tmp_
     assert line == f"detector={tmp_path / 'my.py'}:Mine finds touches in a stream"
     assert last == "next: bench predict rec new.csv"
     assert main(["export", "rec", "out=rec_c"]) == 2
-    assert "detector=mine has no C; use filter, frames or threshold" in capsys.readouterr().err
+    assert "detector=mine has no C; use frames or threshold" in capsys.readouterr().err
     for unused in ("detector=frames", "detector.wait=1", "false_alarms=3"):
         assert main(["fit", *words, "watch=no", unused]) == 2
         (line,) = capsys.readouterr().err.splitlines()
@@ -115,9 +112,9 @@ def test_a_detector_without_c_is_not_exported_and_none_is_asked_for_in_vain(tmp_
 @pytest.mark.parametrize(
     "values, fact",
     [
-        ({"detector": "frames,filter"}, "one detector"),
+        ({"detector": "frames,threshold"}, "one detector"),
         ({"detector": "ear"}, "ear"),
-        ({"detector": "filter", "detector.wait": "1"}, "wait"),
+        ({"detector": "threshold", "detector.wait": "1"}, "wait"),
         ({"false_alarms": "-1"}, "false_alarms"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Exported C watches an endless stream: its events are those of Python, for ever, and silence is none."""
+"""Exported C watches an endless stream: its events are those of Python."""
 
 import ctypes
 import io
@@ -19,14 +19,12 @@ from bench.corpora.faults import as_readings, as_shares, noise
 from bench.corpora.recordings import Recordings
 from bench.endless import live
 from bench.endless.composer import composed
-from bench.endless.detector import touched, windows_of
 from bench.endless.detectors import names
+from bench.endless.detectors.base import UNKNOWN
 from bench.endless.detectors.frames import Frames
 from bench.endless.detectors.threshold import Threshold
 from bench.endless.detectors.ticks import frames_of_tick, ticked
 from bench.endless.disturbed import KINDS, disturbed
-from bench.endless.watcher import UNKNOWN
-from bench.endless.watcher_training import learned
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.in_c import measure
@@ -84,7 +82,7 @@ class Watched:
 
 
 def events_of(news, classes):
-    """Events that are over, from the first news of each to its end: as the result of `Watcher.reports`."""
+    """Events that are over, from the first news of each to its end: as the result of `TickWatcher.reports`."""
     ended = np.flatnonzero(news["news"] == ENDED)
     begun = np.append(0, ended[:-1] + 1)[: len(ended)]  # the first news of an event may be its end
     words = np.append(classes, UNKNOWN)
@@ -132,18 +130,13 @@ def watching(name):
     """A fitted system and its watcher, which rejects a few touches."""
     corpus, streams = of(name)
     make = {
-        "background": lambda: Recipe(lda(TouchFeatures()), window=0.4, scale="peak"),
         "reflex": lambda: Reflex(units=6, copies=1),
         **dict.fromkeys(IN_STEPS, lambda: Recipe(lda(TouchFeatures()), window=0.4)),
     }.get(name, lambda: Recipe(lda(TouchFeatures()), window=1.0, repair=("stuck", "dead")))
     recogniser = fitted(make(), corpus if name != "reflex" else corpus[: len(corpus) // 3])
-    if name in DETECTORS:
-        recogniser.watcher = DETECTORS[name].learn(make, recogniser.estimator, corpus, streams, 5.0)[0]
-    else:
-        recogniser.watcher = learned(recogniser.estimator, streams, false_alarms=5.0)[0]
-    if name == "background":
-        recogniser.watcher.background = ("stroke",)
-    if name in ("background", "threshold"):
+    detector = DETECTORS.get(name, Frames())
+    recogniser.watcher = detector.learn(make, recogniser.estimator, corpus, streams, 5.0)[0]
+    if name == "threshold":
         recogniser.watcher.reject = 0.7
     return recogniser
 
@@ -169,12 +162,12 @@ def check_equal(events, expected, wrong=0.0, most=0.02):
     assert np.quantile(apart, 0.8) < 1e-3 and (wrong or apart.max() < most)
 
 
-@pytest.mark.parametrize("name", ["lda", "background", *DETECTORS])
+@pytest.mark.parametrize("name", DETECTORS)
 def test_events_are_those_of_python(name, tmp_path):
     recogniser, streams = watching(name), streams_of(name)
     expected = recogniser.watcher.reports(streams.corpus)
     watched, in_8_bits = Watched(recogniser, tmp_path / "32"), Watched(recogniser, tmp_path / "8", bits=8)
-    hop, labels = 0 if name in DETECTORS else recogniser.watcher.clock.hop, 0
+    labels = 0
     for i in range(len(streams)):
         mine = expected[expected["recording"] == i]
         news = watched.start()(streams.corpus[i])
@@ -184,13 +177,13 @@ def test_events_are_those_of_python(name, tmp_path):
         mine = mine[: len(events)]
         check_equal(events, mine, most=WHOLE if name in IN_STEPS else 0.02)
         few = events_of(in_8_bits.start()(streams.corpus[i]), recogniser.classes)
-        assert len(few) == len(mine) and (np.abs(few["reported"].to_numpy() - mine["reported"]) <= hop).all()
+        assert few["reported"].tolist() == mine["reported"].tolist()
         changes = news[news["news"] == CHANGED]
         assert (changes["end"] == 0).all() and (changes["reported"] < changes["seen"]).all()
         labels += len(changes)
     assert len(expected) > 30 and labels > 0
     assert ("sum_t sum[64]" in (tmp_path / "32" / "touch.h").read_text()) is (name in IN_STEPS)
-    assert (UNKNOWN in set(expected["label"])) is (name in ("background", "threshold"))
+    assert (UNKNOWN in set(expected["label"])) is (name == "threshold")
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
@@ -236,17 +229,6 @@ def test_names_from_several_parts_of_a_touch_are_those_of_python(name, tmp_path,
     assert (np.abs(whole["confidence"] - expected["confidence"]) > 0.01).any()
 
 
-def silences(frames):
-    """Readings of a quiet, tared, saturated or disconnected sensor, and of one with a stuck taxel."""
-    corpus, _ = recordings()
-    rows, cols = corpus.grid
-    for value in (0, 7, corpus.full_scale / 2, corpus.full_scale):
-        yield np.full((frames, rows, cols), value, np.float32)
-    stuck = np.zeros((frames, rows, cols), np.float32)
-    stuck[:, 3, 4] = 700
-    yield stuck
-
-
 def reports(recogniser, frames):
     """Events of one recording in Python."""
     captures = pd.DataFrame({"subject": ["1"], "gesture": [""]})
@@ -254,18 +236,12 @@ def reports(recogniser, frames):
     return recogniser.watcher.reports(corpus).drop(columns="recording")
 
 
-@pytest.mark.parametrize("name", ["lda", "frames", "frames at 8 Hz"])
-@pytest.mark.parametrize("gap_s", [0.4, 0.6, 0.8])
+@pytest.mark.parametrize("name", ["frames", "frames at 8 Hz"])
+@pytest.mark.parametrize("gap_s", [0.4, 0.8])
 def test_interrupted_touches_are_those_of_python(gap_s, name, tmp_path):
-    """A recording that begins with a touch, touches with a gap in the middle, and windows that are refused."""
+    """A recording that begins with a touch, touches with a gap in the middle, and a higher threshold."""
     recogniser, streams = watching(name), streams_of(name)
-    if name == "lda":
-        detector = recogniser.watcher.detector
-        strict = replace(recogniser.watcher, detector=copy(detector))
-        strict.detector.limit_ = detector.limit_ * 0.6
-    else:
-        strict = replace(recogniser.watcher, level=recogniser.watcher.level + 8)
-    watchers = recogniser.watcher, strict
+    watchers = recogniser.watcher, replace(recogniser.watcher, level=recogniser.watcher.level + 8)
     counts = []
     for watcher, place in zip(watchers, ("learned", "strict"), strict=True):
         other = copy(recogniser)
@@ -279,24 +255,23 @@ def test_interrupted_touches_are_those_of_python(gap_s, name, tmp_path):
             frames = frames[events["start"].min() :]
             events_py.append(reports(other, frames))
             events_c.append(events_of(watched.start()(frames), recogniser.classes))
-            cut_off = events_py[-1]["end"] == len(frames) if name != "lda" else 0 * events_py[-1]["end"] > 0
-            events_py[-1] = events_py[-1][~cut_off]  # the recording ends before a touch does
+            events_py[-1] = events_py[-1][events_py[-1]["end"] < len(frames)]  # it ends before a touch does
             assert len(events_c[-1]) == len(events_py[-1])
         # a count of one more is a larger share of a few frames
         check_equal(
             pd.concat(events_c, ignore_index=True), pd.concat(events_py), most=WHOLE if name in IN_STEPS else 0.02
         )
         counts.append(len(pd.concat(events_py)))
-    assert counts[0] != counts[1] and min(counts) > 18  # windows were refused
+    assert counts[0] != counts[1] and min(counts) > 18
 
 
-@pytest.mark.parametrize("name", ["lda", "frames", "threshold"])
+@pytest.mark.parametrize("name", ["frames", "threshold"])
 def test_each_operating_point_gives_the_events_of_python(name, tmp_path):
     recogniser, frames = copy(watching(name)), streams_of(name).corpus[0]
     watcher = recogniser.watcher
-    threshold = watcher.bias if name == "lda" else watcher.level
+    threshold = watcher.level
     assert threshold in [level for level, _, _ in watcher.points]
-    extremes = {"lda": (-999.0, 4.0), "frames": (99.0, threshold - 1), "threshold": (99.0, threshold * 2)}[name]
+    extremes = {"frames": (99.0, threshold - 1), "threshold": (99.0, threshold * 2)}[name]
     points = ((extremes[0], 0.0, 0.0), (threshold, 0.5, 1.0), (extremes[1], 60.0, 1.0))
     recogniser.watcher = learned_one = replace(watcher, points=points)
     in_c, counts = Watched(recogniser, tmp_path), []
@@ -321,53 +296,11 @@ def test_a_constant_of_a_detector_that_the_c_has_is_refused(tmp_path):
         written(recogniser, tmp_path)
 
 
-def test_refused_windows_long_touches_and_saturated_frames_are_counted(tmp_path):
-    recogniser, (_, streams) = copy(watching("lda")), recordings()
-    detector, longest = copy(recogniser.watcher.detector), 5
-    detector.limit_ *= 0.4
-    lengths = streams.events["end"] - streams.events["start"]
-    assert recogniser.watcher.longest == -(-3 * lengths.max() // recogniser.watcher.clock.hop)
-    recogniser.watcher = replace(recogniser.watcher, detector=detector, longest=longest)
-    clock, full = recogniser.watcher.clock, recogniser.full_scale
-    frames = streams.corpus[0][:4000].copy()
-    frames[1000:1300] = frames[1000]
-    for at, taxels in ((2000, 6), (2100, 7)):  # a tenth of 64 is 6.4
-        frames[at : at + 50].reshape(50, -1)[:, :taxels] = full
-    captures = pd.DataFrame({"subject": [""], "gesture": [""]})
-    corpus = Corpus.from_captures([frames], captures, recogniser.rate_hz, full_scale=full)
-    table, still = windows_of(recogniser.watcher.prepared(corpus), clock)
-    refused = still | (detector.unusual(table) > detector.limit_)
-    odds = recogniser.watcher.evidence(corpus)[0].odds + np.float32(recogniser.watcher.bias)
-    lasts = 0
-    for i, probability in enumerate(touched(odds, clock, recogniser.rate_hz)):
-        lasts = lasts + 1 if probability > 0.5 else 0
-        refused[i] |= lasts > longest
-    in_c, counts, each = Watched(recogniser, tmp_path).start(), (ctypes.c_uint32 * 3)(), []
-    for end in range(clock.detect, len(frames) + 1, clock.hop):
-        in_c(frames[end - clock.hop if end > clock.detect else 0 : end])
-        each.append(in_c.code.status(counts))
-    most = (frames == full).reshape(len(frames), -1).sum(axis=1) >= 7
-    assert 0 < still.sum() < (still | (detector.unusual(table) > detector.limit_)).sum() < refused.sum() < len(refused)
-    assert counts[0] == clock.detect + clock.hop * (len(each) - 1)
-    assert counts[2] == most[: counts[0]].sum() >= 50
-    whole = corpus.changed(lengths=np.array([counts[0]]), digest="", path=None)
-    silent = np.append(np.zeros(clock.detect - 1, bool), np.repeat(refused, clock.hop))[: counts[0]] | most[: counts[0]]
-    assert recogniser.watcher.refused(whole, recogniser.watcher.evidence(whole)) == silent.sum()
-    live = recogniser.watcher.stream(corpus.grid, corpus.rate_hz, full)
-    told = [(live.push(frame.astype(np.float32)), live.status)[1] for frame in frames[:1500]]
-    assert len(told) - told.count("ok") == silent[:1500].sum() > still.sum() * clock.hop
-    assert abs(counts[1] / clock.hop - refused.sum()) <= 1  # a share of features at the limit, rounded
-    expected = np.where(most[clock.detect - 1 :: clock.hop][: len(each)], 2, refused)
-    assert (np.array(each) != expected).sum() <= 1
-
-
-@pytest.mark.parametrize("name", ["lda", "frames"])
-def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and_in_c(name, tmp_path):
-    recogniser, streams = copy(watching(name)), streams_of(name)
+def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and_in_c(tmp_path):
+    recogniser, streams = copy(watching("frames")), streams_of("frames")
     watcher = recogniser.watcher = copy(recogniser.watcher)
-    if name == "frames":
-        watcher.detector = copy(watcher.detector)
-        watcher.detector.disturbed_ = ()  # no classifier for noise
+    watcher.detector = copy(watcher.detector)
+    watcher.detector.disturbed_ = ()  # no classifier for noise
     corpus, rng = streams.corpus, np.random.default_rng(0)
     noisy = [as_readings(corpus, noise(one, 4.0, rng)) for one in as_shares(corpus, np.arange(len(corpus)))]
     noisy = Corpus.from_captures(noisy, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale)
@@ -384,35 +317,8 @@ def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and
     assert len(told) - told.count("ok") == watcher.refused(first, watcher.evidence(first))[0] > 0
 
 
-def check_silence(watched, recogniser, seconds, frames, seen=0):
-    """Nothing is reported in silence, and afterwards the same as without it, as much later.
-
-    The jump from silence to other readings may be an event, which is over within a window.
-    """
-    hop = recogniser.watcher.clock.hop
-    silent = hop * round(seconds * recogniser.rate_hz / hop)
-    expected = events_of(watched.start()(frames), recogniser.classes)
-    assert len(expected) > 5
-    for silence in silences(silent):
-        assert not len(watched.start(seen)(silence))
-        events = events_of(watched(frames), recogniser.classes)
-        for name in ("reported", "end"):
-            events[name] = (events[name] - silent - seen) % 2**32
-        jump = events["end"] <= recogniser.watcher.clock.detect + hop
-        assert jump.sum() <= 1
-        check_equal(events[~jump].reset_index(drop=True), expected)
-        if seconds <= 60:
-            both = reports(recogniser, np.concatenate([silence, frames]))
-            check_equal(events, both.assign(reported=both["reported"] - silent, end=both["end"] - silent))
-
-
-def test_silence_is_no_event_and_frames_are_counted_for_ever(tmp_path):
-    recogniser, (_, streams) = watching("lda"), recordings()
-    check_silence(Watched(recogniser, tmp_path), recogniser, 60, streams.corpus[0], seen=2**32 - 9000)
-
-
 @pytest.mark.skipif(bool(lacking("make")), reason=lacking("make"))
-@pytest.mark.parametrize("name", ["background", *DETECTORS])
+@pytest.mark.parametrize("name", DETECTORS)
 def test_the_program_prints_what_bench_stream_prints_and_nothing_is_undefined(name, tmp_path, monkeypatch, capsys):
     recogniser, streams = watching(name), streams_of(name)
     written(recogniser, tmp_path)
@@ -442,8 +348,8 @@ def test_the_program_prints_what_bench_stream_prints_and_nothing_is_undefined(na
 
 
 def test_what_is_no_frame_changes_nothing(tmp_path):
-    recogniser, (_, streams) = watching("lda"), recordings()
-    watched, frames = Watched(recogniser, tmp_path), streams.corpus[0]
+    recogniser, streams = watching("threshold"), streams_of("threshold")
+    watched, frames = Watched(recogniser, tmp_path), streams.corpus[0].astype(np.float32)
     expected = watched.start()(frames)
     watched.start()
     first = watched(frames[:1000])
@@ -461,7 +367,7 @@ def test_what_is_no_frame_changes_nothing(tmp_path):
 
 @pytest.mark.live
 @pytest.mark.skipif(bool(measure.lacking()), reason=", ".join(measure.lacking()))
-@pytest.mark.parametrize("name", ["lda", "frames at 8 Hz", pytest.param("reflex", marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("name", ["frames at 8 Hz", pytest.param("reflex", marks=pytest.mark.nightly)])
 def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
     recogniser, frames = watching(name), streams_of(name).corpus[0][:700]
     folder = written(recogniser, tmp_path, 8)
@@ -474,10 +380,4 @@ def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
     assert idle / 3 < counted["chip_watch_recorded_instructions"] < most
     assert counted["chip_watch_recorded_instructions"] < counted["chip_watch_recorded_most_instructions"]
     expected = (reports(recogniser, frames)["reported"] <= len(frames)).sum()
-    assert abs(counted["chip_watch_recorded_reports"] - expected) <= (name == "lda")  # of which weights have 8 bits
-    if name not in DETECTORS:
-        detector, hop = recogniser.watcher.detector.classifier_, recogniser.watcher.clock.hop
-        weights = detector.coef_.size  # of 8 bits; each is multiplied and added once in a window
-        assert weights < counted["chip_watch_flash_bytes"] and most > weights and mean < most < hop * mean
-    else:
-        assert expected > 3
+    assert counted["chip_watch_recorded_reports"] == expected > 3

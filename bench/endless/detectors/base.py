@@ -38,8 +38,7 @@ class InC:
         part: frames of a ``part_t``, at most.
         level: threshold that was learned, as in `Watches.points`.
         arrays: learned tables by name.
-        deciders: by the name of the C function that they become: a pipeline on features, which gives probabilities of
-            its classes, or linear discriminants, which give scores.
+        deciders: pipelines on features, by the name of the C function that gives probabilities of their classes.
         pretended: C that sets ``w`` as if nothing was touched or, where ``touched`` is not 0, as if a touch never
             ended, so that ``make count`` can count instructions of both.
     """
@@ -78,8 +77,8 @@ class Stream(Protocol):
     """A watcher on frames that come one by one; memory does not grow.
 
     Attributes:
-        status: ``ok``, ``saturated`` (many taxels are at full scale), or ``refused`` (the frames do not change, are
-            unlike all that the detector learned from, or look like those of a broken sensor; it may miss touches).
+        status: ``ok``, ``saturated`` (many taxels are at full scale), or ``refused`` (the frames are unlike all that
+            the detector learned from; it may miss touches).
     """
 
     @property

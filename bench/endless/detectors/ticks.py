@@ -261,7 +261,7 @@ def learned(
     settings = trial.settings
     level = float(settings["level"][worth(settings, false_alarms).idxmax()])
     names = learned_names(make_system, recordings)
-    points = points_of(settings.rename(columns={"level": "threshold"}), level, rising=False)
+    points = points_of(settings.rename(columns={"level": "threshold"}), level)
     fitted = copy(detector).fit(trial.signals, trial.ticks)
     hardened = fitted.hardened(trial.detectors, trial.seen, level, false_alarms)
     count = frames_of_tick(detector.tick, trial.seen.corpus.rate_hz)
