@@ -179,6 +179,6 @@ def test_a_model_that_is_adapted_watches_with_the_adapted_system(recordings, wat
     recogniser = Recogniser(watcher.system, captures, watcher=watcher)
     path = str(tmp_path / "rec")
     mlflow.pyfunc.save_model(path, **recogniser.model([], captures[0][:3]))
-    save_adapted(path, recogniser, captures[:4], captures[:4].gestures, tmp_path / "one")
+    save_adapted(path, recogniser, captures[:9], captures[:9].gestures, tmp_path / "one")
     one = load(str(tmp_path / "one"))
     assert one.watcher.system is one.estimator and one.watcher.level == watcher.level

@@ -362,7 +362,10 @@ class TickWatcher:
         )
 
     def adapted(self, system: contract.System, captures: Corpus, y: np.ndarray | None) -> TickWatcher:
-        """As `bench.endless.detectors.base.Watches`."""
+        """As `bench.endless.detectors.base.Watches`; what names touches has not learned background."""
+        if y is not None:
+            known = np.isin(y, self.names.classes_)
+            captures, y = captures[known], y[known]
         return replace(self, system=system, names=contract.adapted(self.names, captures, y))
 
     def prepared(self, recordings: Corpus) -> Corpus:
