@@ -17,7 +17,7 @@ from bench.features.base import constant
 from bench.models.feature_rows import captures_of, undamaged
 
 WAYS = ("centre", "scale", "pool")
-WEIGHT = 10  # of a row of the person beside one of training; docs/notes/people.md
+WEIGHT = 10  # of a row of the person beside one of training; docs/notes/numbers.md
 PRIOR = 5.0  # captures that the mean of training counts beside those of a person
 SPREAD_PRIOR = 20.0  # and its spread
 STIFF = 0.3  # of a network's last layer

@@ -13,7 +13,7 @@ from bench.protocols.subjects import LOSO, Folds, natural_order
 
 Pairs = list[tuple[np.ndarray, np.ndarray]]  # positions of the calibration, and of the captures tested after it
 
-WEIGHT = 10  # as of a system that adapts (docs/notes/people.md)
+WEIGHT = 10  # as of a system that adapts (docs/notes/numbers.md)
 APART = {"subject", "gesture", "repetition", "split", "skin"}  # columns that are no conditions
 
 
