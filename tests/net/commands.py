@@ -1,6 +1,5 @@
 """Commands whose output and files are golden: what is asked of the store of `tests.net.build`, and mistakes."""
 
-from bench.options import commands
 from tests.net.build import PEOPLE, RATE, SYNTH, TABLE, THREE
 
 ON = ["data=people", "where=all", "target=gesture", "protocol=loso"]
@@ -35,7 +34,6 @@ worst_tenth = 5
 LDA = [*SYNTH[:-1], "model=lda", "features=touch", "model.window=0.5"]
 TREE = ["model=tree", "features=jung28"]
 STEPS = {  # each list in a copy of the store
-    "help": [["--help"], *([name, "--help"] for name in commands())],
     "choose": [
         ["choose"],
         ["choose", *ON],

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import bench
+from bench.options import commands
 from tests.in_c.compiled import lacking
 from tests.net import masks
 from tests.net.build import CHIP, RUNS, build, step
@@ -72,8 +73,19 @@ def test_commands_print_and_write_what_they_did(name, work, golden):
         golden("files/report.txt", "\n".join(names) + "\n")
 
 
+@pytest.mark.parametrize("name", ["bench", *commands()])
+def test_help_is_what_it_was(name, golden):
+    text = step(["--help"] if name == "bench" else [name, "--help"])
+    golden(f"help/{name}.txt", masks.lines_of(text, golden.folders))
+
+
 def test_mistakes_are_refused_in_the_same_words(work, golden):
-    golden("refusals.txt", masks.lines_of("".join(map(step, WRONG)), golden.folders))
+    """A file for each command, and one for what is none."""
+    known = commands()
+    file_of = {command[0]: command[0] if command[0] in known else "none" for command in WRONG}
+    for name in sorted({*file_of.values()}):
+        text = "".join(step(command) for command in WRONG if file_of[command[0]] == name)
+        golden(f"refusals/{name}.txt", masks.lines_of(text, golden.folders))
 
 
 @pytest.mark.skipif(bool(TOOLS), reason=TOOLS)

@@ -1,0 +1,194 @@
+"""Numbers that no change of structure may change; ``pytest tests/net/test_numbers.py --golden`` stores them.
+
+Each case of a group gives a table: the probabilities of a system, a digest of each column of a feature set, of each
+severity of a fault, of the tables of a run, of the C of a system. It is stored in ``numbers/GROUP/CASE.csv``. On a
+processor and with libraries like those in ``numbers/made_on.json`` all must be equal to the last digit. Elsewhere
+numbers may differ by `ELSEWHERE`, and digests are not compared. What is not public is used in `probabilities` and
+`damaged` alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("NUMBA_DISABLE_JIT", "1")
+
+import numpy as np
+import pandas as pd
+
+import bench
+from bench import contract, registry
+from bench.cli import main
+from bench.corpora import faults
+from bench.corpora.corpus import Corpus
+from bench.machine import simd
+
+FOLDER = Path(__file__).parent / "numbers"
+LIBRARIES = ("numpy", "scipy", "scikit-learn", "torch", "xgboost-cpu")
+ELSEWHERE = {"rtol": 1e-4, "atol": 1e-6}  # networks sum in another order with other vector instructions
+TOUCHES = "gesture in ('pat', 'rub', 'stroke', 'tap')"
+CAPTURES = {"data__subjects": 3, "data__variants": ("normal",), "data__repetitions": 1, "data__rate_hz": 45.0}
+ON = {"data": "synth", "where": TOUCHES, "features": "jung28", "jobs": 1, **CAPTURES}
+STREAMS = {name: value for name, value in ON.items() if name != "where"}
+QUICK: dict[str, dict[str, object]] = {  # systems with little to learn; networks learn for one epoch
+    "rf": {"trees": 10},
+    "et": {"trees": 10},
+    "xgb": {"trees": 5},
+    "boost": {"rounds": 5, "depth": 3},
+    "mlp": {"layers": "4", "runs": 1},
+    "perceptron": {"updates": 50},
+    "balli2015_rf": {"selected": 3},
+    "reflex": {"copies": 1, "window": 0.2, "early": 0.1, "units": 4},
+    "cnn85": {"frames": 10, "batch": 16},
+    "rocket": {"kernels": 84},
+    "touchnet": {"seconds": 0.2, "width": 4, "updates": 10, "batch": 16},
+    "auto": {"seconds": float("inf"), "trials": 2, "inner": "2"},
+}
+ONE_FOLD = (  # systems of which a fold takes seconds
+    "auto jung2014_svm wingerden2014_mlp balli2015_rf gaus2015_rf ta2015_rf ta2015_svm jung2017_svm_linear "
+    "jung2017_svm_rbf jung2017_nn reflex"
+).split()
+NOT_STORED = ("seconds", "ms_p", "predict_ms", "front")  # parts of the names of columns that depend on time
+
+
+def touches() -> Corpus:
+    """Twelve generated captures of three people, of 7 to 64 frames."""
+    parameters = {name.removeprefix("data__"): value for name, value in CAPTURES.items()}
+    return bench.corpus("synth", where=TOUCHES, **parameters)
+
+
+def probabilities(name: str) -> pd.DataFrame:
+    """Probabilities of each capture by a system that is fitted on the other people."""
+    factory, corpus = registry.load("models", name), touches()
+    options = QUICK.get(name, {})
+    if "epochs" in registry.parameters(factory):
+        options = {"epochs": 1, **options}
+    features = registry.load("features", "jung28")() if registry.required(factory) else None
+    tables = []
+    for subject in list(dict.fromkeys(corpus.subjects))[: 1 if name in ONE_FOLD else None]:
+        train, test = np.flatnonzero(corpus.subjects != subject), np.flatnonzero(corpus.subjects == subject)
+        system = contract.build(factory, features, **options).fit(corpus[train], corpus.gestures[train])
+        found = contract.probabilities(system, corpus[test])
+        tables.append(pd.DataFrame(found.astype(float), columns=list(system.classes_)).assign(capture=test))
+    return pd.concat(tables, ignore_index=True)
+
+
+def columns(name: str) -> pd.DataFrame:
+    """Mean and digest of each feature over all captures."""
+    corpus = touches()
+    table = registry.load("features", name)().fit_transform(corpus, corpus.gestures)
+    rows = [(column, float(values.mean()), digest(values.to_numpy(float))) for column, values in table.items()]
+    return pd.DataFrame(rows, columns=["feature", "mean", "digest"])
+
+
+def damaged(name: str) -> pd.DataFrame:
+    """Mean and digest of the frames of all captures at each severity of a fault."""
+    corpus, fault, rows = touches(), faults.all_faults()[name], []
+    everything = np.arange(len(corpus))
+    for severity in range(1, 6):
+        frames = faults.damaged(corpus, everything, faults.as_shares(corpus, everything), fault, severity).frames
+        rows.append((severity, len(frames), float(frames.mean()), digest(frames)))
+    return pd.DataFrame(rows, columns=["severity", "frames", "mean", "digest"])
+
+
+RUNS: dict[str, Callable[[], pd.DataFrame]] = {
+    "run": lambda: bench.run(model="bayes", **ON),
+    "tune": lambda: bench.tune(model="tree", model__level=[1, 9], inner="2", **ON),
+    "stress": lambda: bench.run(model="bayes", under=["noise", "dead_taxels"], train_subjects=[1], **ON),
+    "stream": lambda: bench.run(model="bayes", after=["250ms", "500ms"], stopping=True, **ON),
+    "watch_frames": lambda: bench.watch(model="bayes", detector="frames", **STREAMS),
+    "watch_threshold": lambda: bench.watch(model="bayes", detector="threshold", **STREAMS),
+}
+
+
+def tables(name: str) -> pd.DataFrame:
+    """Digest of each column of each table of a run, with the mean of a column of numbers."""
+    rows = []
+    for title, table in RUNS[name]().tables.items():
+        for column, values in table.drop(columns="system").items():
+            if any(part in str(column) for part in NOT_STORED):
+                continue
+            if pd.api.types.is_numeric_dtype(values):
+                values = values.to_numpy(float)
+                rows.append(
+                    (title, column, len(values), float(np.nan_to_num(values).clip(-1e9, 1e9).mean()), digest(values))
+                )
+            else:
+                rows.append((title, column, len(values), np.nan, digest_of("\n".join(map(str, values)))))
+    return pd.DataFrame(rows, columns=["table", "column", "rows", "mean", "digest"])
+
+
+def in_c(bits: str) -> pd.DataFrame:
+    """Digest of each C file of a fitted system, at a number of bits per weight."""
+    on = {name: value for name, value in ON.items() if name != "jobs"}
+    bench.fit(model="lda", **on, out="fitted", stopping=False)
+    assert main(["export", "fitted", "out=c", f"bits={bits}"]) == 0
+    files = sorted(path for path in Path("c").iterdir() if path.suffix in (".c", ".h"))
+    return pd.DataFrame([(p.name, digest_of(p.read_text())) for p in files], columns=["file", "digest"])
+
+
+def digest(values: np.ndarray) -> str:
+    """Digest of numbers; -0 is 0."""
+    return hashlib.sha256(np.ascontiguousarray(values + 0).tobytes()).hexdigest()[:12]
+
+
+def digest_of(text: str) -> str:
+    """Digest of a text."""
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+GROUPS: dict[str, Callable[[str], pd.DataFrame]] = {
+    "models": probabilities,
+    "features": columns,
+    "faults": damaged,
+    "runs": tables,
+    "c": in_c,
+}
+
+
+def cases() -> list[tuple[str, str]]:
+    """Groups and names of all that has numbers."""
+    names = {"models": registry.names("models"), "features": registry.names("features")}
+    names |= {"faults": faults.all_faults(), "runs": RUNS, "c": ("32", "8")}
+    return [(group, name) for group in GROUPS for name in names[group]]
+
+
+def stored() -> list[tuple[str, str]]:
+    """Groups and names of the stored numbers."""
+    return sorted((path.parent.name, path.stem) for path in FOLDER.rglob("*.csv"))
+
+
+def read(path: Path) -> pd.DataFrame:
+    """Stored numbers, to the last digit."""
+    return pd.read_csv(path, float_precision="round_trip", dtype={"digest": str}, keep_default_na=False, na_values=[""])
+
+
+def here() -> dict[str, str]:
+    """What the last digit may depend on."""
+    return {"simd": simd(), **{name: version(name) for name in LIBRARIES}}
+
+
+def differences(before: pd.DataFrame, after: pd.DataFrame, exact: bool) -> Iterator[str]:
+    """A line for each column that differs, or each row that is on one side alone."""
+    if list(before) != list(after):
+        yield f"columns {list(before)} -> {list(after)}"
+    elif len(before) != len(after):
+        old, new = (dict.fromkeys(table.to_csv(index=False).splitlines()) for table in (before, after))
+        yield from [f"only before: {row}" for row in old if row not in new]
+        yield from [f"only after: {row}" for row in new if row not in old]
+    if list(before) != list(after) or len(before) != len(after):
+        return
+    for column in before:
+        old, new = before[column].to_numpy(), after[column].to_numpy()
+        if old.dtype.kind == "f" and new.dtype.kind == "f":
+            same = np.isclose(old, new, equal_nan=True, **{"rtol": 0, "atol": 0} if exact else ELSEWHERE)
+        else:
+            same = (old == new) | (not exact and column == "digest")
+        if not np.all(same):
+            rows = np.flatnonzero(~same)
+            yield f"{column} in rows {rows[:9].tolist()}: {old[rows[0]]!r} -> {new[rows[0]]!r}"
