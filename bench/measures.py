@@ -11,15 +11,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from bench.amounts import UNITS, quantity
 from bench.errors import InputError
 from bench.few import INTERVAL, too_few
 from bench.registry import classes
-
-if TYPE_CHECKING:
-    import numpy as np
 
 Row = Mapping[str, Any]  # of a run or of a table: values by name; nan or None for what is unknown
 NONE = "-"  # printed for an unknown value
@@ -188,22 +185,6 @@ def three(value: float) -> str:
 # Costs: what a system takes, by which systems are chosen.
 
 
-class People(Protocol):
-    """The people of each drawing, from whom a cost may be computed; `bench.outcomes.pick` has them.
-
-    ``drawn`` holds the numbers of the subjects in each drawing, int [drawings, people].
-    """
-
-    def lowest(self, drawn: np.ndarray, count: int) -> np.ndarray:
-        """Mean of the lowest ``count`` scores in percent, float [drawings, candidates]."""
-
-    def loss(self, drawn: np.ndarray) -> np.ndarray:
-        """Mean points lost under each fault at each severity, float [drawings, candidates, circumstances]."""
-
-    def alarm_rate(self, drawn: np.ndarray) -> np.ndarray:
-        """False alarms per hour of background, float [drawings, candidates]."""
-
-
 @dataclass(frozen=True)
 class Cost(Measure):
     """A measure by which systems are chosen: what a system takes, loses or raises.
@@ -224,8 +205,8 @@ class Cost(Measure):
         losses: True for points lost, which are taken over the faults of the choice.
         command: command that measures it, if that is not ``bench run``.
         asks: arguments of that command, from the faults over which losses are taken (`bench.candidate.Losses`).
-        among: its amount for drawings of people, from `People` and the numbers of the drawn subjects
-            [drawings, people]: float [drawings, candidates].
+        among: its amount for some people [candidates], of a cost that depends on which are counted; from
+            `bench.outcomes.candidates.People`.
         linear: True for a linear axis in figures.
         zero: True if 0 is a budget.
         line: section and key of its budget in a scene file.
@@ -248,7 +229,7 @@ class Cost(Measure):
     losses: bool = False
     command: str = ""
     asks: Callable[[Any], dict[str, str]] | None = None
-    among: Callable[[People, np.ndarray], np.ndarray] | None = None
+    among: Callable[[Any], Any] | None = None
     linear: bool = False
     zero: bool = False
     line: tuple[str, str] = ("", "")
@@ -310,11 +291,6 @@ class Cost(Measure):
         section, key = self.line
         return section or "budget", key or self.key
 
-    @property
-    def personal(self) -> bool:
-        """True if it depends on which people are counted."""
-        return self.among is not None
-
     def typed(self, given: object) -> float:
         """A typed budget.
 
@@ -339,10 +315,6 @@ class Cost(Measure):
         if not abs(value) < float("inf"):
             return NONE
         return f"{value:.3g} {self.unit}".rstrip() if value < 100 else f"{value:.0f} {self.unit}".rstrip()
-
-    def reach(self, budget: str) -> str:
-        """A budget and all looser ones in words."""
-        return f"from {budget} on" if self.better == "low" else f"up to {budget}"
 
     def apart(self, one: float, other: float) -> tuple[str, str]:
         """Two amounts with enough digits to differ."""
@@ -408,7 +380,7 @@ OF_PEOPLE = (
         words="correct for the worst person",
         axis="% of captures correct for the worst person",
         help="lowest accuracy of the worst person, in percent",
-        among=lambda people, drawn: people.lowest(drawn, 1),
+        among=lambda people: people.lowest(1),
         line=("people", "worst_person"),
         **_PERSON,
     ),
@@ -418,7 +390,7 @@ OF_PEOPLE = (
         words="correct for the worst tenth of people",
         axis="% of captures correct for the worst tenth of people",
         help="lowest mean accuracy of the worst tenth of people, in percent",
-        among=lambda people, drawn: people.lowest(drawn, -(-drawn.shape[1] // 10)),
+        among=lambda people: people.lowest(-(-people.scores.shape[1] // 10)),
         line=("people", "worst_tenth"),
         **_PERSON,
     ),

@@ -15,8 +15,7 @@ from bench.errors import InputError
 from bench.measures import costs, costs_of
 from bench.outcomes import statistics
 from bench.outcomes.candidates import PLAIN, Candidates, candidates
-from bench.outcomes.choice import Choice, decide, named, reasons
-from bench.outcomes.expected import expectation, expected
+from bench.outcomes.choice import Choice, decide, expectation, expected, named, reasons
 from bench.pareto import staircase
 from bench.registry import classes
 from bench.reports.speed import LOOKS
@@ -89,9 +88,9 @@ def considered(
     except InputError as e:
         return Answer(group, [f"Nothing can be chosen here: {e}."])
     choice = decide(among.table, among.subjects, BY, dict(budgets), None)
-    one = None if choice.chosen is None else expected(among.people, choice.chosen, BY, dict(budgets), None)
+    others = expected(among, choice.chosen, BY, budgets, None)
     lines = reasons(choice, BY, None, among.subjects.shape[1], among.mixed)
-    lines += [*expectation(one, among, choice.chosen), *among.notes]
+    lines += [*expectation(others, among, choice.chosen), *among.notes]
     systems = among.table["system"].unique()
     lines += dict.fromkeys(note for system in systems for note in notes_on(str(system), str(first["data"])))
     if len(systems) == 1:

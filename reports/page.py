@@ -21,7 +21,6 @@ from bench.outcomes.runs import every_result, grouped, of_captures, wanted
 from bench.outcomes.same_wrong import COLUMNS, agreements
 from bench.outcomes.store import Store
 from bench.reports import over_corpora
-from bench.reports.budgets import budget_tables, by_budget
 from bench.reports.candidates import Answer, Considered, considered, marks
 from bench.reports.comparison import comparison, published, shown
 from bench.reports.figures import save
@@ -142,7 +141,6 @@ def assemble(
     files = {name: f"{i}-{slug(name)}" for i, name in enumerate(largest, 1)}
     parts = {name: group_of(name, largest[name], folder, files[name], against) for name in largest}
     answers = [considered(name, largest[name], alone, budgets) for name in largest]
-    candidates = [answer for answer in answers if isinstance(answer, Considered)]
     models = {r.system: str(r["model_name"]) for r in alone}
     known = {*papers["system"]} - {""}
     agreed = agreements(largest)
@@ -152,7 +150,6 @@ def assemble(
     data_of |= {o.title: "haart" for o in over if "haart" in o.found.people}
     tables = {
         "comparison": comparison(groups, papers, against),
-        "budgets": by_budget(candidates, alone),
         "published": beside_papers(papers, runs),
         "statistics": pd.concat(
             [pd.DataFrame(), *(g.rows.assign(group=name) for name, g in parts.items())], ignore_index=True
@@ -180,7 +177,6 @@ def assemble(
         ],
         "largest": GROUPS,
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
-        "budgets": budget_tables(tables["budgets"]),
         "runs": runs_section(tables["comparison"], [*largest, *left_out]) if runs else None,
         "counts": counts(runs or results),
         "briefs": dict(briefs(told(results), parts)),

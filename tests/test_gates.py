@@ -123,9 +123,8 @@ NAMED = {  # file: names that it may have, with the reason
     "bench/endless/candidates.py": {"decision", "cycles"},  # costs that a system that watches does not have
     "bench/scene_file.py": {"stream", "decision"},  # a section of scene files; what clock= adds to
     "bench/outcomes/candidates.py": {"decision", "cycles"},  # what clock= adds to, and what it adds
-    "bench/outcomes/chosen.py": {"decision", "cycles"},  # the same; times at which a decision may fall
+    "bench/outcomes/choice.py": {"decision", "cycles"},  # the same; times at which a decision may fall
     "reports/candidates.py": {"decision"},  # the same
-    "reports/budgets.py": {"decision"},
     "bench/outcomes/scored.py": {"decision", "stream"},  # candidates, called from their files
     "reports/streaming.py": {"stream"},  # its page, called from its file
     "bench/measures.py": {"stream"},  # the same
@@ -208,6 +207,6 @@ def test_a_run_enters_no_other_kind_no_choice_and_no_report(tmp_path):
         "bench/circumstances/faults.py"
     }
     assert not of["reports/"]
-    choice = {"candidates", "choice", "pick", "expected", "steps", "reactions", "losses", "scored"} - {"scored"}
+    choice = {"candidates", "choice", "reactions", "losses"}
     assert not {f"bench/outcomes/{name}.py" for name in choice} & of["bench/"]
     assert not {f"bench/commands/{name}.py" for name in ("choose", "report")} & of["bench/"]

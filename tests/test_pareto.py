@@ -1,28 +1,21 @@
-"""Fronts and dominating points, beside a comparison of all pairs."""
+"""Fronts, beside a comparison of all pairs."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.pareto import dominated_by, front
+from bench.pareto import front
 
 VALUES = st.sampled_from([0.0, 1.0, 2.0, 3.0, np.nan])
 
 
-@pytest.mark.parametrize("number", [1, 3])
-@given(st.data())
-def test_dominated_by_is_what_all_pairs_give(number, data):
-    """Of several, the most accurate, and of these the first; the front has those of one cost that nothing dominates."""
-    points = np.array(data.draw(st.lists(st.tuples(*[VALUES] * (number + 1)), max_size=12))).reshape(-1, number + 1)
-    accuracy, costs = points[:, 0], points[:, 1:]
-    expected = []
-    for point in points:
-        others = [i for i, p in enumerate(points) if p[0] >= point[0] and (p[1:] <= point[1:]).all()]
-        better = [i for i in others if points[i, 0] > point[0] or (points[i, 1:] < point[1:]).any()]
-        expected.append(max(better, key=lambda i: (accuracy[i], -i), default=-1))
-    known = ~np.isnan(points).any(axis=1)
-    assert dominated_by(accuracy, costs).tolist() == np.where(known, expected, -1).tolist()
-    if number == 1:
-        assert front(accuracy, costs[:, 0])[known].tolist() == (np.array(expected)[known] < 0).tolist()
-        assert not front(accuracy, costs[:, 0])[np.isnan(costs[:, 0])].any()
+@given(st.lists(st.tuples(VALUES.filter(lambda v: v == v), VALUES), max_size=12))
+def test_the_front_has_what_no_other_point_beats(points):
+    """A point beats another one that is no more accurate and no cheaper, if it is better in one; nan is on no front."""
+
+    def beats(p, q):
+        return p[0] >= q[0] and p[1] <= q[1] and p != q
+
+    accuracy, cost = np.array(points).reshape(-1, 2).T
+    expected = [q[1] == q[1] and not any(beats(p, q) for p in points) for q in points]
+    assert front(accuracy, cost).tolist() == expected

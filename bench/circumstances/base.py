@@ -287,25 +287,10 @@ class Circumstance(Options, Shown):
     @classmethod
     def lends(cls, result: Result) -> dict[str, float]:
         """The numbers that its costs read."""
-        names = [cost.read or cost.key for cost in cls.costs if not cost.personal]
+        names = [cost.read or cost.key for cost in cls.costs if cost.among is None]
         return {name: result.metrics[name] for name in names if isinstance(name, str) and name in result.metrics}
 
     @classmethod
     def lost(cls, results: Sequence[Result], asked: Losses, reactions: object) -> pd.DataFrame | None:
         """Points lost in some cases [cases, subjects], for costs of losses; None if it knows none."""
-        return None
-
-    @classmethod
-    def told(cls, result: Result, reactions: object) -> str:
-        """What a run promises for the chosen system, in a sentence of ``bench choose``."""
-        return ""
-
-    @classmethod
-    def promise(cls, trained: Mapping[str, str], others: int) -> tuple[str, str] | None:
-        """What it would promise, and the command that measures it.
-
-        Args:
-            trained: arguments of the chosen system.
-            others: number of people besides the one who is left out.
-        """
         return None

@@ -202,7 +202,7 @@ class Faults(Circumstance):
             words="lost under faults",
             axis="points lost under faults (mean of all faults and severities)",
             help="largest mean loss under faults, in points of bench stress",
-            among=lambda people, drawn: people.loss(drawn).mean(axis=2),
+            among=lambda people: people.loss().mean(axis=1),
             line=("faults", "loss"),
         ),
         replace(
@@ -212,7 +212,7 @@ class Faults(Circumstance):
             words="lost under the worst fault",
             axis="points lost under the worst fault",
             help="largest loss under the worst fault and severity, in points",
-            among=lambda people, drawn: people.loss(drawn).max(axis=2),
+            among=lambda people: people.loss().max(axis=1),
             line=("faults", "worst"),
         ),
     )

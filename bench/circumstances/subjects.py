@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from bench.circumstances.base import LABELS, Case, Circumstance, option
 from bench.errors import InputError
 from bench.measures import Measure, percent
-from bench.usual import CLEAN
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -96,7 +95,7 @@ class Subjects(Circumstance):
 
     @classmethod
     def section(cls, results: Sequence[Result], folder: Path) -> None:
-        """None: the curve is a figure of ``bench stress``, and ``bench choose`` tells what it promises."""
+        """None: the curve is a figure of ``bench stress``."""
 
     @classmethod
     def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
@@ -104,26 +103,3 @@ class Subjects(Circumstance):
         from bench.work.curves import joined
 
         return {"learning": joined(results, "learning")} if results else {}
-
-    @classmethod
-    def told(cls, result: Result, reactions: Any) -> str:
-        """The gain of more training people."""
-        from bench.outcomes.expected import more_people
-        from bench.sentences import sentences
-
-        if not (growth := more_people(result.tables[LABELS], reactions)):
-            return ""
-        most, gains = growth
-        words = {"gains": [*gains.itertuples()], "most": most, "protocol": result["protocol_label"]}
-        return sentences("bench.circumstances", "subjects", "told", **words)[0]
-
-    @classmethod
-    def promise(cls, trained: Mapping[str, str], others: int) -> tuple[str, str] | None:
-        """A learning curve, where there are enough people for one."""
-        from bench.words import typed
-
-        numbers = sorted({n for n in (2, max(3, others // 2), max(3, 2 * others // 3)) if n < others})
-        if len(numbers) < 2:
-            return None
-        curve = {"faults": CLEAN, cls.key: ",".join(map(str, numbers))}
-        return "The gain of more people", typed("stress", {**trained, **curve})

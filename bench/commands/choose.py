@@ -12,9 +12,8 @@ from bench.commands.printing import output, say, then
 from bench.errors import InputError
 from bench.measures import Cost, Measure, Row, costs, costs_of, text
 from bench.options import keys, makers
-from bench.outcomes import chosen as choices
-from bench.outcomes.choice import points
-from bench.outcomes.chosen import Chosen
+from bench.outcomes import choice as choices
+from bench.outcomes.choice import Chosen, points
 from bench.outcomes.runs import asked_of, every_result
 from bench.outcomes.store import connect
 from bench.scene_file import read_scene
@@ -55,7 +54,7 @@ def chosen(values: Values) -> Chosen:
     how: dict[str, Any] = {key: given.get(key) for key in ("margin", "clock", "unit", "batch", "shots", "why")}
     notes = scene.board.sentences(values) if scene and scene.board else []
     asked = asked_of(values)
-    return choices.chosen(
+    return choices.choose(
         every_result(connect()), asked, given["by"], limits_of(given), scene=scene, notes=notes, **how
     )
 

@@ -224,7 +224,7 @@ class Continuous(Kind):
             unknown="the recordings have no background",
             help="false alarms per hour of background; compares runs of bench watch",
             runs="recordings",
-            among=lambda people, drawn: people.alarm_rate(drawn),
+            among=lambda people: people.rate(),
             line=("stream", "false_alarms"),
             column=False,
             last=0,

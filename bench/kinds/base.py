@@ -70,8 +70,6 @@ CONSUMERS = frozenset(
         "other",
         "meaning",
         "chosen",
-        "told",
-        "promise",
         "_without",
         "consumers",
         "chooses",

@@ -14,7 +14,6 @@ from bench.candidate import Candidate, Losses, Wish
 from bench.comparable import COMPARABLE, CONDITIONS, Row, alike, context_of, facts_of, seed_number
 from bench.errors import InputError
 from bench.measures import Interval, costs, costs_of
-from bench.outcomes.pick import People
 from bench.outcomes.reactions import Reactions
 from bench.outcomes.runs import COLUMNS, NothingTracked, plain, selected
 from bench.registry import classes
@@ -32,6 +31,43 @@ TAKEN = ("data", "where", "target", "protocol", "model", "features", "seed")  # 
 
 
 @dataclass(frozen=True)
+class People:
+    """What each person contributes to the score and to the costs of each candidate.
+
+    Attributes:
+        scores: in percent [candidates, subjects].
+        losses: points lost in each case [candidates, cases, subjects]; NaN where not stored.
+        counts: false alarms and hours of background [2, candidates, subjects and people without touches].
+    """
+
+    scores: np.ndarray
+    losses: np.ndarray
+    counts: np.ndarray
+
+    def without(self, subject: int) -> People:
+        """The same without one subject."""
+        return People(*(np.delete(part, subject, axis=-1) for part in (self.scores, self.losses, self.counts)))
+
+    def lowest(self, count: int) -> np.ndarray:
+        """Mean of the lowest scores [candidates]; NaN where a person has none."""
+        return np.where(np.isnan(self.scores).any(axis=1), np.nan, np.sort(self.scores)[:, :count].mean(axis=1))
+
+    def loss(self) -> np.ndarray:
+        """Mean points lost in each case [candidates, cases]."""
+        return self.losses.mean(axis=2) if self.losses.shape[1] else np.full((len(self.scores), 1), np.nan)
+
+    def rate(self) -> np.ndarray:
+        """False alarms per hour of background [candidates]."""
+        alarms, hours = self.counts.sum(axis=2) if len(self.counts) else np.full((2, len(self.scores)), np.nan)
+        return np.divide(alarms, hours, out=np.full(len(hours), np.nan), where=hours > 0)
+
+    def cost(self, name: str) -> np.ndarray | None:
+        """A cost that depends on which people are counted [candidates]; None for any other."""
+        among = costs()[name].among
+        return None if among is None else among(self)
+
+
+@dataclass(frozen=True)
 class Candidates:
     """The candidates of a store, on the same captures under the same protocol.
 
@@ -41,8 +77,7 @@ class Candidates:
             bytes, with code, ``cpu`` and the keys of `TAGS`).
         context: captures and protocol, in words.
         subjects: scores in percent [candidates, subjects].
-        people: contribution of each subject to scores and costs, in the order of these two.
-        runs: runs of each candidate, in the order of the table: one for each seed.
+        people: contribution of each person to scores and costs, in the order of these two.
         gestures: all gestures; empty if each is its own reaction and all mistakes cost the same.
         first: a run of the candidates.
         mixed: True if training and test captures share subjects.
@@ -53,7 +88,6 @@ class Candidates:
     context: str
     subjects: pd.DataFrame
     people: People
-    runs: list[list[Result]]
     gestures: tuple[str, ...]
     first: Result
     mixed: bool
@@ -88,66 +122,83 @@ def candidates(
     """
     wish = wish or Wish(PLAIN)
     kinds = {kind.tag: (command, kind) for command, kind in classes("kinds").items() if kind.recordings == recordings}
-    mine = costs_of(recordings)
-    fixed = [name for name, cost in mine.items() if not cost.personal]
     every = [r for r in results if r.kind in kinds and kinds[r.kind][1].offers(r, wish)]
-    shots = "".join(f" protocol=personal protocol.shots={number}" for number in asked.get("shots", []))
     command = next(iter(kinds.values()))[0]
-    command += "" if recordings else shots
+    if not recordings:
+        command += "".join(f" protocol=personal protocol.shots={number}" for number in asked.get("shots", []))
     chosen, notes = eligible(every, asked, batch, command)
+    ways = _ways(chosen, wish, kinds)
+    if not ways:
+        raise _nothing(command, asked, notes)
     lent: dict[str, dict[str, float]] = {}
     for r in chosen:
         lent.setdefault(str(r["system"]), {}).update(kinds[r.kind][1].lends(r))
-    as_they_are = {id(r) for r in plain(chosen)}
-    ways: dict[tuple, dict[str, tuple[Candidate, Result]]] = {}
-    for r in chosen:
-        for way in kinds[r.kind][1].candidates(r, replace(wish, plain=id(r) in as_they_are)):
-            ways.setdefault((r["system"], way.mark, way.apart, way.unit), {})[r["seed"]] = (way, r)
-    if not ways:
-        raise _nothing(command, asked, notes)
-    order = [*ways]
-    rows: list[dict[Any, Any]] = []
-    accuracies: list[pd.Series] = []
-    alarms: list[Any] = []
-    behind: list[list[Result]] = []
-    for key in sorted(order, key=lambda key: (key[:3], order.index(key))):
-        seeds = [ways[key][seed] for seed in sorted(ways[key], key=seed_number)]
-        last = max((r for _, r in seeds), key=lambda r: r["started"])
-        more = lent[key[0]]
-        amounts = [_amounts({**r, **more}, way) for way, r in seeds]
-        tags = {column: str(last.get(name, "")) for column, name in TAGS.items()}
-        changed = any(r.metrics.get(name, value) != value for _, r in seeds for name, value in more.items())
-        rows.append(
-            {"system": last.system, "unit": key[3]}
-            | pd.DataFrame(amounts, dtype=float).mean().reindex(fixed).to_dict()
-            | tags
-            | {"linked": seeds[0][0].linked or changed, "mark": key[1], "whole": seeds[0][0].whole}
-            | {"shipped": json.dumps(dict(seeds[0][0].shipped))}
-            | {"cpu": ", ".join(sorted({r["cpu"] for _, r in seeds}))}
-        )
-        by_subject = [[way.scores, *way.counts] for way, _ in seeds]
-        means = [pd.concat(parts, axis=1).mean(axis=1) for parts in zip(*by_subject, strict=True)]
-        accuracies.append(means[0])
-        alarms.append(means[1:])
-        behind.append([r for _, r in seeds])
-    subjects = pd.DataFrame(accuracies).reset_index(drop=True)
-    table = pd.DataFrame(rows).assign(accuracy=subjects.mean(axis=1))
+    mine = costs_of(recordings)
+    fixed = [name for name, cost in mine.items() if cost.among is None]
+    table = pd.DataFrame([_row(seeds, lent[str(seeds[0][1]["system"])], fixed) for seeds in ways])
+    subjects = pd.DataFrame([_mean([way.scores for way, _ in seeds]) for seeds in ways]).reset_index(drop=True)
+    table["accuracy"] = subjects.mean(axis=1)
     if clock is not None:
         table["decision"] += (table["cycles"] / clock).fillna(0)  # thousands by MHz: ms
     lost = np.empty((len(table), 0, subjects.shape[1]))
     if losses is not None:
         lost = _losses(results, chosen[0], table, [*subjects], losses, wish.reactions)
-    untouched = sorted({name for each in alarms for part in each for name in part.index} - {*subjects})
-    counts = [[part.reindex([*subjects, *untouched]) for part in each] for each in alarms]
-    shape = (len(table), 2, len(untouched) + subjects.shape[1]) if recordings else (0, 2, 0)
-    alarmed = np.reshape(counts, shape).transpose(1, 0, 2)
-    people = People(subjects.to_numpy(float), lost, alarmed, {k: table[k].to_numpy(float) for k in fixed})
-    everyone = np.arange(subjects.shape[1])[None]
-    table = table.assign(**{name: people.cost(name, everyone)[0] for name, cost in mine.items() if cost.personal})
+    people = People(subjects.to_numpy(float), lost, _counts(ways, [*subjects]))
+    table = table.assign(**{name: people.cost(name) for name, cost in mine.items() if cost.among is not None})
     mixed = any(facts_of(r).mixes_subjects for r in chosen)
     gestures = () if wish.reactions.plain else kinds[chosen[0].kind][1].gestures(chosen[0])
-    context = ", ".join(context_of(chosen[0]))
-    return Candidates(table, context, subjects, people, behind, gestures, chosen[0], mixed, notes)
+    return Candidates(table, ", ".join(context_of(chosen[0])), subjects, people, gestures, chosen[0], mixed, notes)
+
+
+Way = list[tuple[Candidate, Result]]  # of each seed
+
+
+def _ways(results: Sequence[Result], wish: Wish, kinds: Mapping[str, tuple[str, Any]]) -> list[Way]:
+    """The ways in which systems label, by system; of one way and seed, the last run counts."""
+    as_they_are = {id(r) for r in plain(results)}
+    ways: dict[tuple, dict[str, tuple[Candidate, Result]]] = {}
+    for r in results:
+        for way in kinds[r.kind][1].candidates(r, replace(wish, plain=id(r) in as_they_are)):
+            ways.setdefault((str(r["system"]), way.mark, way.apart, way.unit), {})[r["seed"]] = way, r
+    order = sorted(ways, key=lambda key: key[:3])
+    return [[ways[key][seed] for seed in sorted(ways[key], key=seed_number)] for key in order]
+
+
+def _row(seeds: Way, lent: Mapping[str, float], fixed: Sequence[str]) -> dict[str, Any]:
+    """A candidate from its seeds: means of its costs, and what is told of it."""
+    (way, _), runs = seeds[0], [r for _, r in seeds]
+    last = max(runs, key=lambda r: r["started"])
+    amounts = [_amounts({**r, **lent}, each) for each, r in seeds]
+    stored = np.array([[amount.get(name) for name in fixed] for amount in amounts], float)  # NaN for None
+    known = ~np.isnan(stored)
+    means = np.where(known, stored, 0).sum(axis=0) / np.where(known.any(axis=0), known.sum(axis=0), np.nan)
+    changed = any(r.metrics.get(name, value) != value for r in runs for name, value in lent.items())
+    return {
+        "system": last.system,
+        "unit": way.unit,
+        **dict(zip(fixed, means.tolist(), strict=True)),
+        **{column: str(last.get(name, "")) for column, name in TAGS.items()},
+        "linked": way.linked or changed,
+        "mark": way.mark,
+        "whole": way.whole,
+        "shipped": json.dumps(dict(way.shipped)),
+        "cpu": ", ".join(sorted({r["cpu"] for r in runs})),
+    }
+
+
+def _mean(parts: Sequence[pd.Series]) -> pd.Series:
+    """Mean over seeds by subject."""
+    return parts[0] if len(parts) == 1 else pd.concat(parts, axis=1).mean(axis=1)
+
+
+def _counts(ways: Sequence[Way], subjects: list[str]) -> np.ndarray:
+    """What is counted of each person [kinds of counts, candidates, people]; those without a score come last."""
+    counted = [[_mean(each) for each in zip(*(way.counts for way, _ in seeds), strict=True)] for seeds in ways]
+    if not counted[0]:
+        return np.empty((0, len(ways), len(subjects)))
+    others = sorted({name for parts in counted for each in parts for name in each.index} - {*subjects})
+    order = [*subjects, *others]
+    return np.array([[each.reindex(order) for each in parts] for parts in counted], float).transpose(1, 0, 2)
 
 
 def _losses(
@@ -158,18 +209,10 @@ def _losses(
     losses: Losses,
     reactions: Reactions,
 ) -> np.ndarray:
-    """Points that each candidate loses under each fault at each severity, float [candidates, circumstances, subjects].
+    """Points that each candidate loses under each fault at each severity, float [candidates, cases, subjects].
 
-    NaN where no complete result is of all circumstances, and for windows and early decisions. Seeds are averaged.
-    Systems with captures of a new person are tested under faults without these captures.
-
-    Args:
-        results: results of all kinds.
-        context: a result of the candidates.
-        table: candidates.
-        subjects: names of the subjects.
-        losses: faults and severities.
-        reactions: reactions that are scored.
+    NaN where no complete result is of all faults, and for windows and early decisions. Seeds are averaged. Systems
+    with captures of a new person are tested under faults without these captures.
     """
     lost = np.full((len(table), len(losses.circumstances), len(subjects)), np.nan)
     personal = str(context["protocol"]).startswith("personal")
@@ -205,11 +248,10 @@ def missing(table: pd.DataFrame, wanted: Collection[str], losses: Losses | None)
     for name in wanted:
         cost = costs()[name]
         lacking = table[table[name].isna() & table["whole"] & (table["mark"] == "")]
-        texts = [text for text in lacking["arguments"] if text]
         if not cost.command or (cost.losses and losses is None):
             continue
         more = cost.asks(losses) if cost.asks else {}
-        lines = [typed(cost.command, repeated(text, impersonal=cost.losses) | more) for text in texts]
+        lines = [typed(cost.command, repeated(t, impersonal=cost.losses) | more) for t in lacking["arguments"] if t]
         if lines:
             commands[name] = list(dict.fromkeys(lines))
     return commands
@@ -226,24 +268,6 @@ def repeated(text: str, impersonal: bool = False) -> dict[str, str]:
     if impersonal and given.get("protocol", "").startswith("personal"):
         given = {k: v for k, v in given.items() if not k.startswith("protocol.")} | {"protocol": "loso"}
     return given
-
-
-def elsewhere(
-    results: Sequence[Result], context: Result, table: pd.DataFrame, command: str, more: Mapping[str, str]
-) -> list[str]:
-    """Commands that would make candidates of systems which ``bench run`` has evaluated, leaving each subject out.
-
-    Args:
-        results: results of ``bench run``.
-        context: a result of the candidates.
-        table: candidates.
-        command: command that makes candidates.
-        more: its further arguments.
-    """
-    kept = [r for r in results if complete_on(r, context) and r["protocol_name"] == "loso"]
-    others = [r for r in kept if r.system not in {*table["system"]}]
-    given = [repeated(arguments) for r in others if (arguments := r.get("touchbench.arguments"))]
-    return list(dict.fromkeys(typed(command, each | dict(more)) for each in given))
 
 
 def eligible(
@@ -270,13 +294,10 @@ def eligible(
     notes: list[str] = []
     if complete and "protocol_label" not in asked:
         complete, notes = _newest(complete)
-    same = {tuple(str(r[name]) for name in COMPARABLE) for r in complete}
-    systems = {r["system"] for r in complete}
-    failed = [r for r in kept if not r.complete and r["system"] not in systems]
-    if complete:
-        failed = [r for r in failed if tuple(str(r[name]) for name in COMPARABLE) in same]
-    if names := sorted({r["system"] for r in failed}):
-        notes += sentences("bench.outcomes", "choice", "failed", names=names)
+    same, systems = {r.comparable for r in complete}, {r["system"] for r in complete}
+    here = [r for r in kept if not r.complete and (r.comparable in same or not complete)]
+    if failed := {r["system"] for r in here} - systems:
+        notes += sentences("bench.outcomes", "choice", "failed", names=sorted(failed))
     if not batch and (names := sorted({r["system"] for r in complete if not r.alone})):
         complete = [r for r in complete if r["system"] not in names]
         notes += sentences("bench.outcomes", "choice", "batch", names=names)
@@ -324,7 +345,9 @@ def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
     last = {r.kind: alike(r, kinds[r.kind].alike) for r in sorted(here, key=lambda r: r["started"])}
     kept = [r for r in here if alike(r, kinds[r.kind].alike) == last[r.kind]]
     notes = []
-    if others := [r for r in results if r not in kept]:
+    if len(kept) < len(results):
+        mine = {id(r) for r in kept}
+        others = [r for r in results if id(r) not in mine]
         apart = dict.fromkeys(filter(None, (kinds[r.kind].other for r in others)))
         versions = [*dict.fromkeys(str(r["corpus_digest"])[:8] for r in others)]
         told = {"others": len(others), "data": newest["data"], "apart": [*apart], "versions": versions}
@@ -342,11 +365,8 @@ def _arguments(results: Sequence[Result]) -> list[str]:
                 values.setdefault((r["protocol_name"], name), set()).add(r[name])
     texts = []
     for r in results:
-        selecting = {
-            "data": str(r["data"]),
-            "where": str(r["subset"]),
-            "protocol": str(r["protocol"]).partition("[")[0],
-        }
+        selecting = {"data": str(r["data"]), "where": str(r["subset"])}
+        selecting |= {"protocol": str(r["protocol"]).partition("[")[0]}
         selecting |= {"target": str(r["target"])} if r["target"] != "gesture" else {}
         several_of = [name for name in parameters if len(values.get((r["protocol_name"], name), ())) > 1 and name in r]
         selecting |= {name: str(r[name]) for name in several_of}
@@ -365,7 +385,7 @@ def _amounts(run: Row, way: Candidate) -> dict[str, Any]:
     """
     amounts: dict[str, Any] = {}
     for name, cost in costs().items():
-        if not cost.personal and way.stored.get(name) != "":
+        if cost.among is None and way.stored.get(name) != "":
             cell = (replace(cost, read=way.stored[name]) if name in way.stored else cost).cell(run)
             amounts[name] = cell.value if isinstance(cell, Interval) else cell
     return amounts | dict(way.costs)

@@ -1,21 +1,34 @@
-"""The choice of a system: the cheapest within one standard error of the best one."""
+"""The choice among stored runs: the cheapest system within one standard error of the best one.
+
+Its sentences stand in ``templates/choice.jinja``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bench import few
-from bench.comparable import MIXED, Row
+from bench.candidate import Losses, Wish
+from bench.comparable import MARKED, MIXED, Row, notes_on, several
+from bench.errors import InputError
 from bench.measures import costs
-from bench.outcomes.pick import fitting, pick, within
-from bench.paired import mean_and_error
+from bench.outcomes.candidates import Candidates, People, candidates, missing
+from bench.outcomes.runs import without_runs
+from bench.paired import TOLERANCE, interval, mean_and_error, within_one_standard_error
+from bench.progress import warn
+from bench.registry import classes
+from bench.scene_file import EVERY, Scene
 from bench.sentences import sentences
 from bench.table import rows_of
+from bench.words import SMALL
+
+SHOWN = 3  # commands that a sentence names
+BRIEF = 5  # sentences without why=yes, beside those on what else there is and what to type next
 
 
 @dataclass(frozen=True)
@@ -67,10 +80,71 @@ class Choice:
     budgets: list[Budget] = field(default_factory=list)
 
 
+def within(name: str, amounts: np.ndarray, budget: float) -> np.ndarray:
+    """Whether amounts of a cost are within a budget: not where they are NaN, and rounding is no excess."""
+    if costs()[name].better == "high":
+        return amounts >= budget * (1 - TOLERANCE)
+    return amounts <= budget * (1 + TOLERANCE)
+
+
+def pick(
+    scores: np.ndarray, fits: np.ndarray, burden: np.ndarray, margin: float | None = None
+) -> tuple[int | None, int | None, np.ndarray]:
+    """The cheapest candidate whose score is not below that of the best.
+
+    Not below means: the mean over people of the difference is at most its standard error; or, with a margin, a
+    one-sided paired t-test finds it smaller than the margin (p < 0.05); fewer than `bench.few.TEST` people show
+    nothing.
+
+    Args:
+        scores: in percent, float [candidates, subjects].
+        fits: True for candidates that fit the budgets, bool [candidates].
+        burden: the cost to minimise (`bench.measures.Cost.burden`), float [candidates]; NaN if not known, which is
+            never chosen.
+        margin: points that do not matter, or None.
+
+    Returns:
+        Numbers of the chosen and of the best candidate, None where none fits, and which candidates that fit are not
+        below the best, bool [candidates].
+    """
+    means = pd.DataFrame(scores).mean(axis=1).round(9).to_numpy()  # equal sums in another order are ties
+    can = fits & np.isfinite(burden) & np.isfinite(means)
+    if not can.any():
+        return None, None, np.zeros(len(scores), bool)
+    best = int(np.lexsort((burden, -np.where(can, means, -np.inf)))[0])
+    near = fits & _not_below(scores[best] - scores, margin)
+    near[best] = True
+    return int(np.lexsort((-means, np.where(can & near, burden, np.inf)))[0]), best, near
+
+
+def _not_below(losses: np.ndarray, margin: float | None) -> np.ndarray:
+    """Which mean losses over people are within one standard error or, with a margin, shown to be less."""
+    if margin is None:
+        return within_one_standard_error(losses)
+    people, mean = losses.shape[1], losses.mean(axis=1)
+    if people < few.TEST:
+        return np.zeros(len(losses), bool)
+    error = losses.std(axis=1, ddof=1) / np.sqrt(people)
+    from scipy.special import stdtr  # not scipy.stats, which takes half a second
+
+    t = np.divide(mean - margin, error, out=np.full(mean.shape, np.inf), where=error > 0)
+    return np.where(error > 0, stdtr(people - 1, t) < 0.05, mean < margin)
+
+
+def _picked(
+    table: pd.DataFrame, scores: np.ndarray, by: str, budgets: Mapping[str, float], margin: float | None = None
+) -> tuple[int | None, int | None, np.ndarray]:
+    """`pick` from a table of costs."""
+    fits = np.ones(len(table), bool)
+    for name, budget in budgets.items():
+        fits &= within(name, table[name].to_numpy(float), budget)
+    return pick(scores, fits, costs()[by].burden(table[by].to_numpy(float)), margin)
+
+
 def decide(
-    table: pd.DataFrame, subjects: pd.DataFrame, by: str, budgets: dict[str, float], margin: float | None
+    table: pd.DataFrame, subjects: pd.DataFrame, by: str, budgets: Mapping[str, float], margin: float | None
 ) -> Choice:
-    """Take the cheapest candidate whose score is not below that of the best (`bench.outcomes.pick.pick`).
+    """Take the cheapest candidate whose score is not below that of the best (`pick`).
 
     The best one is sought among those that fit the budgets; a candidate whose cost is not known fits no budget of it.
     One whose cost ``by`` is not known cannot be the cheapest, so neither chosen nor the best is such a one; its loss is
@@ -83,43 +157,29 @@ def decide(
         budgets: budget of each cost.
         margin: points that do not matter, or None for the rule of one standard error.
     """
-    accuracy = table["accuracy"].round(9)  # equal sums in another order are ties
+    accuracy, scores, cost = table["accuracy"].round(9), subjects.to_numpy(float), costs()[by]
     verdicts = [_excess(row, budgets) for row in rows_of(table)]
     table = table.assign(verdict=verdicts, loss=np.nan, error=np.nan, accuracy=accuracy)
-    fits, cost = table["verdict"] == "", costs()[by]
+    fits, burden = table["verdict"] == "", cost.burden(table[by])
     unranked = [int(i) for i in table[fits & table[by].isna()].sort_values("accuracy", ascending=False).index]
-    chosen, best, near = _picked(table, subjects, by, budgets, margin)
-    limits = [_limit(table, subjects, by, budgets, cost, best) for cost in budgets]
+    chosen, best, near = _picked(table, scores, by, budgets, margin)
+    limits = [_limit(table, scores, by, budgets, name, best) for name in budgets]
     if best is None or chosen is None:
         table.loc[unranked, "verdict"] = f"{cost.title} unknown"
         return Choice(table.sort_values(by, key=cost.burden), None, None, None, unranked, limits)
     for i in table.index[fits]:
-        table.loc[i, ["loss", "error"]] = mean_and_error((subjects.loc[best] - subjects.loc[i]).to_numpy())
-    fitting = [int(i) for i in table.index[fits]]
-    burden = cost.burden(table[by])
-    order = pd.DataFrame({"burden": burden, "accuracy": table["accuracy"]})
-    table = table.loc[order.sort_values(["burden", "accuracy"], ascending=[True, False]).index]
-    dearer = [i for i in table.index if i in fitting and burden[i] > burden[chosen]]
-    for i in fitting:
+        table.loc[i, ["loss", "error"]] = mean_and_error(scores[best] - scores[i])
         verdict = "the best" if i == best else "near the best" if near[i] else "below the best"
         if i in unranked:
             verdict += f", {cost.title} unknown"
         elif near[i]:
-            verdict += ", costlier" if i in dearer else ", equally cheap"
+            verdict += ", costlier" if burden[i] > burden[chosen] else ", equally cheap"
         table.loc[i, "verdict"] = "chosen" if i == chosen else verdict
-    costlier = next((i for i in dearer if accuracy[i] > accuracy[chosen]), None)
-    return Choice(table, chosen, best, costlier, unranked, limits)
-
-
-def _picked(
-    table: pd.DataFrame, subjects: pd.DataFrame, by: str, budgets: Mapping[str, float], margin: float | None = None
-) -> tuple[int | None, int | None, np.ndarray]:
-    """The chosen and the best candidate, and which are not below the best."""
-    fits = fitting({name: table[name].to_numpy(float) for name in budgets}, budgets, len(table))
-    everyone = np.arange(subjects.shape[1])[None]
-    scores, burdens = subjects.to_numpy(float), costs()[by].burden(table[by].to_numpy(float))
-    chosen, best, near = (each[0] for each in pick(scores, everyone, fits[None], burdens[None], margin))
-    return (None, None, near) if best < 0 else (int(chosen), int(best), near)
+    order = pd.DataFrame({"burden": burden, "accuracy": accuracy})
+    order = order.sort_values(["burden", "accuracy"], ascending=[True, False])
+    better = fits & (burden > burden[chosen]) & (accuracy > accuracy[chosen])
+    costlier = next((int(i) for i in order.index if better[i]), None)
+    return Choice(table.loc[order.index], chosen, best, costlier, unranked, limits)
 
 
 def _excess(row: Row, budgets: Mapping[str, float]) -> str:
@@ -135,17 +195,69 @@ def _excess(row: Row, budgets: Mapping[str, float]) -> str:
 
 
 def _limit(
-    table: pd.DataFrame, subjects: pd.DataFrame, by: str, budgets: dict[str, float], cost: str, best: int | None
+    table: pd.DataFrame, scores: np.ndarray, by: str, budgets: Mapping[str, float], cost: str, best: int | None
 ) -> Budget:
     """What one of the budgets does."""
     amounts = table[cost].dropna()
     least = int(amounts.index[int(costs()[cost].burden(amounts).argmin())]) if len(amounts) else None
-    without = _picked(table, subjects, by, {k: v for k, v in budgets.items() if k != cost})[1]
+    without = _picked(table, scores, by, {k: v for k, v in budgets.items() if k != cost})[1]
     gain = error = np.nan
     if best is not None and without is not None:
-        gain, error = mean_and_error((subjects.loc[without] - subjects.loc[best]).to_numpy())
+        gain, error = mean_and_error(scores[without] - scores[best])
     over = int((~within(cost, amounts.to_numpy(), budgets[cost])).sum())
     return Budget(cost, budgets[cost], over, len(table) - len(amounts), least, without, gain, error)
+
+
+def expected(
+    among: Candidates, chosen: int | None, by: str, budgets: Mapping[str, float], margin: float | None
+) -> np.ndarray | None:
+    """Score in percent of each person with the system that is chosen without this person; NaN where none is.
+
+    Scores, losses under faults, worst people and false alarms are computed again from the people that are left.
+    Latency and decision time are medians of all people and do not change.
+
+    Returns:
+        None where nothing is chosen, or for fewer than `bench.few.INTERVAL` people, or one candidate.
+    """
+    scores = among.people.scores
+    count = scores.shape[1]
+    if chosen is None or count < few.INTERVAL or len(scores) < 2:
+        return None
+    found = np.full(count, np.nan)
+    personal = [name for name in {by, *budgets} if costs()[name].among is not None]
+    for person in range(count):
+        people: People = among.people.without(person)
+        table = among.table.assign(**{name: people.cost(name) for name in personal})
+        other = _picked(table, people.scores, by, budgets, margin)[0]
+        if other is not None:
+            found[person] = scores[other, person]
+    return found
+
+
+def expectation(scores: np.ndarray | None, among: Candidates, chosen: int | None) -> list[str]:
+    """What to expect for new people, and the worst person, in sentences.
+
+    Args:
+        scores: result of `expected`; None gives no sentence.
+        among: candidates.
+        chosen: number of the chosen one.
+    """
+    if scores is None or chosen is None:
+        return []
+    low, high = interval(scores)
+    return said(
+        "expectation",
+        chosen=among.table.loc[chosen],
+        people=len(scores),
+        mixed=among.mixed,
+        failed=int(np.isnan(scores).sum()),
+        mean=scores.mean(),
+        interval=(low, min(high, 100.0)),
+        own=among.subjects.loc[chosen],
+    )
+
+
+# Sentences.
 
 
 def points(mean: float, error: float = np.nan) -> str:
@@ -208,12 +320,7 @@ def prices(choice: Choice, binding: bool = False) -> list[str]:
 
 
 def scope(subjects: int, mixed: bool) -> list[str]:
-    """The limits of the conclusion.
-
-    Args:
-        subjects: number of them.
-        mixed: True if training and test captures share subjects.
-    """
+    """The limits of the conclusion: few subjects, or subjects on both sides of a fold."""
     return said("scope", few=few.too_few(subjects), mixed=MIXED if mixed else "")
 
 
@@ -228,3 +335,215 @@ def _told(choice: Choice, by: str) -> dict[str, object]:
 def _rows(choice: Choice) -> dict[int | None, Row | None]:
     """The candidates by index; None has none."""
     return {None: None, **dict(zip(choice.table.index, rows_of(choice.table), strict=True))}
+
+
+# The choice of ``bench choose``.
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A choice and its candidates.
+
+    Attributes:
+        choice: result of `decide`.
+        among: the candidates.
+        by: the cost to minimise.
+        budgets: budget of each cost.
+        margin: points that do not matter, or None.
+        clock: clock of the target in MHz, or None.
+        scene: reactions and faults of the scene.
+        expected: score of each person that was left out; None if nothing fits or there are too few people.
+        lacking: commands that measure what is not stored, by what they measure, in words.
+        notes: sentences on the board of the scene.
+        why: True to print all sentences.
+    """
+
+    choice: Choice
+    among: Candidates
+    by: str
+    budgets: dict[str, float]
+    margin: float | None
+    clock: float | None = None
+    scene: Scene = Scene()
+    expected: np.ndarray | None = None
+    lacking: Mapping[str, list[str]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    why: bool = False
+
+    @property
+    def system(self) -> str | None:
+        """Name of the chosen system, None if nothing fits the budgets."""
+        chosen = self.choice.chosen
+        return None if chosen is None else str(self.choice.table.loc[chosen, "system"])
+
+    @property
+    def watched(self) -> bool:
+        """True for a choice among runs on recordings."""
+        return bool(self.kind.recordings)
+
+    @property
+    def kind(self) -> Any:
+        """Kind of run of the candidates."""
+        return next(kind for kind in classes("kinds").values() if kind.tag == self.among.first.kind)
+
+    def __str__(self) -> str:
+        return "\n".join([f"{self.among.context}:", *self.lines()])
+
+    __repr__ = __str__
+
+    def lines(self) -> list[str]:
+        """The choice, its reason and what to expect, or the binding budgets and a remedy; all with ``why``."""
+        brief, every = self._sentences(False)[:BRIEF], self._sentences(True)
+        more = 0 if self.why else sum(line not in brief for line in every)
+        command = None if self.choice.chosen is not None else f"{_command(self.watched)} {SMALL}"
+        return [*(every if self.why else brief), *said("rest", more=more, command=command)]
+
+    def _sentences(self, every: bool) -> list[str]:
+        """All sentences but the remedy, or those that come first."""
+        among, chosen, people = self.among, self.choice.chosen, self.among.subjects.shape[1]
+        told = "" if chosen is None else self.kind.chosen(among.table.loc[chosen].to_dict())
+        lines = verdict(self.choice, self.by, self.margin, people, told)
+        if every:
+            lines += details(self.choice, self.by, people)
+        elif chosen is None:
+            first = {what: commands[:1] for what, commands in self.lacking.items()}
+            return [*lines, *prices(self.choice, binding=True), *said("lacking", lacking=first, shown=1)[:1]]
+        expect = expectation(self.expected, among, chosen)
+        lines += expect if every else expect[:1]
+        lines += [] if chosen is None else scope(people, among.mixed)
+        data, systems = str(among.first["data"]), [*map(str, among.table["system"])]
+        notes = {system: notes_on(system, data) for system in systems}
+        footnotes = [note for system in systems if every or system == self.system for note in notes[system]]
+        footnotes += [MARKED] * any(MARKED in listed for listed in notes.values())
+        footnotes = list(dict.fromkeys(f"{note.rstrip('.')}." for note in footnotes))
+        if not every:
+            return [*lines, *footnotes]
+        lines += [*self._meaning(), *self.notes, *among.notes, *footnotes]
+        return [*lines, *said("lacking", lacking=self.lacking, shown=SHOWN)]
+
+    def _meaning(self) -> list[str]:
+        """What decision times, the score and the losses are of, where that is not usual."""
+        reactions, faults, table = self.scene.reactions, self.scene.faults, self.among.table
+        listed = {gesture for members in reactions.groups.values() for gesture in members}
+        every = faults is not None and {*faults.names} == {*EVERY}
+        return said(
+            "meaning",
+            clock=self.clock,
+            timed=int(table["cycles"].notna().sum()) if self.clock is not None else 0,
+            systems=len(table),
+            decision="decision" in {self.by, *self.budgets},
+            kind=self.kind.meaning,
+            reactions=reactions,
+            unlisted={*self.among.gestures} - listed,
+            faults=faults,
+            names=["all faults"] if every else list(faults.names) if faults else [],
+        )
+
+
+def choose(
+    results: Sequence[Any],
+    asked: Mapping[str, list[str]],
+    by: str,
+    budgets: Mapping[str, float],
+    *,
+    scene: Scene | None = None,
+    margin: float | None = None,
+    clock: float | None = None,
+    unit: str = "capture",
+    batch: bool = False,
+    shots: int | None = None,
+    notes: Sequence[str] = (),
+    why: bool = False,
+) -> Chosen:
+    """The choice among stored runs.
+
+    Args:
+        results: results of all kinds.
+        asked: the runs to choose among, as `bench.outcomes.runs.selected` takes them.
+        by: the cost to minimise.
+        budgets: budget of each cost.
+        scene: reactions and faults; None without one.
+        margin: points that do not matter, or None.
+        clock: clock of the target in MHz, or None.
+        unit: ``capture`` or ``window``.
+        batch: True to include systems whose labels depend on other test captures.
+        shots: labelled captures of a new person, or None.
+        notes: sentences on the board of the scene.
+        why: True to print all sentences.
+
+    Raises:
+        InputError: some of this excludes another, or no run is stored for it.
+    """
+    limits, scene = dict(budgets), scene or Scene()
+    asked_costs = [costs()[name] for name in (by, *limits)]
+    if scene.faults is None and any(cost.losses for cost in asked_costs):
+        scene = replace(scene, faults=Losses(EVERY))
+    watched = any(cost.runs == "recordings" for cost in asked_costs)
+    if watched:
+        _check_watched(by, unit, limits, clock)
+    if scene.faults is not None and unit == "window":
+        raise InputError("unit=window: losses under faults are of whole captures; leave it or the faults out")
+    if shots is not None:
+        asked = _with_shots(shots, asked, watched)
+    for part in without_runs([results], asked):
+        warn(f"warning: {part}: no run is stored")
+    most = limits.get("decision", np.inf if by == "decision" else None)
+    wish = Wish(scene.reactions, most, unit == "window")
+    among = candidates(results, asked, wish, clock=clock, batch=batch, recordings=watched, losses=scene.faults)
+    processors = sorted(set(among.table["cpu"]))
+    if "predict" in {by, *limits} and len(processors) > 1:
+        warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
+    choice = decide(among.table, among.subjects, by, limits, margin)
+    others = expected(among, choice.chosen, by, limits, margin)
+    lacking = _lacking(among, [by, *limits], scene)
+    return Chosen(choice, among, by, limits, margin, clock, scene, others, lacking, [*notes], why)
+
+
+def _with_shots(shots: int, asked: Mapping[str, list[str]], watched: bool) -> Mapping[str, list[str]]:
+    """The runs with labelled captures of a new person.
+
+    Raises:
+        InputError: no run can have so many.
+    """
+    if shots < 0:
+        raise InputError(f"shots={shots}: give 0 or more")
+    asked = {"protocol": ["personal"], **asked, "shots": [str(shots)]}
+    if wrong := {*asked["protocol"]} - {"personal", "transfer"}:
+        raise InputError(f"protocol={min(wrong)}: it has no shots; leave protocol= or shots out")
+    if watched:
+        raise InputError(f"shots={shots}: bench {_command(True)} has no captures of a new person; leave shots out")
+    return asked
+
+
+def _lacking(among: Candidates, asked: list[str], scene: Scene) -> dict[str, list[str]]:
+    """Commands that measure costs which are asked for and not stored, by what they measure."""
+    lossy = [name for name, cost in costs().items() if cost.losses]
+    wanted = [*dict.fromkeys([*asked, *lossy[: scene.faults is not None]])]
+    first = {costs()[name].command: name for name in reversed(lossy) if name in wanted}  # which measures all
+    wanted = [name for name in wanted if name not in lossy or first[costs()[name].command] == name]
+    return {
+        f"The {costs()[cost].noun} of {several(len(commands), 'system')}": commands
+        for cost, commands in missing(among.table, wanted, scene.faults).items()
+    }
+
+
+def _command(recordings: bool) -> str:
+    """The command that makes runs on captures, or on recordings."""
+    return next(name for name, kind in classes("kinds").items() if kind.recordings == recordings)
+
+
+def _check_watched(by: str, unit: str, limits: Mapping[str, float], clock: float | None) -> None:
+    """Refuse keys that runs on recordings cannot be compared by.
+
+    Raises:
+        InputError: there is one.
+    """
+    given = next((costs()[k].budget for k in limits if costs()[k].runs == "recordings"), "by")
+    unwatched = [name for name, cost in costs().items() if not cost.watched]
+    wrong = [f"by={by}"] * (by in unwatched) + [f"{costs()[k].budget}=" for k in unwatched if k in limits]
+    wrong += [f"unit={unit}"] * (unit == "window") + ["clock="] * (clock is not None)
+    if wrong:
+        command = _command(True)
+        raise InputError(
+            f"{wrong[0]}: runs of bench {command}, which {given}= compares, have no such value; leave it out"
+        )

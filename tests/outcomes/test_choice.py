@@ -12,8 +12,8 @@ from bench.amounts import quantity
 from bench.candidate import Wish
 from bench.errors import InputError
 from bench.measures import Cost, budgets
-from bench.outcomes.candidates import PLAIN, candidates, eligible
-from bench.outcomes.choice import decide, reasons
+from bench.outcomes.candidates import PLAIN, Candidates, People, candidates, eligible
+from bench.outcomes.choice import decide, expectation, expected, reasons
 from bench.outcomes.runs import NothingTracked, selected, without_runs
 from bench.result import Result
 from tests.results import evaluated, made_up, systems_of
@@ -54,8 +54,7 @@ def test_the_cheapest_within_one_standard_error_is_chosen():
 
 def test_a_better_system_has_only_a_smaller_amount_where_more_is_better(monkeypatch):
     every = measures.costs() | {"battery": Cost("battery", unit="h", better="high")}
-    for module in ("choice", "pick"):
-        monkeypatch.setattr(f"bench.outcomes.{module}.costs", lambda: every)
+    monkeypatch.setattr("bench.outcomes.choice.costs", lambda: every)
     rows, subjects = table([[80, 70, 60, 90], [77, 71, 58, 92]], battery=[40.0, 80.0])
     said = " ".join(reasons(decide(rows, subjects, "battery", {}, None), "battery", None, 4))
     assert "s0, gains 0.5 points but has only 40 h of battery instead of 80 h." in said
@@ -75,9 +74,9 @@ def test_a_margin_asks_for_proof_of_equivalence():
     best = np.random.default_rng(0).uniform(60, 90, 6)
     noise = np.array([0.5, -0.4, 0.1, -0.1, 0.3, -0.2])
     rows, subjects = table([best, best - 1 + noise, best - 1 + 12 * noise], flash=[9.0, 2.0, 1.0])
-    for i, expected in ((1, True), (2, False)):
+    for i, shown in ((1, True), (2, False)):
         p = ttest_rel(subjects.loc[0] - 3, subjects.loc[i], alternative="less").pvalue
-        assert (p < 0.05) == expected
+        assert (p < 0.05) == shown
     assert [decide(rows, subjects, "flash", {}, margin).chosen for margin in (3.0, 0.5)] == [1, 0]
     even, subjects = table([[90] * 6, [88] * 6], flash=[9.0, 1.0])  # no spread
     assert [decide(even, subjects, "flash", {}, margin).chosen for margin in (3.0, 2.0)] == [1, 0]
@@ -127,6 +126,65 @@ def test_ties_and_one_subject():
     choice = decide(rows, subjects, "flash", {"ram": 2.0}, None)
     assert choice.chosen == 1 and "1 subject: too few for an interval" in words(choice, subjects=1)
     assert "within" not in words(choice, subjects=1) and "nan" not in words(choice, subjects=1)
+
+
+def people_of(seed, candidates=5, subjects=6):
+    """Candidates with round numbers of each person, and the contributions of the people."""
+    rng = np.random.default_rng(seed)
+    scores = np.minimum(rng.uniform(60, 90, (candidates, 1)) + rng.normal(0, 8, (candidates, subjects)), 100)
+    counts = np.stack([rng.poisson(2, scores.shape), rng.uniform(0.5, 1, scores.shape)]).astype(float)
+    people = People(scores, rng.normal(8, 5, (candidates, 3, subjects)), counts)
+    frame = pd.DataFrame(scores, columns=[*"abcdefghijkl"[:subjects]])
+    table = pd.DataFrame({"system": "s", "unit": "capture", "accuracy": scores.mean(axis=1)})
+    table["flash"] = [*rng.uniform(1, 50, candidates - 1), np.nan]
+    about = ("", frame, people, (), None, False, [])
+    return Candidates(table.assign(**{name: people.cost(name) for name in ("worst_person", "fault_loss")}), *about)
+
+
+def test_costs_of_people_are_those_of_a_loop():
+    people = people_of(0).people
+    alarms, hours = people.counts.sum(axis=2)
+    for i, row in enumerate(people.scores):
+        assert people.cost("worst_person")[i] == min(row)
+        assert people.lowest(2)[i] == pytest.approx(np.mean(sorted(row)[:2]))
+        assert people.cost("fault_loss")[i] == pytest.approx(np.mean([np.mean(case) for case in people.losses[i]]))
+        assert people.cost("worst_fault")[i] == pytest.approx(max(np.mean(case) for case in people.losses[i]))
+        assert people.rate()[i] == pytest.approx(alarms[i] / hours[i])
+    assert people.cost("flash") is None and people.without(2).lowest(1)[0] == min(np.delete(people.scores[0], 2))
+
+
+@pytest.mark.parametrize("budgets", [{}, {"worst_person": 55.0, "fault_loss": 9.0}])
+def test_each_person_is_left_out_of_the_choice_and_of_nothing_else(budgets):
+    found = 0
+    for seed in range(8):
+        among = people_of(seed)
+        chosen = decide(among.table, among.subjects, "flash", budgets, None).chosen
+        scores = expected(among, chosen, "flash", budgets, None)
+        if chosen is None:
+            assert scores is None
+            continue
+        for person in range(6):
+            left = among.people.without(person)
+            subjects = among.subjects.drop(columns=among.subjects.columns[person])
+            table = among.table.assign(accuracy=subjects.mean(axis=1))
+            table = table.assign(**{name: left.cost(name) for name in ("worst_person", "fault_loss")})
+            other = decide(table, subjects, "flash", budgets, None).chosen
+            assert np.isnan(scores[person]) if other is None else scores[person] == among.people.scores[other, person]
+            found += other not in (None, chosen)
+    assert found
+    few = people_of(0, subjects=4)
+    assert expected(few, 0, "flash", {}, None) is None
+
+
+def test_what_to_expect_is_the_mean_of_people_left_out_and_the_worst_person():
+    among = people_of(1)
+    scores = np.array([70.0, 80, 75, 85, 80, 90])
+    said = expectation(scores, among, 0)
+    assert said[0].startswith("Expect 80.0 % [72.6, 87.4] for new people")  # 80 +- 2.571 * 7.071 / sqrt(6)
+    own = among.subjects.loc[0]
+    assert f"subject {own.idxmin()}, has {own.min():.1f} %" in said[1]
+    assert "nothing fits" in expectation(np.array([*scores[:5], np.nan]), among, 0)[0]
+    assert expectation(None, among, 0) == [] == expectation(scores, among, None)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +243,6 @@ def test_seeds_are_averaged_and_a_mixed_protocol_is_mixed():
     assert among.table["decision"].tolist() == [300, 300] and among.table["predict"].tolist() == [2, 2]
     one, other = (percents(table) for table in tables)
     assert among.subjects.loc[1].to_dict() == pytest.approx({s: (one[s] + other[s]) / 2 for s in one})
-    assert among.runs[1] == seeds
     assert among.mixed and among.context == "synth (synthetic), all, LOSO"
     assert not candidates(seeds, {}).mixed
 
