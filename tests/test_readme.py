@@ -84,12 +84,14 @@ def test_every_name_of_the_contract_is_on_the_page_of_ones_own_system():
     assert not [each.name for each in hooks if f"`{each.name}" not in DOCS["your_system.md"]]
 
 
-@pytest.mark.parametrize("name", ["plain.py:discriminants", "with_aeon.py:minirocket", "with_torch.py:tiny"])
+@pytest.mark.parametrize(
+    "name", ["plain.py:discriminants", "with_aeon.py:minirocket", "with_sktime.py:neighbours", "with_torch.py:tiny"]
+)
 def test_an_adapter_is_less_than_five_lines_and_runs(name, capsys):
     file, _, factory = name.partition(":")
     body = OWN[file].split("def ")[1].strip().splitlines()
     assert len(body) < 5
-    for package in re.findall(r"^from (aeon)", OWN[file], flags=re.MULTILINE):
+    for package in re.findall(r"^from (aeon|sktime)", OWN[file], flags=re.MULTILINE):
         pytest.importorskip(package)
     Path(file).write_text(OWN[file])
     assert main(["run", f"model={name}", *SMALL]) == 0
