@@ -25,7 +25,7 @@ from bench.corpora.recordings import as_touches, is_recorded
 from bench.corpora.streams import StreamSurvey
 from bench.corpora.survey import Survey
 from bench.errors import InputError
-from bench.options import keys, makers
+from bench.options import keys, makers, measured
 from bench.plan.cells import cells, corpus_variants
 from bench.plan.plan import Plan, captures_of, planned
 from bench.progress import warn
@@ -117,14 +117,14 @@ def __getattr__(name: str) -> Callable[..., Results]:
     """
     if name not in (known := makers()):
         raise AttributeError(f"module 'bench.api' has no attribute {name!r}")
-    own = [option for option in known[name].options() if option.key != "out"]
+    own = [option for option in measured(known[name]) if option.key != "out"]
 
     def make(**values: object) -> Results:
         return results_of(made(name, values_of(values, keys(name))))
 
     make.__name__ = make.__qualname__ = name
     lines = [f"    {option.key}: {option.help}." for option in own]
-    text = known[name].spelling.command.text
+    text = known[name].text
     make.__doc__ = "\n".join([text, "", "Takes the keys of `run`, and:", *lines, "", "Gives a row per run."])
     return make
 

@@ -6,15 +6,15 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.amounts import UNITS, convert, quantity, text_of
+from bench.amounts import convert
 from bench.errors import InputError, nearest
 from bench.measures import budgets
+from bench.option import value_of as plain_value_of
 from bench.options import OPTIONS, Option, added_keys, options, rooms
 from bench.words import Values
 from bench.work.backend import Backend
 
 KEYS = {o.key for o in OPTIONS if "run" in o.commands.split() and "." not in o.key}  # of the cells of bench run
-FEW = 3  # values that a refusal lists
 
 
 def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, str]:
@@ -93,17 +93,7 @@ def value_of(option: Option, value: object) -> Any:
     Raises:
         InputError: it is no such value, or none of those that are listed.
     """
-    key = option.key
-    if option.type == "number":
-        return quantity(key, value)
-    if option.type == "amount":
-        return budgets()[key].typed(value)
-    if option.type in UNITS:
-        return quantity(key, value, option.type)
-    if option.values and (text := text_of(value)) not in option.values:
-        words = f"give {' or '.join(option.values)}" if len(option.values) <= FEW else nearest(text, option.values)
-        raise InputError(f"{key}={text}: {words}")
-    return convert(key, value, option.default or 0 if option.type == "count" else option.default)
+    return budgets()[option.key].typed(value) if option.type == "amount" else plain_value_of(option, value)
 
 
 def backend_of(values: Values) -> Backend:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from bench.amounts import UNITS, quantity
 from bench.errors import InputError
 from bench.few import INTERVAL, too_few
-from bench.registry import classes
+from bench.registry import circumstance_views, run_views
 
 Row = Mapping[str, Any]  # of a run or of a table: values by name; nan or None for what is unknown
 NONE = "-"  # printed for an unknown value
@@ -397,9 +397,6 @@ OF_PEOPLE = (
 )
 
 
-ROOMS = ("circumstances", "kinds")  # of the registry, whose classes have costs of their own
-
-
 @cache
 def costs() -> dict[str, Cost]:
     """All costs by name: of every run, of circumstances, of people and of kinds.
@@ -409,8 +406,10 @@ def costs() -> dict[str, Cost]:
     """
     every: dict[str, Cost] = {}
     lines: dict[tuple[str, str], Cost] = {}
-    of_circumstances, of_kinds = ([cost for c in classes(room).values() for cost in c.costs] for room in ROOMS)
-    for cost in (*OF_SYSTEMS, *of_circumstances, *OF_PEOPLE, *of_kinds):
+    of_circumstances, of_runs = (
+        [cost for view in each for cost in view.costs] for each in (circumstance_views(), run_views().values())
+    )
+    for cost in (*OF_SYSTEMS, *of_circumstances, *OF_PEOPLE, *of_runs):
         if cost.key in every:
             raise InputError(f"two costs have the key {cost.key}; remove the package that adds one")
         if cost.section in lines:

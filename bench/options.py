@@ -1,55 +1,21 @@
 """The command line as data: every command and every key, with its type, default and help.
 
-Parsing, ``--help`` and the checks of the Python API read these two tables; commands that make runs, and
-their keys, come from kinds and circumstances. Nothing heavy is imported, so that help comes at once.
+Parsing, ``--help`` and the checks of the Python API read these two tables; keys of runs come from circumstances and
+studies. Nothing heavy is imported, so that help comes at once.
 """
 
 from __future__ import annotations
 
-import re
 import textwrap
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from bench.measures import budgets, costs
+from bench.option import Option as Option
 from bench.registry import classes, imported, names
 from bench.usual import FALSE_ALARMS
-from bench.words import DEFAULTS, WIDTH
-
-ROOM = re.compile(r"{([\w.]+)}")  # in the help of an option
-
-
-@dataclass(frozen=True)
-class Option:
-    """A key of some commands.
-
-    Attributes:
-        key: key before the ``=``; one with a dot is a parameter that many models take.
-        commands: commands that take it; ``data-show`` is ``bench data show``.
-        type: ``text``, ``number`` (above 0), ``count`` (a whole number), ``yes`` (or no), ``amount`` (of a cost), or
-            the unit of an amount, such as ``ms``.
-        default: value if it is not given.
-        help: text of the help; ``{models}`` stands for the names of a room, whose parts the key names.
-        values: allowed values, if they can be listed.
-        joint: separator of several values.
-        uses: class that does what the key asks, ``module:object``, of a key that a package adds.
-    """
-
-    key: str
-    commands: str
-    type: str
-    default: object
-    help: str
-    values: tuple[str, ...] = ()
-    joint: str = ","
-    uses: str = ""
-
-    @property
-    def room(self) -> str:
-        """The room whose parts it names, with their parameters behind a dot; empty for any other key."""
-        found = ROOM.search(self.help)
-        return found[1] if found else ""
+from bench.words import DEFAULTS, SMALL, WIDTH
 
 
 @dataclass(frozen=True)
@@ -65,6 +31,10 @@ class Command:
         module: module that has a function of its name; empty for the one of its name in ``bench.commands``.
         shares: keys of other commands that it takes, too.
         options: its own keys, where ``bench.commands`` does not have it.
+        makes: of a command that makes runs, key of the circumstance or study that it shows; ``run`` for captures.
+        keys: its options of circumstances; empty for all, or those of its study.
+        given: options that it gives where they are not typed.
+        out: folder of ``out=``, with its help; empty if it writes nothing.
     """
 
     group: str
@@ -75,6 +45,10 @@ class Command:
     module: str = ""
     shares: str = ""
     options: tuple[Option, ...] = ()
+    makes: str = ""
+    keys: tuple[str, ...] = ()
+    given: Mapping[str, str] = field(default_factory=dict)
+    out: tuple[str, str] = ("", "")
 
 
 MAKERS = "run makers"  # bench run, and other commands of kinds and circumstances (`makers`)
@@ -181,6 +155,51 @@ OPTIONS = (
     Option("port", "ui", "text", "5000", "port of the server"),
 )
 TRUSTED = "Loading a model runs its code: use only models that you or someone you trust saved."
+RUNS = {  # commands that make runs of captures
+    "run": Command(
+        "start here",
+        "evaluate systems under a protocol and store the runs",
+        "Evaluates every combination of the given values; commas separate values. A dotted key sets a "
+        "parameter of that part. Each combination is one MLflow run with a child run per fold. under=, after=, "
+        "form= and train_subjects= let each fitted system label the test captures again: under faults, after "
+        "some of the touch, in C, or fitted on fewer subjects. An interrupted command continues where it "
+        "stopped.",
+        "bench run protocol=loso model=cnn85\n"
+        f"bench run data=haart {SMALL}\n"
+        "bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54\n"
+        "bench run data=cost model=svm model.C=8,32,128 model.gamma=0.125\n"
+        "bench run data=haart model=lda features=touch under=noise,dead_taxels after=250ms,1s form=c\n"
+        "bench run data=synth data.subjects=12 data.repetitions=2",
+        makes="run",
+    ),
+    "stream": Command(
+        "compare",
+        "replay captures in time: accuracy against milliseconds of touch",
+        "Replays captures and measures accuracy against milliseconds of touch, and computing time per "
+        "decision. Adaptive stopping decides as soon as the expected gain from waiting is small, as learned on "
+        "training subjects. It is bench run with after=each stopping=yes.",
+        "bench stream data=haart protocol=loso model=svm,rf features=jung54\n"
+        "bench stream data=haart model=svm start=onset,middle hop_ms=125",
+        makes="after",
+        keys=("hop_ms", "start"),
+        given={"after": "each", "stopping": "yes"},
+        out=("report", "folder for streaming.csv, stopping.csv and figures"),
+    ),
+    "stress": Command(
+        "compare",
+        "find faults, subjects and conditions under which systems fail",
+        "Trains every fold once and tests it on clean captures and under every fault at five severities. Lists "
+        "subjects, classes, conditions and faults whose accuracy is significantly below that of the system. "
+        "With several seeds, it also counts captures whose label changes. It is bench run with under= and "
+        "train_subjects=. An interrupted command continues where it stopped.",
+        "bench stress data=haart protocol=loso model=svm,rf features=jung54\n"
+        "bench stress data=haart protocol=loso model=rf seed=0,1,2 faults=noise,shift train_subjects=2,4,8",
+        makes="under",
+        keys=("under", "train_subjects"),
+        given={"faults": "all"},
+        out=("stress", "folder for tables and figures"),
+    ),
+}
 OTHERS = {  # commands that make no runs of a kind
     "choose": Command(
         "start here",
@@ -304,39 +323,27 @@ OTHERS = {  # commands that make no runs of a kind
 }
 
 
-@dataclass(frozen=True)
-class Maker:
-    """A command that makes runs.
-
-    Attributes:
-        kind: kind of its runs.
-        view: class that shows them: the kind, or the circumstance whose command it is.
-        spelling: its help, options and defaults (`bench.kinds.base.Spelling`).
-    """
-
-    kind: Any
-    view: Any
-    spelling: Any
-
-    def options(self) -> Iterator[Option]:
-        """Its own options; those of a circumstance go by the names of this command."""
-        fields, spelling = self.kind.fields(), self.spelling
-        for key in spelling.keys or (() if self.view is not self.kind else fields):
-            option, alias = fields[key]
-            name = alias if alias and self.view is not self.kind else key
-            yield replace(option, key=name, default=spelling.given.get(name, option.default))
-        if spelling.out[0]:
-            yield Option("out", "", "text", *spelling.out)
+def makers() -> dict[str, Command]:
+    """The commands that make runs, by name: of captures, then those of packages."""
+    return RUNS | {name: one for name, one in classes("commands").items() if getattr(one, "makes", "")}
 
 
-def makers() -> dict[str, Maker]:
-    """The commands that make runs of a kind by name: those of the kinds, and of circumstances."""
-    return {name: Maker(*made) for kind in classes("kinds").values() for name, made in kind.made_by().items()}
+def measured(command: Command) -> Iterator[Option]:
+    """The options of circumstances, or of a study, in a command; by the names of this command."""
+    every = classes("circumstances").values()
+    mine = [c for c in every if c.key == command.makes and c.study] or [c for c in every if not c.study]
+    fields = {name: one for c in mine for name, one in c.fields().items()}
+    for key in command.keys or fields:
+        option, alias = fields[key]
+        name = alias if alias and command.makes != "run" else key
+        yield replace(option, key=name, default=command.given.get(name, option.default))
+    if command.out[0]:
+        yield Option("out", "", "text", *command.out)
 
 
 def commands() -> dict[str, Command]:
     """All commands by name, in the order of the overview."""
-    made = {name: maker.spelling.command for name, maker in makers().items()}
+    made = makers()
     first = {name: command for name, command in made.items() if command.group == "start here"}
     before = [*OTHERS][: [*OTHERS].index("groups")]
     last = {name: command for name, command in OTHERS.items() if command.group == "more"}
@@ -348,7 +355,7 @@ def commands() -> dict[str, Command]:
 
 def added_keys(command: str = "") -> dict[str, Option]:
     """The keys that packages add to a command, or to any, by name."""
-    every = {name: one for name, one in classes("commands").items() if isinstance(one, Option)}
+    every = {one.key: one for one in classes("commands").values() if isinstance(one, Option)}
     return {name: one for name, one in every.items() if not command or command in one.commands.split()}
 
 
@@ -365,7 +372,7 @@ def options(command: str) -> dict[str, Option]:
         return {option.key: option for option in (*shared, *added.options)}
     names = {command, "makers"} if maker else {command}
     rows = [o for o in _every(command) if any(c in names or c.startswith(f"{command}-") for c in o.commands.split())]
-    return {option.key: option for option in (*rows, *(maker.options() if maker else ()))}
+    return {option.key: option for option in (*rows, *(measured(maker) if maker else ()))}
 
 
 def _every(command: str) -> Iterator[Option]:
@@ -391,7 +398,7 @@ def keys(command: str) -> set[str]:
 
 def rooms() -> dict[str, str]:
     """The rooms of parts, by the key that names them."""
-    made = (option for maker in makers().values() for option in maker.options())
+    made = (option for maker in makers().values() for option in measured(maker))
     return {option.key: option.room for option in (*OPTIONS, *added_keys().values(), *made) if option.room}
 
 

@@ -23,14 +23,15 @@ from typing import Any
 
 from bench.errors import InputError, nearest
 
-ROOMS = {room: f"bench.{room}" for room in ("corpora", "features", "models", "protocols", "kinds", "circumstances")}
-LIGHT = ("kinds", "circumstances", "commands")  # whose parts load nothing heavy, so that help knows them all
+ROOMS = {room: f"bench.{room}" for room in ("corpora", "features", "models", "protocols", "circumstances")}
+LIGHT = ("circumstances", "commands")  # whose parts load nothing heavy, so that help knows them all
 ADDED: dict[str, dict[str, str]] = {  # what the folders that become packages of their own add, as their entry points
-    "kinds": {"watch": "bench.endless.kind:Continuous"},
-    "circumstances": {"form": "bench.in_c.circumstance:InC"},
+    "circumstances": {"form": "bench.in_c.circumstance:InC", "watch": "bench.endless.kind:Continuous"},
     "commands": {
+        "chip": "bench.in_c.room:CHIP",
+        "watch": "bench.endless.room:WATCHES",
         "live": "bench.endless.room:LIVE",
-        "watch": "bench.endless.room:WATCH",
+        "fit watch": "bench.endless.room:WATCH",
         "detector": "bench.endless.room:FINDS",
         "false_alarms": "bench.endless.room:ALARMS",
         "background": "bench.endless.room:IDLE",
@@ -39,6 +40,7 @@ ADDED: dict[str, dict[str, str]] = {  # what the folders that become packages of
         "cluster": "bench.on_cluster.room:CLUSTER",
     },
 }
+CAPTURES = "bench.reports.views.captures:Captures"  # what is shown of captures
 FILE_MODULE = "touchbench_file_"  # what modules of files are called
 KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}  # of parts of a cell
 
@@ -61,7 +63,7 @@ def plugged(group: str) -> tuple[EntryPoint, ...]:
 
 def forget() -> None:
     """Look for installed packages again."""
-    for found in (_installed, plugged, names, _loaded):
+    for found in (_installed, plugged, names, _loaded, views):
         found.cache_clear()
 
 
@@ -110,6 +112,26 @@ def classes(room: str) -> dict[str, Any]:
     return _loaded(room)[0]
 
 
+@cache
+def views() -> dict[str, Any]:
+    """What is shown of captures (``run``), and of each circumstance and study, by its key."""
+    made = {"run": imported(CAPTURES)("run", (), "cell")}
+    for one in classes("circumstances").values():
+        usual = tuple(f"{one.key}.{name}" for name in one.fields()) if one.study else (one.key,)
+        made[one.key] = imported(one.view)(one.key, one.tracked or usual, one.key if one.study else "")
+    return made
+
+
+def run_views() -> dict[str, Any]:
+    """The views of whole runs, by the tag of these: of captures, and of studies."""
+    return {view.tag: view for view in views().values() if view.tag}
+
+
+def circumstance_views() -> list[Any]:
+    """The views of circumstances, in the order of the registry."""
+    return [view for view in views().values() if not view.tag]
+
+
 def broken() -> list[str]:
     """A line for each part of `LIGHT` of a package that cannot be loaded."""
     return [line for room in LIGHT for line in _loaded(room)[1]]
@@ -132,7 +154,10 @@ def _loaded(room: str) -> tuple[dict[str, Any], list[str]]:
     for name in [*own, *(name for name in names(room) if name not in own)]:
         try:
             loaded[name] = part(room, name)
+            if room == "circumstances" and name not in own:
+                _part(loaded[name].view, name, room)
         except InputError as e:
+            loaded.pop(name, None)
             if name in own:
                 raise
             lines.append(str(e))
@@ -145,7 +170,10 @@ def part(room: str, name: str) -> Any:
     Raises:
         InputError: it is of a package and cannot be loaded.
     """
-    place = names(room)[name]
+    return _part(names(room)[name], name, room)
+
+
+def _part(place: str, name: str, room: str) -> Any:
     try:
         return imported(place)
     except Exception as e:  # a module of somebody else's may raise anything
@@ -191,10 +219,13 @@ def _from_file(argument: str, path: Path, attribute: str) -> Callable:
 
 def lies_beside(path: str | None, folders: Iterable[Path]) -> bool:
     """Whether a file lies in one of the folders, or below; Python and installed packages do not count."""
-    place = Path(path or "")
-    if {"site-packages", "dist-packages"} & {*place.parts} or any(lib in place.parents for lib in _libraries()):
-        return False
-    return any(folder in place.parents for folder in folders)
+    return not is_library(path or "") and any(folder in Path(path or "").parents for folder in folders)
+
+
+def is_library(path: str) -> bool:
+    """Whether a file belongs to Python or to an installed package."""
+    place = Path(path)
+    return bool({"site-packages", "dist-packages"} & {*place.parts}) or any(p in place.parents for p in _libraries())
 
 
 @cache

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import ast
-import copy
 import hashlib
-import importlib
 import importlib.util
 import inspect
 import shutil
@@ -16,327 +14,115 @@ from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
 
-from bench.registry import FILE_MODULE, lies_beside
+from bench.registry import FILE_MODULE, is_library, place_of
 
-Code = ModuleType | Callable  # a module, class or function
-ROOMS = {"bench"}
-# Modules that find, move and keep things and change no number; a change in them is no other result.
-INDIFFERENT = {
-    "bench.arguments",
-    "bench.words",
-    "bench.work.backend",
-    "bench.candidate",
-    "bench.corpora.duplicates",
-    "bench.corpora.folder",
-    "bench.corpora.library",
-    "bench.described",
-    "bench.errors",
-    "bench.memory",
-    "bench.comparable",
-    "bench.measures",
-    "bench.options",
-    "bench.table",
-    "bench.result",
-    "bench.progress",
-    "bench.registry",
-    "bench.scratch",
-    "bench.source",
-    "bench.work.experiment",
-    "bench.features.cache",
-}
-
-
-class Imports(NamedTuple):
-    """What a file imports, as pairs of a module and a name of it; ``*`` where the module itself is imported.
-
-    Attributes:
-        loading: ``from`` imports at module level, and those of a module within a package.
-        late: imports inside of functions, classes and blocks.
-        left_out: names at module level that only consumers use.
-    """
-
-    loading: frozenset[tuple[str, str]]
-    late: frozenset[tuple[str, str]]
-    left_out: frozenset[str]
+BESIDE = ("features", "models", "protocols", "reports")  # folders of the package bench that stand beside it
+Code = ModuleType | Callable | str  # a module or its name, a class, a function
 
 
 def source_digest(*parts: Code) -> str:
-    """Hash of modules, or those that define classes or functions, and of every module these take names from.
+    """Hash of the files of modules, classes or functions, and of every file that these import, late or not.
 
-    Comments, docstrings and layout are left out, and so are modules that change no number (`INDIFFERENT`). Modules of
-    other packages are left out too; their versions identify them.
-
-    A class names in ``consumers`` (a frozenset) those of its members that only show numbers: they are left out, with
-    all that only they use of the file, unless the rest of the file uses an attribute of that name; and so are the help
-    texts of options. What such a file, or a module that it imports late, imports late counts too.
+    Comments, docstrings and layout do not count. Files of installed packages are left out: versions identify them.
     """
-    todo = [(name, "" if inspect.ismodule(part) else of, False) for part in parts for name, of in [_origin(part)]]
-    packages = ROOMS | {name.split(".")[0] for name, _, _ in todo}
-    beside = {Path(str(sys.modules[name].__file__)).parent for name, _, _ in todo if name.startswith(FILE_MODULE)}
     code: dict[str, bytes] = {}
-    consumers: dict[str, tuple[tuple[str, frozenset[str]], ...]] = {}
-    taken: dict[str, frozenset[str]] = {}  # what others take from a file that has consumers is not the consumers' alone
-    done: set[tuple[str, bool, frozenset[str]]] = set()
-
-    def considered(name: object) -> bool:
-        return isinstance(name, str) and (name.split(".")[0] in packages or _lies_in(name, beside))
-
+    todo = [*dict.fromkeys(map(_module_of, parts))]
     while todo:
-        name, of, late = todo.pop()
-        if name in INDIFFERENT:
+        name = todo.pop()
+        if name in code:
             continue
-        module = sys.modules[name]
-        if name not in consumers:
-            consumers[name] = _consumers(module)
-        if consumers[name]:
-            taken[name] = taken.get(name, frozenset()) | {of}
-        this = (name, late, taken.get(name, frozenset()))
-        if this in done:
+        path = getattr(sys.modules.get(name), "__file__", None) or path_of(name)
+        if path is None or Path(path).suffix != ".py":  # typed into a notebook
+            code[name] = _typed_in(parts, name)
             continue
-        done.add(this)
-        path = getattr(module, "__file__", None)
-        if path and path.endswith(".py"):
-            parted = (consumers[name], taken[name]) if consumers[name] else ()
-            code[name], imports = meaning(path, Path(path).stat().st_mtime_ns, *parted)
-        else:  # typed into a notebook
-            code[name], imports = _typed_in(parts, name), Imports(frozenset(), frozenset(), frozenset())
-        package = hasattr(module, "__path__")  # it holds whatever was imported of it
-        used = set() if package else _names(module, imports.left_out)
-        # A constant does not tell where it comes from; a package says nothing that its module does not.
-        used |= {(f"{m}.{n}", "*") if f"{m}.{n}" in sys.modules else (m, n) for m, n in imports.loading}
-        todo += [(m, n, False) for m, n in used if m in sys.modules and considered(m)]
-        # Not of all files: the Corpus imports pictures and the messages of where= late, a search the steps of captures
-        # and the selection of columns, so that what does without them does not depend on them.
-        if late or consumers[name] or lies_beside(path, beside):  # a user's code counts as a whole
-            found = {o for m, n in imports.late for o in _imported(m, n, module.__package__, considered)}
-            todo += [(m, n, True) for m, n in found if m in sys.modules and considered(m)]
+        code[name], imported = _read(str(path), Path(path).stat().st_mtime_ns)
+        package = name if Path(path).stem == "__init__" else name.rpartition(".")[0]
+        todo += {found for module, names in imported for found in _modules(module, names, package)} - code.keys()
     h = hashlib.sha256()
     for name in sorted(code):
-        stem = FILE_MODULE if name.startswith(FILE_MODULE) else name  # whose rest tells the path and every letter
-        h.update(stem.encode() + code[name])
+        # The rest of the name of a file's module tells the path and every letter.
+        h.update((FILE_MODULE if name.startswith(FILE_MODULE) else name).encode() + code[name])
     return h.hexdigest()
 
 
-def _lies_in(name: str, folders: set[Path]) -> bool:
-    """Whether a module, or a late import, is what a user's file imports from beside it."""
-    path = getattr(sys.modules.get(name), "__file__", None)
-    if folders and name not in sys.modules and (spec := importlib.util.find_spec(name.partition(".")[0])):
-        path = spec.origin or next(iter(spec.submodule_search_locations or []), None)  # a package may have no file
-    return lies_beside(path, folders)
+def _module_of(part: Code) -> str:
+    if isinstance(part, str):
+        return part
+    return part.__name__ if inspect.ismodule(part) else part.__module__
 
 
-def _origin(value: object) -> tuple[str, str]:
-    """The module that a value is (all of it, ``*``), or comes from, and its name there."""
-    if inspect.ismodule(value):
-        return value.__name__, "*"
-    return getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
-
-
-def _names(module: ModuleType, left_out: frozenset[str]) -> set[tuple[str, str]]:
-    """Modules that a module's values are, or come from, and the names there, but for some values."""
-    return {_origin(value) for name, value in vars(module).items() if name not in left_out}
-
-
-def _consumers(module: ModuleType) -> tuple[tuple[str, frozenset[str]], ...]:
-    """Members that only show numbers, by name of the class of the module; those of a base class count."""
-    classes = [(n, v) for n, v in vars(module).items() if isinstance(v, type) and v.__module__ == module.__name__]
-    named = [(name, getattr(value, "consumers", None)) for name, value in classes]
-    return tuple((name, members) for name, members in named if members and isinstance(members, frozenset))
-
-
-def _imported(
-    name: str, part: str, package: str | None, considered: Callable[[str], bool]
-) -> Iterator[tuple[str, str]]:
-    """Where a late import of a package's module takes from, as `_origin` says it; made if nobody has made it before.
-
-    What cannot be imported here is not run here either.
-    """
-    try:
-        name = importlib.util.resolve_name(name, package)
-        if not considered(name):
-            return
-        value: object = importlib.import_module(name)
-        if part != "*":
-            value = getattr(value, part) if hasattr(value, part) else importlib.import_module(f"{name}.{part}")
-    except Exception:  # what others wrote may raise anything
-        return
-    yield _origin(value)
-    if not inspect.ismodule(value):
-        yield name, part
-
-
-@lru_cache(maxsize=512)
-def meaning(
-    path: str,
-    changed: int,
-    consumers: tuple[tuple[str, frozenset[str]], ...] = (),
-    taken: frozenset[str] = frozenset(),
-) -> tuple[bytes, Imports]:
-    """The syntax tree of a file without docstrings and consumers, and its imports.
-
-    Read again when its time of change is another.
+@lru_cache(maxsize=1024)
+def _read(path: str, changed: int) -> tuple[bytes, list[tuple[str, tuple[str, ...]]]]:
+    """The syntax tree of a file without docstrings, and its imports but those for types alone.
 
     Args:
         path: the file.
-        changed: its time of change.
-        consumers: by name of a class, names of its members that are left out, with all that only they use.
-        taken: names that other modules take, which stay; ``*`` for all.
+        changed: its time of change: it is read again after another one.
     """
     tree = ast.parse(Path(path).read_bytes())
-    left_out = _leave_out(tree, dict(consumers), {name.partition(".")[0] for name in taken}) if consumers else ()
-    froms = [(node.module, node.names) for node in tree.body if isinstance(node, ast.ImportFrom) and node.module]
-    imported = {(module, part.name) for module, parts in froms for part in parts}
-    plain = [part.name for node in tree.body if isinstance(node, ast.Import) for part in node.names]
-    imported |= {(name, "*") for name in plain if "." in name}  # no value of the file is that module
-    late: set[tuple[str, str]] = set()
-    passed = {*map(id, tree.body)}
+    imported, types = [], set[int]()
     for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and _documented(node):
-            node.body = node.body[1:]
-        elif isinstance(node, ast.If) and _for_types(node):
-            passed |= {id(inner) for part in node.body for inner in ast.walk(part)}
-        elif isinstance(node, ast.Import | ast.ImportFrom) and id(node) not in passed:
-            late |= {*_parts(node)}
-    return ast.dump(tree).encode(), Imports(frozenset(imported), frozenset(late), frozenset(left_out))
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            types |= {id(inner) for statement in node.body for inner in ast.walk(statement)}
+        elif isinstance(node, ast.Import) and id(node) not in types:
+            imported += [(part.name, ()) for part in node.names]
+        elif isinstance(node, ast.ImportFrom) and id(node) not in types:
+            names = tuple(part.name for part in node.names)
+            imported.append(("." * node.level + (node.module or ""), names))
+    return ast.dump(tree).encode(), imported
 
 
-def _parts(node: ast.Import | ast.ImportFrom) -> Iterator[tuple[str, str]]:
-    """Module and name of each part of an import."""
-    for part in node.names:
-        yield (part.name, "*") if isinstance(node, ast.Import) else ("." * node.level + (node.module or ""), part.name)
+def _modules(module: str, names: tuple[str, ...], package: str) -> Iterator[str]:
+    """The modules with a file of ours that an import runs."""
+    try:
+        module = importlib.util.resolve_name(module, package)
+    except ImportError:  # beyond the top of a package; it fails when it is run
+        return
+    own = [f"{module}.{name}" for name in names]
+    within = [name for name in own if path_of(name)]
+    yield from within
+    if len(within) < len(own) or not own:
+        yield from (name for name in [module] if path_of(name))
+    if module.partition(".")[0] != "bench":  # packages of touchbench hold names alone
+        parts = module.split(".")
+        parents = (".".join(parts[:count]) for count in range(1, len(parts) + 1))
+        yield from (name for name in parents if path_of(name))
 
 
-def _for_types(node: ast.stmt) -> bool:
-    """Whether a statement is a block that exists for type checkers only."""
-    if not isinstance(node, ast.If) or node.orelse:
-        return False
-    test = node.test
-    return (isinstance(test, ast.Name) and test.id or isinstance(test, ast.Attribute) and test.attr) == "TYPE_CHECKING"
+def path_of(name: str) -> Path | None:
+    """The Python file of a module that is no part of an installed package, found without importing it."""
+    top, *rest = name.split(".")
+    if top == "bench":
+        place = place_of(f"bench.{rest.pop(0)}") if rest and rest[0] in BESIDE else place_of("bench")
+    elif (found := _found(top, tuple(sys.path))) is None:
+        return None
+    else:
+        place = found
+    if place.is_file():
+        return None if rest else place
+    place = place.joinpath(*rest)
+    return next((file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file()), None)
 
 
-def _leave_out(tree: ast.Module, consumers: dict[str, frozenset[str]], taken: set[str]) -> set[str]:
-    """Take the consumers out of a tree, and what only they use of the file; returns the names of the latter."""
-    whole, wanted = tree.body, set[str]()
-    while True:
-        gone, names = _parted(tree, whole, consumers, taken, wanted)
-        attributes = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-        if not (more := gone & attributes):
-            return names
-        wanted |= more
-
-
-def _parted(
-    tree: ast.Module,
-    whole: list[ast.stmt],
-    consumers: dict[str, frozenset[str]],
-    taken: set[str],
-    wanted: set[str],
-) -> tuple[set[str], set[str]]:
-    """Make a tree of all statements but consumers, and what only they use; returns names of members and of the rest.
-
-    Args:
-        tree: tree that is made.
-        whole: statements of the file.
-        consumers: names of members by name of the class.
-        taken: names that other modules take.
-        wanted: members that stay.
-    """
-    parts: list[ast.stmt] = []
-    gone: list[ast.stmt] = []
-    members_gone: set[str] = set()
-    for node in whole:
-        if isinstance(node, ast.ClassDef) and node.name in consumers:
-            members, node = {"consumers", *consumers[node.name]} - wanted, copy.copy(node)
-            left = [member for member in node.body if _bound(member) and _bound(member) <= members]
-            node.body = [_without_help(member) for member in node.body if member not in left]
-            members_gone |= set().union(*map(_bound, left))
-            gone += left
-        if isinstance(node, ast.Import):  # each name for itself, as only some may be the consumers'
-            parts += [ast.Import([part]) for part in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            parts += [ast.ImportFrom(node.module, [part], node.level) for part in node.names]
-        elif _of_consumers(node, consumers):
-            gone.append(node)
-        elif not _for_types(node):
-            parts.append(node)
-    named = [(_bound(part), _used(part)) for part in parts]
-
-    def reached(names: set[str]) -> set[str]:
-        """Names, and all that the statements use that bind them."""
-        while more := set().union(*(used for bound, used in named if bound & names)) - names:
-            names = names | more
-        return names
-
-    theirs = reached(set().union(*map(_used, gone)))
-    stays = taken | consumers.keys()
-    # What nobody uses stays: other modules may.
-    rest = [bound | used for bound, used in named if "*" in taken or bound & stays or not bound & theirs]
-    kept = reached(set().union(*rest))
-    tree.body = [part for part, (bound, _) in zip(parts, named, strict=True) if not bound or bound & kept]
-    return members_gone, set().union(*(bound for bound, _ in named)) - kept
-
-
-def _without_help(member: ast.stmt) -> ast.stmt:
-    """A member of a class; an option (`bench.kinds.base.option`) without the text of its help."""
-    call = getattr(member, "value", None)
-    if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "option"):
-        return member
-    member = copy.deepcopy(member)
-    call = member.value  # type: ignore[attr-defined]
-    call.args[1:2] = []
-    call.keywords = [one for one in call.keywords if one.arg != "help"]
-    return member
-
-
-def _bound(node: ast.stmt) -> set[str]:
-    """Names that a statement binds, and does nothing else."""
-    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-        return {node.name}
-    if isinstance(node, ast.Import | ast.ImportFrom):
-        return {(part.asname or part.name).split(".")[0] for part in node.names} - {"*"}
-    names: set[str] = set()
-    for target in _targets(node):
-        inner = target.elts if isinstance(target, ast.Tuple | ast.List) else [target]
-        if not all(isinstance(one, ast.Name) for one in inner):
-            return set()
-        names |= {one.id for one in inner if isinstance(one, ast.Name)}
-    return names
-
-
-def _targets(node: ast.stmt) -> list[ast.expr]:
-    """What a statement assigns to."""
-    if isinstance(node, ast.Assign):
-        return node.targets
-    return [node.target] if isinstance(node, ast.AnnAssign | ast.AugAssign) else []
-
-
-def _used(node: ast.AST) -> set[str]:
-    return {inner.id for inner in ast.walk(node) if isinstance(inner, ast.Name)}
-
-
-def _of_consumers(node: ast.stmt, consumers: dict[str, frozenset[str]]) -> bool:
-    """Whether a statement sets consumers of a class from outside of it, as in ``Mine.shown = ()``."""
-    targets = _targets(node)
-    return bool(targets) and all(
-        isinstance(target, ast.Attribute)
-        and isinstance(target.value, ast.Name)
-        and target.attr in consumers.get(target.value.id, ())
-        for target in targets
-    )
-
-
-def _documented(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
-    first = node.body[0] if node.body else None
-    return isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str)
+@lru_cache(maxsize=1024)
+def _found(top: str, paths: tuple[str, ...]) -> Path | None:
+    """The folder of a package, or the file of a module, of the user's; None for any other."""
+    try:
+        spec = importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        return None
+    place = spec and next(iter(spec.submodule_search_locations or [spec.origin]), None)
+    return None if not place or place in ("built-in", "frozen") or is_library(place) else Path(place)
 
 
 def _typed_in(parts: tuple[Code, ...], module: str) -> bytes:
     """Source of the classes and functions themselves, where their module is no file."""
     text = []
     for part in parts:
-        if not inspect.ismodule(part) and part.__module__ == module:
+        if not isinstance(part, str) and not inspect.ismodule(part) and part.__module__ == module:
             try:
                 text.append(inspect.getsource(part))
             except (OSError, TypeError):  # nobody remembers it, so that no two are the same

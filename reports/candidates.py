@@ -17,7 +17,7 @@ from bench.outcomes import statistics
 from bench.outcomes.candidates import PLAIN, Candidates, candidates
 from bench.outcomes.choice import Choice, decide, expectation, expected, named, reasons
 from bench.pareto import staircase
-from bench.registry import classes
+from bench.registry import circumstance_views
 from bench.reports.speed import LOOKS
 from bench.result import Result
 from bench.scene_file import EVERY
@@ -79,7 +79,7 @@ def considered(
         budgets: budget of each cost.
     """
     first = results[0]
-    lossy = [c for c in classes("circumstances").values() if any(cost.losses for cost in c.costs)]
+    lossy = [c for c in circumstance_views() if any(cost.losses for cost in c.costs)]
     lost = any(c.holds(r) for r in every for c in lossy) or any(costs()[name].losses for name in budgets)
     losses = Losses(EVERY) if lost else None
     try:

@@ -10,24 +10,26 @@ from typing import Any
 import pandas as pd
 
 from bench.comparable import notes_on
+from bench.options import makers
 from bench.outcomes.candidates import repeated
-from bench.registry import classes
+from bench.registry import views
+from bench.reports.new_person import gained, new_person_section
 from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.words import typed
 
 
 def shown(results: Sequence[Result]) -> Iterator[tuple[Any, list[Result]]]:
-    """Each kind and each circumstance that there is a result of, with these results."""
-    for kind in classes("kinds").values():
-        if members := [r for r in results if r.kind == kind.tag]:
-            yield from kind.views(members)
-            yield from kind.unseen(members)
+    """The view of captures, and of each study and circumstance that there is a result of, with these results."""
+    for view in views().values():
+        if members := [r for r in results if view.holds(r)]:
+            yield view, members
 
 
 def sections(results: Sequence[Result], folder: Path) -> list[Section]:
     """The sections of the page; figures are written into a folder."""
-    every = (view.section(members, folder) for view, members in shown(results))
+    every = [view.section(members, folder) for view, members in shown(results)]
+    every.append(new_person_section([r for r in results if "protocol.shots" in r], folder))
     return [replace(section, parts=[*map(_noted, section.parts)]) for section in every if section]
 
 
@@ -38,10 +40,9 @@ def unmeasured(results: Sequence[Result], arguments: str) -> list[tuple[str, str
         results: results of all kinds.
         arguments: arguments of a run, as tracked, which the commands repeat.
     """
-    held = {view for view, _ in shown(results)}
-    made = (one for kind in classes("kinds").values() for one in kind.made_by().items())
+    held = {view.key for view, _ in shown(results)}
     words = repeated(arguments, impersonal=True)
-    return [(typed(name, words), spelling.command.summary) for name, (_, view, spelling) in made if view not in held]
+    return [(typed(name, words), one.summary) for name, one in makers().items() if one.makes not in held]
 
 
 def joined(sections: Sequence[Section]) -> list[Section]:
@@ -62,7 +63,8 @@ def _noted(part: Part) -> Part:
 
 def briefs(results: Sequence[Result]) -> list[tuple[str, str]]:
     """Topics and sentences."""
-    every = (view.brief(members) for view, members in shown(results))
+    every = [view.brief(members) for view, members in shown(results)]
+    every.append(gained([r for r in results if "protocol.shots" in r]))
     return [brief for brief in every if brief]
 
 

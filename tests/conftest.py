@@ -112,7 +112,7 @@ def never_busy(patch):
 
 def shorten_measurements(patch):
     """Time 3 captures once instead of 10 twice, and predict 4 alone instead of 32: most of the time of a small fold."""
-    watch = ["endless.watch"] if "watch" in classes("kinds") else []  # a room that can be taken away
+    watch = ["endless.watch"] if "watch" in classes("circumstances") else []  # a room that can be taken away
     for name in ("work.fold", "work.replay", *watch):
         patch.setattr(f"bench.{name}.TIMED_CAPTURES", 3)
     patch.setattr("bench.timing.AROUND", 1)
@@ -157,7 +157,7 @@ class InProcess:
 
         task = self.submitted.pop(0)
         plan = task.plan
-        given = (task.experiment, plan.cell, plan.corpus, task.fold, plan.threads, task.key, self.told)
+        given = (plan.cell, plan.corpus, task.fold, plan.threads, task.key, self.told)
         return Done(task, do_fold(*given), this_machine())
 
 

@@ -137,7 +137,7 @@ def under_stress(table, system="svm", **about):
     numbers, tables, about = {"accuracy": (clean["true"] == clean["predicted"]).mean()}, asked, dict(about)
     for one in circumstances:
         measured, made = one.result(asked, [], 50.0)
-        numbers, tables, about = numbers | measured, tables | made, one.options() | about
+        numbers, tables, about = numbers | measured, tables | made, one.params() | about
     words = {Faults.key: Faults.word}
     measured, made = sliced(pd.concat([clean, faulty], ignore_index=True), words, about.get("target", "gesture"))
     return result(system, metrics=numbers | measured, tables=tables | made, **about)

@@ -3,7 +3,6 @@
 import ast
 import contextlib
 import io
-import re
 import sys
 from pathlib import Path
 
@@ -71,11 +70,15 @@ def test_a_new_circumstance_is_one_file_and_appears_everywhere(plug, monkeypatch
     assert [*Path("report/figures").glob("*each*.svg")]
 
 
-def test_a_new_kind_of_run_is_one_file_and_appears_everywhere(plug, monkeypatch):
+def test_a_new_study_is_one_file_and_appears_everywhere(plug, monkeypatch):
     """Late captures: a command with help, an API function, a row, a CSV file, a section, a candidate, a budget."""
     source = code_of("halves")
     assert len(source.splitlines()) <= 80
-    plug("[touchbench.kinds]\nhalves = halves:Halves\n", source, "halves")
+    plug(
+        "[touchbench.circumstances]\nhalves = halves:Halves\n[touchbench.commands]\nhalves = halves:COMMAND\n",
+        source,
+        "halves",
+    )
     monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
     assert "share= " in help_of("halves") and "halves" in overview() and "max_tested=" in help_of("choose")
     code, printed = done(["halves", *SMALL, "model=tree", "features=jung28", "share=0.25"])
@@ -93,8 +96,7 @@ def test_a_new_kind_of_run_is_one_file_and_appears_everywhere(plug, monkeypatch)
     assert len(pd.read_csv("report/halves.csv")) == 1
 
 
-@pytest.mark.parametrize("group", ["circumstances", "kinds"])
-def test_a_wrong_kind_or_circumstance_is_refused_in_one_line(plug, capsys, group):
+def test_a_wrong_circumstance_is_refused_in_one_line(plug, capsys, group="circumstances"):
     plug(f"[touchbench.{group}]\ngone = no_such_module:Gone\n", "", "empty")
     assert main(["run", *SMALL, "model=tree", "features=jung28"]) == 2
     error = capsys.readouterr().err
@@ -106,56 +108,31 @@ def test_a_wrong_kind_or_circumstance_is_refused_in_one_line(plug, capsys, group
     assert capsys.readouterr().err.count(f"warning: the entry point gone in touchbench.{group}") == 1  # not in help
 
 
-def own_names(package=""):
-    """Tags, commands and keys of kinds and circumstances (of a package), keys of their costs, and their modules."""
-    names = set()
-    for room in ("kinds", "circumstances"):
-        for one in (one for one in registry.classes(room).values() if one.__module__.startswith(package)):
-            names |= {*one.commands, getattr(one, "tag", ""), getattr(one, "key", ""), one.__module__}
-            names |= {cost.key for cost in one.costs}
-    # the command that all others are compared with; a parameter of protocols; a column of every table of labels
-    return names - {"", "run", "shots", "train_subjects"}
-
-
-NAMED = {  # file: names that it may have, with the reason
-    "bench/in_c/write.py": {"watch"},  # a file of C
-    "bench/endless/kind.py": {"stream", "under"},  # a section of scene files; faults of recordings, by the same key
-    "bench/endless/candidates.py": {"decision", "cycles"},  # costs that a system that watches does not have
-    "bench/scene_file.py": {"stream", "decision"},  # a section of scene files; what clock= adds to
-    "bench/outcomes/candidates.py": {"decision", "cycles"},  # what clock= adds to, and what it adds
-    "bench/outcomes/choice.py": {"decision", "cycles"},  # the same; times at which a decision may fall
-    "reports/candidates.py": {"decision"},  # the same
-    "bench/outcomes/scored.py": {"decision", "stream"},  # candidates, called from their files
-    "reports/streaming.py": {"stream"},  # its page, called from its file
-    "bench/measures.py": {"stream"},  # the same
-    "bench/registry.py": {"watch", "form", "false_alarms"},  # what is to be a package of its own
+NAMED = {  # file: keys that it may have, with the reason
+    "bench/options.py": {"under", "after"},  # commands and examples as a user types them
+    "bench/registry.py": {"watch", "form"},  # what is to be a package of its own
     "bench/commands/fit.py": {"watch"},
-    "bench/corpora/read/haart.py": {"cell"},  # columns of its files
-    "reports/layout.py": {"form"},  # of the output
+    "reports/views/subjects.py": {"stress"},
 }
 
 
-def test_no_other_file_names_a_kind_or_a_circumstance():
+def test_no_other_file_names_a_circumstance_or_a_study():
     root = Path(registry.__file__).parents[1]
-    names, found = own_names(), {}
-    files = [
-        path
-        for folder in ("bench", "reports", "models", "features", "protocols")
-        for path in (root / folder).rglob("*.py")
-    ]
-    away = {root / "bench" / name for name in ("endless", "in_c", "on_cluster")}
-    for path in (p for p in files if p.parent.name not in ("kinds", "circumstances")):
-        tree = ast.parse(path.read_text())
-        words = {
-            node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)
-        }
-        words |= {name for name in names for word in words if re.match(rf"{re.escape(name)}\.\w", word)}
-        imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-        added = own_names(f"bench.{path.parent.name}.") if path.parent in away else set()  # a room names what it adds
-        if here := (names - added) & (words | imported):
-            found[str(path.relative_to(root))] = here
-    assert {file: here - NAMED.get(file, set()) for file, here in found.items() if here - NAMED.get(file, set())} == {}
-    assert {file: here - found.get(file, set()) for file, here in NAMED.items() if here - found.get(file, set())} == {}
+    every = [*registry.classes("circumstances").values()]
+    keys = {one.key for one in every} - {"train_subjects"}  # a column of every table of labels
+    modules = {place.partition(":")[0] for one in every for place in (f"{one.__module__}:", one.view)}
+    files = [p for name in ("bench", "reports", "models", "features", "protocols") for p in (root / name).rglob("*.py")]
+    found = {}
+    for path in files:
+        name = str(path.relative_to(root))
+        if {path.parent.name, path.stem} & {"circumstances", "views", "room", "endless", "in_c", "detectors"}:
+            continue  # what they add they name
+        tree = [*ast.walk(ast.parse(path.read_text()))]
+        words = {node.value for node in tree if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+        imported = {node.module for node in tree if isinstance(node, ast.ImportFrom)}
+        if here := (keys & words) | (modules & imported) - {"bench.reports.views.base"}:
+            found[name] = here - NAMED.get(name, set())
+    assert {file: here for file, here in found.items() if here} == {}
 
 
 COUNTS = """
@@ -202,10 +179,8 @@ def test_a_run_enters_no_other_kind_no_choice_and_no_report(tmp_path):
     finally:
         sys.setprofile(None)
     of = {folder: {file for file in entered if file.startswith(folder)} for folder in ("bench/", "reports/")}
-    kinds = {file for file in of["bench/"] if file.startswith(("bench/kinds/", "bench/circumstances/"))}
-    assert kinds == {"bench/kinds/base.py", "bench/kinds/captures.py", "bench/circumstances/base.py"} | {
-        "bench/circumstances/faults.py"
-    }
+    measured = {file for file in of["bench/"] if file.startswith("bench/circumstances/")}
+    assert measured == {"bench/circumstances/base.py", "bench/circumstances/faults.py"}
     assert not of["reports/"]
     choice = {"candidates", "choice", "reactions", "losses"}
     assert not {f"bench/outcomes/{name}.py" for name in choice} & of["bench/"]

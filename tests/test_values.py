@@ -9,11 +9,11 @@ from rich.console import Console
 
 from bench.errors import InputError
 from bench.measures import SECTIONS, Cost, Interval, Measure, costs, percent, run_columns, text, three
-from bench.outcomes.tables import file_of, read_table, uniform, write_table
 from bench.resampling import drawn, ratio_interval, weights
 from bench.result import SMALL, Failure, Result, Tables
 from bench.scene_file import OTHER
 from bench.table import Table, of_text
+from bench.tables import file_of, read_table, uniform, write_table
 
 ROW = {"share": 0.8125, "share_low": 0.75, "share_high": 0.9, "bytes": 90064, "p50": 1.5, "p95": None, "name": "a"}
 

@@ -4,5 +4,4 @@ PARTS = {  # by their key of bench run
     "after": "bench.circumstances.instants:Instants",
     "under": "bench.circumstances.faults:Faults",
     "train_subjects": "bench.circumstances.subjects:Subjects",
-    "shots": "bench.circumstances.shots:Shots",
 }

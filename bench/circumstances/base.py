@@ -1,92 +1,62 @@
-"""A circumstance: what is changed while a fitted system labels the test captures again.
+"""What runs measure: circumstances, in which a fitted system labels its test captures again, and studies of other data.
 
-A new one is a file with `Circumstance.cases`, and an entry in `bench.circumstances` or an entry point
-``touchbench.circumstances``. Its labels, their table, a printed column, a CSV file, a section of the page with a
-figure, candidates and budgets come from here; it may replace each of them.
+The loop fits, decides, checks and times; then each circumstance follows in turn (`bench.work.evaluation`). A new one is
+a file with `Circumstance.cases`, and an entry in `bench.circumstances` or an entry point ``touchbench.circumstances``.
+What is shown of it stands in another file, which `Producer.view` names.
 """
 
 from __future__ import annotations
 
 import time
-import traceback
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.candidate import Candidate, Losses, Wish
-from bench.comparable import shared
-from bench.kinds.base import Options, Shown
-from bench.kinds.base import option as option
-from bench.measures import Measure, percent
-from bench.result import Result
+from bench.option import Options, typed_as
+from bench.option import option as option
 from bench.usual import LABELS as LABELS
-from bench.work.experiment import Case as Case
+from bench.work.case import Case as Case
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench import contract
     from bench.corpora.corpus import Corpus
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
-    from bench.reports.part import Section
+    from bench.result import Result
     from bench.source import Code
     from bench.work.fitted import Fitted
     from bench.work.results import FoldResult
 
-CASE = ("case", "level")  # its columns that name a case
-
 
 @dataclass(frozen=True)
-class Circumstance(Options, Shown):
-    """Labels the test captures again, in some cases.
+class Producer(Options):
+    """What a run measures; its options are tracked, and part of the key of the run.
 
     Attributes:
-        key: its key of ``bench run``.
-        tracked: names of its options as parameters of a run; a run that has the first has the circumstance.
+        key: its key of ``bench run``; of a study, its command and the tag of its runs.
+        view: what is shown of it, as ``module:Name``; imported only when something is shown.
+        tracked: names of its options as parameters of a run.
         columns: further columns of its tables; a corpus cannot have them.
-        noun: words for what its levels count, such as "captures of each class".
-        absent: value of that parameter of a run without the circumstance.
-        sliced: True if groups of captures are tested in its cases, too.
-        word: a word for one of its cases.
-        chooses: True if its cases are candidates of a choice.
-        views: True if ``bench run`` prints a table of it.
+        study: True if it does whole folds.
     """
 
     key: ClassVar[str]
+    study: ClassVar[bool] = False
+    view: ClassVar[str] = "bench.reports.views.base:View"
     tracked: ClassVar[tuple[str, ...]] = ()
     columns: ClassVar[frozenset[str]] = frozenset()
-    noun: ClassVar[str] = ""
-    sliced: ClassVar[bool] = True
-    absent: ClassVar[str] = ""
-    word: ClassVar[str] = "case"
-    chooses: ClassVar[bool] = True
-    views: ClassVar[bool] = True
 
-    # producer, part of a run's identity
-
-    @classmethod
-    def asked(cls, values: Mapping[str, object]) -> bool:
-        """Whether typed values ask for it."""
-        name, (_, alias) = next(iter(cls.fields().items()), ("", (None, "")))
-        return bool({name, alias} & {*values})
-
-    def options(self) -> dict[str, object]:
-        """Tracked as parameters; the first is that of `tracked`."""
-        return {f"{self.key}.{name}" if i else self.key: text for i, (name, text) in enumerate(self._texts().items())}
-
-    def _texts(self) -> dict[str, str]:
-        from bench.kinds.base import typed_as
-
-        return {name: typed_as(getattr(self, name)) for name in self.fields()}
+    def params(self) -> dict[str, object]:
+        """Its options, as they are tracked."""
+        raise NotImplementedError
 
     def identity(self) -> object:
         """Identity of its options."""
         return repr(self)
 
-    def depends(self) -> list[Code]:
-        """Modules, classes or functions whose code its numbers depend on."""
+    def code(self) -> list[Code]:
+        """Modules, classes or functions whose files its numbers depend on, with all that these import."""
         return [type(self)]
 
     def refuse(self, plan: Plan) -> None:
@@ -99,6 +69,24 @@ class Circumstance(Options, Shown):
     def warnings(self, plan: Plan) -> list[str]:
         """Warnings before the run; equal ones of several runs are printed once."""
         return []
+
+
+@dataclass(frozen=True)
+class Circumstance(Producer):
+    """Labels the test captures again, in some cases.
+
+    Attributes:
+        sliced: True if groups of captures are tested in its cases, too.
+        word: a word for one of its cases.
+    """
+
+    sliced: ClassVar[bool] = True
+    word: ClassVar[str] = "case"
+
+    def params(self) -> dict[str, object]:
+        """Its options, as they are tracked."""
+        texts = {name: typed_as(getattr(self, name)) for name in self.fields()}
+        return {f"{self.key}.{name}" if i else self.key: text for i, (name, text) in enumerate(texts.items())}
 
     def cases(self, at: Fitted) -> Iterator[Case]:
         """What is changed, a case at a time.
@@ -130,12 +118,10 @@ class Circumstance(Options, Shown):
         return {f"{self.key}_seconds": wall}
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
-        """Tracked numbers of a fold: the accuracy in each case."""
-        table = result.tables[LABELS] if LABELS in result.tables else None
-        return {} if table is None else self.accuracies(table[table["circumstance"] == self.key])
-
-    def accuracies(self, rows: pd.DataFrame) -> dict[str, float]:
-        """Accuracy in each case, by the name under which it is tracked."""
+        """Tracked numbers of a fold: the accuracy in each case, by name."""
+        if LABELS not in result.tables:
+            return {}
+        rows = self.labels(result.tables, rate_hz)
         hits = (rows["true"] == rows["predicted"]).groupby([rows["case"], rows["level"]], sort=False).mean()
         return {f"accuracy.{case}.{level:g}": float(value) for (case, level), value in hits.items()}
 
@@ -157,140 +143,51 @@ class Circumstance(Options, Shown):
         numbers |= {f"loss.{case}": lost for case, lost in loss(table).items()}
         return numbers | {f"loss.{self.key}": float(table["loss"].mean())}, {self.key: table}
 
-    @staticmethod
-    def in_turn(
-        circumstances: Sequence[Circumstance],
-        cell: Cell,
-        corpus: Corpus,
-        fold: Fold,
-        system: contract.System,
-        result: FoldResult,
-        threads: int,
-    ) -> None:
-        """Add what circumstances make of a fold to its result, one after the other; one that fails leaves the rest."""
-        import pandas as pd
-
-        from bench.work.fitted import Fitted
-
-        at = Fitted(cell, corpus, fold, system, result.table, threads)
-        result.tables = {LABELS: at.clean()}
-        for circumstance in circumstances:
-            try:
-                done = circumstance.fold(at)
-            except (Exception, SystemExit):  # a system may raise anything
-                result.failed[circumstance.key] = traceback.format_exc()
-                continue
-            result.metrics |= done.metrics
-            result.times |= done.times
-            result.batch_effects += done.batch_effects
-            for name, table in done.tables.items():
-                before = [result.tables[name]] if name in result.tables else []
-                result.tables[name] = pd.concat([*before, table], ignore_index=True)
-
-    @staticmethod
-    def all_measured(
-        circumstances: Sequence[Circumstance],
-        tables: Mapping[str, pd.DataFrame],
-        folds: Sequence[FoldResult],
-        rate_hz: float,
-        target: str,
-    ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
-        """Numbers and tables of a run in some circumstances, and the groups of captures on which the system fails.
-
-        Args:
-            circumstances: circumstances of the run.
-            tables: tables of all folds.
-            folds: results of the folds.
-            rate_hz: frames per second.
-            target: columns that define the class.
-        """
-        import pandas as pd
-
-        from bench.work.curves import unharmed
-        from bench.work.stability import sliced
-
-        numbers: dict[str, float] = {}
-        made: dict[str, pd.DataFrame] = {}
-        for circumstance in circumstances:
-            metrics, own = circumstance.result(tables, folds, rate_hz)
-            numbers, made = numbers | metrics, made | own
-        tested = [c for c in circumstances if c.sliced]
-        labels = pd.concat([unharmed(tables[LABELS]), *(c.labels(tables, rate_hz) for c in tested)], ignore_index=True)
-        metrics, own = sliced(labels, {c.key: c.word for c in tested}, target)
-        return numbers | metrics, made | own
-
     def labels(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
         """Its rows of the table ``labels``, also where its own table has more than labels."""
         table = tables[LABELS]
         return table[table["circumstance"] == self.key]
 
-    # consumer
 
-    @classmethod
-    def holds(cls, result: Result) -> bool:
-        """Whether a run has the circumstance, in all folds."""
-        if cls.key in result.failed:
-            return False
-        return result.about.get(cls.tracked[0] if cls.tracked else cls.key, cls.absent) != cls.absent
+@dataclass(frozen=True)
+class Study(Producer):
+    """Whole folds on other data than single captures; its command has its key."""
 
-    @classmethod
-    def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
-        """Accuracy in each case, and the mean loss; its own columns alone where it counts nothing."""
-        if not cls.noun:
-            return cls.shown
-        curves = [table for r in results if (table := r.tables.get(cls.key)) is not None]
-        cases = dict.fromkeys(case for table in curves for case in table["case"])
-        levels = {case: {*(n for t in curves for n in t["level"][t["case"] == case])} for case in cases}
-        columns = [
-            percent(f"{case}_at_{n:g}", cls.words_of(case, n), f"accuracy.{case}.{n:g}", spare=1)
-            for case in cases
-            for n in sorted(levels[case])
-        ]
-        return [*columns, percent("loss", "mean loss", f"loss.{cls.key}"), *cls.shown]
+    study: ClassVar[bool] = True
 
-    @classmethod
-    def words_of(cls, case: str, level: float) -> str:
-        """A case in words: its name if it has one, and its level."""
-        return f"{case}, " * (case != cls.key) + f"{level:g} {cls.noun or cls.key}"
+    def params(self) -> dict[str, object]:
+        """Its options, as they are tracked."""
+        return {f"{self.key}.{name}": getattr(self, name) for name in self.fields()}
 
-    @classmethod
-    def figure(cls, result: Result, folder: Path) -> None:
-        """Draw what is kept with a run into a folder."""
+    def ready(self, cell: Cell) -> Cell:
+        """The cell as the study takes it.
 
-    @classmethod
-    def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
-        """Accuracy against the level: a figure and a table of comparable systems."""
-        from bench.reports.levels import level_section
+        Raises:
+            InputError: it cannot be used.
+        """
+        return cell
 
-        return level_section(cls, results, folder)
+    def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+        """Do one fold, in a worker process; an exception is recorded as the fold's failure.
 
-    @classmethod
-    def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
-        """The curves of all systems."""
-        from bench.work.curves import joined
+        Args:
+            cell: cell of the run.
+            corpus: the captures that the fold is of.
+            fold: names its training and test captures by position.
+            threads: threads for computing.
+        """
+        raise NotImplementedError
 
-        return {cls.key: joined(results, cls.key)} if results else {}
+    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
+        """Tracked numbers of one fold."""
+        return result.metrics
 
-    @classmethod
-    def offers(cls, result: Result, wish: Wish) -> bool:
-        """Whether a run has a candidate."""
-        return cls.chooses
+    def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
+        """Measure the run from the folds that went well, at least one, in the order of the protocol.
 
-    @classmethod
-    def candidates(cls, result: Result, wish: Wish) -> Iterable[Candidate]:
-        """The system in each case, scored by whole captures."""
-        told = shared(result, cls.alike)
-        table = result.tables[LABELS]
-        for (case, level), rows in table[table["circumstance"] == cls.key].groupby(["case", "level"], sort=False):
-            yield Candidate(", ".join([cls.words_of(case, level), *told]), wish.reactions.scores(rows))
-
-    @classmethod
-    def lends(cls, result: Result) -> dict[str, float]:
-        """The numbers that its costs read."""
-        names = [cost.read or cost.key for cost in cls.costs if cost.among is None]
-        return {name: result.metrics[name] for name in names if isinstance(name, str) and name in result.metrics}
-
-    @classmethod
-    def lost(cls, results: Sequence[Result], asked: Losses, reactions: object) -> pd.DataFrame | None:
-        """Points lost in some cases [cases, subjects], for costs of losses; None if it knows none."""
-        return None
+        Args:
+            plan: plan of the run.
+            about: tags and parameters of the run; tags that the result adds are stored, too.
+            folds: results of the folds.
+        """
+        raise NotImplementedError

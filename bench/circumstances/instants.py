@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from bench.circumstances.base import Circumstance, option
+from bench.circumstances.base import Circumstance, option, typed_as
 from bench.errors import InputError
-from bench.kinds.base import Spelling, typed_as
-from bench.measures import Cost, Measure, percent
-from bench.options import Command
 from bench.words import Values, items
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.candidate import Candidate, Wish
     from bench.plan.plan import Plan
-    from bench.reports.part import Section
-    from bench.result import Result
-    from bench.source import Code
     from bench.work.fitted import Fitted
     from bench.work.replay import Replay
     from bench.work.results import FoldResult
 
 EACH = "each"
-SHOWN_MS = (250, 500, 1000, 2000)  # what is told of the curve
+SHOWN_MS = (250, 500, 1000, 2000)  # times of the numbers of a series
 REPLAY = "replay"  # table with the probabilities at every instant
 
 
@@ -36,14 +28,10 @@ class Instants(Circumstance):
     """Captures are replayed through a system that was fitted on whole ones; it may learn when to stop."""
 
     key: ClassVar[str] = "after"
+    view: ClassVar[str] = "bench.reports.views.instants:Instants"
     tracked: ClassVar[tuple[str, ...]] = ("stream.start", "stream.hop_ms", "stream.after", "stream.stopping")
     word: ClassVar[str] = "time"
     columns: ClassVar[frozenset[str]] = frozenset({"instant", "confidence", "settled"})
-    alike: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "stream.start": ("from the {} of the capture", "onset"),
-        "stream.hop_ms": ("a decision every {} ms", "None"),
-        "stream.after": ("after {} ms", EACH),
-    }
 
     after: tuple[float, ...] = option(
         (), "touch seen before a label, such as 250ms,1s, or each for a series", type="ms"
@@ -81,7 +69,7 @@ class Instants(Circumstance):
 
         return Replay(self.hop_ms, self.start, self.after)
 
-    def options(self) -> dict[str, object]:
+    def params(self) -> dict[str, object]:
         """Times, hop, start, and whether stopping is learned."""
         times = ", ".join(map(typed_as, self.after)) or EACH
         return {
@@ -91,10 +79,10 @@ class Instants(Circumstance):
             "stream.stopping": self.stopping,
         }
 
-    def changed(self) -> dict[str, str]:
+    def arguments(self) -> dict[str, str]:
         """The options as typed."""
         times = ",".join(f"{typed_as(ms)}ms" for ms in self.after) or EACH
-        return {"after": times} | {k: v for k, v in super().changed().items() if k != "after"}
+        return {"after": times} | {k: v for k, v in super().arguments().items() if k != "after"}
 
     def refuse(self, plan: Plan) -> None:
         """Refuse a replay that cannot be, and training parts from which no threshold can be learned.
@@ -127,10 +115,6 @@ class Instants(Circumstance):
             )
         return lines
 
-    def depends(self) -> list[Code]:
-        """The code of the replay."""
-        return [type(self)]
-
     def fold(self, at: Fitted) -> FoldResult:
         """Labels at every instant; calibration and threshold see training captures alone."""
         from bench.work.replay import replay_fold
@@ -157,128 +141,3 @@ class Instants(Circumstance):
         from bench.work.stopping import standing_labels
 
         return standing_labels(tables[REPLAY], self.after or SHOWN_MS, self.key, rate_hz)
-
-    commands: ClassVar[dict[str, Spelling]] = {
-        "stream": Spelling(
-            Command(
-                "compare",
-                "replay captures in time: accuracy against milliseconds of touch",
-                "Replays captures and measures accuracy against milliseconds of touch, and computing time per "
-                "decision. Adaptive stopping decides as soon as the expected gain from waiting is small, as learned on "
-                "training subjects. It is bench run with after=each stopping=yes.",
-                "bench stream data=haart protocol=loso model=svm,rf features=jung54\n"
-                "bench stream data=haart model=svm start=onset,middle hop_ms=125",
-            ),
-            keys=("hop_ms", "start"),
-            given={"after": EACH, "stopping": "yes"},
-            out=("report", "folder for streaming.csv, stopping.csv and figures"),
-        )
-    }
-    heading: ClassVar[str] = "Accuracy in percent, mean over subjects, against touch seen"
-    ranked: ClassVar[bool] = True
-    score: ClassVar[str] = "replay_accuracy"
-    shown: ClassVar[tuple[Measure, ...]] = (
-        Measure("start", read="stream.start", spare=10),
-        percent("accuracy", "whole", "replay_accuracy", ends="replay_accuracy"),
-        Measure("mean_ms", "mean ms", form=".0f", spare=16),
-        percent("adaptive_accuracy", "early stop %"),
-        Measure("adaptive_ms", "at mean ms", form=".0f"),
-        Measure("decide_ms", "decision ms", tuple(f"replay_ms_p{p}" for p in (50, 95, 99)), spare=14),
-        Measure("decisions_per_second", "decisions per s", form=".0f", spare=15),
-        Measure("system_hop_ms", "system hop ms", form=".0f", spare=17),
-    )
-    costs: ClassVar[tuple[Cost, ...]] = (
-        Cost(
-            "decision",
-            read="capture_ms",
-            unit="ms",
-            noun="decision time",
-            words="until the decision",
-            axis="ms of touch before the label",
-            help="longest touch before the decision, such as 1s",
-            watched=False,
-            column=False,
-            last=2,
-        ),
-    )
-
-    @classmethod
-    def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
-        """Columns of the times that results have, and of early stopping where it was learned."""
-        start, *others = (m for m in cls.shown if cls._learned(results) or not m.key.startswith("adaptive"))
-        return [start, *cls.seen(results), *others]
-
-    @classmethod
-    def seen(cls, results: Sequence[Result]) -> list[Measure]:
-        """Accuracy after each time that was asked for, or after round ones."""
-        times = {k.split("_")[2] for r in results for k in r.metrics if k.startswith("accuracy_at_")}
-        spare = {"500": 0, "1000": 0, "250": 5, "2000": 6}
-        return [
-            percent(f"at_{ms}", f"{ms} ms", f"accuracy_at_{ms}_ms", spare=spare.get(ms, 7))
-            for ms in sorted(times, key=float)
-        ]
-
-    @classmethod
-    def title(cls, results: Sequence[Result]) -> str:
-        """Heading of the table, which says whether stopping was learned."""
-        return cls.heading + "; stopping learned on training subjects" * cls._learned(results)
-
-    @classmethod
-    def _learned(cls, results: Sequence[Result]) -> bool:
-        return any("adaptive_accuracy" in r for r in results)
-
-    @classmethod
-    def write(cls, results: Sequence[Result], folder: Path) -> list[str]:
-        """Write the curves and their figure."""
-        from bench.reports.streaming import write_streaming
-
-        paths = write_streaming(results, folder, cls.alike)
-        return [f"figure and tables: {', '.join(map(str, paths))}"] if paths else []
-
-    @classmethod
-    def then(cls, results: Sequence[Result]) -> str:
-        """The next command to type."""
-        from bench.outcomes.runs import choosing
-
-        return choosing(results, by="decision")
-
-    @classmethod
-    def figure(cls, result: Result, folder: Path) -> None:
-        """Draw accuracy against touch seen."""
-        from bench.reports.figures import write_svg
-        from bench.reports.streaming import draw
-
-        write_svg(draw([result], cls.alike), folder / "streaming.svg")
-
-    @classmethod
-    def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
-        """Accuracy against touch seen, and the result of stopping at the learned threshold."""
-        from bench.reports.streaming import stream_section
-
-        return stream_section(results, folder, cls.alike, cls.seen)
-
-    @classmethod
-    def brief(cls, results: Sequence[Result]) -> tuple[str, str] | None:
-        """The best system with early decisions."""
-        from bench.reports.streaming import early
-
-        return early(results, cls.alike)
-
-    @classmethod
-    def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
-        """Both curves of all systems."""
-        from bench.reports.streaming import sheets
-
-        return sheets(results) if results else {}
-
-    @classmethod
-    def offers(cls, result: Result, wish: Wish) -> bool:
-        """True for a replay from the onset, where a time of decision was asked for."""
-        return wish.most is not None and result.about["stream.start"] == "onset"
-
-    @classmethod
-    def candidates(cls, result: Result, wish: Wish) -> Iterator[Candidate]:
-        """The system after each time that is soon enough."""
-        from bench.outcomes.scored import early_candidates
-
-        return early_candidates(result, wish)

@@ -8,15 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 from bench.circumstances.base import LABELS, Case, Circumstance, option
 from bench.errors import InputError
-from bench.measures import Measure, percent
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import pandas as pd
 
     from bench.plan.plan import Plan
-    from bench.result import Result
     from bench.work.fitted import Fitted
     from bench.work.results import FoldResult
 
@@ -26,11 +22,7 @@ class Subjects(Circumstance):
     """The system is fitted on fewer training subjects, and labels the test captures as they are."""
 
     key: ClassVar[str] = "train_subjects"
-    tracked: ClassVar[tuple[str, ...]] = ("train_subjects",)
-    absent: ClassVar[str] = "all"
-    noun: ClassVar[str] = "subjects"
-    heading: ClassVar[str] = "Accuracy in percent by number of training subjects"
-    chooses: ClassVar[bool] = False  # nobody ships a system that has learned less than it could
+    view: ClassVar[str] = "bench.reports.views.subjects:Subjects"
     sliced: ClassVar[bool] = False  # a slice is compared with the system itself, and every system is worse with less
 
     train_subjects: tuple[int, ...] = option((), "numbers of training subjects for a learning curve", type="counts")
@@ -39,7 +31,7 @@ class Subjects(Circumstance):
         """Put the numbers in order."""
         object.__setattr__(self, "train_subjects", tuple(sorted({*self.train_subjects})))
 
-    def options(self) -> dict[str, object]:
+    def params(self) -> dict[str, object]:
         """Numbers of subjects."""
         return {"train_subjects": ", ".join(map(str, self.train_subjects))}
 
@@ -85,21 +77,3 @@ class Subjects(Circumstance):
         curve = learning(tables[LABELS])
         numbers = {f"accuracy.train_subjects.{r.train_subjects:g}": r.accuracy for r in curve.itertuples()}
         return numbers, {"learning": curve}
-
-    @classmethod
-    def shows(cls, results: Sequence[Result]) -> Sequence[Measure]:
-        """Accuracy with each number of subjects."""
-        begin = f"accuracy.{cls.key}."
-        numbers = {k.removeprefix(begin) for r in results for k in r.metrics if k.startswith(begin)}
-        return [percent(f"at_{n}", f"{n} {cls.noun}", begin + n, spare=1) for n in sorted(numbers, key=float)]
-
-    @classmethod
-    def section(cls, results: Sequence[Result], folder: Path) -> None:
-        """None: the curve is a figure of ``bench stress``."""
-
-    @classmethod
-    def sheets(cls, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
-        """The curves of all systems."""
-        from bench.work.curves import joined
-
-        return {"learning": joined(results, "learning")} if results else {}

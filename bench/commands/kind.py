@@ -1,21 +1,28 @@
-"""The commands that make runs, of all kinds and circumstances: ``bench run`` and others."""
+"""The commands that make runs: ``bench run`` and others."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.arguments import backend_of, parse
 from bench.commands.printing import output, say, show, then, writable
 from bench.errors import InputError
-from bench.options import keys, makers
+from bench.options import keys, makers, measured
 from bench.plan.cells import Cell, cells
-from bench.registry import check_loaded, classes
+from bench.registry import check_loaded, circumstance_views, classes, views
 from bench.result import Result
 from bench.table import Table
 from bench.words import Values
 from bench.work.backend import Backend
-from bench.work.experiment import Experiment
 from bench.work.loop import execute, prepared
+
+if TYPE_CHECKING:
+    from bench.circumstances.base import Circumstance
+    from bench.reports.views.base import View
 
 
 def command(name: str, arguments: list[str]) -> int:
@@ -49,34 +56,58 @@ def planned(name: str, values: Values) -> tuple[list, str]:
     Raises:
         InputError: something in the values or the data cannot be used.
     """
-    maker = makers()[name]
-    given = dict(maker.spelling.given)
-    own = {option.key for option in maker.options()} | {*given}
+    one = makers()[name]
+    own = {option.key for option in measured(one)} | {*one.given}
     of_cells = {k: v for k, v in values.items() if k not in own and k.partition(".")[0] not in own}
-    kinds = maker.kind.of({**given, **{k: v for k, v in values.items() if k not in of_cells}})
-    ready = maker.kind.ready(cells(of_cells))
-    out = str(values.get("out", maker.spelling.out[0])) if maker.spelling.out[0] else ""
-    return prepared(ready, kinds, backend_of(values).jobs), out
+    given = {**one.given, **{k: v for k, v in values.items() if k not in of_cells}}
+    out = str(values.get("out", one.out[0])) if one.out[0] else ""
+    every = classes("circumstances")
+    if (study := every.get(one.makes)) and study.study:
+        studies = study.of(given)
+        todo = [replace(s.ready(cell), study=s) for cell in cells(of_cells) for s in studies]
+    else:
+        several = circumstances(given)
+        todo = [replace(cell, circumstances=each) for cell in cells(of_cells) for each in several]
+    return prepared(todo, backend_of(values).jobs), out
+
+
+def circumstances(values: Values) -> list[tuple[Circumstance, ...]]:
+    """Every combination of the circumstances that typed values ask for, by their first option.
+
+    Raises:
+        InputError: a value cannot be used, or belongs to a circumstance that was not asked for.
+    """
+    asked = []
+    for one in (c for c in classes("circumstances").values() if not c.study):
+        names = [n for name, (_, alias) in one.fields().items() for n in (name, alias) if n]
+        first, (_, alias) = next(iter(one.fields().items()))
+        if {first, alias} & {*values}:
+            asked.append(one)
+        elif alone := {*names} & {*values}:
+            raise InputError(f"{min(alone)}= needs {one.key}=; add it or leave {min(alone)}= out")
+    return [*itertools.product(*(one.of(values) for one in asked))]
 
 
 def printed(name: str, results: list[Result], folder: Path | None = None) -> int:
     """Print runs as a command shows them, and write what it writes; the exit code.
 
     Args:
-        name: command whose view is shown; ``bench run`` shows the kind, and each circumstance.
+        name: command whose view is shown; ``bench run`` shows captures, and each circumstance.
         results: results of one kind of run.
         folder: folder of ``out=``.
     """
-    maker = makers()[name]
-    views = maker.kind.views(results) if maker.view is maker.kind else [(maker.view, results)]
-    code = show(results, views)
-    scored = [r for r in results if r.scored and maker.view.holds(r)]
+    view = views()[makers()[name].makes]
+    shown: list[tuple[View, Sequence[Result]]] = [(view, results)]
+    if name == "run":
+        held = ((one, [r for r in results if one.holds(r)]) for one in circumstance_views())
+        shown += [(one, members) for one, members in held if members]
+    code = show(results, shown)
     if folder is not None:
-        say(*maker.view.write(scored, folder))
-    for view, members in views:
-        for shown in view.printed(members):
-            shown.print(output()) if isinstance(shown, Table) else say(shown)
-    then(maker.view.then(results))
+        say(*view.write([r for r in results if r.scored and view.holds(r)], folder))
+    for one, members in shown:
+        for part in one.printed(members):
+            part.print(output()) if isinstance(part, Table) else say(part)
+    then(view.then(results))
     return code
 
 
@@ -86,5 +117,4 @@ def evaluated(todo: list[Cell], backend: Backend) -> list[Result]:
     Raises:
         InputError: something in the cells or the data cannot be used; nothing was run.
     """
-    plain: Experiment = next(iter(classes("kinds").values()))()
-    return execute(prepared(todo, [plain], backend.jobs), backend)
+    return execute(prepared(todo, backend.jobs), backend)

@@ -23,7 +23,7 @@ from bench.usual import BUSY
 from bench.work.bar import named
 
 if TYPE_CHECKING:
-    from bench.kinds.base import Shown
+    from bench.reports.views.base import View
 
 COMMAND = re.compile(r"\bbench ([a-z]+)")  # in a line to type
 NAMED = 3  # folds or systems that a line names
@@ -78,7 +78,7 @@ def unwritable(out: Path) -> Iterator[None]:
         raise InputError(f"out={out}: {e.filename or out} cannot be written ({e.strerror or e}); choose another") from e
 
 
-def contexts(results: Sequence[Result], view: type[Shown]) -> list[list[Result]]:
+def contexts(results: Sequence[Result], view: View) -> list[list[Result]]:
     """The results of runs that were measured, by captures and protocol: only these may be compared."""
     groups: dict[tuple, list[Result]] = {}
     for result in results:
@@ -87,7 +87,7 @@ def contexts(results: Sequence[Result], view: type[Shown]) -> list[list[Result]]
     return [*groups.values()]
 
 
-def best(results: Sequence[Result], view: type[Shown]) -> list[Result]:
+def best(results: Sequence[Result], view: View) -> list[Result]:
     """The most accurate complete results of each context in which there is something to compare."""
     winners = []
     for group in contexts(results, view):
@@ -98,12 +98,12 @@ def best(results: Sequence[Result], view: type[Shown]) -> list[Result]:
     return winners
 
 
-def show(results: Sequence[Result], views: Sequence[tuple[type[Shown], Sequence[Result]]]) -> int:
+def show(results: Sequence[Result], views: Sequence[tuple[View, Sequence[Result]]]) -> int:
     """Print the chosen values of each fold, a row for each run, and failures; return the exit code.
 
     Args:
         results: results of one kind of run.
-        views: the classes that show them, and which each shows.
+        views: the views of them, and which each shows.
     """
     out = output()
     for view, members in views:
@@ -141,7 +141,7 @@ def _title(result: Result) -> str:
     return ", ".join(str(result[name]) for name in ("system", "data", "protocol"))
 
 
-def runs_table(results: Sequence[Result], view: type[Shown]) -> Table:
+def runs_table(results: Sequence[Result], view: View) -> Table:
     """A table of results, the most accurate first: what they share stands above it, what differs in columns."""
     places = {key: i for i, key in enumerate(dict.fromkeys(alike(r, view.alike) for r in results))}
     results = sorted(results, key=lambda r: (places[alike(r, view.alike)], -known_score(r, view)))
@@ -169,7 +169,7 @@ def runs_table(results: Sequence[Result], view: type[Shown]) -> Table:
     return Table([system, *differing, *measures, folds], results, title, bold)
 
 
-def known_score(result: Result, view: type[Shown]) -> float:
+def known_score(result: Result, view: View) -> float:
     """The number by which a result is ranked; minus infinity where it has none."""
     score = known(result.get(view.score))
     return float("-inf") if score is None else float(score)

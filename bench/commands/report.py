@@ -20,7 +20,7 @@ from bench.options import keys
 from bench.outcomes.runs import asked_of, result_of
 from bench.outcomes.store import Store, connect, store_uri
 from bench.progress import warn
-from bench.registry import classes
+from bench.registry import run_views
 
 HERE = "127.0.0.1"
 NAME, WIDE = "attributes.`Run Name`", 300  # pixels, instead of 190: kind, system, data and protocol fit
@@ -108,7 +108,7 @@ def ui(arguments: list[str]) -> int:
 
 def drawn(store: Store) -> Iterator[str]:
     """Draw the figures of runs that have none, newest first; the id of each run."""
-    kinds = {kind.tag: kind for kind in classes("kinds").values()}
+    kinds = run_views()
     for run in sorted(store.of_kind(*kinds), key=lambda run: -run.info.start_time):
         run_id, artifacts = run.info.run_id, run.info.artifact_uri
         yield run_id

@@ -3,6 +3,7 @@
 from bench.endless import DETECTOR
 from bench.options import TRUSTED, Command, Option
 from bench.usual import FALSE_ALARMS
+from bench.words import SMALL
 
 WATCH = Option(
     "watch",
@@ -23,6 +24,19 @@ ALARMS = Option(
     "false_alarms", "fit", "number", FALSE_ALARMS, "false alarms per hour of background accepted in training"
 )
 IDLE = Option("background", "fit", "text", "", "background of the stream, as of bench watch")
+WATCHES = Command(
+    "compare",
+    "find touches in continuous recordings: false alarms, misses, latency",
+    "Each fold trains on captures, and learns when to report a touch from recordings of training subjects. "
+    "It then watches the recordings of the test subjects. data=synth and imported recordings are used as "
+    "they are. From other corpora, one recording per subject is composed: excerpts of 2 to 6 s of each "
+    "capture, with 3 to 10 s of background between them. Prints touches found, correct gestures when first "
+    "reported and at the end, false alarms per hour of background, latency and reports per touch. "
+    "Refused frames are counted if there are any. under= repeats this with faults of the test sensors.",
+    f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2\n"
+    "bench watch data=haart model=lda features=touch detector=frames,threshold under=noise,vibration,drift",
+    makes="watch",
+)
 LIVE = Command(
     "ship",
     "classify frames from standard input with a saved model",

@@ -5,6 +5,23 @@ from bench.options import TRUSTED, Command, Option
 CLOCK = Option(
     "clock", "choose", "MHz", None, "clock rate of the chip, such as 64MHz; adds its cycles to decision times"
 )
+CHIP = Command(
+    "compare",
+    "measure accuracy and cost of systems as C on a microcontroller",
+    "Each fold trains, exports as bench export does, and classifies the test captures in C and in Python. "
+    "The C is linked for a Cortex-M4F with 256 KiB of flash and 32 KiB of RAM. QEMU counts instructions: "
+    "the mean per frame, and the costliest frame with its label. library RAM is the state of touch.c. "
+    "program RAM is the whole program with 4096 bytes for heap and stack. A second table has the costs of "
+    "touch_watch, if the system can watch a stream. For recordings, the emulator also watches the first "
+    "minute of one. It is bench run with form=c. Needs cc, make, "
+    "arm-none-eabi-gcc and qemu-system-arm (Debian: gcc make gcc-arm-none-eabi libnewlib-arm-none-eabi "
+    "qemu-system-arm).",
+    "bench chip data=haart protocol=loso model=reflex bits=32,8\n"
+    "bench choose data=haart protocol=loso max_flash=64kB max_ram=32kB max_cycles=1M",
+    makes="form",
+    keys=("bits", "detector"),
+    given={"form": "c"},
+)
 EXPORT = Command(
     "start here",
     "write a saved model as C99 for a microcontroller",

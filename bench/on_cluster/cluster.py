@@ -92,7 +92,7 @@ class Cluster:
 
     def submit(self, task: Task) -> None:
         """Have a fold done by any good worker, or if all of them are gone by a new one."""
-        fold = packed(task.experiment, task.plan.cell, task.plan.corpus, task.fold, self.threads, task.key)
+        fold = packed(task.plan.cell, task.plan.corpus, task.fold, self.threads, task.key)
         future = self._ask(fold, workers=self.good or None, allow_other_workers=bool(self.good), retries=1)
         self.running[future] = task
         future.add_done_callback(self.over.put)

@@ -93,14 +93,14 @@ def fold_here(check: bytes, fold: bytes, folder: str) -> tuple[str, bytes]:
             _same.add(check)
         if not fold:
             return "", b""
-        experiment, cell, corpus, split, threads, key = pickle.loads(fold)
+        cell, corpus, split, threads, key = pickle.loads(fold)
     except Exception as e:  # a file that is not there, or whatever a user's object raises when it is unpickled
         return " ".join(f"{e}".split()) or type(e).__name__, b""
     parts = repr((cell.features, cell.model, cell.tuning, corpus.digest))
     if parts not in _filled:
         fill_cache(cell, corpus)
         _filled.add(parts)
-    result = do_fold(experiment, cell, corpus, split, threads, key, Path(folder))
+    result = do_fold(cell, corpus, split, threads, key, Path(folder))
     return "", cloudpickle.dumps((result, this_machine()))
 
 
@@ -154,9 +154,10 @@ def facts(cells: Sequence[Cell]) -> dict[str, str]:
 def _code_of(part: Part[Any]) -> str:
     """Digest of a part's code; of what was typed into a script or a notebook none, as it travels itself."""
     from bench import contract
+    from bench.source import source_digest
 
     typed = part.instance is not None and any(c.__module__ == "__main__" for c in contract.classes(part.instance))
-    return "" if typed else part.identity()[-1][:12]
+    return "" if typed else source_digest(*part.code())[:12]
 
 
 def difference(base: dict[str, str], here: dict[str, str], cells: bytes) -> str:

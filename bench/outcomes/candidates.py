@@ -16,7 +16,7 @@ from bench.errors import InputError
 from bench.measures import Interval, costs, costs_of
 from bench.outcomes.reactions import Reactions
 from bench.outcomes.runs import COLUMNS, NothingTracked, plain, selected
-from bench.registry import classes
+from bench.registry import circumstance_views, run_views
 from bench.result import Result
 from bench.sentences import sentences
 from bench.words import quoted, typed
@@ -121,9 +121,9 @@ def candidates(
             that does not exist.
     """
     wish = wish or Wish(PLAIN)
-    kinds = {kind.tag: (command, kind) for command, kind in classes("kinds").items() if kind.recordings == recordings}
-    every = [r for r in results if r.kind in kinds and kinds[r.kind][1].offers(r, wish)]
-    command = next(iter(kinds.values()))[0]
+    kinds = {tag: view for tag, view in run_views().items() if view.recordings == recordings}
+    every = [r for r in results if r.kind in kinds and kinds[r.kind].offers(r, wish)]
+    command = next(iter(kinds.values())).key
     if not recordings:
         command += "".join(f" protocol=personal protocol.shots={number}" for number in asked.get("shots", []))
     chosen, notes = eligible(every, asked, batch, command)
@@ -132,7 +132,7 @@ def candidates(
         raise _nothing(command, asked, notes)
     lent: dict[str, dict[str, float]] = {}
     for r in chosen:
-        lent.setdefault(str(r["system"]), {}).update(kinds[r.kind][1].lends(r))
+        lent.setdefault(str(r["system"]), {}).update(kinds[r.kind].lends(r))
     mine = costs_of(recordings)
     fixed = [name for name, cost in mine.items() if cost.among is None]
     table = pd.DataFrame([_row(seeds, lent[str(seeds[0][1]["system"])], fixed) for seeds in ways])
@@ -146,19 +146,19 @@ def candidates(
     people = People(subjects.to_numpy(float), lost, _counts(ways, [*subjects]))
     table = table.assign(**{name: people.cost(name) for name, cost in mine.items() if cost.among is not None})
     mixed = any(facts_of(r).mixes_subjects for r in chosen)
-    gestures = () if wish.reactions.plain else kinds[chosen[0].kind][1].gestures(chosen[0])
+    gestures = () if wish.reactions.plain else kinds[chosen[0].kind].gestures(chosen[0])
     return Candidates(table, ", ".join(context_of(chosen[0])), subjects, people, gestures, chosen[0], mixed, notes)
 
 
 Way = list[tuple[Candidate, Result]]  # of each seed
 
 
-def _ways(results: Sequence[Result], wish: Wish, kinds: Mapping[str, tuple[str, Any]]) -> list[Way]:
+def _ways(results: Sequence[Result], wish: Wish, kinds: Mapping[str, Any]) -> list[Way]:
     """The ways in which systems label, by system; of one way and seed, the last run counts."""
     as_they_are = {id(r) for r in plain(results)}
     ways: dict[tuple, dict[str, tuple[Candidate, Result]]] = {}
     for r in results:
-        for way in kinds[r.kind][1].candidates(r, replace(wish, plain=id(r) in as_they_are)):
+        for way in kinds[r.kind].candidates(r, replace(wish, plain=id(r) in as_they_are)):
             ways.setdefault((str(r["system"]), way.mark, way.apart, way.unit), {})[r["seed"]] = way, r
     order = sorted(ways, key=lambda key: key[:3])
     return [[ways[key][seed] for seed in sorted(ways[key], key=seed_number)] for key in order]
@@ -217,7 +217,7 @@ def _losses(
     lost = np.full((len(table), len(losses.circumstances), len(subjects)), np.nan)
     personal = str(context["protocol"]).startswith("personal")
     name, protocol = ("protocol_name", "loso") if personal else ("protocol_label", context["protocol_label"])
-    for circumstance in classes("circumstances").values():
+    for circumstance in circumstance_views():
         by_system: dict[str, dict[str, list[Result]]] = {}
         for r in results:
             if circumstance.holds(r) and r[name] == protocol and complete_on(r, context):
@@ -339,7 +339,7 @@ def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
         raise InputError(
             f"runs on different captures or protocols cannot be compared; name one of: {'; '.join(arguments[:4])}"
         )
-    kinds = {kind.tag: kind for kind in classes("kinds").values()}
+    kinds = run_views()
     newest = max(results, key=lambda r: r["started"])
     here = [r for r in results if alike(r, ["protocol"]) == alike(newest, ["protocol"])]
     last = {r.kind: alike(r, kinds[r.kind].alike) for r in sorted(here, key=lambda r: r["started"])}

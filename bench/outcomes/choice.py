@@ -21,7 +21,7 @@ from bench.outcomes.candidates import Candidates, People, candidates, missing
 from bench.outcomes.runs import without_runs
 from bench.paired import TOLERANCE, interval, mean_and_error, within_one_standard_error
 from bench.progress import warn
-from bench.registry import classes
+from bench.registry import run_views
 from bench.scene_file import EVERY, Scene
 from bench.sentences import sentences
 from bench.table import rows_of
@@ -384,7 +384,7 @@ class Chosen:
     @property
     def kind(self) -> Any:
         """Kind of run of the candidates."""
-        return next(kind for kind in classes("kinds").values() if kind.tag == self.among.first.kind)
+        return run_views()[self.among.first.kind]
 
     def __str__(self) -> str:
         return "\n".join([f"{self.among.context}:", *self.lines()])
@@ -529,7 +529,7 @@ def _lacking(among: Candidates, asked: list[str], scene: Scene) -> dict[str, lis
 
 def _command(recordings: bool) -> str:
     """The command that makes runs on captures, or on recordings."""
-    return next(name for name, kind in classes("kinds").items() if kind.recordings == recordings)
+    return next(view.key for view in run_views().values() if view.recordings == recordings)
 
 
 def _check_watched(by: str, unit: str, limits: Mapping[str, float], clock: float | None) -> None:

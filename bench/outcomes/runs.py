@@ -12,11 +12,11 @@ from bench.amounts import convert
 from bench.comparable import COMPARABLE, SAME_SYSTEM, context_of
 from bench.errors import InputError
 from bench.outcomes.store import Store, Stored
-from bench.outcomes.tables import AGAIN, read_table
 from bench.progress import warn
 from bench.registry import KEYS as PARTS
-from bench.registry import classes, names
+from bench.registry import names, run_views, views
 from bench.result import Result, Tables
+from bench.tables import AGAIN, read_table
 from bench.words import Values, items, labelled, typed
 
 if TYPE_CHECKING:
@@ -91,9 +91,8 @@ def different(results: Sequence[Result], key: str) -> bool:
 
 def every_result(store: Store) -> list[Result]:
     """Every scored run of all kinds, oldest first: the newest of equal ones, complete ones first."""
-    kinds = classes("kinds").values()
-    scores = {kind.tag: kind.score for kind in kinds}
-    tracked = {name for kind in kinds for name in kind.tracked()}
+    scores = {tag: view.score for tag, view in run_views().items()}
+    tracked = {name for view in views().values() for name in view.tracked}
     results = [result_of(store, run) for run in store.of_kind(*scores)]
     scored = [r for r in results if scores[r.kind] in r.metrics]
     newest = {
@@ -114,13 +113,11 @@ def stored(store: Store) -> list[Result]:
 
 def of_captures(results: Iterable[Result]) -> list[Result]:
     """The results of `plain` of the first kind, of captures."""
-    first, *_ = classes("kinds").values()
-    return plain(r for r in results if r.kind == first.tag)
+    return plain(r for r in results if r.kind == views()["run"].tag)
 
 
 def _none_stored() -> Never:
-    command, *_ = classes("kinds")
-    raise NothingTracked(f"no scored run is stored here; make one first, for example: bench {command} model=svm")
+    raise NothingTracked("no scored run is stored here; make one first, for example: bench run model=svm")
 
 
 def plain(results: Iterable[Result]) -> list[Result]:
@@ -128,7 +125,7 @@ def plain(results: Iterable[Result]) -> list[Result]:
 
     Whatever a circumstance changes, the labels of the captures as they are stay the same.
     """
-    tracked = [name for kind in classes("kinds").values() for name in kind.tracked()]
+    tracked = [name for view in views().values() for name in view.tracked]
     best: dict[tuple[str, ...], Result] = {}
     rank = lambda r: (r.complete, -sum(name in r.about for name in tracked), r["started"])  # noqa: E731
     for r in sorted(results, key=rank):

@@ -27,8 +27,10 @@ from bench.words import DEFAULTS, PARTS, Values, items
 if TYPE_CHECKING:
     from bench.models.search.space import Tuning
     from bench.plan.splits import Splitter
+    from bench.source import Code
 
 HOW = ("inner", "trials", "seconds")  # of a search, as it is typed
+NUMBERS = "bench.work.evaluation"  # the module of the loop that makes numbers
 Made = TypeVar("Made")  # what a part is when it is built
 
 
@@ -108,13 +110,17 @@ class Part(Generic[Made]):
         return f"{self.name}[{changed}]" if changed else self.name
 
     def identity(self) -> tuple:
-        """Identity of a part: name, parameters, and digest of its code."""
+        """Identity of a part: name and parameters."""
         if self.instance is None:
-            beyond = set(self.parameters) - set(parameters(self.factory))
-            code = source_digest(self.factory, *([recipe.Recipe] if beyond else []))
-            return self.room, self.short, self.parameters, code
-        classes = contract.classes(self.instance)
-        return self.room, self.name, contract.settings(self.instance), source_digest(*classes) if classes else ""
+            return self.room, self.short, self.parameters
+        return self.room, self.name, contract.settings(self.instance)
+
+    def code(self) -> list[Code]:
+        """Modules, classes and functions that it consists of."""
+        if self.instance is not None:
+            return [*contract.classes(self.instance)]
+        beyond = set(self.parameters) - set(parameters(self.factory))
+        return [self.factory, *([recipe] if beyond else [])]
 
     def packages(self) -> tuple[str, ...]:
         """Packages that this part alone depends on."""
@@ -123,10 +129,15 @@ class Part(Generic[Made]):
 
 @dataclass(frozen=True)
 class Cell:
-    """A combination of data, protocol, features, model, parameters and seed.
+    """A combination of data, protocol, features, model, parameters and seed, and what is measured of it.
 
     What is built of it and kept (`untrained`, `splitter`) stays in this process: a class of the user's file cannot be
     unpickled in another one.
+
+    Attributes:
+        circumstances: those in which the test captures are labelled again, in the order of the registry; each a
+            `bench.circumstances.base.Circumstance`.
+        study: what does the folds, of runs on other data than single captures; a `bench.circumstances.base.Study`.
     """
 
     data: str
@@ -138,6 +149,8 @@ class Cell:
     model: Part[contract.System]
     tuning: Tuning | None = None
     recordings: bool = False
+    circumstances: tuple[Any, ...] = ()
+    study: Any = None
 
     def __getstate__(self) -> dict[str, object]:
         return {f.name: getattr(self, f.name) for f in fields(self)}
@@ -146,6 +159,28 @@ class Cell:
     def parts(self) -> list[Part]:
         """Protocol, feature set if there is one, and model."""
         return [part for part in (self.protocol, self.features, self.model) if part]
+
+    @property
+    def producers(self) -> list[Any]:
+        """What is measured besides the accuracy and costs of captures."""
+        return [self.study] if self.study else [*self.circumstances]
+
+    @property
+    def kind(self) -> str:
+        """Tag of its runs."""
+        return self.study.key if self.study else "cell"
+
+    @property
+    def fold_kind(self) -> str:
+        """Tag of the folds of its runs."""
+        return f"{self.kind}_fold" if self.study else "fold"
+
+    @property
+    def command(self) -> str:
+        """The command that makes its run."""
+        if self.study:
+            return self.study.key
+        return "tune" if self.tuning else "run"
 
     @cached_property
     def untrained(self) -> contract.System:
@@ -206,25 +241,23 @@ class Cell:
         return self.model.packages()
 
     def identity(self) -> dict[str, object]:
-        """Identity of its results, besides the captures: selection, parts with parameters and code, versions."""
-        search = []
+        """Identity of its results, besides the captures: selection, parts with parameters, code, versions."""
+        made = [faults.all_faults()[name] for name in contract.trained_faults(self.untrained)]
+        code = [NUMBERS, *(c for one in (*self.parts, *self.producers) for c in one.code()), *(f.damage for f in made)]
         if self.tuning:
             from bench.models.search.tuning import machinery
 
             beyond = set(self.tuning["space"]) - set(parameters(self.model.factory))
-            search = [source_digest(*machinery(self.tuning), *([recipe.Recipe] if beyond else []))]
-        return self._faults() | {
+            code += [*machinery(self.tuning), *([recipe] if beyond else [])]
+        return {
             "target": self.target,
             "tuning": repr(self.tuning),
-            "search": search,
             "parts": [part.identity() for part in self.parts],
+            "measured": [(one.key, one.identity()) for one in self.producers],
+            "faults": [(f.name, f.amounts) for f in made],  # they may come from other packages
+            "code": source_digest(*code),
             "versions": versions(self.packages()),
         }
-
-    def _faults(self) -> dict[str, object]:
-        """What the faults do that the system is trained on; they may come from other packages."""
-        trained = [faults.all_faults()[name] for name in contract.trained_faults(self.untrained)]
-        return {"faults": [(f.name, f.amounts, source_digest(f.damage)) for f in trained]} if trained else {}
 
     def of_recordings(self) -> Cell:
         """The cell, marked: its data holds recordings, which are used whole."""
@@ -245,7 +278,8 @@ class Cell:
             values |= {f"model.{k}": ",".join(map(text_of, v)) for k, v in lists.items()}
             how = dict(self.tuning)
             values |= {k: text_of(how[k]) for k in (("smallest", "inner") if "smallest" in how else HOW) if k in how}
-        return values | ({"seed": str(self.seed)} if self.seed else {})
+        values |= {"seed": str(self.seed)} if self.seed else {}
+        return values | {key: text for one in self.producers for key, text in one.arguments().items()}
 
 
 def _arguments(made: object) -> dict[str, object]:

@@ -1,20 +1,54 @@
-"""The evaluation of a system in a fold: fit, decide on the test captures, measure what that takes."""
+"""What is done in a fold, and what is measured of a run: fit, decide on the test captures, and each circumstance."""
 
 from __future__ import annotations
 
+import traceback
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from bench import contract
+from bench import contract, scores
+from bench.result import Result
+from bench.usual import LABELS
+from bench.work.fitted import Fitted
 from bench.work.fold import ALONE, batch_effects, check_agreement, computing, decisions, footprint, latency
 from bench.work.personal import met
-from bench.work.results import FoldResult
+from bench.work.results import FoldResult, costs, measured, tables_of
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
     from bench.plan.cells import Cell
-    from bench.plan.plan import Fold
+    from bench.plan.plan import Fold, Plan
+
+
+def folded(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+    """One fold with its tracked numbers; a circumstance that fails leaves the rest."""
+    if cell.study:
+        result = cell.study.fold(cell, corpus, fold, threads)
+        result.scored = cell.study.fold_metrics(result, corpus.rate_hz)
+        return result
+    system, result = evaluated(cell, corpus, fold, threads)
+    at = Fitted(cell, corpus, fold, system, result.table, threads)
+    if cell.circumstances:
+        result.tables = {LABELS: at.clean()}
+    for circumstance in cell.circumstances:
+        try:
+            done = circumstance.fold(at)
+        except (Exception, SystemExit):  # a system may raise anything
+            result.failed[circumstance.key] = traceback.format_exc()
+            continue
+        result.metrics |= done.metrics
+        result.times |= done.times
+        result.batch_effects += done.batch_effects
+        for name, table in done.tables.items():
+            before = [result.tables[name]] if name in result.tables else []
+            result.tables[name] = pd.concat([*before, table], ignore_index=True)
+    for circumstance in cell.circumstances:
+        if circumstance.key not in result.failed:
+            result.scored |= circumstance.fold_metrics(result, corpus.rate_hz)
+    result.scored |= scores.accuracies(result.table) | costs([result])
+    return result
 
 
 def evaluated(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> tuple[contract.System, FoldResult]:
@@ -46,3 +80,34 @@ def evaluated(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> tuple[con
         effects,
         times=walls,
     )
+
+
+def run_of(plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
+    """The run from the folds that went well, at least one, in the order of the protocol.
+
+    Scores and costs; confusions, subjects and classes; what each circumstance changes, where it failed in no fold.
+
+    Args:
+        plan: plan of the run.
+        about: tags and parameters of the run; tags that the result adds are stored, too.
+        folds: results of the folds.
+    """
+    if plan.cell.study:
+        return plan.cell.study.result(plan, about, folds)
+    rate_hz = plan.corpus.rate_hz
+    numbers, tables, unit = measured(folds, rate_hz)
+    stored, more = tables_of(folds), {}
+    whole = [c for c in plan.cell.circumstances if not any(c.key in fold.failed for fold in folds)]
+    if whole:
+        from bench.work.curves import unharmed
+        from bench.work.stability import sliced
+
+        every = {"predictions": tables["predictions"], **stored}
+        for circumstance in whole:
+            own, made = circumstance.result(every, folds, rate_hz)
+            more, tables = more | own, tables | made
+        tested = [c for c in whole if c.sliced]
+        labels = pd.concat([unharmed(stored[LABELS]), *(c.labels(every, rate_hz) for c in tested)], ignore_index=True)
+        own, made = sliced(labels, {c.key: c.word for c in tested}, about["target"])
+        more, tables = more | own, tables | made
+    return Result({**about, "unit": unit}, more | numbers, tables | stored)

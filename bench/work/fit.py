@@ -22,7 +22,6 @@ from bench.plan.plan import Plan, checked, corpus_of, usable_cores
 from bench.progress import telling, warn
 from bench.scratch import made_whole, new_folder
 from bench.work.bar import Bar
-from bench.work.experiment import Experiment
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.replay import Replay, Stopping, learned, unlearnable
 from bench.work.results import FoldResult, costs
@@ -64,12 +63,6 @@ class Fitted:
         )
 
     __repr__ = __str__
-
-
-class _Fit(Experiment):
-    """The training of a saved system, as far as it identifies one."""
-
-    tag = "fit"
 
 
 def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: Any = None) -> Fitted:
@@ -117,7 +110,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: An
     model = recogniser.model(plugins, corpus[0][:EXAMPLE_FRAMES], cell.packages())
     by_value()
     how = f" {watching.params}" if watching else ""
-    key = hashlib.sha256(f"{key_of(plan, _Fit())} fit{how}".encode()).hexdigest()[:20]
+    key = hashlib.sha256(f"{key_of(plan)} fit{how}".encode()).hexdigest()[:20]
     tags = tags_of(cell, corpus) | {"touchbench.kind": "fit", "touchbench.cell": key}
     with only_one(key):
         for cut_off in store.runs(f"tags.`touchbench.cell` = '{key}' and attributes.status = 'RUNNING'"):

@@ -10,7 +10,7 @@ import pandas as pd
 
 from bench import contract, scores
 from bench.usual import CLEAN
-from bench.work.experiment import Case
+from bench.work.case import Case
 from bench.work.fold import SOME, batch_effects, decisions
 
 if TYPE_CHECKING:

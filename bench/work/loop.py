@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +24,7 @@ from bench.registry import check_loaded, imported
 from bench.result import Result
 from bench.work.backend import HERE, Backend
 from bench.work.bar import Bar
-from bench.work.experiment import Experiment
+from bench.work.curves import COLUMNS
 from bench.work.tracking import TrackedRun, key_of
 from bench.work.workers import Done, Processes, Task, Todo, Workers
 
@@ -33,22 +33,33 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C after finished results were stored."""
 
 
-def prepared(cells: Iterable[Cell], experiments: Sequence[Experiment], jobs: int | None) -> Todo:
-    """Every cell with every experiment; all is checked before the first fold starts.
+def prepared(cells: Iterable[Cell], jobs: int | None) -> Todo:
+    """A plan for each cell; all is checked before the first fold starts.
 
     Raises:
-        InputError: something in the cells, the data, the experiments or what installed packages add cannot be used.
+        InputError: something in the cells, the data or what installed packages add cannot be used.
     """
     check_loaded()
-    todo = [(plan, experiment) for plan in planned(list(cells), jobs) for experiment in experiments]
-    for plan, experiment in todo:
-        if taken := reserved(map(str, plan.corpus.captures), experiment.columns):
+    todo = planned(list(cells), jobs)
+    for plan in todo:
+        if taken := reserved(map(str, plan.corpus.captures), columns_of(plan.cell)):
             raise InputError(
                 f"{plan.corpus.name} has a column {min(taken)!r}, a name that tables of results use; rename "
                 "the column and import again"
             )
-        experiment.refuse(plan)
+        if plan.cell.circumstances and any(fold.known for fold in plan.folds):
+            raise InputError(
+                f"protocol={plan.cell.protocol}: {plan.cell.circumstances[0].key}= does not adapt systems to a person; "
+                "leave protocol.shots= and protocol.unlabelled= out"
+            )
+        for one in plan.cell.producers:
+            one.refuse(plan)
     return todo
+
+
+def columns_of(cell: Cell) -> frozenset[str]:
+    """Further columns of the tables of labels of its runs."""
+    return frozenset().union(COLUMNS if cell.circumstances else (), *(one.columns for one in cell.producers))
 
 
 def execute(todo: Todo, backend: Backend = HERE) -> list[Result]:
@@ -74,10 +85,9 @@ def execute(todo: Todo, backend: Backend = HERE) -> list[Result]:
             else:
                 workers = imported(backend.workers)(backend.address, todo, warn, folder)
             if workers.threads:
-                todo = [(replace(plan, threads=workers.threads), experiment) for plan, experiment in todo]
+                todo = [replace(plan, threads=workers.threads) for plan in todo]
             with workers:
-                every = ([*warnings(plan), *experiment.warnings(plan)] for plan, experiment in todo)
-                for line in dict.fromkeys(line for lines in every for line in lines):
+                for line in dict.fromkeys(line for plan in todo for line in warnings(plan)):
                     warn(line)
                 with Bar(folder) as bar, Queue(connect(writes=True), todo, workers, bar) as queue:
                     return queue.work()
@@ -156,9 +166,9 @@ class Queue:
         while True:
             for key, begun in self.under_way.items():
                 if begun.waiting:
-                    plan, experiment = begun.run.plan, begun.run.experiment
+                    plan = begun.run.plan
                     room = self.workers.room(plan)
-                    return Task(plan, experiment, begun.waiting.popleft(), key) if room else None
+                    return Task(plan, begun.waiting.popleft(), key) if room else None
             if not self._begin():
                 return None
 
@@ -166,13 +176,13 @@ class Queue:
         """Find or make the run of the next plan; whether that is done, or it has to wait for others."""
         if not self.plans or (self.under_way and not self.workers.overlap):
             return False
-        index, (plan, experiment) = self.plans[0]
-        if not self.workers.room(plan) or (key := key_of(plan, experiment)) in self.under_way:
+        index, plan = self.plans[0]
+        if not self.workers.room(plan) or (key := key_of(plan)) in self.under_way:
             return False  # of two that are the same the second finds what the first one stores
         try:
             with ExitStack() as lock:
                 lock.enter_context(only_one(key))
-                run = TrackedRun(self.store, plan, experiment, key)
+                run = TrackedRun(self.store, plan, key)
                 begun = self.under_way[key] = Begun(index, run, deque(run.missing), lock.pop_all())
         except InputError as e:
             self.refusal = e
@@ -234,4 +244,4 @@ def warnings(plan: Plan) -> list[str]:
             f"warning: {cell.data}: {short} of {len(corpus)} captures are shorter than the {frames}-frame window "
             f"of {cell.model.short}; they are padded"
         )
-    return lines
+    return [*lines, *(line for one in cell.producers for line in one.warnings(plan))]

@@ -9,8 +9,8 @@ from typing import SupportsFloat
 import numpy as np
 import pandas as pd
 
-from bench import measures, scores
-from bench.outcomes.tables import uniform
+from bench import scores
+from bench.tables import uniform
 
 
 @dataclass
@@ -113,19 +113,17 @@ def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float
 def costs(results: list[FoldResult]) -> dict[str, float]:
     """Seconds are means over folds, milliseconds quantiles over their timed captures.
 
-    For sizes and other amounts the worst fold counts: the largest, or the smallest of a cost that should be high. For
-    the reference workload, and for times as a multiple of it, the median fold counts. All times but those with wall in
-    their name are of the quiet machine (`bench.timing`).
+    For sizes and other amounts the largest fold counts. For the reference workload, and for times as a multiple of it,
+    the median fold counts. All times but those with wall in their name are of the quiet machine (`bench.timing`).
     """
     names = dict.fromkeys(name for r in results for name in r.metrics)  # a fold may have one that another has not
     metrics = {k: [r.metrics[k] for r in results if k in r.metrics] for k in names}
     kinds: dict[str, Callable[[list[float]], SupportsFloat]]
     kinds = {"seconds": np.mean}
     kinds |= dict.fromkeys(("reference_ms", "quiet_ms", "slowdown", "predict_relative"), np.median)
-    high = {cost.read or cost.key for cost in measures.costs().values() if cost.better == "high"}
     numbers = {}
     for name, values in metrics.items():
-        combine = next((f for end, f in kinds.items() if name.endswith(end)), min if name in high else max)
+        combine = next((f for end, f in kinds.items() if name.endswith(end)), max)
         numbers[name] = float(combine(values))
     timed = [{"predict_ms": r.predict_ms, "decide_ms": r.decide_ms} | r.times for r in results]
     for name in dict.fromkeys(name for each in timed for name in each):

@@ -19,26 +19,21 @@ from bench.corpora.corpus import Corpus
 from bench.machine import Machine
 from bench.outcomes.runs import ROOMS, stored_tables
 from bench.outcomes.store import Store
-from bench.outcomes.tables import AGAIN, FOR_PEOPLE, file_of, read_table, uniform, write_table
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan
 from bench.result import FAILED, Failure, Result, Tables
-from bench.source import git_revision, source_digest, versions
-from bench.work.experiment import Experiment
+from bench.source import git_revision, versions
+from bench.tables import AGAIN, FOR_PEOPLE, file_of, read_table, uniform, write_table
+from bench.work.evaluation import run_of
 from bench.work.results import FoldResult
 
 if TYPE_CHECKING:
     from mlflow.entities import Run
 
 
-def key_of(plan: Plan, experiment: Experiment) -> str:
+def key_of(plan: Plan) -> str:
     """Key of a run: everything that its stored numbers depend on (docs/notes/decisions.md, identity)."""
-    same = plan.identity() | {
-        "kind": experiment.tag,
-        "options": experiment.identity(),
-        "code": source_digest(*experiment.depends()),
-    }
-    return hashlib.sha256(json.dumps(same, sort_keys=True, default=str).encode()).hexdigest()[:20]
+    return hashlib.sha256(json.dumps(plan.identity(), sort_keys=True, default=str).encode()).hexdigest()[:20]
 
 
 def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
@@ -84,12 +79,10 @@ class TrackedRun:
     Args:
         store: store of the run.
         plan: plan of the run.
-        experiment: kind of the run.
-        key: `key_of` both.
+        key: its `key_of`.
 
     Attributes:
         plan: plan of the run.
-        experiment: kind of the run.
         key: key that identifies the run.
         run_id: id of the parent run.
         tags: tags of the run.
@@ -102,16 +95,16 @@ class TrackedRun:
         others: machine of each finished fold that was done elsewhere, by fold name.
     """
 
-    def __init__(self, store: Store, plan: Plan, experiment: Experiment, key: str) -> None:
-        self.store, self.plan, self.experiment, self.key = store, plan, experiment, key
+    def __init__(self, store: Store, plan: Plan, key: str) -> None:
+        self.store, self.plan, self.key = store, plan, key
         cell = plan.cell
         self.tags = tags_of(cell, plan.corpus) | plan.facts
         self.tags |= {"protocol": str(cell.protocol), "protocol_label": plan.label}
-        self.tags |= {"touchbench.kind": experiment.tag, "touchbench.cell": key}
-        self.tags |= {"touchbench.command": experiment.command(cell)}
+        self.tags |= {"touchbench.kind": cell.kind, "touchbench.cell": key}
+        self.tags |= {"touchbench.command": cell.command}
         if not cell.has_objects:  # an object cannot be typed
-            self.tags["touchbench.arguments"] = json.dumps(cell.arguments() | experiment.arguments())
-        stored = store.find(key, experiment.tag)
+            self.tags["touchbench.arguments"] = json.dumps(cell.arguments())
+        stored = store.find(key, cell.kind)
         if stored and stored.info.status != "FINISHED" and not (stored.inputs and stored.inputs.dataset_inputs):
             store.delete(stored.info.run_id)  # cut off while it was made
             stored = None
@@ -158,10 +151,11 @@ class TrackedRun:
             f"{', ' + cell.where if cell.where else ''}), {self.plan.label}"
         )
         tags = {"mlflow.note.content": note, "mlflow.source.name": "bench"}
-        run_id = self.store.create(f"{self.experiment.command(cell)} {cell.title()}", tags | self.tags)
+        run_id = self.store.create(f"{cell.command} {cell.title()}", tags | self.tags)
         params = params_of(cell, corpus, self.plan.threads) | {"protocol": cell.protocol.name}
         params |= {f"protocol.{k}": v for k, v in (cell.protocol.parameters | cell.protocol.changed()).items()}
-        params |= self.experiment.options()
+        for one in cell.producers:
+            params |= one.params()
         self.params = {name: str(value) for name, value in params.items()}
         self.store.log(run_id, params=params)
         log_captures(self.store, run_id, cell, corpus, "evaluation")
@@ -206,7 +200,7 @@ class TrackedRun:
             self.store.log(self.run_id, params=machine._asdict())
         tags = {
             "mlflow.parentRunId": self.run_id,
-            "touchbench.kind": self.experiment.fold_tag,
+            "touchbench.kind": self.plan.cell.fold_kind,
             "touchbench.fold": result.name,
         }
         if not result.error:
@@ -270,7 +264,7 @@ class TrackedRun:
         if failed := dict.fromkeys(key for r in results for key in r.failed):
             self.tags[FAILED] = ", ".join(failed)
         about = self._about("FINISHED" if len(results) == folds else "FAILED")
-        result = self.experiment.result(self.plan, about, results) if results else Result(about, {}, {})
+        result = run_of(self.plan, about, results) if results else Result(about, {}, {})
         added = {name: text for name, text in result.about.items() if name not in about}
         counts = {"folds": len(results), "folds_failed": folds - len(results)}
         tables = {name: result.tables[name] for name in result.tables} | _choices(results)

@@ -18,27 +18,25 @@ from bench.machine import Machine, this_machine
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
 from bench.progress import forget, telling
-from bench.work.experiment import Experiment
+from bench.work.evaluation import folded
 from bench.work.fold import forget_peak
 from bench.work.pool import Executor, pool
 from bench.work.results import FoldResult
 
-Todo = list[tuple[Plan, Experiment]]  # what a command is to run
+Todo = list[Plan]  # what a command is to run
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A fold of a plan, and its experiment.
+    """A fold of a plan.
 
     Attributes:
         plan: plan of the fold.
-        experiment: kind of run.
         fold: fold to do.
         key: key of its run.
     """
 
     plan: Plan
-    experiment: Experiment
     fold: Fold
     key: str
 
@@ -133,7 +131,7 @@ class Processes:
     def submit(self, task: Task) -> None:
         """Have a fold done."""
         plan = task.plan
-        arguments = (task.experiment, plan.cell, plan.corpus, task.fold, plan.threads, task.key, self.folder)
+        arguments = (plan.cell, plan.corpus, task.fold, plan.threads, task.key, self.folder)
         self.submitted = time.perf_counter()
         self.running[self._pool(plan).submit(do_fold, *arguments)] = task
 
@@ -165,10 +163,8 @@ class Processes:
         return pool(self.count(plan), plan.threads)
 
 
-def do_fold(
-    experiment: Experiment, cell: Cell, corpus: Corpus, fold: Fold, threads: int, key: str, folder: Path | None = None
-) -> FoldResult:
-    """Do one fold of an experiment, in a worker; an exception becomes the result's ``error``.
+def do_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int, key: str, folder: Path | None = None) -> FoldResult:
+    """Do one fold, in a worker; an exception becomes the result's ``error``.
 
     Its messages lie in a folder under the key of its run (`bench.progress`).
     """
@@ -176,8 +172,7 @@ def do_fold(
     began = time.perf_counter()
     try:
         with telling(folder, fold.name, key):
-            result = experiment.fold(cell, corpus, fold, threads)
-        result.scored = experiment.fold_metrics(result, corpus.rate_hz)  # here, as the command has but one process
+            result = folded(cell, corpus, fold, threads)
     except BaseException:  # whatever a system raises is this fold's result; even `sys.exit` does not end the command
         result = FoldResult(fold.name, error=traceback.format_exc())
     result.seconds = time.perf_counter() - began

@@ -13,9 +13,9 @@ from bench.cli import main
 from bench.commands import printing
 from bench.commands.kind import made
 from bench.comparable import BATCH, MARKED
-from bench.kinds.captures import Captures
 from bench.measures import Measure
 from bench.options import keys
+from bench.registry import views
 from bench.table import Table
 from bench.words import quoted
 from tests.conftest import SMALL, predictions, runs
@@ -103,7 +103,7 @@ def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys)
     results = made("run", values)
     top = max(results, key=lambda r: r["subject_accuracy_mean"])
     top.about[BATCH] = "true"
-    assert printing.show(results, [(Captures, results)]) == 0
+    assert printing.show(results, [(views()["run"], results)]) == 0
     text, name = capsys.readouterr().out, top["system"]
     assert f"│ {name} † " in text and f"{name} † (best)" not in text and "(best)" in text
     assert MARKED in text.splitlines()
@@ -115,7 +115,7 @@ def test_rows_are_sorted_by_accuracy_within_captures_and_protocol():
         evaluated(name, with_hits([n] * 3), protocol_label=p) for p in ("LOSO", "kfold") for name, n in hits.items()
     ]
     failed = result("none", metrics={"folds": 0}, failed=3, protocol_label="LOSO")
-    table = printing.runs_table([failed, *runs], Captures)
+    table = printing.runs_table([failed, *runs], views()["run"])
     names = [row["system"].removesuffix(" (best)") for row in table.texts]
     assert names == ["better", "middle", "worse", "none", "better", "middle", "worse"]
 

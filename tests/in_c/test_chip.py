@@ -3,6 +3,7 @@
 import re
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,6 @@ from bench.in_c import fold as onchip
 from bench.in_c import measure as compiled
 from bench.in_c import network
 from bench.in_c.circumstance import InC
-from bench.kinds.captures import Captures
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work.tracking import key_of
@@ -155,12 +155,12 @@ def test_what_it_starts_ends_with_it(tmp_path, monkeypatch):
 
 def test_other_code_or_compilers_are_another_run(monkeypatch):
     (plan,) = planned(cells({"model": "bayes", "features": "jung28", "data.subjects": "4"}), 1)
-    of = lambda bits: key_of(plan, Captures((InC("c", bits),)))  # noqa: E731
+    of = lambda bits: key_of(plan.of(replace(plan.cell, circumstances=(InC("c", bits),))))  # noqa: E731
     key = of("8")
     assert key == of("8") != of("32")
     monkeypatch.setattr(compiled, "toolchain", lambda: ["cc 99"])
     assert of("8") != key
-    assert network in InC("c", "8").depends()
+    assert network in InC("c", "8").code()
 
 
 @pytest.mark.live

@@ -307,8 +307,8 @@ def test_runs_on_the_newest_corpus_of_a_name_win():
 
 def test_what_results_share_depends_on_their_kind(monkeypatch):
     late = SimpleNamespace(tag="late", alike={"late.share": ("the last {}", "")}, other="of another share")
-    kinds = {"run": SimpleNamespace(tag="cell", alike={}, other=""), "late": late}
-    monkeypatch.setattr("bench.outcomes.candidates.classes", lambda room: kinds)
+    kinds = {"cell": SimpleNamespace(tag="cell", alike={}, other=""), "late": late}
+    monkeypatch.setattr("bench.outcomes.candidates.run_views", lambda: kinds)
     of = [("svm", "cell", ""), ("rf", "late", "0.5"), ("lda", "late", "0.25"), ("xgb", "cell", "")]
     results = [run(system, **{"touchbench.kind": kind, "late.share": share}) for system, kind, share in of]
     kept, (note,) = eligible(results, {})

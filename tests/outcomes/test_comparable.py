@@ -1,8 +1,8 @@
 """What makes runs comparable, and the facts of protocols."""
 
-from bench.circumstances.instants import Instants
 from bench.comparable import alike, comparable
 from bench.outcomes.runs import grouped
+from bench.registry import views
 from tests.results import evaluated
 
 
@@ -14,7 +14,7 @@ def test_runs_are_comparable_on_the_same_captures_under_the_same_protocol():
     replayed = run | {"stream.start": "onset", "stream.hop_ms": "None"}
     middle = replayed | {"stream.start": "middle"}
     assert comparable(replayed) == comparable(middle) == comparable(run)  # the captures as they are
-    assert alike(replayed, Instants.alike) != alike(middle, Instants.alike)
+    assert alike(replayed, views()["after"].alike) != alike(middle, views()["after"].alike)
 
 
 def test_runs_on_other_splits_are_never_in_one_group():

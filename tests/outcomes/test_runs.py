@@ -18,8 +18,8 @@ from bench.outcomes.runs import (
     stored,
     wanted,
 )
-from bench.outcomes.tables import file_of, write_table
 from bench.result import COUNTS, SMALL
+from bench.tables import file_of, write_table
 from tests.reports.store import keep
 from tests.results import evaluated, in_c, made_up, result, streamed, stressed, watched, with_hits
 

@@ -16,7 +16,6 @@ from bench import contract
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.jung54 import Jung54
-from bench.kinds.captures import Captures
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work import loop
@@ -27,7 +26,7 @@ SMALL = {"data.subjects": 3, "data.variants": ("normal",)}
 
 
 def keys(**values):
-    return [key_of(plan, Captures()) for plan in planned(cells(SMALL | values), None)]
+    return [key_of(plan) for plan in planned(cells(SMALL | values), None)]
 
 
 def test_folds_are_part_of_what_a_run_is():
@@ -97,7 +96,7 @@ def evaluated(monkeypatch):
 
     def run(*systems):
         values = SMALL | {"data.repetitions": 1, "model": list(systems)}
-        return loop.execute(loop.prepared(cells(values), [Captures()], 1))
+        return loop.execute(loop.prepared(cells(values), 1))
 
     return run
 

@@ -143,7 +143,6 @@ def test_the_seed_of_a_feature_set_is_that_of_the_run_or_named():
 
 def test_commands_that_search_make_the_same_search_again(monkeypatch):
     from bench.commands import smallest, tune
-    from bench.kinds.captures import Captures
 
     made = []
     for module in (smallest, tune):
@@ -159,7 +158,7 @@ def test_commands_that_search_make_the_same_search_again(monkeypatch):
     ):
         tune.searched(parse(line.split(), keys("tune")))
         (cell, *_) = made[-1]
-        assert Captures().command(cell) == "tune"
+        assert cell.command == "tune"
         tune.searched(parse([f"{k}={v}" for k, v in cell.arguments().items()], keys("tune")))
         assert made[-1][0] == cell
 

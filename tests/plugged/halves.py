@@ -1,4 +1,4 @@
-"""Accuracy on the second half of the captures of each person: a whole kind of run, as a package would add it."""
+"""Accuracy on the second half of the captures of each person: a whole study, as a package would add it."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,30 +9,26 @@ import numpy as np
 
 from bench import scores
 from bench.candidate import Candidate, Wish
-from bench.kinds.base import Kind, Spelling, option
+from bench.circumstances.base import Study, option
 from bench.measures import Cost, Measure, percent, text
 from bench.options import Command
 from bench.reports.figures import new_figure, save
 from bench.reports.part import Part, Section
+from bench.reports.views.base import View
 from bench.result import Result
 from bench.table import Table
 from bench.work.fold import computing, decisions, fitted, footprint
 from bench.work.results import FoldResult, costs, table_of
 
+COMMAND = Command("compare", "score late captures", "Leaves out the first captures of each person.", makes="halves")
+
 
 @dataclass(frozen=True)
-class Halves(Kind):
+class Halves(Study):
     """A system is fitted as usual, and tested on what is left after the first captures of each person."""
 
-    tag: ClassVar[str] = "halves"
-    commands: ClassVar[dict[str, Spelling]] = {
-        "halves": Spelling(Command("compare", "score late captures", "Leaves out the first captures of each person."))
-    }
-    heading: ClassVar[str] = "Accuracy in percent on late captures"
-    shown: ClassVar[tuple[Measure, ...]] = (percent("accuracy", "late %"), Measure("tested", form=".0f"))
-    costs: ClassVar[tuple[Cost, ...]] = (
-        Cost("tested", unit="captures", noun="test captures", help="most test captures", column=False),
-    )
+    key: ClassVar[str] = "halves"
+    view: ClassVar[str] = "halves:Shown"
 
     share: float = option(0.5, "share of the captures to leave out", type="number")
 
@@ -52,24 +48,25 @@ class Halves(Kind):
         numbers = costs(folds) | scores.summary(table, plan.corpus.rate_hz) | {"tested": float(people["n"].sum())}
         return Result(about, numbers, {"predictions": table, "per_subject": people})
 
-    @classmethod
-    def section(cls, results: Sequence[Result], folder: Path) -> Section | None:
+
+class Shown(View):
+    heading = "Accuracy in percent on late captures"
+    shown: tuple[Measure, ...] = (percent("accuracy", "late %"), Measure("tested", form=".0f"))
+    costs = (Cost("tested", unit="captures", noun="test captures", help="most test captures", column=False),)
+
+    def section(self, results: Sequence[Result], folder: Path) -> Section:
         """Bars of all systems, and their table."""
-        if not results:
-            return None
         figure, axes = new_figure((6, 3))
         axes[0, 0].bar(np.arange(len(results)), [100 * r["accuracy"] for r in results])
         picture = save(figure, folder, "0-halves", results[0].context[0], "Accuracy on late captures.")
-        table = Table([text("system", read=lambda r: r.method), *cls.shown], results)
-        return Section("Late captures", [Part(picture, table, cls.heading)])
+        table = Table([text("system", read=lambda r: r.method), *self.shown], results)
+        return Section("Late captures", [Part(picture, table, self.heading)])
 
-    @classmethod
-    def sheets(cls, results: Sequence[Result]):
+    def sheets(self, results: Sequence[Result]):
         """The table as numbers."""
-        return {"halves": Table([text("system", read=lambda r: r.method), *cls.shown], results).frame()}
+        return {"halves": Table([text("system", read=lambda r: r.method), *self.shown], results).frame()}
 
-    @classmethod
-    def candidates(cls, result: Result, wish: Wish) -> Iterator[Candidate]:
+    def candidates(self, result: Result, wish: Wish) -> Iterator[Candidate]:
         """The system on late captures."""
         people = result.tables["per_subject"].set_index("subject")
         yield Candidate("late captures", 100 * people["accuracy"], mark="late")

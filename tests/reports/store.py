@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 
 from bench import scores
-from bench.outcomes.tables import file_of, write_table
+from bench.tables import file_of, write_table
 from tests import results
 from tests.results import WATCHED, made_up, with_hits
 

@@ -16,11 +16,11 @@ from bench.commands import printing
 from bench.comparable import BATCH, CONDITIONS, MARK
 from bench.endless import page as watching
 from bench.errors import InputError
-from bench.kinds.captures import Captures
 from bench.measures import costs
 from bench.outcomes import statistics
 from bench.outcomes.runs import grouped, stored
 from bench.outcomes.store import connect
+from bench.registry import views
 from bench.reports import candidates, page, panes
 from bench.reports.comparison import comparison, published, shown
 from bench.reports.pair import compared
@@ -284,7 +284,7 @@ def test_the_footnote_of_reflex_stands_wherever_it_is_compared_on_haart(quick, s
         about = rows.drop(columns=["note", "against"], errors="ignore").agg(" ".join, axis=1).str.contains("reflex")
         assert rows["note"].str.contains(words).tolist() == about.tolist() and about.any(), name
     runs = [evaluated("reflex", **LOSO)]
-    assert printing.show(runs, [(Captures, runs)]) == 0 and words in capsys.readouterr().out
+    assert printing.show(runs, [(views()["run"], runs)]) == 0 and words in capsys.readouterr().out
     assert words in repr(compared([(name, grouped(stored(store))) for name in ("reflex", "svm · jung54")]))
 
 

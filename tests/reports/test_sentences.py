@@ -7,9 +7,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from bench.circumstances.faults import Faults
-from bench.circumstances.instants import Instants
 from bench.cli import main
+from bench.registry import views
 from bench.reports.contexts import contexts
 from bench.reports.new_person import WITHOUT, curve_of, curves_of, enough, gained, new_person_section
 from bench.reports.run_groups import Group
@@ -67,7 +66,7 @@ def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lo
     (first, runs), *rest = contexts(results, more="loss.")
     assert runs == [forest, whole] and first.endswith("only the lowest seed of each system")
     assert ["cover" in name for name, _ in rest] == [True, False] and "(synthetic)" in rest[1][0]
-    part = Faults.section(results, tmp_path).parts[0]
+    part = views()["under"].section(results, tmp_path).parts[0]
     picture, table = part.picture, part.table
     drawn = picture.path.read_text()
     assert all(f">{text}</text>" in drawn for text in ("23", "10", "5", "-", "svm (60 % clean)", "rf (70 % clean)"))
@@ -90,18 +89,18 @@ def test_early_decisions_by_start_and_hop(tmp_path):
     for start, hop, system in (("onset", "None", "svm"), ("onset", "None", "rf"), ("middle", "125.0", "svm")):
         numbers = {"accuracy_at_500_ms": 0.5, "adaptive_accuracy": 0.66 if system == "svm" else 0.6}
         results.append(streamed(system, start, hop, metrics=numbers))
-    first, second = (words for words, _ in contexts(results, Instants.alike, "replay_accuracy"))
-    part, _ = Instants.section(results, tmp_path).parts
+    first, second = (words for words, _ in contexts(results, views()["after"].alike, "replay_accuracy"))
+    part, _ = views()["after"].section(results, tmp_path).parts
     picture, table = part.picture, part.table
     assert set(table.shown()["system"]) == {"rf", "svm"} and picture.path.exists() and "middle" not in first
     assert "middle" in second and "125.0 ms" in second
     row = table.shown().set_index("system").loc["svm"]
     assert (row["500 ms"], row["adaptive"], row["after ms"]) == ("50.0", "66.0", "812") and "250 ms" not in row
     assert row["decision ms p50 / p95"] == "1.0 / 2.0"
-    _, words = Instants.brief(results)
+    _, words = views()["after"].brief(results)
     assert re.findall(r"svm|rf|\b\d+\.\d|\d+ ms", words) == ["svm", "70.0", "66.0", "812 ms"]
-    _, late = Instants.brief([streamed("svm", metrics={"adaptive_accuracy": 0.66, "adaptive_ms": 900.0})])
-    assert "66.0" not in late and "saving" in late and Instants.brief([]) is None
+    _, late = views()["after"].brief([streamed("svm", metrics={"adaptive_accuracy": 0.66, "adaptive_ms": 900.0})])
+    assert "66.0" not in late and "saving" in late and views()["after"].brief([]) is None
 
 
 def test_gains_of_shots_are_paired_and_who_loses_is_named(monkeypatch):

@@ -13,8 +13,8 @@ import pandas as pd
 from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 
+from bench.circumstances.base import Study, option
 from bench.result import Result
-from bench.work.experiment import Experiment
 from bench.work.results import FoldResult, table_of
 
 
@@ -94,22 +94,13 @@ MEASURED = {}  # folds that a run was measured from, by number
 
 
 @dataclass(frozen=True)
-class Echo(Experiment):
+class Echo(Study):
     """Predicts nothing: a row for each test capture; fails as a dictionary says."""
 
-    tag: ClassVar[str] = "echo"
+    key: ClassVar[str] = "echo"
     fails: ClassVar[dict] = {}  # what to raise, by fold
 
-    number: int = 0
-
-    def options(self):
-        return {"echo.number": self.number}
-
-    def arguments(self):
-        return {}
-
-    def command(self, cell):
-        return "echo"
+    number: int = option(0, "number", type="count")
 
     def fold(self, cell, corpus, fold, threads):
         DONE.append((self.number, fold.name))
@@ -149,6 +140,6 @@ class Level(ClassifierMixin, BaseEstimator):
         return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
 
-def cell_of(system):
-    """What an `Experiment` needs of a cell: it makes systems of a class of tests."""
-    return SimpleNamespace(title=lambda: "a cell", estimator=system, seed=0)
+def cell_of(system, *circumstances):
+    """What a fold needs of a cell: it makes systems of a class of tests."""
+    return SimpleNamespace(title=lambda: "a cell", estimator=system, seed=0, study=None, circumstances=circumstances)

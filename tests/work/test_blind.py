@@ -1,6 +1,7 @@
 """What a system may use: in prediction frames and grid of its captures alone, in training no other capture."""
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,6 @@ from bench.corpora.steps import Faulted, Repair, Scale, Windows
 from bench.errors import HiddenError, InputError, PredictionError
 from bench.features.base import FeatureSet
 from bench.features.jung28 import Jung28
-from bench.kinds.captures import Captures
 from bench.models.classic.lda import Discriminants
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, planned
@@ -28,7 +28,7 @@ from bench.plan.splits import Calibration
 from bench.timing import REPEATS
 from bench.work import loop
 from bench.work.alone import decide_alone
-from bench.work.evaluation import evaluated
+from bench.work.evaluation import evaluated, folded
 from bench.work.fit import fit
 from bench.work.fold import WARM_UP, batch_effects, decisions, latency
 from bench.work.loop import execute, prepared
@@ -139,27 +139,23 @@ def test_what_is_made_of_a_blind_corpus_is_blind(tmp_path):
 WINDOWS = {"model.window": 0.3}
 UNLABELLED = {"protocol": "personal", "protocol.unlabelled": "true"}
 CIRCUMSTANCES = (Faults(("noise",)), Subjects((1,)), Instants(hop_ms=200.0), Instants(hop_ms=200.0, stopping=True))
-PLAIN = Captures()
 
 
 @pytest.mark.parametrize(
-    ("experiment", "how"),
-    [
-        *((kind, how) for kind in (PLAIN, *(Captures((c,)) for c in CIRCUMSTANCES)) for how in ({}, WINDOWS)),
-        (PLAIN, UNLABELLED),
-    ],
+    ("circumstances", "how"),
+    [*((some, how) for some in ((), *((c,) for c in CIRCUMSTANCES)) for how in ({}, WINDOWS)), ((), UNLABELLED)],
 )
-def test_every_kind_of_run_predicts_blind(experiment, how, tmp_path, monkeypatch):
+def test_every_kind_of_run_predicts_blind(circumstances, how, tmp_path, monkeypatch):
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: FEW)
     path = tmp_path / "my.py"
     path.write_text("from tests.work.test_blind import Mean as Good, Reads as Bad\n")
     (good,), (bad,) = (planned(cells({"model": f"{path}:{name}"} | how), 1) for name in ("Good", "Bad"))
-    result = experiment.fold(good.cell, FEW, good.folds[0], 1)
+    result = folded(replace(good.cell, circumstances=circumstances), FEW, good.folds[0], 1)
     assert len(result.table) and not result.batch_effects
     assert all(len(table) for table in result.tables.values())
-    assert {*result.tables} >= ({"labels"} if experiment.circumstances else set())
+    assert {*result.tables} >= ({"labels"} if circumstances else set())
     with pytest.raises(HiddenError, match="X.captures is hidden"):
-        experiment.fold(bad.cell, FEW, bad.folds[0], 1)
+        folded(bad.cell, FEW, bad.folds[0], 1)
 
 
 def test_a_prediction_that_depends_on_the_batch_is_tagged(tmp_path, monkeypatch, capsys):
@@ -167,7 +163,7 @@ def test_a_prediction_that_depends_on_the_batch_is_tagged(tmp_path, monkeypatch,
     monkeypatch.setattr(loop, "connect", lambda writes: store)
     store, path = Memory(), tmp_path / "my.py"
     path.write_text("from tests.work.test_blind import Centred as Batch, Mean as One\n")
-    execute(prepared(cells({"model": f"{path}:Batch,{path}:One"}), [Captures()], 1))
+    execute(prepared(cells({"model": f"{path}:Batch,{path}:One"}), 1))
     tags = [run.data.tags for run in store.parents("cell")]
     assert [tag["touchbench.depends_on_batch"] for tag in tags] == ["true", "false"]
     assert "capture" in tags[0]["touchbench.batch_effect"] and "touchbench.batch_effect" not in tags[1]
@@ -327,7 +323,5 @@ def test_a_fold_fails_where_labels_are_none_and_no_mark_of_the_batch_is_set(stor
         "from tests.work.fakes import Level\n\nclass Nothing(Level):\n    predict_proba = None\n"
         "    def predict(self, X):\n        return [None] * len(X)\n"
     )
-    (result,) = execute(
-        prepared(cells({"model": "none.py:Nothing", "data.subjects": 2, "data.repetitions": 1}), [Captures()], 1)
-    )
+    (result,) = execute(prepared(cells({"model": "none.py:Nothing", "data.subjects": 2, "data.repetitions": 1}), 1))
     assert result.alone and set(result.errors) == {"1", "2"}

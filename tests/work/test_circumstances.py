@@ -1,7 +1,7 @@
 """Circumstances: what is fitted on what, what is predicted in which case, and what is measured of it."""
 
 import pickle
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -19,14 +19,16 @@ from bench.circumstances.subjects import Subjects
 from bench.cli import main
 from bench.corpora.faults import FAULTS, as_shares, damaged, usual_faults
 from bench.errors import InputError
-from bench.kinds.captures import Captures
 from bench.outcomes.reactions import Reactions, by_capture
 from bench.outcomes.runs import every_result, plain
 from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, Plan, folds_of
+from bench.registry import views
+from bench.reports.views.base import View
 from bench.result import Result
 from bench.work.curves import COLUMNS, unharmed
+from bench.work.evaluation import folded, run_of
 from bench.work.fitted import labelled
 from bench.work.fold import decisions
 from bench.work.loop import prepared
@@ -39,7 +41,6 @@ FEW = ("noise", "early_end")
 CORPUS = random_corpus(per_class=2, grid=(4, 4))
 TEST, TRAIN = np.flatnonzero(CORPUS.subjects == "2"), np.flatnonzero(CORPUS.subjects != "2")
 FOLD = Fold("x", TRAIN, TEST)
-PLAN = SimpleNamespace(corpus=CORPUS)
 ABOUT = {"system": "Level", "seed": "0", "data": "random", "synthetic": "false"}
 ABOUT |= {"subset": "all", "target": "gesture", "protocol_label": "LOSO"}
 
@@ -57,12 +58,19 @@ class Recorder(Level):
 
 def stress(faults=FEW, fewer=()):
     """What ``bench stress`` runs."""
-    return Captures((Faults(faults), *([Subjects(fewer)] if fewer else [])))
+    return Faults(faults), *([Subjects(fewer)] if fewer else [])
+
+
+def once(*circumstances, system=Level):
+    """A fold of a system of tests, and the run of it."""
+    cell = cell_of(system, *circumstances)
+    result = folded(cell, CORPUS, FOLD, 1)
+    return result, run_of(SimpleNamespace(corpus=CORPUS, cell=cell), ABOUT, [result])
 
 
 def recorded(corpus, fewer=()):
     Recorder.seen = []
-    return stress(FEW, fewer).fold(cell_of(Recorder), corpus, FOLD, 1), Recorder.seen
+    return folded(cell_of(Recorder, *stress(FEW, fewer)), corpus, FOLD, 1), Recorder.seen
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +112,7 @@ def test_fewer_training_subjects_are_among_more_and_never_tested(stressed):
 
 def test_labels_under_a_fault_are_those_of_the_damaged_captures_and_clean_ones_those_of_bench_run(stressed):
     result = stressed[0]
-    table, whole = result.tables["labels"], Captures().fold(cell_of(Level), CORPUS, FOLD, 1).table
+    table, whole = result.tables["labels"], once()[0].table
     pd.testing.assert_frame_equal(result.table, whole)
     expected, clean = scores.captures(whole), unharmed(table)
     for column in ("fold", "capture", "true", "predicted", "subject"):
@@ -149,9 +157,7 @@ class Shy(Level):
 
 
 def test_abstentions_are_wrong_in_every_circumstance_and_their_share_is_told():
-    kind = Captures((Faults(("noise",)), Instants((250.0, 1000.0))))
-    result = kind.fold(cell_of(Shy), CORPUS, FOLD, 1)
-    run = kind.result(PLAN, ABOUT, [result])
+    _, run = once(Faults(("noise",)), Instants((250.0, 1000.0)), system=Shy)
     system, shares = Shy().fit(CORPUS[TRAIN], CORPUS.gestures[TRAIN]), as_shares(CORPUS, TEST)
     for severity, row in run.tables["faults"].set_index("severity").iterrows():
         proba = system.predict_proba(damaged(CORPUS, TEST, shares, FAULTS["noise"], severity)[TEST])
@@ -169,43 +175,44 @@ def test_abstentions_are_wrong_in_every_circumstance_and_their_share_is_told():
 
 def test_metrics_are_those_of_the_table(stressed):
     result, _ = stressed
-    kind = stress(FEW, (1, 2))
-    metrics = kind.fold_metrics(result, 100.0)
+    metrics = result.scored
     table = result.tables["labels"].assign(hit=lambda rows: rows["true"] == rows["predicted"])
     noisy = table[(table["case"] == "noise") & (table["level"] == 3)]["hit"].mean()
     clean = unharmed(table)["hit"].mean()
     assert metrics["accuracy.noise.3"] == noisy and metrics["accuracy"] == clean
     assert metrics["accuracy.train_subjects.1"] == table[table["train_subjects"] == 1]["hit"].mean()
-    run = kind.result(PLAN, ABOUT, [result])
+    _, run = once(*stress(FEW, (1, 2)))
     measured = run.metrics
     assert measured["accuracy.noise.3"] == noisy and measured["accuracy"] == clean
     assert measured["faults_tested"] == 2 and measured["faults_trained"] == 0
     assert {"loss.noise", "loss.early_end", "chance", "failing_slices", "accuracy.train_subjects.2"} <= set(measured)
     assert {"fault_seconds", "fault_cpu_seconds", "refit_seconds"} <= set(measured)
     worst = max((measured["loss.noise"], "noise"), (measured["loss.early_end"], "early end"))
-    said = {m.name: m.of(Result(run.about | {"faults": "noise, early_end"}, measured, {})) for m in Faults.shows([run])}
+    said = {
+        m.name: m.of(Result(run.about | {"faults": "noise, early_end"}, measured, {}))
+        for m in views()["under"].shows([run])
+    }
     assert said["failing groups"] == f"{measured['failing_slices.under']} of {measured['tested_slices.under']}"
     assert said["worst fault"] == f"{worst[1]} {100 * worst[0]:.1f}"
-    alone = stress((), (1,)).fold(cell_of(Level), CORPUS, FOLD, 1).tables["labels"]  # the learning curve alone
+    alone = once(*stress((), (1,)))[0].tables["labels"]  # the learning curve alone
     assert not alone["circumstance"].eq("under").any() and set(alone["train_subjects"]) == {1, 3}
-    assert stress((), (1,)).arguments() == {"under": "none", "train_subjects": "1"}
-    assert stress(usual_faults()).arguments() == {"under": "all"} and kind.arguments()["under"] == "noise,early_end"
+    typed = [Faults(names).arguments() for names in ((), usual_faults(), FEW)]
+    assert typed == [{"under": "none"}, {"under": "all"}, {"under": "noise,early_end"}]
 
 
 def test_other_faults_or_training_subjects_are_another_run(corpus):
     (cell,) = cells({"model": "bayes"})
     plan = Plan(cell, corpus, tuple(folds_of(cell, corpus)), 1, 1)
-    keys = [key_of(plan, stress(*how)) for how in ((FEW, ()), (FEW[:1], ()), (FEW, (2,)))]
-    assert len(set(keys)) == 3 and keys[0] == key_of(plan, stress(FEW))
-    assert key_of(plan, Captures()) not in keys
+    every = (stress(FEW), stress(FEW[:1]), stress(FEW, (2,)), ())
+    keys = [key_of(plan.of(replace(cell, circumstances=some))) for some in every]
+    assert len(set(keys)) == 4 and keys[0] == key_of(plan.of(replace(cell, circumstances=stress(FEW))))
 
 
 def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
     every = (Faults(FEW), Instants((250.0, 1000.0)), Subjects((1,)))
-    together = Captures(every).fold(cell_of(Level), CORPUS, FOLD, 1)
-    measured = Captures(every).result(PLAN, ABOUT, [together])
+    together, measured = once(*every)
     for one in every:
-        alone = Captures((one,)).fold(cell_of(Level), CORPUS, FOLD, 1)
+        alone, run = once(one)
         pd.testing.assert_frame_equal(alone.table, together.table)
         for name, table in alone.tables.items():
             if name == "labels":
@@ -213,29 +220,29 @@ def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
                 pd.testing.assert_frame_equal(together.tables[name][wanted].reset_index(drop=True), table)
             else:
                 pd.testing.assert_frame_equal(together.tables[name], table)
-        numbers = Captures((one,)).result(PLAN, ABOUT, [alone]).metrics
+        numbers = run.metrics
         same = [
             n
             for n in numbers
             if n.startswith(("accuracy", "loss", "replay_accuracy", "failing_slices.")) or n == "chance"
         ]
         assert len(same) > 3 and {n: measured.metrics[n] for n in same} == {n: numbers[n] for n in same}
-    names = [m.name for m in Instants.shows([measured])]
+    names = [m.name for m in views()["after"].shows([measured])]
     assert names[1:3] == ["250 ms", "whole"] and "early stop %" not in names  # no capture lasts 1000 ms
-    assert "stopping" not in Instants.title([measured])
+    assert "stopping" not in views()["after"].title([measured])
     learned = Result(measured.about, measured.metrics | {"adaptive_accuracy": 0.5, "adaptive_ms": 300.0}, {})
-    spare = {m.name: m.spare for m in Instants.shows([learned])}
-    assert spare["early stop %"] == spare["at mean ms"] == 0 and "stopping" in Instants.title([learned])
+    spare = {m.name: m.spare for m in views()["after"].shows([learned])}
+    assert spare["early stop %"] == spare["at mean ms"] == 0 and "stopping" in views()["after"].title([learned])
     assert "stopping" not in measured.tables and {"labels", "replay", "learning", "slices"} < {*measured.tables}
     assert {"fault", "time"} <= {*measured.tables["slices"]["circumstance"]}
 
 
 def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_again(monkeypatch, capsys):
     words = ["run", *SMALL, "model=bayes", "features=jung28", "under=noise", "after=250ms"]
-    replayed, once = Instants.fold, []
+    replayed, done = Instants.fold, []
 
     def fold(self, at):
-        once.append(at.fold.name)
+        done.append(at.fold.name)
         if at.fold.name == "2":
             raise ValueError("no replay")
         return replayed(self, at)
@@ -245,16 +252,16 @@ def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_agai
     said = capsys.readouterr()
     assert said.err.count("fold 2, after= failed: ValueError: no replay") == 1 and "traceback of the first" in said.err
     (run,) = every_result(connect())
-    assert run.complete and run["folds"] == 3 and Faults.holds(run) and not Instants.holds(run)
+    assert run.complete and run["folds"] == 3 and views()["under"].holds(run) and not views()["after"].holds(run)
     assert {"accuracy", "loss.noise"} <= {*run.metrics} and "replay_accuracy" not in run
     assert bench.choose(data="synth").choice.table["unit"].tolist() == ["capture"]
     assert main([*words[:-2], "after=250ms"]) == 1  # alone: another run, whose captures are labelled
     assert capsys.readouterr().out.count("3/3") == 1
     monkeypatch.setattr(Instants, "fold", replayed)
-    once.clear()
+    done.clear()
     assert main(words) == 0 and "fold 2 done" in (said := capsys.readouterr().err) and "fold 1 done" not in said
-    run = next(r for r in every_result(connect()) if Faults.holds(r))
-    assert Instants.holds(run) and run["replay_accuracy"] > 0 and not run.failed
+    run = next(r for r in every_result(connect()) if views()["under"].holds(r))
+    assert views()["after"].holds(run) and run["replay_accuracy"] > 0 and not run.failed
 
 
 @dataclass(frozen=True)
@@ -262,8 +269,6 @@ class Pressed(Circumstance):
     """Readings times a factor, in cases with names."""
 
     key: ClassVar[str] = "pressed"
-    noun: ClassVar[str] = "times"
-    alike: ClassVar = {"pressed.hand": ("{} hand", "right")}
 
     def cases(self, at):
         for case in ("up", "down"):
@@ -272,48 +277,54 @@ class Pressed(Circumstance):
                 yield Case(case, factor, corpus=at.corpus.changed(frames=frames.astype(np.float32)))
 
 
+class Pressing(View):
+    noun = "times"
+    alike = {"pressed.hand": ("{} hand", "right")}
+
+
 def test_each_named_case_and_fractional_level_is_a_column_and_a_candidate():
-    every = Captures((Faults(("noise",)), Pressed()))
-    result = every.fold(cell_of(Level), CORPUS, FOLD, 1)
-    run = every.result(PLAN, ABOUT, [result])
+    result, run = once(Faults(("noise",)), Pressed())
+    view = Pressing("pressed", ("pressed",))
     names = {f"accuracy.{case}.{level}" for case in ("up", "down") for level in ("0.5", "2")}
     names |= {f"accuracy.noise.{severity}" for severity in range(1, 6)}
-    of = [{n for n in numbers if n.startswith("accuracy.")} for numbers in (run.metrics, every.fold_metrics(result, 1))]
+    of = [{n for n in numbers if n.startswith("accuracy.")} for numbers in (run.metrics, result.scored)]
     assert of == [names, names]
     table = run.tables["labels"].assign(hit=lambda rows: rows["true"] == rows["predicted"])
     right = table.groupby(["case", "level"])["hit"].mean()
-    shown = {m.name: m.cell(run) for m in Pressed.shows([run])}
+    shown = {m.name: m.cell(run) for m in view.shows([run])}
     cases = [(case, level) for case in ("up", "down") for level in (0.5, 2)]
     assert [*shown][:-1] == [f"{case}, {level:g} times" for case, level in cases]
     assert shown == pytest.approx(
         {f"{case}, {level:g} times": 100 * right[case, level] for case, level in cases}
         | {"mean loss": 100 * (right["none", 0] - np.mean([right[one] for one in cases]))}
     )
-    ways = [way.unit for way in Pressed.candidates(run, Wish(Reactions()))]
+    ways = [way.unit for way in view.candidates(run, Wish(Reactions()))]
     assert ways == [f"{case}, {level:g} times" for case, level in cases]
     left = Result(run.about | {"pressed.hand": "left"}, run.metrics, run.tables)
-    apart = [way.unit for way in Pressed.candidates(left, Wish(Reactions()))]
+    apart = [way.unit for way in view.candidates(left, Wish(Reactions()))]
     assert apart == [f"{way}, left hand" for way in ways]
 
 
 def test_numbers_of_training_subjects_that_differ_between_folds_are_a_column():
     """Of three folds of five subjects, one trains on four and two on three: 3.3 subjects on average."""
     run = Result(ABOUT, {"accuracy.train_subjects.2": 0.5, "accuracy.train_subjects.3.3": 0.75}, {})
-    assert {m.name: m.of(run) for m in Subjects.shows([run])} == {"2 subjects": "50.0", "3.3 subjects": "75.0"}
+    assert {m.name: m.of(run) for m in views()["train_subjects"].shows([run])} == {
+        "2 subjects": "50.0",
+        "3.3 subjects": "75.0",
+    }
 
 
 def test_times_in_another_order_are_the_same_run_and_the_same_candidates():
     (one,), (other,) = (Instants.of({"after": text}) for text in ("200ms,1234.5678ms,100ms", "100ms,200ms,1234.5678ms"))
-    assert one == other and one.options() == other.options()
-    assert Instants.of(one.changed()) == [one]
+    assert one == other and one.params() == other.params()
+    assert Instants.of(one.arguments()) == [one]
     (hop,) = Instants.of({"after": "each", "hop_ms": "33.3333333"})
-    assert Instants.of(hop.changed()) == [hop] and Captures((hop,)).arguments()["hop_ms"] == "33.3333333"
+    assert Instants.of(hop.arguments()) == [hop] and hop.arguments()["hop_ms"] == "33.3333333"
     ways = []
     for times in ((100.0, 200.0), (200.0, 300.0)):
-        kind = Captures((Instants(times),))
-        about = ABOUT | {name: str(value) for name, value in kind.options().items()}
-        run = kind.result(PLAN, about, [kind.fold(cell_of(Level), CORPUS, FOLD, 1)])
-        ways.append({(c.apart, c.unit): c.scores for c in Instants.candidates(run, Wish(Reactions(), np.inf))})
+        _, run = once(Instants(times))
+        run.about.update({name: str(value) for name, value in Instants(times).params().items()})
+        ways.append({(c.apart, c.unit): c.scores for c in views()["after"].candidates(run, Wish(Reactions(), np.inf))})
     both = {*ways[0]} & {*ways[1]}
     assert {unit for _, unit in both} >= {"first 200 ms"} and len(both) == 2  # and the whole capture
     assert all(ways[0][key].equals(ways[1][key]) for key in both)
@@ -321,9 +332,6 @@ def test_times_in_another_order_are_the_same_run_and_the_same_candidates():
 
 def test_times_beyond_the_longest_capture_and_equal_lengths_are_told_once(capsys):
     words = [*SMALL, "model=bayes,tree", "features=jung28", "after=250ms,1000s"]
-    (kind,) = Captures.of({"after": "250ms,1000s"})
-    todo = prepared(cells({"model": "bayes", "features": "jung28"}), [kind], 1)
-    assert "all captures have the same length" not in str(kind.warnings(todo[0][0]))
     assert main(["run", *words]) == 0
     said = capsys.readouterr().err
     assert said.count("warning: synth: after=1000000ms: no capture lasts so long; the longest") == 1
@@ -342,7 +350,7 @@ class Typed(Circumstance):
 
 def test_each_of_several_values_of_an_option_is_of_its_type():
     (made,) = Typed.of({"shares": "0.5,0.25", "sides": "right,left", "ends": "no,yes"})
-    assert made == Typed((0.5, 0.25), ("right", "left"), (False, True)) and Typed.of(made.changed()) == [made]
+    assert made == Typed((0.5, 0.25), ("right", "left"), (False, True)) and Typed.of(made.arguments()) == [made]
     for key, value in (("shares", "zebra"), ("shares", "0.5,-1"), ("sides", "left,up"), ("ends", "maybe")):
         with pytest.raises(InputError, match=f"{key}={value.split(',')[-1]}: give"):
             Typed.of({key: value})
@@ -372,15 +380,16 @@ def test_a_plain_run_and_one_in_a_circumstance_are_one_system(capsys):
     assert main(["run", *words, "under=noise"]) == 0 and main(["run", *words]) == 0
     every = every_result(connect())
     (one,) = plain(every)
-    assert len(every) == 2 and not Faults.holds(one)
-    assert one["accuracy"] == next(r for r in every if Faults.holds(r))["accuracy"]
+    assert len(every) == 2 and not views()["under"].holds(one)
+    assert one["accuracy"] == next(r for r in every if views()["under"].holds(r))["accuracy"]
     assert bench.choose(data="synth").choice.table["unit"].tolist() == ["capture"]
     assert len(bench.results()) == 1
 
 
 def test_a_column_that_tables_of_labels_need_is_refused_before_anything_runs(monkeypatch):
+    (cell,) = cells({"model": "bayes", "features": "jung28"})
     named = CORPUS.changed(captures=CORPUS.captures.assign(level=1))
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: named)
     with pytest.raises(InputError, match="'level'"):
-        prepared(cells({"model": "bayes", "features": "jung28"}), [stress()], 1)
-    assert prepared(cells({"model": "bayes", "features": "jung28"}), [Captures()], 1)
+        prepared([replace(cell, circumstances=stress())], 1)
+    assert prepared([cell], 1)

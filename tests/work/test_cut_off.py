@@ -11,9 +11,9 @@ import pytest
 from bench.cli import main
 from bench.errors import InputError
 from bench.outcomes.store import connect
-from bench.outcomes.tables import read_table
 from bench.plan.cells import cells
 from bench.plan.plan import planned
+from bench.tables import read_table
 from bench.work import loop
 from bench.work.loop import execute
 from bench.work.tracking import TrackedRun
@@ -47,7 +47,7 @@ def store(monkeypatch):
 
 def command():
     plans = planned(cells(dict(word.split("=") for word in SMALL)), 1)
-    return execute([(plan, Echo()) for plan in plans])
+    return execute([plan.of(replace(plan.cell, study=Echo())) for plan in plans])
 
 
 @pytest.mark.parametrize("step", ["log", "log_captures", "begin", "keep", "end"])

@@ -77,7 +77,7 @@ def plan():
 
 
 def todo(plan, *numbers):
-    return [(plan, Echo(number)) for number in numbers]
+    return [plan.of(replace(plan.cell, study=Echo(number))) for number in numbers]
 
 
 def tables(outcomes):
@@ -176,7 +176,7 @@ def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
 def test_a_run_of_another_process_ends_the_command_after_those_before_it(store, plan, monkeypatch):
     monkeypatch.setattr(loop, "Processes", Several)
     keys = {0: "one", 1: "two", 2: "three"}
-    monkeypatch.setattr(loop, "key_of", lambda plan, experiment: keys[experiment.number])
+    monkeypatch.setattr(loop, "key_of", lambda plan: keys[plan.cell.study.number])
     (home() / "locks").mkdir(parents=True)
     with FileLock(home() / "locks" / "two.lock"), pytest.raises(InputError, match="another process"):
         execute(todo(plan, 0, 1, 2))
@@ -226,7 +226,6 @@ class Splits:
 
 def test_a_system_and_a_protocol_are_built_once_before_the_first_fold(store, monkeypatch, tmp_path):
     """Each fold then trains a system of its own."""
-    from bench.kinds.captures import Captures
     from bench.plan import cells as module
 
     real = module.load
@@ -234,9 +233,9 @@ def test_a_system_and_a_protocol_are_built_once_before_the_first_fold(store, mon
     monkeypatch.setattr(module, "load", lambda room, name: own.get(name) or real(room, name))
     Counting.made.clear()
     Splits.made.clear()
-    made = prepared(cells({"model": "counting", "protocol": "splits", **TINY}), [Captures(), Captures()], 1)
+    made = prepared(cells({"model": "counting", "protocol": "splits", **TINY}), 1)
     assert len(Counting.made) == 1
-    execute(made[:1])
+    execute(made)
     assert len(Counting.made) == 1 + 4 and len(Splits.made) == 1
 
 

@@ -17,8 +17,8 @@ from bench.corpora.corpus import Corpus, storage, unblinded
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.features.jung54 import Jung54
-from bench.kinds.captures import Captures
 from bench.plan.plan import Fold
+from bench.work.evaluation import folded, run_of
 from bench.work.replay import (
     STATE,
     Calibration,
@@ -36,7 +36,7 @@ from bench.work.stopping import by_instant, by_threshold, learn_stopping, learne
 from tests.conftest import random_corpus, with_other_values
 from tests.work.fakes import Level, cell_of
 
-STREAM = Captures((Instants((), 100.0, stopping=True),))  # as bench stream hop_ms=100 makes it
+STREAM = Instants((), 100.0, stopping=True)  # as bench stream hop_ms=100 makes it
 
 
 class Rising(ClassifierMixin, BaseEstimator):
@@ -289,12 +289,12 @@ def leveled():
     """A small corpus, a fold of it, and what a replay makes of it with a system that learns from levels."""
     corpus = random_corpus(subjects=4, per_class=2, grid=(3, 4))
     fold = Fold("2", np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2"))
-    return corpus, fold, STREAM.fold(cell_of(Level), corpus, fold, 1)
+    return corpus, fold, folded(cell_of(Level, STREAM), corpus, fold, 1)
 
 
 def test_no_test_subject_has_a_say_in_calibration_and_threshold(leveled):
     corpus, fold, first = leveled
-    other = STREAM.fold(cell_of(Level), with_other_values(corpus, fold.test), fold, 1)
+    other = folded(cell_of(Level, STREAM), with_other_values(corpus, fold.test), fold, 1)
     for name in ("rules", "thresholds"):
         assert first.tables[name].equals(other.tables[name])
     assert not first.tables["replay"].equals(other.tables["replay"])
@@ -342,24 +342,24 @@ def test_captures_that_cannot_teach_when_to_stop_are_refused_in_words():
     plan = SimpleNamespace(cell=cell_of(Demanding), corpus=corpus, folds=[Fold("7", np.arange(12), np.arange(12, 24))])
     plan.cell.protocol, plan.cell.untrained = "loso", Demanding()
     with pytest.raises(InputError, match="^give 99 captures"):
-        Captures((Instants(stopping=True),)).refuse(plan)
+        Instants(stopping=True).refuse(plan)
 
 
 def test_a_fold_scores_whole_captures_as_bench_run_and_stops_as_it_has_learned(leveled):
     corpus, fold, result = leveled
     replay = result.tables["replay"]
-    expected = Captures().fold(cell_of(Level), corpus, fold, 1).table.set_index("capture")
+    expected = folded(cell_of(Level), corpus, fold, 1).table.set_index("capture")
     pd.testing.assert_frame_equal(result.table.set_index("capture"), expected)
     labelled = stopped(replay, np.inf).set_index("capture").loc[expected.index]
     np.testing.assert_allclose(labelled.filter(like="p_"), expected.filter(like="p_"), rtol=1e-6)
     accuracy = scores.accuracies(expected.reset_index())["accuracy"]
     early = stopped(replay, result.tables["rules"]["threshold"].item())
-    metrics = STREAM.fold_metrics(result, corpus.rate_hz)
+    metrics = result.scored
     assert metrics["accuracy"] == metrics["replay_accuracy"] == accuracy
     assert metrics["adaptive_accuracy"] == (early["true"] == early["predicted"]).mean()
     assert metrics["adaptive_ms"] == 10 * early["frames"].mean() and result.batch_effects == []
-    plan = SimpleNamespace(corpus=corpus)
-    run = STREAM.result(plan, {"target": "gesture"}, [result])
+    plan = SimpleNamespace(corpus=corpus, cell=cell_of(Level, STREAM))
+    run = run_of(plan, {"target": "gesture"}, [result])
     assert run.metrics["replay_accuracy"] == accuracy and run.metrics["adaptive_ms"] == metrics["adaptive_ms"]
     assert run.metrics["mean_ms"] == 10 * corpus.lengths[fold.test].mean()
     assert run.metrics["decisions_per_second"] == 1000 / run.metrics["replay_ms_p95"]
@@ -373,9 +373,9 @@ def test_a_fold_scores_whole_captures_as_bench_run_and_stops_as_it_has_learned(l
 def test_a_replay_from_the_middle_sees_no_first_half(leveled):
     corpus, fold, _ = leveled
     middle = Instants((), 100.0, "middle")
-    table = Captures((middle,)).fold(cell_of(Level), corpus, fold, 1).tables["replay"]
+    table = folded(cell_of(Level, middle), corpus, fold, 1).tables["replay"]
     halves = corpus.lengths[fold.test] - corpus.lengths[fold.test] // 2
     assert table.groupby("capture")["frames"].last().tolist() == halves.tolist()
     assert "confidence" not in table  # no stopping was learned
-    assert Captures((middle,)).arguments() == {"after": "each", "hop_ms": "100", "start": "middle"}
-    assert Captures((Instants((250.0, 1000.0)),)).arguments() == {"after": "250ms,1000ms"}
+    assert middle.arguments() == {"after": "each", "hop_ms": "100", "start": "middle"}
+    assert Instants((250.0, 1000.0)).arguments() == {"after": "250ms,1000ms"}

@@ -1,0 +1,129 @@
+"""Options as fields of dataclasses: type, default and help once, read from what is typed."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import re
+from dataclasses import dataclass
+from typing import Any, Self
+
+from bench.amounts import UNITS, convert, quantity, text_of
+from bench.errors import InputError, nearest
+from bench.words import Values, items
+
+ROOM = re.compile(r"{([\w.]+)}")  # in the help of an option
+FEW = 3  # values that a refusal lists
+
+
+@dataclass(frozen=True)
+class Option:
+    """A key of some commands.
+
+    Attributes:
+        key: key before the ``=``; one with a dot is a parameter that many models take.
+        commands: commands that take it; ``data-show`` is ``bench data show``.
+        type: ``text``, ``number`` (above 0), ``count`` (a whole number), ``counts`` (at least 1), ``yes`` (or no),
+            ``amount`` (of a cost), or the unit of an amount, such as ``ms``.
+        default: value if it is not given.
+        help: text of the help; ``{models}`` stands for the names of a room, whose parts the key names.
+        values: allowed values, if they can be listed.
+        joint: separator of several values.
+        uses: class that does what the key asks, ``module:object``, of a key that a package adds.
+    """
+
+    key: str
+    commands: str
+    type: str
+    default: object
+    help: str
+    values: tuple[str, ...] = ()
+    joint: str = ","
+    uses: str = ""
+
+    @property
+    def room(self) -> str:
+        """The room whose parts it names, with their parameters behind a dot; empty for any other key."""
+        found = ROOM.search(self.help)
+        return found[1] if found else ""
+
+
+def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "text", alias: str = "") -> Any:
+    """A field that is an option: a key of the command with its only default.
+
+    A tuple takes all values between commas; of any other, several values are several runs.
+
+    Args:
+        default: value without the key.
+        help: text of the help.
+        values: allowed values, if they can be listed.
+        type: one of `Option`.
+        alias: its key in the commands that spell it otherwise.
+    """
+    one = Option("", "", type, default, help, values)
+    return dataclasses.field(default=default, metadata={"option": one, "alias": alias})
+
+
+@dataclass(frozen=True)
+class Options:
+    """Fields made by `option`, which are read from typed values."""
+
+    @classmethod
+    def fields(cls) -> dict[str, tuple[Option, str]]:
+        """Each option by its key, with its alias."""
+        made = {f.name: f.metadata for f in dataclasses.fields(cls) if "option" in f.metadata}
+        return {name: (dataclasses.replace(f["option"], key=name), f["alias"]) for name, f in made.items()}
+
+    @classmethod
+    def of(cls, values: Values) -> list[Self]:
+        """Every combination of the typed values.
+
+        Raises:
+            InputError: a value cannot be used.
+        """
+        choices: dict[str, list] = {}
+        for name, (one, alias) in cls.fields().items():
+            if key := next((k for k in (name, alias) if k in values), ""):
+                given = [_read(dataclasses.replace(one, key=key), each) for each in items(key, values[key])]
+                whole = isinstance(one.default, tuple)
+                choices[name] = [tuple(dict.fromkeys(given))] if whole else list(dict.fromkeys(given))
+        return [cls(**dict(zip(choices, each, strict=True))) for each in itertools.product(*choices.values())]
+
+    def arguments(self) -> dict[str, str]:
+        """The options as typed; defaults are left out."""
+        given = {name: getattr(self, name) for name in self.fields()}
+        return {name: typed_as(value) for name, value in given.items() if value != self.fields()[name][0].default}
+
+
+def _read(one: Option, value: object) -> Any:
+    if isinstance(one.default, tuple):
+        one = dataclasses.replace(one, default=next(iter(one.default), False if one.type == "yes" else ""))
+    return value_of(one, value)
+
+
+def value_of(one: Option, value: object) -> Any:
+    """A typed value of an option.
+
+    Raises:
+        InputError: it is no such value, or none of those that are listed.
+    """
+    key = one.key
+    if one.type == "number":
+        return quantity(key, value)
+    if one.type in UNITS:
+        return quantity(key, value, one.type)
+    if one.type == "counts":
+        if (number := convert(key, value, 4)) < 1:
+            raise InputError(f"{key}={number}: give whole numbers of at least 1")
+        return number
+    if one.values and (text := text_of(value)) not in one.values:
+        words = f"give {' or '.join(one.values)}" if len(one.values) <= FEW else nearest(text, one.values)
+        raise InputError(f"{key}={text}: {words}")
+    return convert(key, value, one.default or 0 if one.type == "count" else one.default)
+
+
+def typed_as(value: object) -> str:
+    """A value as it is typed."""
+    if isinstance(value, tuple):
+        return ",".join(map(typed_as, value))
+    return text_of(value).removesuffix(".0") if isinstance(value, float) else text_of(value)

@@ -1,0 +1,98 @@
+"""Runs on captures, as they are and in their circumstances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from bench.measures import Measure, columns, run_columns
+from bench.registry import circumstance_views
+from bench.reports.views.base import View
+from bench.result import Result
+from bench.table import Table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bench.candidate import Candidate, Wish
+
+
+def held(results: Sequence[Result]) -> Iterator[tuple[View, list[Result]]]:
+    """Each circumstance that some results have, with these results."""
+    for view in circumstance_views():
+        if members := [r for r in results if view.holds(r)]:
+            yield view, members
+
+
+class Captures(View):
+    """Accuracy and costs of captures as they are."""
+
+    heading: ClassVar[str] = "Accuracy in percent: mean and SD over subjects"
+    score: ClassVar[str] = "subject_accuracy_mean"
+    ranked: ClassVar[bool] = True
+    searches: ClassVar[bool] = True
+
+    def printed(self, results: Sequence[Result]) -> Iterator[str | Table]:
+        """A warning of systems that predict one label."""
+        from bench.outcomes.scored import one_label
+
+        if line := one_label(results):
+            yield line
+
+    def shows(self, results: Sequence[Result]) -> Sequence[Measure]:
+        """The columns of runs that a terminal shows."""
+        return columns(run_columns(), "terminal")
+
+    def then(self, results: Sequence[Result]) -> str:
+        """The next command to type."""
+        from bench.outcomes.runs import choosing
+
+        return choosing(results)
+
+    def figure(self, result: Result, folder: Path) -> None:
+        """Draw confusions, and what each circumstance draws."""
+        from bench.reports.details import draw
+
+        draw(result, folder)
+        for view, _ in held([result]):
+            view.figure(result, folder)
+
+    def section(self, results: Sequence[Result], folder: Path) -> None:
+        """None: the page is of captures."""
+
+    def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+        """None: ``comparison.csv`` has a row for each run."""
+        return {}
+
+    def offers(self, result: Result, wish: Wish) -> bool:
+        """Whether a run has a candidate."""
+        if wish.windows:
+            return result.metrics.get("windows", 0) > 0
+        return True
+
+    def candidates(self, result: Result, wish: Wish) -> Iterator[Candidate]:
+        """The system in Python, on whole captures or on windows, and in each circumstance of the run."""
+        from bench.outcomes.scored import plain_candidates
+
+        if wish.plain:
+            yield from _without(plain_candidates(result, wish), result, None)
+        if not wish.windows:
+            for view, _ in held([result]):
+                if view.offers(result, wish):
+                    yield from _without(view.candidates(result, wish), result, view)
+
+    def lends(self, result: Result) -> dict[str, float]:
+        """Numbers of its circumstances that hold for the system in other runs, too."""
+        return {name: value for view, _ in held([result]) for name, value in view.lends(result).items()}
+
+
+def _without(ways: Iterable[Candidate], result: Result, mine: View | None) -> Iterator[Candidate]:
+    """Candidates without the costs of other circumstances of the run, unless these lend them."""
+    others = [view for view, _ in held([result]) if view is not mine]
+    costs = [
+        cost for v in others for cost in v.costs if cost.command and (cost.read or cost.key) not in v.lends(result)
+    ]
+    for way in ways:
+        yield replace(way, stored={cost.key: "" for cost in costs} | dict(way.stored))

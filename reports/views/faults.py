@@ -1,0 +1,139 @@
+"""Losses under faults, as `bench stress` shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from bench.measures import Cell as Shown
+from bench.measures import Cost, Measure, Row, text
+from bench.reports.views.base import View
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bench.candidate import Losses
+    from bench.reports.part import Section
+    from bench.result import Result
+    from bench.table import Table
+
+
+def losses(row: Row) -> dict[str, float]:
+    """Mean loss of accuracy under each fault, of a result."""
+    names = str(row.get("faults", "")).split(", ")
+    return {name: row[f"loss.{name}"] for name in names if f"loss.{name}" in row}
+
+
+def _clean(row: Result) -> Shown:
+    from bench.work.curves import clean_accuracy
+
+    return 100 * clean_accuracy(row)
+
+
+def _mean_loss(row: Row) -> Shown:
+    return 100 * sum(losses(row).values()) / len(losses(row)) if losses(row) else None
+
+
+def _worst_fault(row: Row) -> Shown:
+    worst = max(losses(row), key=losses(row).__getitem__, default="")
+    return f"{worst.replace('_', ' ')} {100 * losses(row)[worst]:.1f}" if worst else None
+
+
+def _of(part: str, whole: str) -> Any:
+    """A number of a number."""
+    return lambda row: f"{row[part]:.0f} of {row[whole]:.0f}" if part in row else None
+
+
+_failing = _of("failing_slices.under", "tested_slices.under")  # of captures as they are, and of damaged ones
+
+
+def _measured_by(losses: Losses) -> dict[str, str]:
+    return {"faults": ",".join(losses.names)}
+
+
+_LOSS = Cost(
+    "loss",
+    unit="points",
+    unknown="losses are of whole captures, in runs of bench stress with all these faults",
+    losses=True,
+    command="stress",
+    asks=_measured_by,
+    linear=True,
+    zero=True,
+    column=False,
+    last=0,
+)
+
+
+class Faults(View):
+    """A damaged sensor is nothing to choose; its loss is a cost."""
+
+    chooses: ClassVar[bool] = False
+    heading: ClassVar[str] = (
+        "Accuracy in percent of clean captures, mean over subjects, and mean loss in points over all faults"
+    )
+    shown: ClassVar[tuple[Measure, ...]] = (
+        Measure("accuracy", "clean", _clean),
+        Measure("mean_loss", "mean loss", _mean_loss),
+        Measure("trained", "faults trained on", _of("faults_trained", "faults_tested"), spare=2),
+        text("worst_fault", "worst fault", _worst_fault),
+        Measure("failing", "failing groups", _failing),
+    )
+    costs: ClassVar[tuple[Cost, ...]] = (
+        replace(
+            _LOSS,
+            key="fault_loss",
+            noun="mean loss under faults",
+            words="lost under faults",
+            axis="points lost under faults (mean of all faults and severities)",
+            help="largest mean loss under faults, in points of bench stress",
+            among=lambda people: people.loss().mean(axis=1),
+            line=("faults", "loss"),
+        ),
+        replace(
+            _LOSS,
+            key="worst_fault",
+            noun="loss under the worst fault",
+            words="lost under the worst fault",
+            axis="points lost under the worst fault",
+            help="largest loss under the worst fault and severity, in points",
+            among=lambda people: people.loss().max(axis=1),
+            line=("faults", "worst"),
+        ),
+    )
+
+    def write(self, results: Sequence[Result], folder: Path) -> list[str]:
+        """Write tables, figures and ``stability.md`` for the results of each context."""
+        from bench.reports.stability_tables import write_all
+
+        return write_all(results, folder)
+
+    def section(self, results: Sequence[Result], folder: Path) -> Section | None:
+        """The loss under each fault, and where each system fails first."""
+        from bench.reports.fault_curves import fault_section
+
+        return fault_section(results, folder, _failing)
+
+    def brief(self, results: Sequence[Result]) -> tuple[str, str] | None:
+        """The most robust system."""
+        from bench.reports.fault_curves import robust
+
+        return robust(results)
+
+    def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+        """Accuracy under each fault."""
+        from bench.work.curves import joined
+
+        return {"faults": joined(results, "faults")} if results else {}
+
+    def lost(self, results: Sequence[Result], asked: Losses, reactions: Any) -> pd.DataFrame | None:
+        """Points lost under each fault at each severity [cases, subjects], in some runs of one system."""
+        from bench.outcomes.losses import points_lost
+
+        return points_lost(results, asked, reactions, self.key)
+
+    def printed(self, results: Sequence[Result]) -> Iterator[str | Table]:
+        """A hint."""
+        yield "To train a system on damaged copies too, add model.faults=all."

@@ -1,0 +1,123 @@
+"""Accuracy after some of a touch, and of early decisions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from bench.measures import Cost, Measure, percent
+from bench.reports.views.base import View
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bench.candidate import Candidate, Wish
+    from bench.reports.part import Section
+    from bench.result import Result
+
+
+class Instants(View):
+    """Accuracy against milliseconds of touch."""
+
+    alike: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "stream.start": ("from the {} of the capture", "onset"),
+        "stream.hop_ms": ("a decision every {} ms", "None"),
+        "stream.after": ("after {} ms", "each"),
+    }
+    heading: ClassVar[str] = "Accuracy in percent, mean over subjects, against touch seen"
+    ranked: ClassVar[bool] = True
+    score: ClassVar[str] = "replay_accuracy"
+    shown: ClassVar[tuple[Measure, ...]] = (
+        Measure("start", read="stream.start", spare=10),
+        percent("accuracy", "whole", "replay_accuracy", ends="replay_accuracy"),
+        Measure("mean_ms", "mean ms", form=".0f", spare=16),
+        percent("adaptive_accuracy", "early stop %"),
+        Measure("adaptive_ms", "at mean ms", form=".0f"),
+        Measure("decide_ms", "decision ms", tuple(f"replay_ms_p{p}" for p in (50, 95, 99)), spare=14),
+        Measure("decisions_per_second", "decisions per s", form=".0f", spare=15),
+        Measure("system_hop_ms", "system hop ms", form=".0f", spare=17),
+    )
+    costs: ClassVar[tuple[Cost, ...]] = (
+        Cost(
+            "decision",
+            read="capture_ms",
+            unit="ms",
+            noun="decision time",
+            words="until the decision",
+            axis="ms of touch before the label",
+            help="longest touch before the decision, such as 1s",
+            watched=False,
+            column=False,
+            last=2,
+        ),
+    )
+
+    def shows(self, results: Sequence[Result]) -> Sequence[Measure]:
+        """Columns of the times that results have, and of early stopping where it was learned."""
+        start, *others = (m for m in self.shown if self._learned(results) or not m.key.startswith("adaptive"))
+        return [start, *self.seen(results), *others]
+
+    def seen(self, results: Sequence[Result]) -> list[Measure]:
+        """Accuracy after each time that was asked for, or after round ones."""
+        times = {k.split("_")[2] for r in results for k in r.metrics if k.startswith("accuracy_at_")}
+        spare = {"500": 0, "1000": 0, "250": 5, "2000": 6}
+        return [
+            percent(f"at_{ms}", f"{ms} ms", f"accuracy_at_{ms}_ms", spare=spare.get(ms, 7))
+            for ms in sorted(times, key=float)
+        ]
+
+    def title(self, results: Sequence[Result]) -> str:
+        """Heading of the table, which says whether stopping was learned."""
+        return self.heading + "; stopping learned on training subjects" * self._learned(results)
+
+    def _learned(self, results: Sequence[Result]) -> bool:
+        return any("adaptive_accuracy" in r for r in results)
+
+    def write(self, results: Sequence[Result], folder: Path) -> list[str]:
+        """Write the curves and their figure."""
+        from bench.reports.streaming import write_streaming
+
+        paths = write_streaming(results, folder, self.alike)
+        return [f"figure and tables: {', '.join(map(str, paths))}"] if paths else []
+
+    def then(self, results: Sequence[Result]) -> str:
+        """The next command to type."""
+        from bench.outcomes.runs import choosing
+
+        return choosing(results, by="decision")
+
+    def figure(self, result: Result, folder: Path) -> None:
+        """Draw accuracy against touch seen."""
+        from bench.reports.figures import write_svg
+        from bench.reports.streaming import draw
+
+        write_svg(draw([result], self.alike), folder / "streaming.svg")
+
+    def section(self, results: Sequence[Result], folder: Path) -> Section | None:
+        """Accuracy against touch seen, and the result of stopping at the learned threshold."""
+        from bench.reports.streaming import stream_section
+
+        return stream_section(results, folder, self.alike, self.seen)
+
+    def brief(self, results: Sequence[Result]) -> tuple[str, str] | None:
+        """The best system with early decisions."""
+        from bench.reports.streaming import early
+
+        return early(results, self.alike)
+
+    def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+        """Both curves of all systems."""
+        from bench.reports.streaming import sheets
+
+        return sheets(results) if results else {}
+
+    def offers(self, result: Result, wish: Wish) -> bool:
+        """True for a replay from the onset, where a time of decision was asked for."""
+        return wish.most is not None and result.about["stream.start"] == "onset"
+
+    def candidates(self, result: Result, wish: Wish) -> Iterator[Candidate]:
+        """The system after each time that is soon enough."""
+        from bench.outcomes.scored import early_candidates
+
+        return early_candidates(result, wish)
