@@ -15,16 +15,36 @@ from __future__ import annotations
 
 import importlib
 
-API = ("audit", "choose", "corpus", "extract", "fit", "groups", "look", "plans", "run", "tune")
-VALUES = {"Corpus": "bench.corpora.corpus", "InputError": "bench.errors", "fault": "bench.corpora.faults"}
-VALUES |= {"compare": "bench.stored", "latex": "bench.reports.latex", "results": "bench.stored"}
-__all__ = [*API, *VALUES]
+_PLACES = {
+    "audit": "bench.commands.audit",
+    "choose": "bench.commands.choose",
+    "compare": "bench.stored",
+    "corpus": "bench.commands.data",
+    "extract": "bench.commands.data",
+    "fault": "bench.corpora.faults",
+    "fit": "bench.commands.fit",
+    "groups": "bench.commands.groups",
+    "latex": "bench.reports.latex",
+    "look": "bench.commands.data",
+    "plans": "bench.commands.run",
+    "results": "bench.stored",
+    "run": "bench.commands.run",
+    "stress": "bench.commands.run",
+    "tune": "bench.commands.tune",
+    "Corpus": "bench.corpora.corpus",
+    "InputError": "bench.errors",
+}
+__all__ = [*_PLACES]
 
 
 def __getattr__(name: str) -> object:
-    if name.startswith("_") or (name not in __all__ and name not in _makers()):
-        raise AttributeError(f"module 'bench' has no attribute {name!r}")
-    return getattr(importlib.import_module(VALUES.get(name, "bench.api")), name)
+    if name in _PLACES:
+        return getattr(importlib.import_module(_PLACES[name]), name)
+    if not name.startswith("_") and name in _makers():  # a package's command that makes runs
+        from bench.commands.run import made
+
+        return lambda **values: made(name, values)
+    raise AttributeError(f"module 'bench' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
@@ -32,7 +52,6 @@ def __dir__() -> list[str]:
 
 
 def _makers() -> list[str]:
-    """Commands that make runs, each also a function."""
     from bench.options import makers
 
     return [*makers()]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +10,11 @@ from bench.amounts import convert
 from bench.errors import InputError, nearest
 from bench.measures import budgets
 from bench.option import value_of as plain_value_of
-from bench.options import OPTIONS, Option, added_keys, options, rooms
+from bench.options import WORK, Option, added_keys, options, rooms
 from bench.words import Values
 from bench.work.backend import Backend
 
-KEYS = {o.key for o in OPTIONS if "run" in o.commands.split() and "." not in o.key}  # of the cells of bench run
+KEYS = {option.key for option in WORK}  # of the cells of bench run
 
 
 def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, str]:
@@ -71,13 +71,27 @@ def check_key(key: str, known: Collection[str]) -> None:
         raise InputError(f"no key is called {key!r}; {nearest(key, known)}")
 
 
-def settings(command: str, values: Values) -> dict[str, Any]:
+def values_of(values: Mapping[str, object], known: Collection[str]) -> dict[str, object]:
+    """Keyword arguments as the command line has them; None is the same as not given."""
+    typed = {key.replace("__", "."): value for key, value in values.items() if value is not None}
+    for key in typed:
+        check_key(key, known)
+    return typed
+
+
+def settings(command: str, values: Values, listed: Iterable[Option] = ()) -> dict[str, Any]:
     """The options of a command in their types, as given or by default; those that it shares with ``bench run`` aside.
 
+    Args:
+        command: name of the command.
+        values: typed values.
+        listed: options of one of its actions; without them, all of the command.
+
     Raises:
-        InputError: a value of another type, or none of those that the table of options lists.
+        InputError: a value of another type, or none of those that an option lists.
     """
-    own = {key: option for key, option in options(command).items() if "run" not in option.commands.split()}
+    every = {option.key: option for option in listed} or options(command)
+    own = {key: one for key, one in every.items() if one not in WORK and "makers" not in one.commands}
     given = {key: values[key] for key in own if values.get(key) is not None}
     return {key: value_of(one, given[key]) if key in given else one.default for key, one in own.items()}
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import errno
 import gc
-import importlib
 import io
 import os
 import sys
 
 from bench.errors import ClusterError, HiddenError, InputError, StoreError, nearest
-from bench.options import commands, help_of, makers, options, overview, rooms
-from bench.registry import broken, check_loaded
+from bench.options import commands, help_of, options, overview, rooms
+from bench.registry import broken, check_loaded, imported
 from bench.scratch import scratch
 
 LONGEST = 300  # characters of a message
@@ -77,16 +76,17 @@ def _done(arguments: list[str]) -> int:
         print(_help(name, rest), end="")
         return 0
     _check(rest)
-    if name in makers():
-        from bench.commands.kind import command
+    if known[name].makes:
+        from bench.commands.run import command
 
         with scratch():
             return command(name, rest)
     for line in broken():
         print(f"warning: {line}", file=sys.stderr)
-    module = importlib.import_module(known[name].module or f"bench.commands.{name}")
+    module = known[name].module
+    work = imported(f"{module}:{name}" if module else f"bench.commands.{name}:command")
     with scratch():
-        return getattr(module, name)(rest)
+        return work(rest)
 
 
 def _help(name: str, arguments: list[str]) -> str:

@@ -6,6 +6,10 @@ import difflib
 from collections.abc import Iterable
 
 GONE = {  # commands and keys that are gone: what to type instead
+    "adapt": "bench fit MODEL FILE out=FOLDER",
+    "groups": "bench choose groups=yes",
+    "stream": "bench run after=each stopping=yes",
+    "chip": "bench run form=c",
     "demo": "see README.md for the commands of a comparison",
     "extract": "bench.extract(data=..., features=...) in Python",
     "papers": "bench report lists published numbers",

@@ -22,23 +22,23 @@ class Option:
 
     Attributes:
         key: key before the ``=``; one with a dot is a parameter that many models take.
-        commands: commands that take it; ``data-show`` is ``bench data show``.
         type: ``text``, ``number`` (above 0), ``count`` (a whole number), ``counts`` (at least 1), ``yes`` (or no),
             ``amount`` (of a cost), or the unit of an amount, such as ``ms``.
         default: value if it is not given.
         help: text of the help; ``{models}`` stands for the names of a room, whose parts the key names.
         values: allowed values, if they can be listed.
         joint: separator of several values.
-        uses: class that does what the key asks, ``module:object``, of a key that a package adds.
+        commands: of a key that a package adds, the commands that take it; ``makers`` are those that make runs.
+        uses: of such a key, the class that does what it asks, ``module:object``.
     """
 
     key: str
-    commands: str
     type: str
     default: object
     help: str
     values: tuple[str, ...] = ()
     joint: str = ","
+    commands: str = ""
     uses: str = ""
 
     @property
@@ -60,7 +60,7 @@ def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "t
         type: one of `Option`.
         alias: its key in the commands that spell it otherwise.
     """
-    one = Option("", "", type, default, help, values)
+    one = Option("", type, default, help, values)
     return dataclasses.field(default=default, metadata={"option": one, "alias": alias})
 
 

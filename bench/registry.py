@@ -23,12 +23,11 @@ from typing import Any
 
 from bench.errors import InputError, nearest
 
-ROOMS = {room: f"bench.{room}" for room in ("corpora", "features", "models", "protocols", "circumstances")}
+ROOMS = {room: f"bench.{room}" for room in ("corpora", "features", "models", "protocols", "circumstances", "commands")}
 LIGHT = ("circumstances", "commands")  # whose parts load nothing heavy, so that help knows them all
 ADDED: dict[str, dict[str, str]] = {  # what the folders that become packages of their own add, as their entry points
     "circumstances": {"form": "bench.in_c.circumstance:InC", "watch": "bench.endless.kind:Continuous"},
     "commands": {
-        "chip": "bench.in_c.room:CHIP",
         "watch": "bench.endless.room:WATCHES",
         "live": "bench.endless.room:LIVE",
         "fit watch": "bench.endless.room:WATCH",

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import pandas as pd
 
-from bench.arguments import KEYS, check_key
+from bench.arguments import KEYS, values_of
 from bench.errors import InputError, nearest
 from bench.measures import over_people
 from bench.outcomes.runs import SELECTING, asked_of, frame_of, grouped, selected, stored, wanted
@@ -165,11 +165,3 @@ def table_of(runs: Sequence[Result]) -> pd.DataFrame:
         row |= {k: 100 * v if any(s in k for s in SHARES) else v for k, v in r.metrics.items() if k not in COUNTS}
         rows.append(row | {"folds": r.folds, "run_id": r["run_id"]})
     return pd.DataFrame(rows)
-
-
-def values_of(values: Mapping[str, object], known: Collection[str]) -> dict[str, object]:
-    """Keyword arguments as the command line has them; None is the same as not given."""
-    typed = {key.replace("__", "."): value for key, value in values.items() if value is not None}
-    for key in typed:
-        check_key(key, known)
-    return typed

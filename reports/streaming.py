@@ -1,4 +1,4 @@
-"""Accuracy against touch seen: tables and figure of ``bench stream``, rebuilt from MLflow alone."""
+"""Accuracy against touch seen: tables and figure of ``after=``, rebuilt from MLflow alone."""
 
 from __future__ import annotations
 
@@ -11,15 +11,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.comparable import alike
-from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.reports.contexts import context_words, contexts, scarce
-from bench.reports.figures import DASHES, MARKERS, bars, log_ticks, save, write_svg
-from bench.reports.numbers import noted
+from bench.reports.figures import DASHES, MARKERS, bars, log_ticks, save
 from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.sentences import sentences
-from bench.table import Table, write_sheet
+from bench.table import Table
 from bench.work.stopping import NO_SAVING, saves
 
 Same = Mapping[str, tuple[str, str]]  # parameters that comparable replays share (`bench.comparable.shared`)
@@ -38,35 +36,6 @@ CAPTION = (
 CONTEXT = ("system", "data", "synthetic", "subset", "target", "protocol_label")  # of a run, in its tables
 LEFT_LABEL = "ms of touch seen; a capture that has ended keeps its label"
 RIGHT_LABEL = "mean ms of touch seen before the label"
-
-
-def write_streaming(results: Sequence[Result], folder: Path, same: Same) -> list[Path]:
-    """Write ``streaming.csv``, ``stopping.csv`` and ``streaming.svg`` of some runs.
-
-    Args:
-        results: results of replays.
-        folder: destination folder; it is created.
-        same: parameters that comparable results share.
-
-    Returns:
-        The files written; none where there is nothing to show.
-
-    Raises:
-        InputError: the folder cannot be written.
-    """
-    if not results:
-        return []
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        paths = []
-        for name, table in sheets(results).items():
-            paths.append(folder / f"{name}.csv")
-            write_sheet(noted(table), paths[-1])
-        paths.append(folder / "streaming.svg")
-        write_svg(draw(results, same), paths[-1])
-        return paths
-    except OSError as e:
-        raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
 
 
 def sheets(results: Sequence[Result]) -> dict[str, pd.DataFrame]:

@@ -159,7 +159,7 @@ def stressed(system, accuracy, losses, more=(), tables=None, **about):
 
 
 def in_c(system="svm", predictions=None, bits=32, metrics=(), c=None, **about):
-    """A result of ``bench chip``: labels in Python and, unless others are given, the same in C.
+    """A result of ``form=c``: labels in Python and, unless others are given, the same in C.
 
     Args:
         system: name of the system.
@@ -205,7 +205,7 @@ def watched(system, end_correct, alarms, latency, flash=4000.0, tables=None, **a
 
 
 def streamed(system, start="onset", hop="None", tables=None, metrics=(), **about):
-    """A result of ``bench stream``, with its tables."""
+    """A result of ``after=each``, with its tables."""
     numbers = {"replay_accuracy": 0.7, "adaptive_accuracy": 0.65, "adaptive_ms": 812.0, "mean_ms": 900.0}
     numbers |= {"replay_ms_p50": 1.04, "replay_ms_p95": 2.0} | dict(metrics)
     table = pd.DataFrame({"ms": [100.0, 900], "mean_ms": [100.0, 900], "accuracy": [0.4, 0.7], "low": 0.3, "high": 0.8})

@@ -34,7 +34,7 @@ HEAVY = "numpy pandas sklearn torch mlflow rich matplotlib"
     [
         ("import bench; dir(bench)", HEAVY),
         ("from bench.cli import main; main(['run', '--help'])", HEAVY),
-        ("import bench.commands.kind", "dask distributed"),
+        ("import bench.commands.run, bench.work.loop", "dask distributed"),
         ("from bench.plan.cells import cells; cells({'model': 'rocket,svm'})[0].estimator()", "aeon numba"),
     ],
 )
@@ -144,7 +144,7 @@ def test_objects_give_what_their_names_give():
     assert ids[0] == table["run_id"][0] and ids[1] != ids[0]  # an equal object is the same run
 
 
-def test_stress_stream_fit_and_tune():
+def test_stress_replay_fit_and_tune():
     bayes = {"model": "bayes", "features": "jung28"} | TINY
     found = bench.stress(faults=["noise", "shift"], **bayes)
     assert set(found.tables["faults"]["fault"]) == {"noise", "shift"} and "loss.noise" in found.full
@@ -156,7 +156,7 @@ def test_stress_stream_fit_and_tune():
         found.tables["fault"]
     pd.testing.assert_frame_equal(pickle.loads(pickle.dumps(found)), pd.DataFrame(found))
     assert {*found.tables["faults"]["system"]} == {*found["system"]} == {found.runs[0].method}
-    replayed = bench.stream(hop_ms=600, **bayes)
+    replayed = bench.run(after="each", stopping=True, hop_ms=600, **bayes)
     assert replayed.tables["instants"]["accuracy"].iloc[-1] == pytest.approx(replayed["accuracy"][0] / 100)
     assert replayed.full["adaptive_accuracy"][0] == 100 * replayed.runs[0]["adaptive_accuracy"]
     fitted = bench.fit(stopping=False, **{key: value for key, value in bayes.items() if key != "jobs"})

@@ -12,7 +12,7 @@ from threading import Thread
 import pytest
 
 from bench.cli import main
-from bench.commands.report import drawn
+from bench.commands.ui import drawn
 from bench.outcomes.store import connect
 from tests.commands.test_server import free_port
 from tests.conftest import BENCH
@@ -37,22 +37,22 @@ BAD = [  # arguments, and what the line names
     (["run", "jobs=two"], "jobs=two"),
     (["run", "jobs=2", "cluster=tcp://x:1"], "jobs=2"),
     (["run", "--model", "svm"], "model=svm"),
-    (["stream", "--hop-ms", "125"], "hop_ms=125"),
+    (["run", "--hop-ms", "125"], "hop_ms=125"),
     (["run", "data=a\0b"], "NUL"),
     (["run", "data=\x1b[31mred"], "data="),
     (["run", "model=/tmp/\x9b31m.py:Mine"], "model="),
     (["run", "where=" + 500 * "x"], "where="),
     (["stress", "faults=rust"], "faults=rust"),
-    (["stream", "hop_ms=0"], "hop_ms=0"),
-    (["stream", "start=end"], "start=end"),
+    (["run", "after=each", "hop_ms=0"], "hop_ms=0"),
+    (["run", "after=each", "start=end"], "start=end"),
     *((["stress", "data.subjects=4", f"train_subjects={n}"], f"train_subjects={n}") for n in ("0", "few", "4")),
-    (["stream", "hop_ms=1"], "hop_ms=1"),
-    *(([name, "data.subjects=4", "out=file/x"], "file/x") for name in ("stress", "stream")),
-    (["stream", "data.subjects=2"], "one subject"),
+    (["run", "after=each", "hop_ms=1"], "hop_ms=1"),
+    *(([name, "data.subjects=4", "out=file/x"], "file/x") for name in ("stress",)),
+    (["run", "after=each", "stopping=yes", "data.subjects=2"], "one subject"),
     (["live"], "bench live MODEL"),
     (["live", "nothing"], "nothing"),
     (["live", "nothing", "data=haart"], "'data'"),
-    (["chip", "bits=7"], "bits=7"),
+    (["run", "form=c", "bits=7"], "bits=7"),
     (["choose", "by=3"], "by=3"),
     (["choose", "max_flash=0"], "max_flash=0"),
     (["report", "max_ram=3ms"], "max_ram=3ms"),
@@ -62,7 +62,7 @@ BAD = [  # arguments, and what the line names
     (["predict", "models:/\x1b[2J", "x.csv"], "models:/"),
     (["predict", "rec", "x.csv", "rate_hz=-1"], "rate_hz=-1"),
     (["predict", "rec", "x.csv", "weight=3"], "'weight'"),
-    (["adapt", "rec", "x.csv", "labels=no"], "'labels'"),
+    (["fit", "rec", "x.csv", "labels=no"], "'labels'"),
     (["export", "rec"], "out="),
     (["export", "rec", "out=c", "bits=7"], "bits=7"),
     (["check", "changes=5"], "'changes'"),
@@ -158,7 +158,7 @@ def test_memory_that_runs_out_is_one_line(monkeypatch, capsys):
     def hungry(_):
         raise MemoryError("Unable to allocate 1 TiB")
 
-    monkeypatch.setattr("bench.commands.data.data", hungry)
+    monkeypatch.setattr("bench.commands.data.command", hungry)
     assert main(["data"]) == 1
     line = capsys.readouterr().err
     assert line.count("\n") == 1 and "Unable to allocate 1 TiB" in line

@@ -40,7 +40,7 @@ ROOMS = {
 }
 # These may be taken away: no other room imports one, and each may import all others.
 AWAY = {"cluster": "bench.on_cluster", "C": "bench.in_c", "endless": "bench.endless"}
-FRONT = "bench bench.api bench.stored bench.cli bench.commands"  # may import every room
+FRONT = "bench bench.stored bench.cli bench.commands"  # may import every room
 EXCEPTIONS = {  # importing module, imported room: reason
     **{(f"bench.work.{name}", "outcomes"): "the store" for name in ("fit", "loop", "saved", "tracking")},
     ("bench.in_c.tables", "endless"): "the rules of a watcher as C, of systems that have one",
@@ -52,7 +52,7 @@ EVERY = "import bench.registry as r; r.classes('circumstances'), r.views(); "
 
 TABULAR = {"read_parquet", "to_parquet", "read_csv", "to_csv"}  # pandas' readers and writers
 TABLES = {  # modules that call one, beside bench.tables, and their files, none of which is a table of a run
-    "bench.commands.fit": "the user's captures with labels, printed",
+    "bench.commands.predict": "the user's captures with labels, printed",
     "bench.corpora.folder": "captures and events",
     "bench.corpora.read.csv_text": "files to import",
     "bench.corpora.read.cuddlebot": "files to import",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.options import OPTIONS, commands, help_of, makers, measured, overview
+from bench.options import commands, help_of, options, overview
 
 ROOT = Path(__file__).parent.parent
 FORBIDDEN = re.compile(
@@ -78,7 +78,7 @@ def test_literals_are_found_with_their_values_left_out(tmp_path):
 
 def test_sentences_of_help_are_short():
     sentences = [s for command in commands().values() for s in re.split(r"[.:;] (?=[A-Za-z0-9])", command.text)]
-    sentences += [option.help for option in (*OPTIONS, *(o for m in makers().values() for o in measured(m)))]
+    sentences += [option.help for name in commands() for option in options(name).values()]
     assert not [s for s in sentences if len(s.split()) > LONGEST]
 
 

@@ -4,25 +4,56 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import asdict
+from typing import TYPE_CHECKING
 
-from bench.arguments import parse
-from bench.commands.printing import output, say, then
-from bench.measures import text
-from bench.options import keys
-from bench.plan.cells import Cell, cells
-from bench.table import Table
+from bench.arguments import parse, values_of
+from bench.options import COMPARE, FEATURES, MODEL, SEED, Command, keys
 from bench.words import Values, typed
-from bench.work.audit import FAILED, PASSED, SKIPPED, Verdict, audited, refuse
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bench.plan.cells import Cell
+    from bench.work.audit import Verdict
+
+COMMAND = Command(
+    COMPARE,
+    "verify that your own system keeps the rules",
+    "Verifies on generated captures that a system predicts without labels and one capture at a time. Equal seeds "
+    "must give equal results, and test captures and earlier fits must change nothing. The system must accept "
+    "another grid and frame rate, and it must be possible to copy, save and load it. Nothing is stored. Exit code "
+    "1 if a check failed. The audit finds mistakes, not fraud.",
+    "bench audit model=my.py:Mine\nbench audit model=lda,svm features=touch",
+    options=(MODEL, FEATURES, SEED),
+)
 
 
-def audit(arguments: list[str]) -> int:
-    """Print a table of checks for each system; exit code 1 if a check failed.
+def audit(**values: object) -> pd.DataFrame:
+    """Verify that systems keep the rules of the contract, on generated captures.
+
+    Args:
+        values: ``model``, ``features``, ``seed`` and their parameters, as `run` takes them.
+
+    Returns:
+        One row per system and check: system, check, result (passed, failed or not applicable), sentence, seconds.
 
     Raises:
-        InputError: something in the arguments cannot be used, or a system cannot be made.
+        InputError: something in the values cannot be used, or a system cannot be made; nothing was checked.
     """
+    import pandas as pd
+
+    audits = audited(values_of(values, keys("audit")))
+    return pd.DataFrame([{"system": cell.system(), **asdict(v)} for cell, verdicts in audits for v in verdicts])
+
+
+def command(arguments: list[str]) -> int:
+    """Print a table of checks for each system; exit code 1 if a check failed."""
+    from bench.commands.printing import then
+    from bench.work.audit import FAILED
+
     failed = False
-    for cell, verdicts in audited_values(parse(arguments, keys("audit"))):
+    for cell, verdicts in audited(parse(arguments, keys("audit"))):
         show(cell, verdicts)
         failed |= any(verdict.result == FAILED for verdict in verdicts)
     if not failed:
@@ -30,21 +61,25 @@ def audit(arguments: list[str]) -> int:
     return int(failed)
 
 
-def audited_values(values: Values) -> Iterator[tuple[Cell, list[Verdict]]]:
-    """The systems of some values, each with its checks.
+def audited(values: Values) -> Iterator[tuple[Cell, list[Verdict]]]:
+    """The systems of some values, each with its checks; all can be made before the first is checked."""
+    from bench.plan.cells import cells
+    from bench.work import audit
 
-    Raises:
-        InputError: something in the values cannot be used, or a system cannot be made; nothing was checked.
-    """
     systems = cells(values)
     for cell in systems:
-        refuse(cell)
+        audit.refuse(cell)
     for cell in systems:
-        yield cell, audited(cell)
+        yield cell, audit.audited(cell)
 
 
 def show(cell: Cell, verdicts: list[Verdict]) -> None:
     """Print the checks of one system, and how many passed."""
+    from bench.commands.printing import output, say
+    from bench.measures import text
+    from bench.table import Table
+    from bench.work.audit import FAILED, PASSED, SKIPPED
+
     columns = [text("check"), text("result"), text("sentence", "reason")]
     failed = [i for i, verdict in enumerate(verdicts) if verdict.result == FAILED]
     title = f"Audit of {cell.system()} on generated captures (synthetic)"

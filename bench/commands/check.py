@@ -5,32 +5,51 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.arguments import KEYS as RUN_KEYS
 from bench.arguments import backend_keys, backend_of, parse, settings
-from bench.commands.kind import evaluated
-from bench.commands.printing import failures, say
+from bench.commands.run import evaluated
 from bench.comparable import several
 from bench.errors import InputError
-from bench.options import keys
-from bench.outcomes import gate
-from bench.outcomes.baseline import Measured, read, text
-from bench.outcomes.runs import SELECTING, asked_of, selected, stored
-from bench.outcomes.store import connect
-from bench.plan.cells import Cell, cells
+from bench.option import Option
+from bench.options import MORE, WORK, Command, keys
 from bench.scratch import replacing
 from bench.words import PARTS
-from bench.work.backend import Backend
+
+if TYPE_CHECKING:
+    from bench.outcomes.baseline import Measured
+    from bench.plan.cells import Cell
+    from bench.work.backend import Backend
 
 LIMITS = ("error", "slower")  # keys
+COMMAND = Command(
+    MORE,
+    "compare runs with a stored baseline, a gate for CI",
+    "Prints one line per system of the baseline: same, worse, better, changed (labels), slower, larger, or not "
+    "run. Runs everything that the current code has not run yet. Exit code 1 if a system is not the same. better "
+    "also counts, because a leak makes a system better. A paired bootstrap over subjects tests accuracy. 0.2 % of "
+    "the labels may change, and sizes may grow by 10 %. Keys of bench run select systems of the baseline.",
+    "bench check update=yes data=haart model=svm,rf features=jung54\nbench check junit=check.xml slower=3",
+    options=(
+        *WORK,
+        Option("baseline", "text", "reports/baseline.json", "baseline file"),
+        Option("update", "yes", False, "yes: write the baseline again; keys of bench run add systems"),
+        Option("stored", "yes", False, "yes: run nothing, compare the newest stored runs"),
+        Option("error", "number", 1, "error rate in percent of all tests of accuracy and labels together"),
+        Option("slower", "number", 2, "largest factor of computing time, relative to a reference workload"),
+        Option("junit", "text", "", "JUnit file for a CI server, such as check.xml"),
+    ),
+)
 
 
-def check(arguments: list[str]) -> int:
-    """Compare with the baseline, or write it; exit code 1 on an alarm, or if a run failed.
+def command(arguments: list[str]) -> int:
+    """Compare with the baseline, or write it; exit code 1 on an alarm, or if a run failed."""
+    from bench.commands.printing import say
+    from bench.outcomes import gate
+    from bench.outcomes.baseline import read
+    from bench.outcomes.runs import SELECTING, asked_of
 
-    Raises:
-        InputError: something in the arguments, the baseline or the data cannot be used; no file was changed.
-    """
     values = parse(arguments, keys("check"))
     how = settings("check", values)
     limits = {k: float(how[k]) for k in LIMITS}
@@ -72,6 +91,8 @@ def understood(run: str) -> list[Cell]:
     Raises:
         InputError: they mean nothing.
     """
+    from bench.plan.cells import cells
+
     return cells(parse(shlex.split(run), RUN_KEYS))
 
 
@@ -83,6 +104,8 @@ def _cells(runs: list[str], asked: Mapping[str, list], then: Measured | None = N
         asked: values as `bench.outcomes.runs.selected` takes them.
         then: the system whose cells are wanted; None for all.
     """
+    from bench.outcomes.runs import selected
+
     planned: dict[str, tuple[Cell, str]] = {}
     for run in dict.fromkeys(runs):
         for cell in understood(run):
@@ -98,6 +121,9 @@ def _cells(runs: list[str], asked: Mapping[str, list], then: Measured | None = N
 
 def _run(runs: list[str], backend: Backend, asked: Mapping[str, list] | None = None) -> tuple[list[Measured], int]:
     """Run what is not tracked yet; complete runs of the code, versions and threads as they are, and the exit code."""
+    from bench.commands.printing import failures
+    from bench.outcomes import gate
+
     planned = _cells(runs, asked or {})
     results = evaluated([cell for cell, _ in planned], backend)
     code = failures(results)
@@ -111,6 +137,10 @@ def _run(runs: list[str], backend: Backend, asked: Mapping[str, list] | None = N
 
 def _stored(baseline: list[Measured]) -> list[Measured]:
     """The newest complete results of the store that may be held against the baseline, whatever code made them."""
+    from bench.outcomes import gate
+    from bench.outcomes.runs import stored
+    from bench.outcomes.store import connect
+
     same = {tuple(then.names[k] for k in gate.SAME) for then in baseline}
     complete = [r for r in stored(connect()) if r.complete and tuple(r[k] for k in gate.SAME) in same]
     return [gate.measured(r, "") for r in complete]
@@ -118,6 +148,10 @@ def _stored(baseline: list[Measured]) -> list[Measured]:
 
 def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, float]) -> int:
     """Run again what the baseline names, and what is added; write it if every run is complete."""
+    from bench.commands.printing import say
+    from bench.outcomes import gate
+    from bench.outcomes.baseline import read, text
+
     before = read(path, understood) if path.exists() or not added else []
     after, code = _run([then.run for then in before] + ([shlex.join(added)] if added else []), backend)
     if code:

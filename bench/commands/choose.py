@@ -3,33 +3,82 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from bench.arguments import limits_of, parse, settings
-from bench.commands.printing import output, say, then
+from bench.arguments import limits_of, parse, settings, values_of
 from bench.errors import InputError
 from bench.measures import Cost, Measure, Row, costs, costs_of, text
-from bench.options import keys, makers
-from bench.outcomes import choice as choices
-from bench.outcomes.choice import Chosen, points
-from bench.outcomes.runs import asked_of, every_result
-from bench.outcomes.store import connect
-from bench.scene_file import read_scene
-from bench.table import Table, rows_of
+from bench.option import Option
+from bench.options import BATCH, START, STORED, Command, keys, makers
+from bench.usual import FALSE_ALARMS
 from bench.words import Values, typed
 
+if TYPE_CHECKING:
+    from bench.outcomes.choice import Chosen
+    from bench.table import Table
+
+COMMAND = Command(
+    START,
+    "find the cheapest system within one standard error of the best",
+    "Finds, among stored runs on the same captures, the cheapest system within one standard error of the most "
+    "accurate one. This is the standard error of the paired difference over subjects. If no system fits the "
+    "budgets, it prints the lowest cost for each budget; exit code 1. why=yes prints all reasons. Runs with failed "
+    "folds, and older runs on other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, "
+    "except where a run linked the system in C, which also counts instructions. max_false_alarms= and max_latency= "
+    "compare runs on recordings instead, by the share of touches whose label is correct at the end. groups=yes "
+    "merges gestures into fewer and fewer groups, the most confused first, and prints the accuracy with each number of "
+    "groups; those of each subject are chosen on the other subjects.",
+    "bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB\n"
+    f"bench choose data=haart protocol=loso max_false_alarms={FALSE_ALARMS:g} max_latency=1s",
+    options=(
+        *STORED,
+        Option("scene", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
+        Option("by", "text", "flash", "cost to minimise"),  # its values: `bench.measures.costs`
+        Option(
+            "margin",
+            "number",
+            None,
+            "accepted loss in points; a one-sided paired t-test replaces the standard error",
+        ),
+        Option("unit", "text", "capture", "unit of accuracy", ("capture", "window")),
+        BATCH,
+        Option("shots", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
+        Option("why", "yes", False, "yes: also print what the choice depends on, and what is left out"),
+        Option("groups", "yes", False, "yes: print instead which gestures the most accurate system can tell apart"),
+    ),
+    budgets="all",
+)
 FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
 
 
-def choose(arguments: list[str]) -> int:
-    """Print the choice and its reason; exit code 1 if nothing fits the budgets.
+def choose(**values: object) -> Chosen:
+    """Choose the cheapest stored system within one standard error of the best.
+
+    Args:
+        values: the runs to choose among, as `results` selects them;
+            ``by`` (the cost to keep low, default ``flash``); budgets ``max_flash``, ``max_ram``, ``max_predict``,
+            ``max_decision``, ``max_cycles``; ``max_false_alarms`` (per hour of background) and ``max_latency``
+            (median, such as ``"1s"``), which compare runs of `watch` alone; ``clock`` of the target, such as
+            ``64MHz``, at which measured cycles count for ``max_decision``; ``margin`` (tolerated loss of accuracy in
+            points); ``unit`` (``capture`` or ``window``); ``batch`` (``yes`` to include systems whose labels depend on
+            the batch); ``shots`` (labelled captures of a new person).
 
     Raises:
-        InputError: something in the arguments cannot be used, or no run is tracked for them.
+        InputError: something in the values cannot be used, or nothing is tracked for them.
     """
-    result = chosen(parse(arguments, keys("choose")))
+    return chosen(values_of(values, keys("choose")))
+
+
+def command(arguments: list[str]) -> int:
+    """Print the choice and its reason; exit code 1 if nothing fits the budgets."""
+    from bench.commands.printing import output, say, then
+
+    values = parse(arguments, keys("choose"))
+    if settings("choose", values)["groups"]:
+        from bench.commands.groups import printed
+
+        return printed(values)
+    result = chosen(values)
     table_of(result).print(output())
     if 0 < result.choice.table["linked"].sum() < len(result.choice.table):
         output().print("* as linked in C, with code; other sizes exclude code", style="dim")
@@ -46,6 +95,11 @@ def chosen(values: Values) -> Chosen:
     Raises:
         InputError: something in the values cannot be used, or no run is tracked for them.
     """
+    from bench.outcomes import choice as choices
+    from bench.outcomes.runs import asked_of, every_result
+    from bench.outcomes.store import connect
+    from bench.scene_file import read_scene
+
     if dotted := [k for k in values if "." in k and not k.startswith("protocol.")]:
         raise InputError(f"{dotted[0]}= runs a system, and bench choose reads stored runs; leave {dotted[0]}= out")
     scene = read_scene(str(values["scene"])) if "scene" in values else None
@@ -73,6 +127,9 @@ def _next(result: Chosen) -> str:
 
 def table_of(result: Chosen) -> Table:
     """The candidates of a choice."""
+    from bench.outcomes.choice import points
+    from bench.table import Table, rows_of
+
     choice, by = result.choice, costs()[result.by]
     limits = [f"{costs()[k].title} {costs()[k].limit} {costs()[k].amount(v)}" for k, v in result.budgets.items()]
     score = "score" if result.scene.reactions.weighted else "accuracy"
@@ -104,5 +161,5 @@ def table_of(result: Chosen) -> Table:
         f"{result.among.context}; {', '.join(limits) or 'no budget'}; {by.extreme} {by.title} first; {score} is the "
         "mean over subjects"
     )
-    bold = np.flatnonzero(choice.table.index == choice.chosen).tolist()
+    bold = [i for i, index in enumerate(choice.table.index) if index == choice.chosen]
     return Table(columns, rows_of(choice.table), title, bold)

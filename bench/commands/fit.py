@@ -1,34 +1,67 @@
-"""The commands ``bench fit``, ``bench predict`` and ``bench adapt``: a system is saved, used and adapted."""
+"""The command ``bench fit``: one system is trained on all captures and saved, or a saved one adapted to a person."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.arguments import parse, parse_words, settings
-from bench.commands.printing import then, unwritable
-from bench.corpora.read.table import read_unlabelled
+from bench.arguments import parse, parse_words, settings, values_of
 from bench.errors import InputError
-from bench.options import keys, used
-from bench.plan.cells import cells
-from bench.scratch import new_folder, replacing
-from bench.table import write_sheet
+from bench.option import Option
+from bench.options import DATA, FEATURES, MODEL, SEED, START, TARGET, WHERE, Command, keys, used
 from bench.words import Values, quoted
-from bench.work.stopping import NO_SAVING
 
 if TYPE_CHECKING:
-    from bench.corpora.corpus import Corpus
     from bench.work.fit import Fitted
-    from bench.work.saved import Recogniser
+
+COMMAND = Command(
+    START,
+    "train one system on all captures and save it as an MLflow model",
+    "Prints the address of the model in the store. Use it in mlflow.pyfunc.load_model, mlflow models serve, bench "
+    "predict and all commands that take MODEL. Each key has one value. With MODEL FILE, "
+    "adapts a saved model to one person, whose captures FILE has in the format of bench data import table. With a "
+    "column gesture, the model learns from the labels. Without it, the model adapts to differences between this person "
+    "and the training subjects. MODEL does not change. reflex, lda, networks (their last layer) and models with "
+    "model.person= can adapt; bench run protocol=personal measures the gain.",
+    "bench fit data=haart model=svm features=jung54 out=svm\nmlflow models serve -m svm --env-manager local\n"
+    "bench fit svm anna.csv out=svm_anna",
+    usage="[key=value ...]\nMODEL FILE out=FOLDER [rate_hz=HZ]",
+    options=(
+        DATA,
+        WHERE,
+        TARGET,
+        MODEL,
+        FEATURES,
+        SEED,
+        Option("stopping", "yes", True, "no: skip three extra fits for calibration and early decisions"),
+        Option("out", "text", "", "folder for a copy of the model, or for the adapted one; new or empty"),
+        Option("rate_hz", "number", None, "frame rate of FILE in Hz; must equal the model's"),
+    ),
+)
 
 
-def fit(arguments: list[str]) -> int:
-    """Train one system on all captures and save it.
+def fit(**values: object) -> Fitted:
+    """Train one system on all captures and save it; ``recogniser.label(corpus)`` uses it.
+
+    Args:
+        values: ``data``, ``where``, ``target``, ``model``, ``features`` and ``seed`` of `run`; ``stopping`` (``false``
+            learns no early decision) and ``out`` (folder to save it in, besides the store).
 
     Raises:
-        InputError: something in the arguments or the data cannot be used.
+        InputError: something in the values or the data cannot be used.
     """
-    fitted, out = trained(parse(arguments, keys("fit")))
+    return trained(values_of(values, keys("fit")))[0]
+
+
+def command(arguments: list[str]) -> int:
+    """Train one system on all captures and save it, or adapt a saved one to a person."""
+    from bench.commands.printing import then
+    from bench.work.stopping import NO_SAVING
+
+    if arguments and "=" not in arguments[0]:
+        return adapted(*parse_words(arguments, keys("fit"), 2))
+    values = parse(arguments, keys("fit"))
+    fitted, out = trained(values)
     print(fitted, *([out] if out else []), sep="\n")
     stopping = fitted.recogniser.stopping
     if stopping is not None and not stopping.saves:
@@ -49,6 +82,7 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
         InputError: something in the values or the data cannot be used, or they name several systems.
     """
     from bench.corpora.library import holds_recordings
+    from bench.plan.cells import cells
     from bench.work.fit import fit
 
     given, watching = settings("fit", values), None
@@ -66,38 +100,22 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     return fit(cell, out, given["stopping"], watching), out
 
 
-def predict(arguments: list[str]) -> int:
-    """Label the captures of a file.
-
-    Raises:
-        InputError: something in the arguments or the file cannot be used.
-    """
-    model, recogniser, corpus, values = _read("predict", arguments)
-    table = recogniser.label(corpus)
-    table.insert(0, "capture", corpus.captures["capture"])
-    if "out" not in values:
-        print(table.to_csv(index=False, float_format="%.6g"), end="")
-        return 0
-    out = Path(values["out"])
-    with unwritable(out), replacing(out) as beside:
-        write_sheet(table, beside, "%.6g")
-    counts = ", ".join(f"{count} {label}" for label, count in table["label"].value_counts().items())
-    print(f"{out}: {len(table)} captures classified: {counts}")
-    then(f"sensor | bench live {quoted(model)}")
-    return 0
-
-
-def adapt(arguments: list[str]) -> int:
+def adapted(words: list[str], values: dict[str, str]) -> int:
     """Adapt a saved system to the captures of one person in a file, and save it.
 
     Raises:
         InputError: something in the arguments or the file cannot be used, or the system cannot adapt.
     """
+    from bench.commands.predict import read
+    from bench.commands.printing import then
+    from bench.scratch import new_folder
     from bench.work.fit import save_adapted
 
-    model, recogniser, corpus, values = _read("adapt", arguments)
+    if wrong := [key for key in values if key not in ("out", "rate_hz")]:
+        raise InputError(f"{wrong[0]}= trains a system, and bench fit MODEL FILE adapts one; leave it out")
+    model, recogniser, corpus = read("fit", words, values)
     if "out" not in values:
-        raise InputError("bench adapt needs out=, the folder for the adapted model")
+        raise InputError("bench fit MODEL FILE needs out=, the folder for the adapted model")
     out = new_folder(Path(values["out"]))
     if len(people := set(corpus.captures.get("subject", []))) > 1:
         raise InputError(
@@ -109,22 +127,3 @@ def adapt(arguments: list[str]) -> int:
     print(f"{out}: adapted to {len(corpus)} captures {how} in {seconds:.2f} s")
     then(f"bench predict {quoted(str(out))} new.csv")
     return 0
-
-
-def _read(command: str, arguments: list[str]) -> tuple[str, Recogniser, Corpus, dict[str, str]]:
-    """The model that a command names and itself, the captures, and the options.
-
-    Raises:
-        InputError: something in the arguments or the file cannot be used.
-    """
-    words, values = parse_words(arguments, keys(command), 2)
-    if len(words) < 2:
-        raise InputError(f"give a model and a file: bench {command} MODEL FILE; see bench {command} --help")
-    from bench.work.saved import load
-
-    rate = settings(command, values)["rate_hz"]
-    recogniser = load(words[0])
-    if rate is not None:
-        recogniser.check_rate(rate)
-    corpus = read_unlabelled(Path(words[1]), recogniser.rate_hz, recogniser.grid, recogniser.full_scale)
-    return words[0], recogniser, corpus, values

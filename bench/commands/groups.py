@@ -1,51 +1,62 @@
-"""The command ``bench groups``: groups of gestures that can be told apart, from stored predictions."""
+"""``bench choose groups=yes``: groups of gestures that can be told apart, from stored predictions."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from statistics import mean
 
 import pandas as pd
 
 from bench import few
-from bench.arguments import parse, settings
-from bench.commands.printing import output, say, then, unwritable, writable
+from bench.arguments import settings, values_of
+from bench.commands.printing import output, say, then
 from bench.comparable import MIXED, facts_of
 from bench.errors import InputError
 from bench.measures import Measure, text
-from bench.options import keys
+from bench.options import BATCH, STORED
 from bench.outcomes.candidates import eligible
-from bench.outcomes.groups import LEVELS, Grouping, enough, groupings, reactions
+from bench.outcomes.groups import Grouping, groupings, reactions
 from bench.outcomes.runs import asked_of, choosing, stored, without_runs
 from bench.outcomes.store import connect
 from bench.progress import warn
 from bench.result import Result
-from bench.table import Table, rows_of, write_sheet
+from bench.table import Table, rows_of
 from bench.words import Values
 
+KEYS = {option.key for option in (*STORED, BATCH)}
+LEVELS = (90, 95, 99)  # percent
 ACCURACY = Measure("accuracy", "accuracy %", ends="accuracy")
 COLUMNS = (
     Measure("groups", form=".0f"),
-    text(
-        "grouping",
-        "gestures in one group",
-        lambda row: _words([group for group in row["grouping"] if len(group) > 1]) or "every gesture alone",
-    ),
+    text("grouping", "gestures in one group", lambda row: _words(row["grouping"])),
     ACCURACY,
     Measure("largest", "largest group %"),
     Measure("same", "same choice", lambda row: f"{row['same']} of {row['subjects']}"),
 )
 
 
-def groups(arguments: list[str]) -> int:
-    """Print accuracy against the number of groups, with a table ``[reactions]`` for 90, 95 and 99 %, and draw it.
+def groups(**values: object) -> pd.DataFrame:
+    """Groups of gestures that a stored system can tell apart.
+
+    Args:
+        values: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`, among whose runs the
+            most accurate system is used; ``batch`` (``yes`` to include systems whose labels depend on the batch).
+
+    Returns:
+        One row per number of groups, from one per gesture down to 2: `bench.outcomes.groups.groupings`.
 
     Raises:
-        InputError: something in the arguments cannot be used, or no run is stored for them.
+        InputError: something in the values cannot be used, or no run is stored for them.
     """
-    values = parse(arguments, keys("groups"))
-    table, title, notes, results = grouped(values)
-    out = writable(Path(settings("groups", values)["out"]))
+    return grouped(values_of(values, KEYS))[0]
+
+
+def printed(values: Values) -> int:
+    """Print accuracy against the number of groups, with a table ``[reactions]`` for 90, 95 and 99 %.
+
+    Raises:
+        InputError: something in the values cannot be used, or no run is stored for them.
+    """
+    table, title, notes, results = grouped({key: value for key, value in values.items() if key != "groups"})
     found = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
     Table(COLUMNS, found, f"{title}; accuracy is the mean over subjects with its 95 % t-interval").print(output())
     say(
@@ -54,22 +65,13 @@ def groups(arguments: list[str]) -> int:
         *([f"{few.too_few(people)}."] if (people := int(table["subjects"].iloc[0])) < few.INTERVAL else []),
         *notes,
     )
-    reached = {level: enough(table, level) for level in LEVELS}
-    for level, index in reached.items():
-        how = "not even two groups reach it."
-        if index is not None:
-            row = found[index]
-            how = f"{row['groups']} groups reach {ACCURACY.of(row)} %."
+    reached = {level: next((row for row in found if round(row["accuracy"], 9) >= level), None) for level in LEVELS}
+    for level, row in reached.items():
+        how = f"{row['groups']} groups reach {ACCURACY.of(row)} %." if row else "not even two groups reach it."
         say(f"{level} %: {how}")
-    for index in dict.fromkeys(i for i in reached.values() if i):  # 0 is every gesture alone
-        row = found[index]
-        say("", f"# {row['groups']} groups: {ACCURACY.of(row)} %", reactions(row["grouping"]))
-    from bench.reports.dendrogram import draw  # loads all plotting
-
-    with unwritable(out):
-        write_sheet(table.assign(grouping=table["grouping"].map(_words)), out / "groups.csv")
-        paths = [out / "groups.csv", draw(table, out, title).path]
-    say("", f"table and figure: {', '.join(map(str, paths))}")
+    merged = {row["groups"]: row for row in reached.values() if row and row is not found[0]}
+    for count, row in merged.items():
+        say("", f"# {count} groups: {ACCURACY.of(row)} %", reactions(row["grouping"]))
     then(choosing(results))
     return 0
 
@@ -85,12 +87,15 @@ def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str], list[Result]]
         InputError: something in the values cannot be used, or no run is stored for them.
     """
     if dotted := [k for k in values if "." in k and not k.startswith("protocol.")]:
-        raise InputError(f"{dotted[0]}= runs a system, and bench groups reads stored runs; leave {dotted[0]}= out")
-    asked = asked_of(values)
+        raise InputError(f"{dotted[0]}= runs a system, and groups are of stored runs; leave {dotted[0]}= out")
+    if alone := [k for k in values if k not in KEYS and "." not in k]:
+        raise InputError(f"{alone[0]}= has no effect on groups; leave {alone[0]}= out")
+    batch = settings("choose", values)["batch"]
+    asked = asked_of({k: v for k, v in values.items() if k != "batch"})
     every = stored(connect())
     for lacking in without_runs([every], asked):
         warn(f"warning: {lacking}: no run is stored")
-    results, notes = eligible(every, asked, batch=settings("groups", values)["batch"])
+    results, notes = eligible(every, asked, batch=batch)
     by_system: dict[str, list[Result]] = {}
     for r in results:
         by_system.setdefault(r["system"], []).append(r)
@@ -102,5 +107,5 @@ def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str], list[Result]]
     return groupings(pd.concat(tables, ignore_index=True)), title, notes, seeds
 
 
-def _words(grouping: Grouping | list[tuple[str, ...]]) -> str:
-    return "; ".join(" + ".join(group) for group in grouping)
+def _words(grouping: Grouping) -> str:
+    return "; ".join(" + ".join(group) for group in grouping if len(group) > 1) or "every gesture alone"

@@ -5,29 +5,65 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
-from bench import contract
 from bench.amounts import convert, text_of
-from bench.arguments import backend_of, parse, settings
-from bench.commands.kind import evaluated, printed
-from bench.commands.smallest import smallest
+from bench.arguments import backend_of, parse, settings, values_of
+from bench.commands.run import evaluated, printed
 from bench.errors import InputError, nearest
-from bench.models.recipe import besides
-from bench.options import keys
-from bench.plan.cells import Cell, cells
+from bench.option import Option
+from bench.options import COMPARE, WORK, Command, keys
 from bench.registry import parameters
-from bench.result import Result
 from bench.words import DEFAULTS, Values, items
 
 if TYPE_CHECKING:
     from bench.models.search.space import How, Space, Tuning
+    from bench.plan.cells import Cell
+    from bench.result import Result
+    from bench.stored import Results
+
+SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where smallest= has no values to try
+COMMAND = Command(
+    COMPARE,
+    "search the parameters of systems inside each training part",
+    "Like bench run, but searches the parameters of each model in every training part, on inner folds of whole "
+    "subjects. model.C=8,32,128 lists values; without lists, it searches the ranges that the model declares. "
+    "Prints and stores the chosen values of each fold and every combination. smallest=X chooses the smallest value "
+    "of the parameter X within one standard error of the best one, and runs the unchanged system beside it. It "
+    "tries the values of model.X=, or an eighth, a quarter, a half and all of the default. An interrupted search "
+    "continues where it stopped.",
+    "bench tune data=haart protocol=loso model=svm features=jung54 trials=50\n"
+    "bench tune data=haart protocol=challenge model=rf,xgb features=ta273\n"
+    "bench tune data=haart protocol=loso model=cnn85 smallest=frames",
+    options=(
+        *WORK,
+        Option("trials", "count", 50, "combinations to try in each fold; a grid of lists is tried completely"),
+        Option("seconds", "number", None, "seconds after which a fold starts no new combination"),
+        Option("smallest", "text", "", "parameter of model= to make as small as possible, or features"),
+        Option("inner", "text", "3", "inner folds: number of groups of training subjects, or loso"),
+    ),
+)
 
 
-def tune(arguments: list[str]) -> int:
-    """Search, fit and score; exit code as of ``bench run``.
+def tune(**values: object) -> Results:
+    """Search parameters inside each training part; a row per run.
+
+    Args:
+        values: keys of `run`; values of ``model__X`` to try; ``trials`` (combinations in each fold, default 50),
+            ``seconds`` (of searching in a fold) and ``inner`` (groups of training subjects that judge, default 3, or
+            ``loso``). ``smallest`` (a parameter, or ``features``) looks for its smallest value that suffices.
+
+    Returns:
+        The columns of `run`.
 
     Raises:
-        InputError: something in the arguments or the data cannot be used; nothing was run.
+        InputError: something in the values or the data cannot be used; nothing was run.
     """
+    from bench.stored import results_of
+
+    return results_of(searched(values_of(values, keys("tune"))))
+
+
+def command(arguments: list[str]) -> int:
+    """Search, fit and score; exit code as of ``bench run``."""
     return printed("run", searched(parse(arguments, keys("tune"))))
 
 
@@ -42,6 +78,8 @@ def searched(values: Values) -> list[Result]:
     """
     if "smallest" in values:
         return smallest(values)
+    from bench.plan.cells import cells
+
     given = settings("tune", values)
     how = cast("How", {k: given[k] for k in ("trials", "inner") if k in values})
     if given["seconds"]:
@@ -69,6 +107,8 @@ def searched(values: Values) -> list[Result]:
 
 def _parameters(cell: Cell) -> dict[str, object]:
     """What a model takes, its own parameters first."""
+    from bench.models.recipe import besides
+
     if cell.model.instance is not None:
         return cell.model.parameters
     return parameters(cell.model.factory) | besides(cell.model.factory)
@@ -81,6 +121,8 @@ def _values(name: str, listed: object, default: object) -> list[object]:
 
 
 def _tuning(cell: Cell, params: dict[str, object], how: How, trials: int) -> Tuning:
+    from bench import contract
+
     name = cell.model.short
     if cell.model.instance is not None:
         raise InputError(f"model={name}: an object has fixed parameters; give the name of its class or factory")
@@ -100,3 +142,50 @@ def _tuning(cell: Cell, params: dict[str, object], how: How, trials: int) -> Tun
         space = {**declared, **listed}
     is_grid = all(isinstance(values, list) for values in space.values())
     return {"space": space, **how} if is_grid else {"space": space, "trials": trials, **how}
+
+
+def smallest(values: Values) -> list[Result]:
+    """Run each system with the smallest value that suffices, chosen in every fold, beside the unchanged system.
+
+    Raises:
+        InputError: a value cannot be used, or a key ends a search, which this one does not need.
+    """
+    from bench.plan.cells import cells
+
+    if wrong := [key for key in ("trials", "seconds") if key in values]:
+        raise InputError(f"{wrong[0]}= ends a search, and smallest= tries every value; leave one of them out")
+    given = settings("tune", values)
+    over, inner = given["smallest"], given["inner"]
+    rest = {k: v for k, v in values.items() if k not in ("smallest", "inner", f"model.{over}")}
+    pairs = [
+        (replace(cell, tuning=_sizes(cell, over, values.get(f"model.{over}"), inner)), cell) for cell in cells(rest)
+    ]
+    return evaluated([cell for pair in pairs for cell in pair], backend_of(values))
+
+
+def _sizes(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
+    """How a search picks the smallest value; all parameters but that one stay as they are."""
+    from bench import contract
+
+    model, usual = cell.model.short, parameters(cell.model.factory)
+    if contract.searches(cell.untrained):
+        raise InputError(f"model={model} searches by itself; give smallest= of a model that does not")
+    space = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
+    seed = cell.seed if "seed" in cell.model.parameters else 0
+    how: How = {"inner": inner, "objective": "smallest", "smallest": over, "seed": seed}
+    if over == "features":
+        if not cell.features:
+            raise InputError(f"smallest=features: model={model} uses no feature set; give one of its parameters")
+        return {"space": {**space}, **how}
+    default = usual.get(over)
+    if over == "seed" or over not in usual:
+        raise InputError(f"smallest={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}")
+    if isinstance(default, bool) or not isinstance(default, int | float):
+        raise InputError(f"smallest={over}: not a number, so it has no sizes; give a numeric parameter")
+    if listed is None:
+        sizes = {type(default)(default * share) for share in SHARES} - {0}
+    else:
+        sizes = {convert(f"model.{over}", text, default) for text in items(f"model.{over}", listed)}
+    if not sizes:
+        raise InputError(f"smallest={over}: its default is {default}; give values, such as model.{over}=1,2")
+    return {"space": {**space, over: sorted(sizes)}, **how}

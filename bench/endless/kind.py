@@ -31,7 +31,9 @@ class Continuous(Study):
     key: ClassVar[str] = "watch"
     view: ClassVar[str] = "bench.endless.view:Continuous"
 
-    detector: str = option(DETECTOR, "finds the touches: {detectors}, or my.py:Mine; detector.NAME= sets a parameter")
+    detector: str = option(
+        DETECTOR, "finds the touches: {bench.endless.detectors}, or my.py:Mine; detector.NAME= sets a parameter"
+    )
     false_alarms: float = option(
         FALSE_ALARMS, "false alarms per hour of background accepted in training", type="number"
     )

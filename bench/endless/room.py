@@ -1,29 +1,33 @@
 """What endless streams add: a command, and keys of ``bench fit``."""
 
 from bench.endless import DETECTOR
-from bench.options import TRUSTED, Command, Option
+from bench.options import TRUSTED, WORK, Command, Option
 from bench.usual import FALSE_ALARMS
 from bench.words import SMALL
 
 WATCH = Option(
     "watch",
-    "fit",
     "yes",
     True,
     "no: skip the post-processing for endless streams",
+    commands="fit",
     uses="bench.endless.teaching:Watching",
 )
 FINDS = Option(
     "detector",
-    "fit",
     "text",
     DETECTOR,
     "finds the touches of a stream: {bench.endless.detectors}, or my.py:Mine; detector.NAME= sets a parameter",
+    commands="fit",
 )
 ALARMS = Option(
-    "false_alarms", "fit", "number", FALSE_ALARMS, "false alarms per hour of background accepted in training"
+    "false_alarms",
+    "number",
+    FALSE_ALARMS,
+    "false alarms per hour of background accepted in training",
+    commands="fit",
 )
-IDLE = Option("background", "fit", "text", "", "background of the stream, as of bench watch")
+IDLE = Option("background", "text", "", "background of the stream, as of bench watch", commands="fit")
 WATCHES = Command(
     "compare",
     "find touches in continuous recordings: false alarms, misses, latency",
@@ -35,6 +39,7 @@ WATCHES = Command(
     "Refused frames are counted if there are any. under= repeats this with faults of the test sensors.",
     f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2\n"
     "bench watch data=haart model=lda features=touch detector=frames,threshold under=noise,vibration,drift",
+    options=WORK,
     makes="watch",
 )
 LIVE = Command(
@@ -49,7 +54,7 @@ LIVE = Command(
     "MODEL [events=no] [hop_ms=125]",
     module="bench.endless.command",
     options=(
-        Option("hop_ms", "live", "number", 125, "classification of captures: milliseconds between decisions"),
-        Option("events", "live", "yes", True, "no: classify captures instead of watching an endless stream"),
+        Option("hop_ms", "number", 125, "classification of captures: milliseconds between decisions"),
+        Option("events", "yes", True, "no: classify captures instead of watching an endless stream"),
     ),
 )

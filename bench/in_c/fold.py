@@ -45,7 +45,7 @@ def refuse(plan: Plan, detector: str) -> None:
         )
     if missing := lacking():
         raise InputError(
-            f"bench chip needs {', '.join(missing)}, which are not installed; on Debian, install gcc make "
+            f"form=c needs {', '.join(missing)}, which are not installed; on Debian, install gcc make "
             "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
         )
 
@@ -86,7 +86,7 @@ def fold(at: Fitted, bits: int, detector: str) -> FoldResult:
 
 def _written(recogniser: Recogniser, bits: int, folder: Path) -> Path:
     """The folder, with the C of a system."""
-    for file, text in files_of(recogniser, bits, "a fold of bench chip").items():
+    for file, text in files_of(recogniser, bits, "a fold of bench run form=c").items():
         (folder / file).write_text(text, encoding="utf-8")
     return folder
 

@@ -1,12 +1,12 @@
 """What a cluster adds: a key of the commands that make runs."""
 
-from bench.options import WORK, Option
+from bench.option import Option
 
 CLUSTER = Option(
     "cluster",
-    WORK,
     "text",
     "",
     "Dask scheduler that runs the folds: tcp://HOST:8786 or its file",
+    commands="makers tune check",
     uses="bench.on_cluster.cluster:Cluster",
 )

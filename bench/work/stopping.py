@@ -65,7 +65,7 @@ def learn_stopping(table: pd.DataFrame, rate_hz: float) -> tuple[float, pd.DataF
 
 
 def saves(measured: Mapping[str, float]) -> bool:
-    """Return True if early decisions take less touch than whole captures, by the metrics of a ``bench stream`` run."""
+    """Return True if early decisions take less touch than whole captures, by the metrics of a run with ``after=``."""
     return measured["adaptive_ms"] < measured.get("mean_ms", math.inf) - 0.5  # ms, as they are printed
 
 

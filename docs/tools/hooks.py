@@ -27,9 +27,8 @@ sys.path[:0] = [str(TOOLS), str(TOOLS.parent.parent)]
 
 import examples  # noqa: E402
 
-import bench.api  # noqa: E402
 from bench.cli import main  # noqa: E402
-from bench.options import commands, makers  # noqa: E402
+from bench.options import commands  # noqa: E402
 
 printed: dict[str, list[str] | str] = {}
 
@@ -62,7 +61,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Put what the blocks of a page printed below them, and why a block was not run."""
-    markdown = markdown.replace("<!-- functions that make runs -->", functions())
     if page.file.src_uri not in printed:  # the notebook's, which has its outputs, or left out by PAGES
         return markdown.replace("<!-- help of every command -->", helped())
     outputs = iter(printed[page.file.src_uri])
@@ -78,17 +76,6 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
         )
 
     return examples.BLOCK.sub(replaced, markdown).replace("<!-- help of every command -->", helped())
-
-
-def functions() -> str:
-    """A section for each function that a kind or circumstance adds: no module defines these."""
-    parts = []
-    for name in makers():
-        if name not in vars(bench.api):
-            said = (getattr(bench.api, name).__doc__ or "").strip()
-            keys = re.sub(r"^ {4}(\w+): ", r"- `\1`: ", said, flags=re.MULTILINE)
-            parts.append(f"### `bench.api.{name}(**values)` {{ #bench.api.{name} }}\n\n{keys}\n")
-    return "\n".join(parts)
 
 
 def helped() -> str:

@@ -1,6 +1,6 @@
 """Checkpoints of training: the state of a network after its last epoch, kept in the data folder.
 
-A training that took longer than a minute stays when it is done, so that ``bench stream`` and ``bench stress`` need not
+A training that took longer than a minute stays when it is done, so that ``bench stress`` need not
 train what ``bench run`` has trained. What nobody has touched for a month goes.
 """
 

@@ -74,13 +74,6 @@ class Instants(View):
     def _learned(self, results: Sequence[Result]) -> bool:
         return any("adaptive_accuracy" in r for r in results)
 
-    def write(self, results: Sequence[Result], folder: Path) -> list[str]:
-        """Write the curves and their figure."""
-        from bench.reports.streaming import write_streaming
-
-        paths = write_streaming(results, folder, self.alike)
-        return [f"figure and tables: {', '.join(map(str, paths))}"] if paths else []
-
     def then(self, results: Sequence[Result]) -> str:
         """The next command to type."""
         from bench.outcomes.runs import choosing

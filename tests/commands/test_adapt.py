@@ -35,7 +35,7 @@ def test_with_labels_or_without_it_decides_as_one_adapted_by_hand_and_mistakes_a
     files = {"labelled": written(corpus, shown, "labelled.csv", gesture=corpus.gestures)}
     files["alone"] = written(corpus, shown, "alone.csv")
     for name, file in files.items():
-        assert main(["adapt", "rec", file, f"out={name}"]) == 0
+        assert main(["fit", "rec", file, f"out={name}"]) == 0
         part = corpus[shown].detached()
         by_hand = contract.adapted(general, part, part.gestures if name == "labelled" else None)
         adapted = load(name).estimator.predict_proba(corpus[rest])
@@ -63,7 +63,7 @@ def test_with_labels_or_without_it_decides_as_one_adapted_by_hand_and_mistakes_a
         ("rec", "alone.csv", "out=new", "rate_hz=54"): "54",
         ("nothing", "alone.csv", "out=new"): "nothing",
     }.items():
-        assert main(["adapt", *arguments]) == 2
+        assert main(["fit", *arguments]) == 2
         output = capsys.readouterr()
         assert fact in output.err and output.err.count("\n") == 1 and not output.out, arguments
     assert not Path("new").exists()

@@ -11,7 +11,7 @@ from bench import measures
 from bench.arguments import parse
 from bench.cli import main
 from bench.commands import printing
-from bench.commands.kind import made
+from bench.commands.run import made
 from bench.comparable import BATCH, MARKED
 from bench.measures import Measure
 from bench.options import keys

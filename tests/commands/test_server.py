@@ -169,7 +169,7 @@ def test_several_commands_write_to_one_server_at_once(tmp_path, monkeypatch):
             small = ["features=jung28", "data.subjects=3", "data.variants=normal", "jobs=1"]
             how = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "cwd": tmp_path}
             how["env"] = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
-            commands = [("run", "model=svm"), ("run", "model=bayes"), ("stream", "model=svm")]
+            commands = [("run", "model=svm"), ("run", "model=bayes"), ("run", "model=svm", "after=each")]
             running = [subprocess.Popen([*BENCH, *command, *small], **how) for command in commands]
             try:
                 for process in running:

@@ -51,7 +51,7 @@ def costs(monkeypatch):
 
 @pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
 def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, capsys):
-    assert main(["chip", "model=bayes", "bits=8", *SMALL]) == 0
+    assert main(["run", "form=c", "model=bayes", "bits=8", *SMALL]) == 0
     assert main(["run", "model=bayes", *SMALL]) == 0
     out = capsys.readouterr().out
     assert "in Python" in out and "60,000" in out and "9.0" in out
@@ -76,7 +76,7 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, capsys)
 
 @pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
 def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, capsys):
-    words = ["chip", "model=lda", "bits=8", "features=touch", "model.window=1", "data.variants=normal"]
+    words = ["run", "form=c", "model=lda", "bits=8", "features=touch", "model.window=1", "data.variants=normal"]
     assert main([*words, "data.subjects=3", "data.repetitions=1"]) == 0
     assert "not measured: background=quiet: no capture of synth begins or ends with 0.25 s" in capsys.readouterr().err
     monkeypatch.setattr("bench.endless.teaching.usual", lambda corpus, background: "press")
@@ -124,7 +124,7 @@ def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):
         ("model=lda", "features=touch", "model.window=1", "model.hop=0.1"): "leave model.hop= out",
         ("model=reflex", "model.scale=peak"): "reflex with model.scale= or other steps has no C",
     }.items():
-        assert main(["chip", *arguments, *SMALL[1:]]) == 2
+        assert main(["run", "form=c", *arguments, *SMALL[1:]]) == 2
         assert fact in capsys.readouterr().err
 
 
@@ -166,7 +166,7 @@ def test_other_code_or_compilers_are_another_run(monkeypatch):
 @pytest.mark.live
 @pytest.mark.skipif(bool(compiled.lacking()), reason=f"{', '.join(compiled.lacking())} not installed")
 def test_a_chip_is_measured():
-    assert main(["chip", "model=bayes", *SMALL]) == 0
+    assert main(["run", "form=c", "model=bayes", *SMALL]) == 0
     (run,) = runs("cell")[1]
     metrics = run.data.metrics
     assert metrics["chip_table_bytes"] == pytest.approx(metrics["flash_bytes"], rel=0.1)

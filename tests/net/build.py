@@ -120,9 +120,9 @@ RUNS = {  # commands that fill the store, by the name of what they print
         ["stress", *PEOPLE, "model=tree,bayes", "features=jung28", "faults=noise,dead_taxels", "train_subjects=1,2"],
         ["stress", *SYNTH, "model=rf", "model.trees=5", "features=jung28", "seed=0,1", "faults=noise", "out=seeds"],
     ],
-    "stream": [
-        ["stream", *THREE, "model=tree,bayes", "features=jung28", "hop_ms=1200"],
-        ["stream", *THREE, "model=tree", "features=jung28", "start=middle", "out=middle"],
+    "replay": [
+        ["run", *THREE, "model=tree,bayes", "features=jung28", "after=each", "stopping=yes", "hop_ms=1200"],
+        ["run", *THREE, "model=tree", "features=jung28", "after=each", "stopping=yes", "start=middle"],
     ],
     "watch": [
         ["watch", "data=day", "jobs=1", "model=tree,bayes", "features=jung28"],
@@ -130,7 +130,7 @@ RUNS = {  # commands that fill the store, by the name of what they print
     ],
 }
 FILED = {"runs": "artifact_uri", "experiments": "artifact_location"}  # columns of MLflow's tables that name folders
-CHIP = {"chip": [["chip", *THREE, "model=bayes", "features=jung28", "bits=32,8"]]}
+CHIP = {"chip": [["run", *THREE, "model=bayes", "features=jung28", "form=c", "bits=32,8"]]}
 
 
 @contextmanager

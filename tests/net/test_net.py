@@ -59,7 +59,7 @@ def test_runs_print_what_they_printed(name, net_store, golden):
 
 def test_runs_write_what_they_wrote(net_store, golden):
     compare_files(golden, net_store, BUILT)
-    names = [path.name for folder in ("stress", "seeds", "report", "middle") for path in (net_store / folder).iterdir()]
+    names = [path.name for folder in ("stress", "seeds") for path in (net_store / folder).iterdir()]
     golden("files/built.txt", "\n".join(sorted(names)) + "\n")
 
 
@@ -102,7 +102,7 @@ def test_the_api_returns_what_it_returned(work, golden):
     objects = {
         "run": bench.run(model=["tree", "bayes"], **jung, **people),
         "stress": bench.stress(model=["tree", "bayes"], faults=["noise", "dead_taxels"], **jung, **people),
-        "stream": bench.stream(model="tree", start="middle", data="three", jobs=1, **jung),
+        "replay": bench.run(model="tree", after="each", stopping=True, start="middle", data="three", jobs=1, **jung),
         "watch": bench.watch(model=["tree", "bayes"], data="day", jobs=1, **jung),
         "results": bench.results(data="people"),
         "results_full": bench.results(full=True),

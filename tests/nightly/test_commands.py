@@ -27,7 +27,6 @@ SLOW = {"auto", "rocket", "touchnet", "mlp", "balli2015_rf", "wingerden2014_mlp"
 OWN = {
     "run": {},
     "stress": {"faults": ["noise", "shift,rotation", "all"], "train_subjects": ["1"]},
-    "stream": {"hop_ms": ["100", "500"], "start": ["onset", "middle"]},
     "tune": {"trials": ["2"], "inner": ["2"], "seconds": ["1"]},
     "fit": {"out": ["m"]},
     "choose": {"by": ["flash", "ram"], "max_flash": ["1kB"], "margin": ["1"]},

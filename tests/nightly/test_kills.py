@@ -36,7 +36,7 @@ TABLE = ["name=arm", "grid=8x8", "rate_hz=135"]
 COMMANDS = {
     "run": ["run", *SYNTH, "model=svm"],
     "stress": ["stress", *SYNTH, "model=svm", "faults=noise,shift"],
-    "stream": ["stream", *SYNTH, "model=svm", "out=stream"],
+    "replay": ["run", *SYNTH, "model=svm", "after=each", "stopping=yes"],
     "tune": ["tune", *SYNTH, "model=svm", "trials=4", "inner=2"],
     "fit": ["fit", *SYNTH, "model=rf", "out=model"],
     "import": ["data", "import", "table", "large.csv", *TABLE],
@@ -101,7 +101,7 @@ class Place:
     def stored(self):
         """What runs, folders of results and imports hold, times left out, as digests by name."""
         found = {}
-        folders = {name: self.root / "work" / name for name in ("stream", "report")}
+        folders = {name: self.root / "work" / name for name in ("report",)}
         pointer = self.root / "home" / "corpora" / "arm" / "current"
         if pointer.exists():
             folders["arm"] = pointer.parent / pointer.read_text()

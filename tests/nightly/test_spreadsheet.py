@@ -27,7 +27,7 @@ def test_names_of_a_corpus_are_no_formulas_in_what_people_open(tmp_path, capsys)
         "run",
         "report",
         "stress faults=noise",
-        "stream out=streamed",
+        "run after=each stopping=yes",
         "fit out=saved",
         "predict saved evil.csv out=labels.csv",
     ):
@@ -36,7 +36,6 @@ def test_names_of_a_corpus_are_no_formulas_in_what_people_open(tmp_path, capsys)
     seen = [
         *tmp_path.glob("report/*.csv"),
         *tmp_path.glob("stress/*.csv"),
-        *tmp_path.glob("streamed/*.csv"),
         tmp_path / "labels.csv",
     ]
     texts = {}

@@ -111,14 +111,13 @@ def test_groups_lie_side_by_side_in_the_figure():
         assert at == list(range(at[0], at[0] + len(group)))
 
 
-def test_the_command_uses_all_seeds_of_the_most_accurate_system(store, tmp_path, capsys):
+def test_the_command_uses_all_seeds_of_the_most_accurate_system(store, capsys):
     tracked_run(store, "lda", with_hits([12, 13, 14, 13, 13]))
     for seed, hits in enumerate(([16, 17, 18, 17, 17], [18, 17, 16, 17, 17])):
         tracked_run(store, "rf", with_hits(hits), seed=str(seed))
-    assert main(["groups", "data=synth"]) == 0
+    assert main(["choose", "groups=yes", "data=synth"]) == 0
     text = capsys.readouterr().out
     assert "LOSO (5 subjects); rf" in text
-    assert {p.name for p in (tmp_path / "groups").iterdir()} == {"groups.csv", "groups.svg"}
     found = bench.groups(data="synth")
     assert found["accuracy"][0] == pytest.approx(85) and found["low"][0] == pytest.approx(85)
     assert bench.groups(model="lda")["accuracy"][0] == pytest.approx(65)
@@ -129,7 +128,7 @@ def test_the_command_uses_all_seeds_of_the_most_accurate_system(store, tmp_path,
 
 def test_what_is_not_stored_is_refused_in_one_line(store, capsys):
     for arguments in ((), ("model.window=1",), ("by=ram",)):
-        assert main(["groups", *arguments]) == 2
+        assert main(["choose", "groups=yes", *arguments]) == 2
         text = capsys.readouterr().err
         assert text.startswith("bench: ") and text.count("\n") == 1
     with pytest.raises(InputError, match="only one subject"):

@@ -56,5 +56,5 @@ def watched(store, system, end_correct, alarms, latency, flash=4000.0, **about):
 
 
 def streamed(store, system, start="onset", hop="None", **metrics):
-    """Store a run of ``bench stream``."""
+    """Store a run with ``after=``."""
     return keep(store, results.streamed(system, start, hop, metrics=metrics))

@@ -160,7 +160,7 @@ def test_runs_of_a_new_person_become_curves_with_those_that_are_drawn_alike(tmp_
     assert table.texts[0]["gain"] == "-" and table.texts[0]["enough"] in ("0", "1", "3")
 
 
-@pytest.mark.parametrize("command", ["stress", "stream"])
-def test_commands_that_do_not_adapt_refuse_a_new_person(command, tmp_path, capsys):
-    words = f"{command} data=synth data.subjects=2 model=lda protocol=personal protocol.shots=1 out={tmp_path}"
+@pytest.mark.parametrize("command", ["run under=noise", "run after=each"])
+def test_circumstances_that_do_not_adapt_refuse_a_new_person(command, capsys):
+    words = f"{command} data=synth data.subjects=2 model=lda protocol=personal protocol.shots=1"
     assert main(words.split()) == 2 and "protocol=personal" in capsys.readouterr().err

@@ -36,7 +36,7 @@ from bench.work.stopping import by_instant, by_threshold, learn_stopping, learne
 from tests.conftest import random_corpus, with_other_values
 from tests.work.fakes import Level, cell_of
 
-STREAM = Instants((), 100.0, stopping=True)  # as bench stream hop_ms=100 makes it
+STREAM = Instants((), 100.0, stopping=True)  # as after=each hop_ms=100 stopping=yes makes it
 
 
 class Rising(ClassifierMixin, BaseEstimator):

@@ -1,0 +1,228 @@
+"""The commands that make runs: ``bench run``, ``bench stress``, and those of packages."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.arguments import KEYS, backend_of, jobs_of, parse, values_of
+from bench.errors import InputError
+from bench.option import Option
+from bench.options import COMPARE, START, WORK, Command, keys, makers, measured
+from bench.registry import check_loaded, circumstance_views, classes, views
+from bench.words import SMALL, Values
+
+if TYPE_CHECKING:
+    from bench.circumstances.base import Circumstance
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Plan
+    from bench.reports.views.base import View
+    from bench.result import Result
+    from bench.stored import Results
+    from bench.work.backend import Backend
+
+STEPS = (
+    Option("model.window", "number", None, "seconds per window; a model of whole captures then uses windows"),
+    Option("model.repair", "text", "", "sensor damage to correct", ("stuck", "dead", "offset"), "+"),
+    Option("model.scale", "text", "", "divide by the largest reading so far, or take logs", ("peak", "log")),
+    Option("model.faults", "text", "", "also train on damaged copies: all, or faults of bench stress", (), "+"),
+    Option("model.turns", "count", 0, "number of mirrored or rotated copies of each training capture"),
+    Option("model.person", "text", "", "adapt to a person without labels", ("centre", "scale", "pool"), "+"),
+    Option("model.device", "text", "cpu", "device that trains networks", ("cpu", "cuda")),
+)
+RUN = Command(
+    START,
+    "evaluate systems under a protocol and store the runs",
+    "Evaluates every combination of the given values; commas separate values. A dotted key sets a "
+    "parameter of that part. Each combination is one MLflow run with a child run per fold. under=, after=, "
+    "form= and train_subjects= let each fitted system label the test captures again: under faults, after "
+    "some of the touch, in C, or fitted on fewer subjects. An interrupted command continues where it "
+    "stopped.",
+    "bench run protocol=loso model=cnn85\n"
+    f"bench run data=haart {SMALL}\n"
+    "bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54\n"
+    "bench run data=cost model=svm model.C=8,32,128 model.gamma=0.125\n"
+    "bench run data=haart model=lda features=touch under=noise,dead_taxels after=250ms,1s form=c\n"
+    "bench run data=synth data.subjects=12 data.repetitions=2",
+    makes="run",
+    options=(*WORK[:6], *STEPS, *WORK[6:]),
+)
+STRESS = Command(
+    COMPARE,
+    "find faults, subjects and conditions under which systems fail",
+    "Trains every fold once and tests it on clean captures and under every fault at five severities. Lists "
+    "subjects, classes, conditions and faults whose accuracy is significantly below that of the system. "
+    "With several seeds, it also counts captures whose label changes. It is bench run with under= and "
+    "train_subjects=. An interrupted command continues where it stopped.",
+    "bench stress data=haart protocol=loso model=svm,rf features=jung54\n"
+    "bench stress data=haart protocol=loso model=rf seed=0,1,2 faults=noise,shift train_subjects=2,4,8",
+    makes="under",
+    keys=("under", "train_subjects"),
+    given={"faults": "all"},
+    out=("stress", "folder for tables and figures"),
+    options=WORK,
+)
+
+
+def run(**values: object) -> Results:
+    """Evaluate every combination of the values; stored runs are not repeated.
+
+    Args:
+        values: keys of ``bench run``. A list of values runs each of them. ``model__C=8`` sets a parameter of a part, as
+            ``model.C=8`` does on the command line. Scikit-learn estimators, feature sets and splitters may stand
+            instead of names.
+
+    Returns:
+        One row per run: ``system``, ``accuracy`` in percent, the mean over subjects, with its 95 % t-interval (``low``,
+        ``high``) and SD (``subject_sd``), ``macro_f1`` in percent, ``flash_bytes``, ``predict_ms_p50``, what it ran
+        on, ``folds`` and ``run_id``. ``bench.results(full=True)`` has everything that was measured; ``accuracy`` there
+        is pooled over captures, ``subject_accuracy_mean`` is the mean over subjects.
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    return made("run", values)
+
+
+def stress(**values: object) -> Results:
+    """Runs under faults, and on fewer training subjects, as ``bench stress`` makes them; it writes no files.
+
+    Args:
+        values: keys of ``bench stress``, as `run` takes them.
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    return made("stress", values)
+
+
+def plans(**values: object) -> list[Plan]:
+    """The plans of `run`: captures, folds and an untrained system for every combination of the values.
+
+    Args:
+        values: keys of `run`.
+
+    Returns:
+        Plans with ``corpus``, ``folds`` (``name``, positions ``train`` and ``test``) and ``cell.estimator()``.
+
+    Raises:
+        InputError: something in the values or the data cannot be used.
+    """
+    from bench.plan.cells import cells
+    from bench.plan.plan import planned
+
+    typed = values_of(values, KEYS)
+    return planned(cells(typed), jobs_of(typed))
+
+
+def made(name: str, values: Values) -> Results:
+    """The runs of a command that makes runs, by its name.
+
+    Raises:
+        InputError: something in the values or the data cannot be used; nothing was run.
+    """
+    from bench.stored import results_of
+    from bench.work.loop import execute
+
+    typed = values_of(values, keys(name))
+    return results_of(execute(planned(name, typed)[0], backend_of(typed)))
+
+
+def command(name: str, arguments: list[str]) -> int:
+    """Make the runs that the arguments name, print and write them; exit code 1 if a fold failed.
+
+    Raises:
+        InputError: something in the arguments or the data cannot be used; nothing was run.
+    """
+    from bench.commands.printing import writable
+    from bench.work.loop import execute
+
+    try:
+        values = parse(arguments, keys(name))
+    except InputError:
+        check_loaded()  # the key may be one of such a package
+        raise
+    todo, out = planned(name, values)
+    folder = writable(Path(out)) if out else None
+    return printed(name, execute(todo, backend_of(values)), folder)
+
+
+def planned(name: str, values: Values) -> tuple[list, str]:
+    """What a command is to run, and the folder of ``out=``; empty for none.
+
+    Raises:
+        InputError: something in the values or the data cannot be used.
+    """
+    from bench.plan.cells import cells
+    from bench.work.loop import prepared
+
+    one = makers()[name]
+    own = {option.key for option in measured(one)} | {*one.given}
+    of_cells = {k: v for k, v in values.items() if k not in own and k.partition(".")[0] not in own}
+    given = {**one.given, **{k: v for k, v in values.items() if k not in of_cells}}
+    out = str(values.get("out", one.out[0])) if one.out[0] else ""
+    every = classes("circumstances")
+    if (study := every.get(one.makes)) and study.study:
+        studies = study.of(given)
+        todo = [replace(s.ready(cell), study=s) for cell in cells(of_cells) for s in studies]
+    else:
+        several = circumstances(given)
+        todo = [replace(cell, circumstances=each) for cell in cells(of_cells) for each in several]
+    return prepared(todo, backend_of(values).jobs), out
+
+
+def circumstances(values: Values) -> list[tuple[Circumstance, ...]]:
+    """Every combination of the circumstances that typed values ask for, by their first option.
+
+    Raises:
+        InputError: a value cannot be used, or belongs to a circumstance that was not asked for.
+    """
+    asked = []
+    for one in (c for c in classes("circumstances").values() if not c.study):
+        names = [n for name, (_, alias) in one.fields().items() for n in (name, alias) if n]
+        first, (_, alias) = next(iter(one.fields().items()))
+        if {first, alias} & {*values}:
+            asked.append(one)
+        elif alone := {*names} & {*values}:
+            raise InputError(f"{min(alone)}= needs {one.key}=; add it or leave {min(alone)}= out")
+    return [*itertools.product(*(one.of(values) for one in asked))]
+
+
+def printed(name: str, results: list[Result], folder: Path | None = None) -> int:
+    """Print runs as a command shows them, and write what it writes; the exit code.
+
+    Args:
+        name: command whose view is shown; ``bench run`` shows captures, and each circumstance.
+        results: results of one kind of run.
+        folder: folder of ``out=``.
+    """
+    from bench.commands.printing import output, say, show, then
+    from bench.table import Table
+
+    view = views()[makers()[name].makes]
+    shown: list[tuple[View, Sequence[Result]]] = [(view, results)]
+    if name == "run":
+        held = ((one, [r for r in results if one.holds(r)]) for one in circumstance_views())
+        shown += [(one, members) for one, members in held if members]
+    code = show(results, shown)
+    if folder is not None:
+        say(*view.write([r for r in results if r.scored and view.holds(r)], folder))
+    for one, members in shown:
+        for part in one.printed(members):
+            part.print(output()) if isinstance(part, Table) else say(part)
+    then(view.then(results))
+    return code
+
+
+def evaluated(todo: list[Cell], backend: Backend) -> list[Result]:
+    """Cells of captures, evaluated as ``bench run`` does.
+
+    Raises:
+        InputError: something in the cells or the data cannot be used; nothing was run.
+    """
+    from bench.work.loop import execute, prepared
+
+    return execute(prepared(todo, backend.jobs), backend)

@@ -1,0 +1,123 @@
+"""The command ``bench ui``: MLflow's page of the runs."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from http.client import HTTPConnection, HTTPException
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.arguments import parse, settings
+from bench.errors import InputError
+from bench.option import Option
+from bench.options import COMPARE, Command, keys
+from bench.progress import warn
+from bench.registry import run_views
+
+if TYPE_CHECKING:
+    from bench.outcomes.store import Store
+
+COMMAND = Command(
+    COMPARE,
+    "open MLflow's page of the runs",
+    "Starts MLflow's server on this machine only, for the store of this folder or MLFLOW_TRACKING_URI. Prints the "
+    "address of the table of runs, and draws the figures of new runs. Ctrl-C stops the server.",
+    options=(Option("port", "text", "5000", "port of the server"),),
+)
+HERE = "127.0.0.1"
+NAME, WIDE = "attributes.`Run Name`", 300  # pixels, instead of 190: kind, system, data and protocol fit
+COLUMNS = {  # of MLflow's table of runs, and their widths in pixels
+    "metrics.`subject_accuracy_mean`": 160,
+    "metrics.`subject_accuracy_sd`": 150,
+    "metrics.`flash_bytes`": 85,
+    "metrics.`ram_bytes`": 90,
+    "metrics.`predict_ms_p50`": 90,
+    "metrics.`macro_f1`": 90,
+    "params.`data`": 80,
+    "params.`where`": 120,
+    "params.`protocol`": 90,
+}
+VIEW = {
+    "selectedColumns": [*COLUMNS],
+    "columnOrder": [NAME, *COLUMNS],
+    "columnWidths": {NAME: WIDE, **COLUMNS},
+    "searchFilter": "tags.`touchbench.cell` LIKE '%'",  # runs without their folds
+}
+
+
+def command(arguments: list[str]) -> int:
+    """Run MLflow's own server on this folder's store, for this machine only; its exit code.
+
+    Raises:
+        InputError: a port that is not a number or is in use, or a store that cannot be opened.
+    """
+    from bench.outcomes.store import connect, store_uri
+
+    port = settings("ui", parse(arguments, keys("ui")))["port"]
+    if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
+        raise InputError(f"port={port[:60]}: give a number from 1 to 65535")
+    if _answers(port):
+        raise InputError(f"port={port}: another server uses this port; give port={int(port) % 65535 + 1}")
+    store = connect(writes=True)
+    shown = store.keep_view("touchbench", VIEW)
+    # MLflow's front page is about language models; this one is the table of runs.
+    page = f"http://{HERE}:{port}/#/experiments/{store.experiment_id}/runs?workflowType=machine_learning&{shown}"
+    print("starting MLflow's server, which takes up to half a minute; Ctrl-C stops it", flush=True)
+    words = ["--backend-store-uri", store_uri(), "--port", port, "--host", HERE, "--workers", "1"]  # for one user
+    server = subprocess.Popen([sys.executable, "-m", "mlflow", "ui", *words])
+    before = signal.signal(signal.SIGTERM, lambda *_: server.terminate())  # else it would outlive this process
+    try:
+        while server.poll() is None and not _answers(port):
+            time.sleep(0.2)
+        if server.poll() is None:
+            print(
+                f"{page}\nopen this page in a browser: accuracy (mean over subjects), SD and sizes of all runs",
+                flush=True,
+            )
+        for _ in drawn(store):
+            if server.poll() is not None:
+                break
+        return server.wait()
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        server.terminate()  # after Ctrl-C, which the server has had as well
+        server.wait()
+
+
+def drawn(store: Store) -> Iterator[str]:
+    """Draw the figures of runs that have none, newest first; the id of each run."""
+    from bench.outcomes.runs import result_of
+
+    kinds = run_views()
+    for run in sorted(store.of_kind(*kinds), key=lambda run: -run.info.start_time):
+        run_id, artifacts = run.info.run_id, run.info.artifact_uri
+        yield run_id
+        if not run.data.metrics or any(name.endswith((".svg", ".png")) for name in store.names(run_id, artifacts)):
+            continue
+        result = result_of(store, run)
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                kinds[result.kind].figure(result, Path(folder))
+            except InputError as e:  # such as a table that was deleted: the others go on
+                warn(f"warning: no figure of run {run_id}: {e}")
+                continue
+            store.keep(run_id, Path(folder))
+
+
+def _answers(port: str) -> bool:
+    """Whether a web server answers on this machine."""
+    connection = HTTPConnection(HERE, int(port), timeout=5)
+    try:
+        connection.request("GET", "/health")
+        connection.getresponse()
+    except (OSError, HTTPException):
+        return False
+    finally:
+        connection.close()
+    return True
