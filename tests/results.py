@@ -134,7 +134,9 @@ def under_stress(table, system="svm", **about):
     if len(fewer):
         circumstances.append(Subjects(tuple(sorted({*fewer["train_subjects"]}))))
     clean = table[table["circumstance"] == ""]
-    numbers, tables, about = {"accuracy": (clean["true"] == clean["predicted"]).mean()}, asked, dict(about)
+    right = clean["true"] == clean["predicted"]
+    numbers = {"accuracy": right.mean(), "subject_accuracy_mean": right.groupby(clean["subject"]).mean().mean()}
+    tables, about = asked, dict(about)
     for one in circumstances:
         measured, made = one.result(asked, [], 50.0)
         numbers, tables, about = numbers | measured, tables | made, one.params() | about

@@ -110,6 +110,7 @@ def test_a_wrong_circumstance_is_refused_in_one_line(plug, capsys, group="circum
 
 NAMED = {  # file: keys that it may have, with the reason
     "bench/options.py": {"under", "after"},  # commands and examples as a user types them
+    "reports/layout.py": {"form"},  # of the output
     "bench/registry.py": {"watch", "form"},  # what is to be a package of its own
     "bench/commands/fit.py": {"watch"},
     "reports/views/subjects.py": {"stress"},
@@ -181,7 +182,8 @@ def test_a_run_enters_no_other_kind_no_choice_and_no_report(tmp_path):
     of = {folder: {file for file in entered if file.startswith(folder)} for folder in ("bench/", "reports/")}
     measured = {file for file in of["bench/"] if file.startswith("bench/circumstances/")}
     assert measured == {"bench/circumstances/base.py", "bench/circumstances/faults.py"}
-    assert not of["reports/"]
+    views = ("base", "captures", "faults")
+    assert of["reports/"] == {f"reports/views/{name}.py" for name in views}  # of what is printed
     choice = {"candidates", "choice", "reactions", "losses"}
     assert not {f"bench/outcomes/{name}.py" for name in choice} & of["bench/"]
     assert not {f"bench/commands/{name}.py" for name in ("choose", "report")} & of["bench/"]

@@ -18,6 +18,7 @@ from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.features.jung54 import Jung54
 from bench.plan.plan import Fold
+from bench.registry import views
 from bench.work.evaluation import folded, run_of
 from bench.work.replay import (
     STATE,
@@ -366,7 +367,7 @@ def test_a_fold_scores_whole_captures_as_bench_run_and_stops_as_it_has_learned(l
     by_hand = standing(replay, 25)  # a quarter of a second at 100 Hz
     assert run.metrics["accuracy_at_250_ms"] == (by_hand["true"] == by_hand["predicted"]).mean()
     assert {"replay", "rules", "thresholds", "instants", "stopping"} < {*run.tables}
-    row = {measure.name: measure.of(run) for measure in Instants.shows([run])}
+    row = {measure.name: measure.of(run) for measure in views()["after"].shows([run])}
     assert row["whole"] == f"{100 * accuracy:.1f}" and row["at mean ms"] == f"{metrics['adaptive_ms']:.0f}"
 
 
