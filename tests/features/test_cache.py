@@ -1,8 +1,5 @@
 """Tables of features that were kept of stored corpora: damaged ones, and those of others, are computed again."""
 
-import os
-import shutil
-
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -10,15 +7,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench import source
-from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.features import cache
 from bench.features.cache import cache_key
 from bench.features.jung28 import Jung28
 from bench.features.jung54 import Jung54
-from bench.features.touch import TouchFeatures
 from bench.scratch import home
-from tests.conftest import random_corpus
 
 
 @pytest.fixture
@@ -67,40 +61,6 @@ def test_a_changed_table_is_computed_again(table, stored, corpus, extracted, nam
     assert Jung28().transform(stored).equals(expected) and extracted == [36]  # mended
 
 
-@pytest.mark.parametrize("how", ["flip", "cut", "folder of tables", "pipe"])
-def test_a_damaged_file_is_computed_again(table, stored, corpus, how):
-    expected, content = Jung28().transform(corpus), table.read_bytes()
-    table.unlink()
-    if how == "flip":
-        table.write_bytes(content[:200] + bytes([content[200] ^ 1]) + content[201:])
-    elif how == "cut":
-        table.write_bytes(content[: len(content) // 2])
-    elif how == "pipe":
-        os.mkfifo(table)
-    else:
-        table.mkdir()
-        (table / "a.parquet").write_bytes(content)
-    for _ in range(2):
-        cache._read.cache_clear()
-        assert Jung28().transform(stored).equals(expected)
-    assert [p.name for p in table.parent.iterdir()] == [table.name]  # nothing lies beside it
-
-
-def test_a_table_of_another_corpus_class_or_version_is_computed_again(table, stored, corpus, tmp_path, extracted):
-    write_folder(random_corpus(seed=1), tmp_path / "d")
-    other = open_folder(tmp_path / "d")
-    for features, c in ((Jung28(), other), (Jung54(), stored), (Jung28("capture"), stored)):
-        features.transform(c)
-        shutil.copy(home() / "features" / f"{cache_key(features, c.digest)}.parquet", table)
-        cache._read.cache_clear()
-        assert Jung28().transform(stored).equals(Jung28().transform(corpus))
-    del extracted[:]
-    Jung28().transform(corpus).to_parquet(table)  # by somebody else
-    cache._read.cache_clear()
-    Jung28().transform(stored)
-    assert extracted == [36, 36]
-
-
 def test_frames_that_are_changed_under_an_open_corpus_fill_no_cache(stored, corpus):
     path = stored.path / "frames.npy"
     content = bytearray(path.read_bytes())
@@ -112,14 +72,6 @@ def test_frames_that_are_changed_under_an_open_corpus_fill_no_cache(stored, corp
     assert not list((home() / "features").iterdir())
 
 
-def test_a_fit_rounds_alike_whether_features_were_kept_or_are_computed(stored):
-    computed, kept_ones = (TouchFeatures().transform(stored) for _ in range(2))
-    assert computed.to_numpy().flags.f_contiguous == kept_ones.to_numpy().flags.f_contiguous
-    weights = np.random.default_rng(0).normal(size=(computed.shape[1], 7))
-    cache._read.cache_clear()
-    assert (computed.to_numpy() @ weights == TouchFeatures().transform(stored).to_numpy() @ weights).all()
-
-
 def test_features_are_computed_once_per_corpus(corpus, stored, tmp_path, monkeypatch):
     expected = Jung54().transform(corpus)
     assert Jung54().transform(stored[np.array([4, 2])]).equals(expected.iloc[[4, 2]].reset_index(drop=True))
@@ -128,12 +80,6 @@ def test_features_are_computed_once_per_corpus(corpus, stored, tmp_path, monkeyp
     monkeypatch.setattr(cache.pd, "read_parquet", lambda *_: pytest.fail("read again"))
     assert Jung54().transform(stored[5:2:-1]).equals(expected.iloc[5:2:-1].reset_index(drop=True))
     assert len(list((tmp_path / "home" / "features").iterdir())) == 1  # nothing is left beside the table
-
-
-def test_features_are_computed_in_blocks_of_captures(stored, extracted, monkeypatch):
-    monkeypatch.setattr(cache, "BLOCK", 1)
-    in_blocks = Jung28().transform(stored)
-    assert extracted == [1] * len(stored) and in_blocks.equals(Jung28().extract(stored))
 
 
 def test_the_key_depends_on_corpus_parameters_class_and_code(monkeypatch):

@@ -3,8 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
@@ -20,7 +18,7 @@ from bench.features.ta273 import Ta273
 from bench.features.touch import TouchFeatures
 from bench.features.wingerden45 import Wingerden45
 from tests.conftest import random_corpus, with_other_values
-from tests.features.captures import GRIDS, corpus_of, row_of
+from tests.features.captures import row_of
 
 quick = Hughes36(states=2, iterations=2, epochs=1)
 WIDTH = {  # columns for 8 x 8 taxels and three gestures
@@ -68,19 +66,6 @@ def test_columns_and_slices(features, corpus, monkeypatch):
     monkeypatch.setattr(touch, "BATCH", 1)
     assert len(signals.blocks(corpus)) > 5
     equal(features.transform(corpus), table, exact)
-
-
-@pytest.mark.parametrize("features", [*EXACT, Ta273()], ids=str)
-@settings(max_examples=6)
-@given(st.integers(0, 1000), st.sampled_from([*GRIDS, (5, 7), (2, 1)]))
-def test_rounding_does_not_depend_on_the_other_captures(features, seed, grid):
-    rng = np.random.default_rng(seed)  # values so different in size that their sums are rounded
-    arrays = [(rng.random((length, *grid)) ** 30).astype(np.float32) for length in rng.permutation([1, 1, 2, 9, 9, 30])]
-    corpus = corpus_of(arrays, full_scale=0.7)
-    table = features.fit(corpus).transform(corpus)
-    for i in range(len(corpus)):
-        row = table.iloc[i : i + 1].reset_index(drop=True)
-        equal(features.transform(corpus[i : i + 1]), row, features in EXACT)
 
 
 CONSTANT = {  # columns that are 0 for constant captures

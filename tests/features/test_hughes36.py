@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sklearn.linear_model import LinearRegression
 
 from bench.corpora.synth import generate
 from bench.features import hughes36
@@ -66,29 +65,6 @@ def test_the_code_is_that_of_a_network_with_sigmoids():
     for weight, bias in encoder[:-1]:
         layer = 1 / (1 + np.exp(-(weight @ layer + bias[:, None])))
     near(hughes36._code(frames, encoder), (encoder[-1][0] @ layer).T + encoder[-1][1])
-
-
-def test_the_autoencoder_keeps_what_frames_differ_in():
-    rng = np.random.default_rng(0)
-    causes, patterns = rng.normal(size=(5000, 4)), rng.normal(size=(4, 64))
-    frames = 50 + 10 * (causes @ patterns + rng.normal(size=(5000, 64)))  # four fifths of the variance have four causes
-
-    def kept(epochs):
-        code = hughes36._code(frames, hughes36._encoder(frames[:4000].astype(np.float32), epochs, 0))
-        return LinearRegression().fit(code[:4000], frames[:4000]).score(code[4000:], frames[4000:])
-
-    assert kept(20) > max(0.65, kept(1) + 0.1)
-
-
-def test_names_and_duration(corpus):
-    gestures = np.repeat([f"gesture{i:02d}" for i in range(14)], 3)[: len(corpus)]
-    features = quick().fit(corpus, gestures)
-    names = features.get_feature_names_out()
-    assert len(names) == 2 * 12 + 8 and list(names[[0, 12]]) == ["hmm_moments_gesture00", "hmm_code_gesture00"]
-    assert (features.transform(corpus)["g8_duration"] == corpus.lengths).all()
-    equal = corpus_of([a[np.zeros(5, dtype=int)] for a in corpus], list(corpus.gestures))
-    features = quick().fit(equal, equal.gestures)  # the captures that it is fitted to decide
-    assert "g8_duration" not in features.transform(corpus) and features.transform(corpus).shape[1] == 13
 
 
 @pytest.mark.parametrize("grid", [(8, 8), (1, 1)])

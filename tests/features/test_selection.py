@@ -87,22 +87,6 @@ def test_selection_equals_a_slow_search(seed, monkeypatch):
     assert selection.select(values, label, subject, 5).tolist() == forward
 
 
-@pytest.mark.parametrize("subjects", [1, 3, 12])
-def test_the_columns_that_carry_the_class_are_found(subjects):
-    rng = np.random.default_rng(subjects)
-    label, subject = np.arange(240) % 8, (np.arange(240) // 8 % subjects).astype(str)
-    values = rng.normal(size=(240, 30))
-    for bit, column in enumerate((4, 11, 25)):  # each halves the classes, all three are needed
-        values[:, column] += 3 * (label >> bit & 1)
-    assert selection.select(values, label, subject, 3).tolist() == [4, 11, 25]
-    values[:, 0] = 7
-    values[:, 1] = 1e6 + rng.normal(size=240) * 1e-9  # constant but for rounding
-    kept = selection.select(values, label, subject, 30).tolist()
-    assert kept == list(range(2, 30))
-    copies = np.column_stack([values[:, 4], values[:, [4, 11, 11, 25]]])  # of equal columns the first
-    assert selection.select(copies, label, subject, 3).tolist() == [0, 2, 4]
-
-
 def test_a_subset_keeps_the_selected_columns_of_training_captures(corpus):
     train, test = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
     every = Jung28().fit_transform(corpus)

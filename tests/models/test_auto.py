@@ -1,12 +1,9 @@
 """The search over everything: judged as a plain loop would, within its budget and limits, resumed, blind to others."""
 
-import itertools
 import pickle
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sklearn.feature_selection import SelectKBest, f_classif
 from sklearn.model_selection import GroupKFold
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
@@ -16,16 +13,14 @@ from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import Discriminants
 from bench.models.recipe import taken
-from bench.models.search import auto, portfolio, study, trial_scores
+from bench.models.search import auto, portfolio
 from bench.models.search.auto import Auto
 from bench.models.search.ensemble import tempered
 from bench.models.search.inner_folds import inner_folds
-from bench.models.search.portfolio import Columns, complete
-from bench.models.search.space import Range
+from bench.models.search.portfolio import complete
 from bench.models.search.trial_scores import Inner
 from bench.models.sizes import sizes
 from bench.pareto import front
-from bench.scratch import home
 from tests.conftest import random_corpus, with_other_values
 
 QUICK = [
@@ -68,20 +63,6 @@ def flash(system, corpus):
     return sizes(system, 64, int(corpus.lengths.max()))["flash_bytes"]
 
 
-def ticking(monkeypatch, tick):
-    """A clock that goes on by so much whenever it is read."""
-    clock = SimpleNamespace(now=0.0)
-
-    def read():
-        clock.now += tick
-        return clock.now
-
-    clock.perf_counter = clock.process_time = read
-    for module in (auto, study, trial_scores):
-        monkeypatch.setattr(module, "time", clock)
-    return clock
-
-
 def test_a_trial_is_judged_as_a_plain_loop_would(quick):
     corpus = noisy()
     X, y, who = TouchFeatures().transform(corpus).to_numpy(), corpus.gestures, corpus.subjects.astype(str)
@@ -109,19 +90,6 @@ def test_windows_are_judged_by_the_mean_of_undamaged_ones(quick):
         np.testing.assert_allclose(proba[i], expected, atol=1e-6)
 
 
-def test_the_first_seconds_are_what_a_limit_on_touch_judges_by(quick):
-    corpus = noisy(longest=120)
-    (_, test, proba, _), _ = inner_of(corpus, 0.2).judge(complete(QUICK[0]))
-    train, frames = np.setdiff1d(np.arange(len(corpus)), test), int(0.2 * corpus.rate_hz)
-    model = Discriminants(0.5).fit(TouchFeatures().transform(corpus[train]), corpus.gestures[train])
-    begun = type(corpus).from_captures(
-        [corpus[i][:frames] for i in test], corpus.captures.iloc[test], corpus.rate_hz, full_scale=corpus.full_scale
-    )
-    np.testing.assert_allclose(proba, model.predict_proba(TouchFeatures().transform(begun)), atol=1e-6)
-    limited = searched(corpus, 1, max_decision="200ms")
-    assert limited.tried_[0].accuracy != searched(corpus, 1).tried_[0].accuracy
-
-
 def test_what_decides_is_what_was_picked_fitted_to_everybody(quick):
     corpus = noisy()
     search = searched(corpus, 6)
@@ -147,31 +115,6 @@ def test_what_decides_is_what_was_picked_fitted_to_everybody(quick):
     assert np.array_equal(saved.predict_proba(corpus), search.predict_proba(corpus))
 
 
-def test_it_goes_on_after_an_interruption_as_if_there_had_been_none(tmp_path, quick, monkeypatch):
-    corpus = stored(noisy(), tmp_path / "corpus")
-    for before in itertools.product(("touch", "jung54"), BEFORE["window"]):  # kept: tables that are read round alike
-        inner_of(corpus).table(complete({"model": "lda"} | dict(zip(("features", "window"), before, strict=True))))
-    straight = searched(corpus)
-    (home() / "studies").rename(home() / "gone")
-    real, made = Inner.judge, []
-
-    def judge(self, trial):
-        made.append(trial)
-        if len(made) == 4:
-            raise KeyboardInterrupt
-        return real(self, trial)
-
-    monkeypatch.setattr(Inner, "judge", judge)
-    with pytest.raises(KeyboardInterrupt):
-        searched(corpus)
-    for _ in range(2):
-        resumed = searched(corpus)
-        assert len(made) == 6  # three were stored, and then all
-        assert [t.trial for t in resumed.tried_] == [t.trial for t in straight.tried_]
-        assert resumed.chosen_ == straight.chosen_
-        assert np.array_equal(resumed.predict_proba(corpus), straight.predict_proba(corpus))
-
-
 def test_other_people_change_nothing(tmp_path, monkeypatch):
     windowed = {"model": "lda", "window": 0.5, "faults": "all", "columns": 0.25}
     monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], windowed])
@@ -182,49 +125,6 @@ def test_other_people_change_nothing(tmp_path, monkeypatch):
     assert [t.trial for t in one.tried_] == [t.trial for t in other.tried_] and one.chosen_ == other.chosen_
     probe = random_corpus(seed=9)
     assert np.array_equal(one.predict_proba(probe), other.predict_proba(probe))
-
-
-def test_the_budget_is_the_whole_fit_and_more_of_it_tries_the_same_first(quick, monkeypatch):
-    corpus = noisy()
-    monkeypatch.setattr(portfolio, "work", lambda *args: 0.1)
-    searches = []
-    for budget in (0.5, 1.5, 6.0):
-        clock = ticking(monkeypatch, 0.02)
-        search = Auto(seconds=budget, inner="2", trials=12).fit(corpus, corpus.gestures)
-        assert max(clock.now, search.search_seconds_ + search.fit_seconds_[0]) <= max(1.1 * budget, budget + 1)
-        searches.append([t.trial for t in search.tried_ if t.state in ("complete", "pruned")])
-    _, shorter, longer = searches
-    assert len(QUICK) < len(shorter) < len(longer) and longer[: len(shorter)] == shorter
-
-
-def test_where_time_is_short_fewer_captures_are_used(quick, monkeypatch, tmp_path):
-    corpus = stored(noisy(subjects=6, gestures=("pat", "rub")), tmp_path / "corpus")
-    monkeypatch.setattr(Inner, "_probed", lambda self, name: 10 / int(corpus.lengths.sum()))
-    search = Auto(seconds=5.0, inner="2", trials=1).fit(corpus, corpus.gestures)
-    part = corpus[search.part_]
-    assert search.chosen_["captures"] == len(part) == int(np.ceil(len(corpus) / 5))
-    assert set(part.gestures) == set(corpus.gestures) and len(set(part.subjects)) >= 2
-    assert not (home() / "features").exists()  # nothing of a part is kept under the digest of all
-    assert set(search.predict(corpus)) <= set(corpus.gestures)
-
-
-def test_where_there_is_no_time_something_decides_within_the_limits(quick, monkeypatch):
-    corpus = noisy()
-    fit = lambda budget=1.0, **limits: Auto(seconds=budget, inner="2", **limits).fit(corpus, corpus.gestures)  # noqa: E731
-    monkeypatch.setattr(Auto, "_expected", lambda self, inner, trial: 1e9)
-    monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], {"model": "lda", "columns": 0.25}])
-    free = fit()
-    assert free.tried_[0].state == "skipped" and free.classes_.tolist() == sorted(set(corpus.gestures))
-    limit = flash(free, corpus) / 2
-    assert flash(fit(max_flash=f"{limit / 1e3}kB"), corpus) <= limit
-    for limits, cost in (({"max_flash": "10B"}, "flash_bytes"), ({"max_ram": "10B"}, "ram_bytes")):
-        with pytest.raises(InputError, match=f"within the limits.*{cost}"):
-            fit(**limits)
-    ticking(monkeypatch, 1.0)  # every look at the clock takes longer than the budget
-    search = fit(0.1)
-    assert search.trials_["state"].tolist() == ["unjudged"] and search.trials_["weight"].tolist() == [1.0]
-    assert search.trials_["accuracy"].isna().all() and not search.trials_["front_flash"].any()
-    assert search.chosen_["1"].startswith("1.00 lda") and set(search.predict(corpus)) <= set(corpus.gestures)
 
 
 def test_a_trial_that_fails_is_listed_and_the_others_go_on(quick, monkeypatch, tmp_path):
@@ -247,18 +147,6 @@ def test_a_trial_that_fails_is_listed_and_the_others_go_on(quick, monkeypatch, t
     assert all_failed.chosen_["failed"] == 2 and all_failed.chosen_["1"].startswith("1.00 lda")
 
 
-def test_a_worse_trial_is_given_up_unless_it_is_much_smaller_or_the_better_one_is_too_large(quick, monkeypatch):
-    corpus = noisy()
-    small = {"model": "lda", "columns": 0.25, "lda.shrinkage": 0.9}
-    monkeypatch.setattr(study.Study, "worse", lambda self, tried: True)
-    monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], {"model": "lda", "columns": 0.5, "lda.shrinkage": 0.9}, small])
-    free = searched(corpus, 3).tried_
-    assert [t.state for t in free] == ["complete", "pruned", "complete"]
-    monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], small])
-    limit = free[0].costs["flash_bytes"] / 1500
-    assert [t.state for t in searched(corpus, 2, max_flash=f"{limit}kB").tried_] == ["large", "complete"]
-
-
 def test_limits_hold_for_an_ensemble_as_a_whole(quick, monkeypatch):
     """Both machines grow with captures: as they were judged they fit together, fitted to all captures they do not."""
     corpus = noisy()
@@ -276,31 +164,6 @@ def test_limits_hold_for_an_ensemble_as_a_whole(quick, monkeypatch):
     limit = (judged + fitted) / 2
     limited = searched(corpus, 2, max_flash=f"{limit / 1e3}kB")
     assert len(limited.best_.members) == 1 and flash(limited, corpus) <= limit
-
-
-@pytest.mark.parametrize("share", [0.5, 0.0001])
-def test_columns_are_those_of_the_largest_f_ratio(share):
-    corpus = noisy()
-    table = TouchFeatures().transform(corpus)
-    varies = table.loc[:, table.nunique() > 1]
-    count = max(1, round(share * varies.shape[1]))
-    kept = Columns(share).fit(varies, corpus.gestures)
-    expected = SelectKBest(f_classif, k=count).fit(varies.astype(float), corpus.gestures).get_support(indices=True)
-    assert kept.kept_.tolist() == expected.tolist()
-    assert kept.transform(varies).columns.tolist() == varies.columns[expected].tolist()
-
-
-@pytest.mark.parametrize("number", range(len(portfolio.FIRST)))
-def test_what_comes_first_can_be_built_and_drawn(number):
-    trial = complete(portfolio.FIRST[number])
-    portfolio.classifier(trial, 0)
-    portfolio.steps_of(trial).check()
-    spaces = portfolio.BEFORE | {f"{trial['model']}.{k}": v for k, v in portfolio.SPACES[trial["model"]].items()}
-    assert set(trial) == {"model", "features", *spaces}
-    for name, values in spaces.items():
-        drawn = isinstance(values, Range)
-        assert values.low <= trial[name] <= values.high if drawn else trial[name] in values
-    assert portfolio.work(trial, 2000, 200, 5) > portfolio.work(trial, 1000, 100, 5) > 0
 
 
 @pytest.mark.parametrize(

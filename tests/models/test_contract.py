@@ -4,8 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.ensemble import RandomForestClassifier
-from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
@@ -14,7 +12,6 @@ from bench import contract
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.ta273 import Ta273
-from bench.models.classic.rf import rf
 from bench.models.search.auto import Auto
 
 
@@ -96,16 +93,6 @@ def test_a_factory_is_handed_the_feature_set_whatever_its_argument_is_called(cor
     assert isinstance(contract.build(Plain, None), Plain)
     assert list(contract.features(contract.build(plain, Jung28()))) == ["jung28"]
     assert set(contract.features(Auto())) == {"touch", "jung54"}
-
-
-def test_an_object_is_known_by_its_classes_settings_and_libraries():
-    part = make_pipeline(Jung28(), StandardScaler(), RandomForestClassifier(7))
-    assert contract.shown(part) == "Jung28() > StandardScaler() > RandomForestClassifier(n_estimators=7)"
-    assert contract.classes(part) == [Jung28] and contract.libraries(part) == ("scikit-learn",)
-    assert "'n_neighbors': 3," in contract.settings(KNeighborsClassifier(3))
-    assert "'classifier__n_estimators': 500," in contract.settings(rf(Jung28()))
-    fitted = KNeighborsClassifier(3).fit([[0], [1], [2]], [0, 1, 1])
-    assert not hasattr(contract.copied(fitted), "classes_")
 
 
 class Given(Plain):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import log_loss
 
-from bench.models.search.ensemble import Ensemble, logarithms, selected, tempered
+from bench.models.search.ensemble import logarithms, selected, tempered
 from bench.models.temperature import fit_temperature
 
 
@@ -48,15 +48,6 @@ def test_what_is_not_allowed_is_not_picked():
     assert selected(proba, codes, subjects, lambda some: False) == {}
 
 
-def test_subjects_count_alike_however_many_captures_they_have():
-    codes, subjects = np.zeros(11, dtype=int), np.array(["a"] * 10 + ["b"])
-    often = np.tile([0.8, 0.2], (11, 1))
-    often[10] = [0.01, 0.99]  # right for the many captures of a, wrong for the one of b
-    steady = np.tile([0.5, 0.5], (11, 1))
-    assert loss_of(often, codes, subjects) > loss_of(steady, codes, subjects)
-    assert list(selected(np.stack([steady, often]), codes, subjects, lambda some: some != {0, 1})) == [0]
-
-
 @pytest.mark.parametrize("bounds", [(0.05, 20.0), (0.9, 1.1)])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_temperature_has_the_least_loss_within_its_bounds(seed, bounds):
@@ -68,25 +59,3 @@ def test_the_temperature_has_the_least_loss_within_its_bounds(seed, bounds):
     best = fit_temperature(logarithms(proba[0]), codes, *bounds)
     assert bounds[0] <= best <= bounds[1] and best == pytest.approx(min(losses, key=losses.get), rel=0.03)
     np.testing.assert_allclose(tempered(proba[0], t), powers / powers.sum(axis=1, keepdims=True))
-
-
-def test_probabilities_of_half_precision_keep_their_zeros():
-    proba = np.array([[1, 0], [0.5, 0.5]], dtype=np.float16)
-    assert np.isfinite(tempered(proba, 2.0)).all() and tempered(proba, 2.0)[1].tolist() == [0.5, 0.5]
-    assert np.isfinite(fit_temperature(logarithms(proba), np.array([1, 0]), 0.05, 20.0))
-
-
-class Votes:
-    classes_ = np.array(["a", "b"])
-
-    def __init__(self, label):
-        self.label = label
-
-    def predict(self, X):
-        return np.full(len(X), self.label)
-
-
-def test_members_without_probabilities_vote_by_weight():
-    together = Ensemble([Votes("a"), Votes("b")], [0.4, 0.6], [1.0, 1.0])
-    np.testing.assert_allclose(together.predict_proba([0]), [[0.4, 0.6]], atol=1e-6)
-    assert together.predict([0, 0]).tolist() == ["b", "b"]

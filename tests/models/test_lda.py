@@ -10,7 +10,6 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 
-from bench.errors import InputError
 from bench.features.base import labels
 from bench.features.touch import TouchFeatures
 from bench.models import by_person
@@ -87,18 +86,6 @@ def test_windows_of_a_capture_against_a_covariance_taken_apart(seed, windows, sh
     np.testing.assert_allclose(found - found[:, :1], expected - expected[:, :1], rtol=1e-5, atol=1e-5)
 
 
-@given(st.integers(0, 1000), st.sampled_from([1.0, 3.0]), st.sampled_from([1, 2, 5]))
-def test_a_weight_is_a_number_of_rows(seed, windows, times):
-    """Copies that count so often are rows that are there so often; a fraction of it, that of all others."""
-    X, y = of_captures(seed)
-    copies = X.index.get_level_values("copy").to_numpy() > 0
-    for repeated, damaged in ((copies, float(times)), (~copies, 1 / times)):
-        rows = np.repeat(np.arange(len(X)), np.where(repeated, times, 1))
-        expected = Discriminants(0.1, windows).fit(X.iloc[rows], y[rows]).predict_proba(X)
-        weighed = Discriminants(0.1, windows, damaged).fit(X, y).predict_proba(X)
-        np.testing.assert_allclose(weighed, expected, rtol=1e-6, atol=1e-12)
-
-
 @pytest.mark.parametrize("shrinkage", [0.0, 0.2, 1.0])
 def test_constant_features_have_no_weight(shrinkage):
     X, y = points(d=3)
@@ -154,34 +141,6 @@ def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labe
     np.testing.assert_array_equal(general.decision_function(P), before)  # it stays as it is
 
 
-def test_nobody_adapts_to_a_class_that_was_never_learnt():
-    X = np.random.default_rng(0).normal(size=(20, 3))
-    model = Discriminants().fit(X, np.array(["a", "b"] * 10))
-    with pytest.raises(InputError, match="'c' is none of the classes"):
-        model.adapt(X[:2], np.array(["a", "c"]))
-    assert np.isfinite(model.adapt(X[:1], np.array(["a"])).coef_).all()
-
-
-def test_a_feature_that_did_not_vary_in_training_tells_nothing_of_a_person():
-    rng = np.random.default_rng(0)
-    X = np.column_stack([rng.normal(size=(20, 2)), np.full(20, 5.0)])
-    model = Discriminants().fit(X, np.array(["a", "b"] * 10))
-    own = model.adapt(X[:4] + [0, 0, 3.0], np.array(["a", "b"] * 2))
-    np.testing.assert_allclose(own.decision_function(X), own.decision_function(X + [0, 0, 9.0]))
-
-
-@given(st.integers(0, 10_000), st.sampled_from([1.0, 3.0]), st.sampled_from([1.0, 0.1]))
-def test_statistics_of_parts_add_up_to_those_of_all_rows(seed, windows, damaged):
-    X, y = of_captures(seed)
-    X["still"], X["shifted"] = 3.0, X[0] * 1e-3 + 100
-    part = X.index.get_level_values("capture").to_numpy() % 4
-    system = Discriminants(0.2, windows, damaged)
-    parts = [system.summed(X[part == k], y[part == k]) for k in range(4) if (part == k).any()]
-    expected = Discriminants(0.2, windows, damaged).fit(X, y)
-    np.testing.assert_allclose(system.fit_summed(parts).predict_proba(X), expected.predict_proba(X), rtol=0, atol=1e-9)
-    assert (system.learnt_.sd == np.inf).tolist() == (expected.learnt_.sd == np.inf).tolist()
-
-
 def left_out(stored, name):
     """Probabilities of `lda` trained without a person: statistics kept of other training parts, none kept, plain fit.
 
@@ -209,22 +168,3 @@ def test_leaving_persons_out_equals_the_plain_fit_and_takes_nothing_of_them(stor
         warm, cold, plain = left_out(stored, name)
         assert np.array_equal(warm, cold)
         np.testing.assert_allclose(cold, plain, rtol=0, atol=1e-9)
-
-
-def test_statistics_kept_of_the_person_who_is_left_out_would_be_found(stored, monkeypatch):
-    """The test above fails where kept statistics go by the person alone, whoever and whatever that was before."""
-    monkeypatch.setattr(by_person, "_key", lambda X, rows, y: X.subjects[rows[0]].encode())
-    unequal = [np.abs(warm - cold).max() for warm, cold, _ in (left_out(stored, n) for n in set(stored.subjects))]
-    assert min(unequal) > 1e-6
-
-
-def test_seconds_of_kept_statistics_count(stored):
-    train = np.flatnonzero(stored.subjects != stored.subjects[0])
-    by_person.KEPT.clear()
-    lda(TouchFeatures()).fit(stored, stored.gestures)
-    (kept,) = by_person.KEPT.values()
-    for key, (statistics, _) in kept.items():
-        kept[key] = statistics, np.array([100.0, 10.0])
-    wall, cpu = lda(TouchFeatures()).fit(stored[train], stored.gestures[train]).fit_seconds_
-    persons = len(set(stored.subjects)) - 1
-    assert 0 < wall - 100 * persons < 100 and 0 < cpu - 10 * persons < 10

@@ -1,6 +1,5 @@
 """The published networks: parameters, sizes and memory as printed, layers against loops, and what no network may do."""
 
-import inspect
 import pickle
 
 import numpy as np
@@ -8,18 +7,16 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from sklearn.base import clone
 from torch import nn
 
 from bench.errors import InputError
 from bench.models.nets import ren2023
 from bench.models.nets.cnn85 import CNN85
-from bench.models.nets.hughes2017 import COST, HAART, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
+from bench.models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
 from bench.models.nets.ren2023 import Ren2023Transformer
 from bench.models.nets.time_blocks import TimeConv3d
-from bench.models.nets.training import Schedule, activations
+from bench.models.nets.training import activations
 from bench.models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
-from bench.plan.cells import cells
 from tests.conftest import random_corpus
 
 ZHOU = (Zhou2016CNN3D, Zhou2016CNN2D, Zhou2016LRCN, Zhou2016GMLSTM)
@@ -30,30 +27,6 @@ FOURTEEN = tuple("abcdefghijklmn")
 
 def at(rate, **kwargs):
     return random_corpus(**kwargs).changed(rate_hz=rate)
-
-
-def test_weights_start_as_the_docstrings_say_and_training_goes_by_the_seed(corpus, monkeypatch):
-    calls = []
-    monkeypatch.setattr("bench.models.nets.window.train", lambda *arguments: calls.append(arguments) or [])
-    started = lambda system: clone(system).fit(corpus, corpus.gestures).net_  # noqa: E731
-    for system, bias, sd in ((CNN85(frames=10), 0, (2 / 90) ** 0.5), (Hughes2017CNN(), 0.1, 0.088)):
-        one, same, other = (started(system.set_params(seed=seed))[0] for seed in (0, 0, 1))
-        assert torch.equal(one.weight, same.weight) and not torch.equal(one.weight, other.weight)
-        assert (one.bias == torch.tensor(bias)).all() and one.weight.std().item() == pytest.approx(sd, rel=0.05)
-        assert one.weight.abs().max() <= 0.2 or bias == 0  # a truncated normal of SD 0.1
-    *_, optimiser, schedule = calls[-1][:5]
-    assert calls[2][4] == Schedule(50, 250, 1) and schedule == Schedule(500, 100, 1, patience=10)
-    assert isinstance(optimiser.inner, torch.optim.RMSprop) and optimiser.rate == 1e-4
-
-
-def test_what_can_be_learnt_is_learnt_with_products_of_half_the_bits_too(corpus):
-    system = CNN85(frames=10, width=0.2, epochs=20, batch=16)
-    assert system.fit(corpus, corpus.gestures).score(corpus, corpus.gestures) > 0.7
-    few = {"frames": 10, "width": 0.2, "epochs": 1, "batch": 16}
-    full, half = (CNN85(precision=p, **few).fit(corpus, corpus.gestures) for p in ("float32", "bfloat16"))
-    assert all(p.dtype == torch.float32 for p in half.net_.parameters())
-    difference = np.abs(full.predict_proba(corpus) - half.predict_proba(corpus)).max()
-    assert 0 < difference < 0.05  # it is not the same, and not another network
 
 
 def test_the_subject_who_chooses_the_epoch_is_not_trained_on(corpus, monkeypatch):
@@ -107,13 +80,6 @@ def test_published_sizes_of_the_others():
         assert sum(p.numel() for p in net.parameters()) == size
 
 
-def test_windows_in_seconds_follow_the_rate():
-    for rate, frames in ((100.0, 8), (54.0, 4)):
-        corpus = at(rate, longest=30)
-        model = Zhou2016GMLSTM(seconds=0.08, epochs=1).fit(corpus, corpus.gestures)
-        assert model.samples(corpus).frames == model.length(rate) == frames
-
-
 def gradients(output, net, seed=0):
     """Of a weighted sum of an output."""
     weight = torch.rand(output.shape, generator=torch.Generator().manual_seed(seed), dtype=output.dtype)
@@ -130,18 +96,6 @@ def test_blocks_of_time_convolve_as_the_library_does(kernel, more, batch):
     ours, library = layer(x), nn.functional.conv3d(x[:, None], layer.weight, layer.bias)
     torch.testing.assert_close(ours, library)
     torch.testing.assert_close(gradients(ours, layer), gradients(library, layer))
-
-
-@given(st.sampled_from([COST, HAART]), st.integers(1, 9), st.integers(1, 9), st.integers(0, 99))
-def test_the_pooled_first_layer_equals_the_layers(design, rows, cols, seed):
-    torch.manual_seed(seed)
-    model = Hughes2017CNN()
-    model.design_ = design
-    net = model.network(rows, cols, 7).double()
-    x = torch.randint(0, 3, (3, design[1], rows, cols)).double() / 4  # with ties
-    layers, ours = net(x), model.forward(net, x)
-    torch.testing.assert_close(ours, layers)
-    torch.testing.assert_close(gradients(ours, net), gradients(layers, net))
 
 
 @given(st.lists(st.integers(1, 6), min_size=1, max_size=5), st.integers(0, 99))
@@ -169,9 +123,3 @@ def test_attention_of_ones_own_is_that_of_the_library():
     ours, theirs = own(x), library(x, x, x, need_weights=False)[0]
     torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(gradients(ours, own), gradients(theirs, library), rtol=1e-3, atol=1e-3)
-
-
-def test_what_a_network_declares_itself_names_its_runs_first():
-    (cell,) = cells({"model": "cnn85", "model.batch": "20", "model.epochs": "4", "model.frames": "120"})
-    assert cell.system() == "cnn85[frames=120, epochs=4, batch=20]"  # as stored baselines name it
-    assert [*inspect.signature(Zhou2016GMLSTM).parameters][:3] == ["frames", "average", "epochs"]

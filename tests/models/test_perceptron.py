@@ -1,11 +1,7 @@
 """The perceptron against scikit-learn's forward pass and a loop, and the guard against its two judges."""
 
-import os
-import subprocess
-import sys
 from functools import partial
 
-import joblib
 import numpy as np
 import pandas as pd
 import pytest
@@ -34,13 +30,6 @@ def table(seed=0, rows=300, d=6, copies=2):
     X[copy > 0, 2] += 30
     index = pd.MultiIndex.from_arrays([np.arange(rows) // 2, copy], names=["capture", "copy"])
     return pd.DataFrame((X * 10.0 ** np.arange(d)).astype(np.float32), index=index), np.array([*"abc"])[y]
-
-
-def test_it_learns_what_no_line_separates():
-    X = np.random.default_rng(0).uniform(-1, 1, (2000, 2))
-    y = np.where(X[:, 0] * X[:, 1] > 0, "same", "other")
-    net, line = (model.fit(X[:1000], y[:1000]) for model in (Perceptron(updates=300), Discriminants()))
-    assert (net.predict(X[1000:]) == y[1000:]).mean() > 0.85 and (line.predict(X[1000:]) == y[1000:]).mean() < 0.65
 
 
 def test_it_decides_as_scikit_learns_network_of_the_same_weights():
@@ -79,17 +68,6 @@ def test_one_feature_says_no_more_than_its_clip(seed):
     assert np.isfinite(model.predict_proba(further)).all()
 
 
-def test_a_stored_one_decides_without_torch(tmp_path):
-    joblib.dump((Perceptron(**QUICK).fit(*table()), table()[0]), tmp_path / "net.joblib")
-    code = (
-        "import joblib, sys; net, X = joblib.load('net.joblib'); "
-        "assert abs(net.predict_proba(X).sum() - 300) < 1e-3 and 'torch' not in sys.modules"
-    )
-    subprocess.run(
-        [sys.executable, "-c", code], check=True, cwd=tmp_path, env={"PYTHONPATH": os.pathsep.join(sys.path)}
-    )
-
-
 # The guard
 
 
@@ -122,16 +100,3 @@ def test_a_row_without_doubt_is_judged_by_discriminants_of_undamaged_rows_and_on
     share = softly.doubts(X)[:, None]
     np.testing.assert_allclose(softly.predict_proba(X), (1 - share) * linear + share * network, atol=1e-9)
     assert parameter_count(model) == 2 * 6 + 3 * 6 + 3 + (6 * 18 + 18 + 18 * 3 + 3 + 2 * 6)
-
-
-def test_values_that_are_not_finite_are_in_doubt_and_get_an_answer(few_updates):
-    X, y = table()
-    model = Guarded(doubt=1 / 6).fit(X, y)
-    for broken in (np.inf, -np.inf, np.nan, 1e39):
-        given = X.iloc[:1].astype(np.float64)
-        given.iloc[0, 0] = broken
-        assert model.doubts(given)[0] == 1
-        assert np.isfinite(model.predict_proba(given)).all()
-    X.iloc[3, 1] = np.nan
-    with pytest.raises(ValueError, match="1 values of training features are not finite"):
-        Perceptron(**QUICK).fit(X, y)

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from sklearn.pipeline import Pipeline
 
-from bench import contract, source
+from bench import contract
 from bench.corpora.corpus import COPY, Corpus
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
 from bench.errors import InputError
@@ -18,10 +18,7 @@ from bench.models.classic.lda import lda
 from bench.models.classic.softmax import softmax
 from bench.models.classic.svm import svm
 from bench.models.nets.cnn85 import CNN85
-from bench.models.nets.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
 from bench.models.recipe import Recipe, build, rows_of, taken
-from bench.models.reflex import Reflex
-from bench.models.rocket import Rocket
 from bench.models.sizes import sizes
 from bench.plan.cells import cells
 from bench.plan.plan import checked
@@ -59,44 +56,6 @@ def test_without_options_nothing_changes(name, corpus):
     assert sizes(model, 64, 40) == sizes(bare, 64, 40)
     assert contract.window(model, 100) == contract.window(bare, 100)
     assert contract.frames_at_once(model, 100) == contract.frames_at_once(bare, 100)
-
-
-class Chooser(Pipeline):
-    """A system with answers to everything that a recipe asks the one inside."""
-
-    searches = True
-
-    def fit(self, X, y):
-        self.best_, self.chosen_, self.history_, self.search_seconds_ = "best", {"a": 1}, [{"loss": 1.0}], 2.0
-        self.trials_ = pd.DataFrame({"a": [1]})
-        return super().fit(X, y)
-
-
-def test_a_recipe_answers_as_the_system_inside(corpus):
-    model = fitted(Chooser(svm(Jung28()).steps), corpus, scale="peak")
-    assert contract.searches(model) and contract.inside(model) == "best" and contract.chosen(model) == {"a": 1}
-    assert contract.history(model) == [{"loss": 1.0}] and contract.search_seconds(model) == 2.0
-    assert len(contract.trials(model)) == 1 and list(contract.features(model)) == ["jung28"]
-    untrained = Recipe(svm(Jung28()), scale="peak")
-    assert contract.history(untrained) == [] and contract.inside(untrained) is untrained
-
-
-def test_a_cell_without_options_is_what_it_was(monkeypatch):
-    words = {"model": "svm", "features": "jung28"}
-    defaults = {"model.window": 0.0, "model.hop": 0.0, "model.scale": "none", "model.copies": 3}
-    (bare,), (same,), (cut,) = cells(words), cells(words | defaults), cells(words | {"model.window": "0.5"})
-    assert bare.model.parameters == parameters(svm) and type(checked(bare)) is Pipeline
-    assert same == bare and same.identity() == bare.identity() and same.arguments() == bare.arguments()
-    before = cut.identity()
-    assert before != bare.identity()
-    original = source.meaning
-
-    def changed(path, at):  # a run with options depends on the code of the steps
-        code, imported = original(path, at)
-        return code + path.endswith("steps.py") * b"changed", imported
-
-    monkeypatch.setattr(source, "meaning", changed)
-    assert cut.identity() != before
 
 
 def test_options_are_for_every_model_and_shown_as_they_are_typed():
@@ -193,13 +152,6 @@ def test_other_steps_never_meet_each_others_tables():
 # Costs
 
 
-def test_sizes_of_a_windowed_system_are_those_of_a_window(corpus):
-    touch = fitted(lda(TouchFeatures()), corpus, window=0.2)
-    for frames, seen in ((40, 20), (7, 7)):  # where no capture is as long as a window
-        assert sizes(touch, 64, frames)["ram_bytes"] == 4 * (seen * (19 + 3) + 9 * 64 + 160 + 427 + 3)
-    assert sizes(touch, 64, 40)["flash_bytes"] == 4 * (427 * 3 + 3 + 2 * 427)  # mean and SD as well
-
-
 # Commands
 
 
@@ -242,15 +194,6 @@ def test_what_cannot_be_is_refused_in_one_line(model, options, corpus):
         contract.check_training(system, corpus, corpus.gestures)
 
 
-def test_training_parts_that_cannot_be_are_refused(corpus):
-    one = random_corpus(subjects=1)
-    with pytest.raises(InputError, match="there is 1"):
-        Recipe(Rocket(), window=0.1).check_training(one, one.gestures)
-    for options in ({"faults": ("noise",), "copies": 10**6}, {"turns": 10**9}):
-        with pytest.raises(InputError, match=f"model.{[*options][-1]}={[*options.values()][-1]}: needs"):
-            Recipe(svm(Jung28()), **options).check_training(corpus, corpus.gestures)
-
-
 def test_kept_features_of_copies_are_those_of_copies_made_again(stored, monkeypatch):
     """Of captures in another order, one of them twice, what is kept gives the same rows and the same system."""
     some = stored[np.array([7, 2, 2, 20, 11, 30, 25, 0, 33, 15])]
@@ -270,29 +213,6 @@ def test_kept_features_of_copies_are_those_of_copies_made_again(stored, monkeypa
     assert quick.named_steps["features"].names_.equals(expected.columns)
 
 
-class Halved(TouchFeatures):
-    """A set with a transform of its own."""
-
-    def transform(self, X):
-        return super().transform(X) / 2
-
-
-class Own(Pipeline):
-    """A pipeline that answers in its own way."""
-
-    def predict_proba(self, X):
-        return np.eye(len(self.classes_))[np.zeros(len(X), dtype=int)]
-
-
-@pytest.mark.parametrize("make", [lambda: lda(Halved()), lambda: Own(lda(TouchFeatures()).steps)])
-def test_what_is_kept_is_no_short_cut_around_parts_of_ones_own(make, stored):
-    first, second = (fitted(make(), stored, window=0.1) for _ in range(2))  # the second finds features kept
-    assert type(second.system_) is type(first.system_)
-    np.testing.assert_allclose(first.predict_proba(stored), second.predict_proba(stored), atol=1e-9)
-    expected = fitted(make(), stored.detached(), window=0.1)
-    np.testing.assert_allclose(second.predict_proba(stored), expected.predict_proba(stored.detached()), atol=1e-6)
-
-
 # Weights in 8 bits
 
 
@@ -302,9 +222,3 @@ def test_weights_are_whole_steps_by_hand():
     for before, after in zip(*(model.system_.steps[-1][1].coef_ for model in models), strict=True):
         step = np.abs(before).max() / 127
         np.testing.assert_allclose(after, np.round(before / step) * np.float32(step), rtol=1e-6)
-
-
-def test_few_bits_do_not_adapt():
-    for kind in (Reflex, Hughes2017CNN):
-        assert not contract.adapts(kind(bits=8)) and contract.adapts(kind())
-    assert "bits" not in Hughes2017CNNRNN().get_params() and contract.adapts(Hughes2017CNNRNN())

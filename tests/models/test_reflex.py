@@ -6,11 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.corpora.faults import usual_faults
 from bench.corpora.steps import Repair, Windows
-from bench.errors import InputError
 from bench.features.base import labels
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import Discriminants
@@ -50,25 +47,6 @@ def test_a_capture_is_the_mean_of_its_windows_and_a_short_one_has_weights_of_its
     table, proba = system.decide(corpus)
     assert (np.diff(table["capture"]) >= 0).all() and len(table) == len(proba)
     assert set(table["frames"]) == {12, 15, 30}
-
-
-def test_undamaged_captures_are_what_is_not_doubted(corpus):
-    """The discriminants and what is usual come from captures as they are, the network from their copies as well."""
-    bare, damaged = (Reflex(faults=(f,), copies=2).fit(corpus, corpus.gestures) for f in ("none", "noise"))
-    bare, damaged = (system.members[0].system_.named_steps["classifier"] for system in (bare, damaged))
-    np.testing.assert_allclose(bare.linear_.coef_, damaged.linear_.coef_, rtol=1e-9)
-    assert np.array_equal(bare.mean_, damaged.mean_) and np.array_equal(bare.sd_, damaged.sd_)
-    assert not np.allclose(bare.robust_.mean_, damaged.robust_.mean_)
-
-
-def test_what_it_says_of_itself(corpus):
-    system = Reflex(**QUICK)
-    assert contract.trained_faults(system) == usual_faults()
-    assert contract.trained_faults(Reflex(faults=("none",))) == ()
-    wrong = {"early": 2.0, "faults": ("nosie",), "repair": ("glue",), "window": -1.0, "units": 0, "doubt": 0.0}
-    for name, value in wrong.items():
-        with pytest.raises(InputError, match=f"model.{name}="):
-            contract.check(Reflex(**{name: value}))
 
 
 def test_seconds_are_those_of_the_captures_it_is_given(corpus):

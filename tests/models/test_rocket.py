@@ -1,7 +1,5 @@
 """Random convolutions and ridge: the ridge against scikit-learn, series against a loop, and what no system may do."""
 
-import os
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,14 +9,9 @@ from sklearn.linear_model import Ridge as SklearnRidge
 from sklearn.linear_model import RidgeClassifier
 from sklearn.model_selection import LeaveOneGroupOut
 
-from bench.cli import main
-from bench.models import rocket
 from bench.models.rocket import PENALTIES, Ridge, Rocket
 from bench.models.series import Series
-from bench.models.sizes import sizes
-from bench.work.pool import pool
 from tests.conftest import random_corpus
-from tests.models.test_systems import check_contract
 
 
 @given(st.integers(3, 30), st.integers(1, 40), st.integers(2, 5), st.sampled_from(PENALTIES), st.integers(0, 99))
@@ -68,10 +61,6 @@ def fitted(corpus):
     return Rocket(kernels=168).fit(corpus, corpus.gestures)
 
 
-def test_contract():
-    check_contract(lambda: Rocket(kernels=84))
-
-
 def test_scores_are_those_of_scikit_learn_with_the_best_penalty_and_temperature(fitted, corpus):
     features = fitted._features(corpus)
     fitted._scale(features)
@@ -92,39 +81,3 @@ def test_scores_are_those_of_scikit_learn_with_the_best_penalty_and_temperature(
     for factor in (0.5, 0.9, 1.1, 2.0):
         assert best <= loss(fitted.penalty_, fitted.temperature_ * factor) + 1e-9
     assert all(best <= loss(p, t) + 1e-6 for p in PENALTIES for t in np.exp(np.linspace(-5, 5, 101)))
-
-
-def test_workers_have_as_many_numba_threads_as_they_were_given():
-    assert pool(1, 1).submit(os.getenv, "NUMBA_NUM_THREADS").result() == "1"
-
-
-def test_sizes(fitted):
-    counts, chosen, dilations, each, biases = fitted.transforms_[0].parameters
-    assert len(biases) == 168
-    drawn = len(counts) + len(chosen) + len(dilations) + len(each) + 168
-    numbers = drawn + 2 * 5 + 2 * 168 + 168 * 3 + 3 + 1
-    memory = (13 * 5 + 1) * fitted.series_.length_ + 168 + 3
-    costs = sizes(fitted, 64, 40)
-    assert (costs["parameters"], costs["flash_bytes"], costs["ram_bytes"]) == (numbers, 4 * numbers, 4 * memory)
-
-
-def test_without_aeon_one_line_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setattr(rocket, "find_spec", lambda name: None)
-    assert main(["run", "protocol=loso", "model=svm,rocket"]) == 2
-    out, err = capsys.readouterr()
-    assert not out and err.strip().count("\n") == 0
-    assert not os.path.exists("mlflow.db")
-
-
-BOTH = pytest.mark.parametrize("transform", ["minirocket", "multirocket_hydra"])
-
-
-def small(transform="minirocket", **kwargs):
-    return Rocket(transform, **{"kernels": 200, **kwargs})
-
-
-@pytest.mark.nightly
-@BOTH
-@pytest.mark.parametrize("channels", ["taxels", "both"])
-def test_contract_of_every_transform(transform, channels):
-    check_contract(lambda: small(transform, channels=channels))

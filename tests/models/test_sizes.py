@@ -1,8 +1,5 @@
 """Sizes of systems that nobody helps to count: by hand where a number can be, above nothing everywhere."""
 
-import inspect
-from functools import partial
-
 import numpy as np
 import pytest
 import torch
@@ -24,15 +21,9 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 from sklearn.tree import DecisionTreeClassifier
-from sklearn.utils import all_estimators
 from torch import nn
 from xgboost import XGBClassifier
 
-from bench.features.touch import TouchFeatures
-from bench.models.classic.lda import lda
-from bench.models.classic.perceptron import Perceptron
-from bench.models.recipe import Recipe
-from bench.models.reflex import Reflex
 from bench.models.sizes import parameter_count, sizes
 
 RNG = np.random.default_rng(0)
@@ -93,23 +84,6 @@ def test_pipelines_and_ensembles_are_the_sum_of_their_parts():
         assert parameter_count(stacked) == sum(map(parameter_count, stacked.estimators_)) + 3 * 6 + 3
 
 
-@pytest.mark.filterwarnings("ignore::FutureWarning")  # of classifiers that scikit-learn is about to change
-@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # their size is the same
-@pytest.mark.parametrize("name", [name for name, _ in all_estimators(type_filter="classifier")])
-def test_every_classifier_of_scikit_learn_has_a_size(name):
-    kind = dict(all_estimators(type_filter="classifier"))[name]
-    inner = {"estimator": LogisticRegression(), "estimators": [("a", LogisticRegression())]}
-    made = kind(**{k: v for k, v in inner.items() if k in inspect.signature(kind).parameters})
-    values = np.abs(X)
-    try:
-        made.fit(values, Y)
-    except (ValueError, TypeError, IndexError) as e:
-        pytest.skip(f"not for these tables: {str(e)[:80]}")
-    found = sizes(made, 64, 40)
-    assert found["flash_bytes"] > 0 or name == "DummyClassifier"
-    assert found["ram_bytes"] == 4 * (64 * 40 + len(made.classes_))
-
-
 class OneNet(ClassifierMixin, BaseEstimator):
     """A module of PyTorch that somebody wrapped."""
 
@@ -129,15 +103,3 @@ def test_modules_of_torch_are_found_wherever_they_are_kept(corpus):
     found = sizes(model, 64, 40)
     assert found["flash_bytes"] == 4 * (learnt + 2 * 5)  # mean and variance of the batch norm
     assert found["ram_bytes"] == 4 * (64 * 40 + 3) and torch.is_tensor(model.inner[0].weight)
-
-
-def test_what_frames_go_through_first_is_counted_wherever_it_stands(corpus, monkeypatch):
-    monkeypatch.setattr("bench.models.out_of_distribution.Perceptron", partial(Perceptron, updates=20))
-    plain = Recipe(lda(TouchFeatures()), window=0.1, repair=("stuck", "dead", "offset")).fit(corpus, corpus.gestures)
-    bare = Recipe(lda(TouchFeatures()), window=0.1).fit(corpus, corpus.gestures)
-    own = sizes(plain, 64, 40)["ram_bytes"] - sizes(bare, 64, 40)["ram_bytes"]
-    assert own == 4 * 6 * 64
-    small = {"window": 0.1, "early": 0.05, "units": 4, "copies": 1, "faults": ("none",)}
-    reflex = Reflex(**small).fit(corpus, corpus.gestures)
-    scaled = Recipe(Reflex(**small), scale="peak").fit(corpus, corpus.gestures)
-    assert sizes(scaled, 64, 40)["ram_bytes"] == sizes(reflex, 64, 40)["ram_bytes"]

@@ -1,6 +1,5 @@
 """The engine of both searches: resumed wherever it was cut, answered by its own trials, and its rule of giving up."""
 
-import json
 import time
 from functools import partial
 from types import SimpleNamespace
@@ -11,17 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import wilcoxon
 
-from bench.corpora.steps import Faulted, Repair, Scale
-from bench.features.jung28 import Jung28
-from bench.features.ta273 import Ta273
-from bench.models.classic.rf import et, rf
-from bench.models.classic.svm import svm
 from bench.models.search import identity
 from bench.models.search.space import Range
 from bench.models.search.study import Study, Tried
-from bench.models.search.tuning import Search
 from bench.scratch import home
-from tests.conftest import random_corpus
 
 CAPTURES = SimpleNamespace(digest="abc", index=np.arange(3), piece=np.zeros(3, int), steps=())
 LABELS = np.array(["a", "b", "a"])
@@ -102,21 +94,6 @@ def test_a_file_that_a_killed_process_left_is_repaired_wherever_it_ends(straight
         assert facts(searched()) == straight  # as read
 
 
-def test_a_search_is_answered_only_by_the_trials_that_it_would_have_made(straight):
-    assert [len(searched(most)) for most in (3, 14, 6)] == [3, 14, 6]
-    assert facts(searched()) == straight
-    assert facts(searched(key=1)) == straight and len(list((home() / "studies").glob("*.jsonl"))) == 2
-    lines = [json.loads(line) | {"seconds": 10.0} for line in file().read_text().splitlines()]
-    file().write_text("".join(json.dumps(line) + "\n" for line in lines))
-    assert [len(searched(14, budget)) for budget in (39.9, 40.1, 1e3)] == [4, 5, 14]
-
-
-def test_a_folder_that_cannot_be_written_only_costs_the_resuming(straight):
-    home().mkdir(exist_ok=True)
-    (home() / "studies").write_text("in the way")
-    assert facts(searched()) == straight
-
-
 shares = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=9)
 
 
@@ -135,27 +112,3 @@ def test_a_trial_is_worse_if_a_signed_rank_test_over_the_subjects_so_far_says_so
     expected = len(mine) > 1 and wilcoxon(mine - best, alternative="less", zero_method="zsplit").pvalue < 0.1
     expected = expected and mine.mean() < np.mean([*best, 1.0])
     assert made.worse(Tried({"model": "m"}, "complete", subjects=dict(enumerate(mine)))) == expected
-
-
-def test_a_study_belongs_to_captures_labels_space_and_code(monkeypatch):
-    corpus = random_corpus()
-    usual = {"models": {"svm": svm}, "spaces": {"svm": {"C": [0.125, 8.0]}}, "features": {"f": Jung28()}, "inner": "2"}
-    others = [
-        *({"models": {"svm": model}} for model in (rf, et, partial(svm, C=1.0), partial(svm, C=2.0))),
-        *({"spaces": {"svm": {"C": [8.0]}}}, {"features": {"f": Ta273()}}, {"inner": "3"}, {"seed": 1}),
-        *({"objective": "smallest"}, {"trials": 1}),  # one drawn of a grid
-    ]
-    search, *searches = [Search(**usual | other) for other in ({}, *others)]
-    names = {identity.study_name(each.study_key(), corpus, corpus.gestures) for each in (search, *searches)}
-    names.add(identity.study_name(search.study_key(), corpus[1:], corpus.gestures[1:]))
-    names.add(identity.study_name(search.study_key(), corpus, corpus.gestures[::-1]))
-    names.add(identity.study_name(search.study_key(), corpus.changed(digest="other"), corpus.gestures))
-    assert len(names) == 14
-    monkeypatch.setattr(identity, "source_digest", lambda part: "changed")
-    assert identity.study_name(search.study_key(), corpus, corpus.gestures) not in names
-
-
-def test_captures_after_other_steps_have_trials_of_their_own(stored):
-    steps = (Scale("peak"), Scale("log"), Repair(("stuck",)), Faulted(("noise",), 1), Faulted(("shift",), 1))
-    made = [stored, *(step(stored) for step in steps)]
-    assert len({identity.study_name({}, X, X.gestures) for X in made}) == len(made)

@@ -64,7 +64,7 @@ COMPOSED = {
     "cnn85 on damaged copies": lambda: made("cnn85", **HARSH),
     "reflex, scaled": lambda: made("reflex", scale="log"),
 }
-DAILY = [name for name in (*PARTS, *COMPOSED) if name not in SLOW and name != "rocket"]
+DAILY = [name for name in (*PARTS, *COMPOSED) if name not in SLOW]
 
 
 def made(name, **options):

@@ -1,6 +1,5 @@
 """The taxel-major order gives what the network itself gives: outputs and gradients."""
 
-import pytest
 import torch
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -43,8 +42,3 @@ def test_gradient_of_a_tie_goes_to_the_first():
     grid = torch.ones(2, 3, 1, 1, requires_grad=True)
     pool(grid).sum().backward()
     assert grid.grad[..., 0, 0].tolist() == [[1, 0, 1], [0, 0, 0]]
-
-
-def test_a_layer_without_such_a_form_is_named():
-    with pytest.raises(TypeError, match="BatchNorm2d"):
-        taxel_major(nn.Sequential(nn.BatchNorm2d(1), nn.Flatten()), torch.zeros(1, 1, 2, 2))

@@ -2,16 +2,14 @@
 
 import numpy as np
 import pandas as pd
-import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError
 from bench.features.touch import OF_STEPS, SIGNALS, signals
 from bench.models.nets import touchnet
-from bench.models.nets.touchnet import Stretches, TouchNet
+from bench.models.nets.touchnet import Stretches
 
 
 def corpus_of(arrays, rate=50.0):
@@ -70,29 +68,3 @@ def test_a_mounting_has_the_signals_of_a_turned_skin():
         assert sum(same) == 1
         counts += same
     assert (counts > 20).all()  # each of the eight about 50 times
-
-
-def test_a_signal_that_never_varied_in_training_says_nothing():
-    net = touchnet._Net([], torch.nn.Linear(1, 1))
-    values = torch.randn(50, len(SIGNALS))
-    values[:, 3] = 7.0
-    net.standardise(values)
-    scaled = (values + 100 - net.mean) / net.scale
-    assert (scaled[:, 3] == 0).all() and (scaled[:, 4] != 0).all()
-    np.testing.assert_allclose(net.scale[:3], values[:, :3].numpy().std(axis=0), rtol=1e-5)
-
-
-def test_so_many_updates_are_made_in_whole_passes():
-    corpus = corpus_of(random_frames(0, [40] * 5))
-    model = TouchNet(seconds=0.2, width=2, updates=7, batch=10).fit(corpus, np.array(list("ababa")))
-    windows = 5 * 7  # of 10 frames, one every 5
-    assert len(model.training_samples(corpus)) == windows and len(model.history_) == 3  # of 3 batches each
-
-
-def test_what_it_cannot_learn_from_is_refused():
-    one = corpus_of(random_frames(0, [1]))
-    with pytest.raises(InputError, match="two training windows"):
-        TouchNet().fit(one, one.gestures)
-    broken = corpus_of([np.full((30, 2, 2), np.nan, dtype=np.float32), *random_frames(0, [30, 30], (2, 2))])
-    with pytest.raises(ValueError, match="not finite"):
-        TouchNet(seconds=0.2, updates=2).fit(broken, np.array(["a", "b", "c"]))

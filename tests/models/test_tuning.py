@@ -91,21 +91,6 @@ def test_inner_folds_keep_subjects_apart_and_test_everybody_once(who, inner):
     assert len(folds) == (len(set(who)) if inner == "loso" else min(int(inner), len(set(who))))
 
 
-def test_bad_combinations_are_given_up_and_never_chosen():
-    corpus = noisy(subjects=12)
-    grid = {"C": [1.0, 8.0], "gamma": [1.0, 2.0**20, 2.0**21, 2.0**22]}  # the wide ones know their captures by heart
-    searches = (svms(grid, "3", seed=seed) for seed in range(50))
-    search = next(
-        s for s in searches if s._first(0) == {"model": "svm", "features": "jung28", "svm.C": 8, "svm.gamma": 1}
-    )
-    search.fit(corpus, corpus.gestures)  # begins with the best, so that the others can be judged to be worse
-    pruned = search.trials_[search.trials_["state"] == "pruned"]
-    assert len(pruned) > 0 and pruned["subjects"].isin([4, 8]).all() and not pruned["front"].any()
-    assert pruned["predict_ms"].isna().all() and search.chosen_["svm.gamma"] == 1.0
-    search.objective = "smallest"  # gives nothing up, as all may be near the best
-    assert set(search.fit(corpus, corpus.gestures).trials_["state"]) == {"complete"}
-
-
 @pytest.mark.parametrize("features", [Ta273(), Balli(5)])
 def test_learnt_features_never_see_the_subjects_that_judge(features):
     corpus = noisy(subjects=4)
@@ -118,22 +103,6 @@ def test_learnt_features_never_see_the_subjects_that_judge(features):
         for X, y in ((corpus, corpus.gestures), (with_other_values(corpus, judges), labels))
     ]
     pd.testing.assert_frame_equal(*tables)
-
-
-def test_huge_lists_are_checked_value_by_value(corpus):
-    """Ten lists of ten values are ten thousand million combinations."""
-    made = []
-
-    def many(**values):
-        made.append(values)
-        if values.get("p9") == 7:
-            raise InputError("7 cannot be")
-        return svm(Jung28())
-
-    search = Search({"many": many}, {"many": {f"p{i}": list(range(10)) for i in range(10)}}, trials=3, inner="2")
-    with pytest.raises(InputError, match="7 cannot be"):
-        search.check_training(corpus, corpus.gestures)
-    assert len(made) <= 100
 
 
 def test_what_is_taken_by_hand():
