@@ -4,7 +4,6 @@ import zipfile
 
 import numpy as np
 
-from bench.corpora.read import haart
 from bench.corpora.read.haart import read
 from tests.corpora.made import archive, held_out_csv, training_csv
 
@@ -32,7 +31,3 @@ def test_folder_parent_and_zip_give_the_same(tmp_path):
         packed.extractall(tmp_path / "folder")
     for source in (tmp_path / "folder", tmp_path / "folder" / "HAART DataSet"):
         assert np.array_equal(read(source).frames, corpus.frames)
-
-
-def test_published_counts_add_up():
-    assert {split: sum(counts.values()) for split, counts in haart.PUBLISHED_GESTURES.items()} == haart.PUBLISHED

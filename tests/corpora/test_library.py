@@ -97,32 +97,6 @@ def test_a_damaged_corpus_does_not_hide_the_others(arm, capsys):
     assert error.count("\n") == 1 and "frames.npy differs" in error and "import it again" in error
 
 
-def test_the_folder_of_another_corpus_is_refused(arm, tmp_path):
-    arm("leg", "1")
-    one, other = folder("arm"), folder("leg")
-    one.rename(tmp_path / "aside")
-    other.rename(one)
-    with pytest.raises(InputError, match="written for"):
-        open_corpus("arm", {})
-    assert any(verify("arm").values())
-    arm("leg", "1")
-    shutil.rmtree(home() / "corpora" / "arm")
-    shutil.copytree(home() / "corpora" / "leg", home() / "corpora" / "arm")  # a whole one under another name
-    with pytest.raises(InputError, match=r"it is leg.*import it again"):
-        open_corpus("arm", {})
-    assert "it is leg" in verify("arm")["corpus.json"]
-
-
-@pytest.mark.parametrize("name", ["../corpora/arm", "/tmp", "x" * 300, "arm\0", "", ".", "arm/../arm", "é"])
-def test_a_name_that_cannot_be_is_not_imported(arm, name):
-    with pytest.raises(InputError, match="not imported") as refused:
-        open_corpus(name, {})
-    assert len(str(refused.value)) <= 300
-    if name:
-        with pytest.raises(InputError, match="use letters, digits"):
-            arm(name)
-
-
 def test_a_damaged_generated_corpus_is_generated_again(tmp_path, monkeypatch):
     expected = synth.generate(**SYNTH)
     made, real = [], synth.generate

@@ -74,12 +74,6 @@ def test_windows_equal_a_loop(lengths, seconds, hop, rate):
     assert made.captures.equals(corpus.captures.iloc[[i for i, _, _ in expected]].reset_index(drop=True))
 
 
-def test_windows_of_windows_say_where_they_lie_in_the_capture():
-    corpus = corpus_of([np.arange(40, dtype=np.uint16)[:, None, None]])
-    made = Windows(0.5, 0.25)(Windows(1.0, 1.0)(corpus))
-    assert [part[0, 0, 0] for part in made] == made.piece.tolist() == [0, 3, 6, 12, 15, 18, 24, 27, 30]
-
-
 # Repair
 
 
@@ -163,14 +157,6 @@ def test_scaling_equals_a_loop(seed, grid, full_scale):
             np.testing.assert_allclose(one[t], expected, rtol=1e-6)
     assert found.frames.dtype == np.float32 and found.full_scale == full_scale
     assert found.frames.min() >= 0 and found.frames.max() <= np.float32(full_scale)  # also after rounding
-
-
-def test_logarithmic_readings_by_hand():
-    (found,) = Scale("log")(corpus_of([np.array([[[0, 255, 1023]]], dtype=np.uint16)]))
-    by_hand = [0, 1023 * np.log(1 + 1000 * 255 / 1023) / np.log(1001), 1023]
-    assert found.dtype == np.float32 and found.ravel() == pytest.approx(by_hand, rel=1e-6)
-    (same,) = Scale("log")(corpus_of([np.array([[[-0.5, 0.25, 2.0]]], dtype=np.float32)], full_scale=1.0))
-    assert same.ravel() == pytest.approx([0, np.log(251) / np.log(1001), 1], rel=1e-6)  # in shares; none beyond 0 to 1
 
 
 # Damaged copies
@@ -281,9 +267,3 @@ def test_turned_copies_lie_otherwise_in_all_frames_alike_and_every_way_occurs(gr
         assert len(set(turned)) == min(4, max(1, others))  # alike only where there are no other ways
         seen |= set(turned)
     assert seen == (set(range(1, others + 1)) or {0})
-
-
-def test_damaged_copies_are_turned_each_by_itself():
-    corpus = corpus_of([np.random.default_rng(0).integers(0, 1023, (20, 8, 8)).astype(np.uint16)])
-    made = Turned(1)(Faulted(("noise",), 3)(corpus))
-    assert len(made) == len(set(made.piece)) == len({one.tobytes() for one in made}) == 8 and set(made.index) == {0}

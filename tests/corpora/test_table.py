@@ -88,24 +88,6 @@ def test_numbered_channels_go_by_their_numbers(tmp_path, kind, names, conditions
     assert any("order of their numbers" in w for w in corpus.info["warnings"]) is warned
 
 
-@pytest.mark.parametrize("kind", ["csv", "parquet"])
-@pytest.mark.parametrize(
-    ("names", "facts"),
-    [
-        ("ch1 ch2 ch3 ch4 ch5", ["2x2", "4 channels", "ch1 to ch4", "extra: ch5"]),
-        ("ch0 ch1 ch2 ch3 ch4", ["ch0 to ch3", "extra: ch4"]),
-        ("ch1 ch2 ch4 temp", ["missing: ch3"]),
-        ("cell1 cell2 cell3 temp cell4 cell5", ["extra: cell5"]),
-        ("ch1", ["missing: ch2, ch3, ch4"]),
-        (" ".join(f"ch{i}" for i in range(1, 12)), ["extra: ch5, ch6, ch7 and 4 more"]),
-    ],
-)
-def test_numbered_channels_that_are_missing_or_extra_are_named(tmp_path, kind, names, facts):
-    with pytest.raises(InputError) as error:
-        read(stored(square(*names.split()), tmp_path, kind), rate_hz=54.0, grid="2x2")
-    assert all(fact in str(error.value) for fact in facts), error.value
-
-
 FOUR = ["ch1", "ch2", "ch3", "ch4"]
 
 
