@@ -111,16 +111,13 @@ def never_busy(patch):
 
 
 def shorten_measurements(patch):
-    """Time 3 captures once instead of 10 twice, and predict 4 alone instead of 32: most of the time of a small fold."""
+    """Time 3 captures once instead of 5 twice, and predict 2 alone instead of 8: most of the time of a small fold."""
     watch = ["endless.watch"] if "watch" in classes("circumstances") else []  # a room that can be taken away
     for name in ("work.fold", "work.replay", *watch):
         patch.setattr(f"bench.{name}.TIMED_CAPTURES", 3)
     patch.setattr("bench.timing.AROUND", 1)
     patch.setattr("bench.timing.REPEATS", 1)
-    patch.setattr("bench.work.fold.WARM_UP", 1)
-    for name in ("work.fitted", "work.replay", *watch):
-        patch.setattr(f"bench.{name}.SOME", 2)
-    patch.setattr("bench.work.evaluation.ALONE", 4)
+    patch.setattr("bench.work.fold.ALONE", 2)
 
 
 class InProcess:

@@ -26,7 +26,6 @@ from bench.sentences import sentences
 from bench.timing import Times, timed
 from bench.usual import NO_TOUCH
 from bench.work.fold import (
-    SOME,
     TIMED_CAPTURES,
     WARM_UP,
     batch_effects,
@@ -200,7 +199,7 @@ def fold_of(
         reports = watcher.reports(test.corpus, evidence)
         refused = watcher.refused(test.corpus, evidence)
         disturbed = {FAULTED: faulted(watcher, test, under).assign(fold=fold.name)} if under else {}
-        effects = batch_effects(estimator, corpus, fold.test, most=SOME)
+        effects = batch_effects(estimator, corpus, fold.test)
         if not effects:
             check_agreement(estimator, corpus, fold.test)
     subjects = test.subjects.astype(str)

@@ -11,8 +11,9 @@ import pandas as pd
 from bench import contract, scores
 from bench.result import Result
 from bench.usual import LABELS
+from bench.work import fold as fold_of
 from bench.work.fitted import Fitted
-from bench.work.fold import ALONE, batch_effects, check_agreement, computing, decisions, footprint, latency
+from bench.work.fold import batch_effects, check_agreement, computing, decisions, footprint, latency
 from bench.work.personal import met
 from bench.work.results import FoldResult, costs, measured, tables_of
 
@@ -54,13 +55,13 @@ def folded(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
 def evaluated(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> tuple[contract.System, FoldResult]:
     """The fitted system of a fold, the last of several draws; predictions of the test captures, and their costs."""
     parts, effects = [], []
-    share = -(-ALONE // (sum(map(len, fold.known.draws)) if fold.known else 1))
+    share = -(-fold_of.ALONE // sum(map(len, fold.known.draws))) if fold.known else None
     with computing(threads):
         for one in met(cell, corpus, fold):
             parts.append(decisions(one.estimator, corpus, one.name, one.tested))
             effects += batch_effects(one.estimator, corpus, one.tested, parts[-1], share)
         if not effects:  # of other predictions in each batch
-            check_agreement(one.estimator, corpus, one.tested)
+            check_agreement(one.estimator, corpus, one.tested, parts[-1])
         estimator, metrics, predictions = one.estimator, one.metrics, pd.concat(parts, ignore_index=True)
     with computing(1):
         spent = latency(estimator, corpus[fold.test], int(predictions["frames"].max()))

@@ -11,7 +11,7 @@ import pandas as pd
 from bench import contract, scores
 from bench.usual import CLEAN
 from bench.work.case import Case
-from bench.work.fold import SOME, batch_effects, decisions
+from bench.work.fold import batch_effects, decisions
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
@@ -68,7 +68,7 @@ class Fitted:
         """Captures of a changed corpus whose prediction depends on the captures predicted together with them."""
         if case is None or case.corpus is None:
             return []
-        return batch_effects(case.system or self.system, case.corpus, self.fold.test, most=SOME)
+        return batch_effects(case.system or self.system, case.corpus, self.fold.test)
 
     def _rows(self, predictions: pd.DataFrame, key: str, case: Case, subjects: int) -> pd.DataFrame:
         about = {"length": self.corpus.lengths[self.fold.test], "circumstance": key, "case": case.case or key}

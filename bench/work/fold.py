@@ -19,13 +19,11 @@ from bench.corpora.corpus import Corpus
 from bench.errors import PredictionError
 from bench.models.sizes import sizes
 from bench.timing import Times, timed, timed_once
-from bench.work.alone import decide_alone
 
-ALONE = 32  # test captures of a fold that are predicted alone, too
-SOME = 8  # the same of captures that are damaged, or of which the beginning is seen
+ALONE = 8  # test captures of a fold that are predicted alone, too: for some systems each costs as much as all together
 TOLERANCE = 1e-3  # of a probability: float32 rounds otherwise in a batch of another size
-TIMED_CAPTURES = 10
-WARM_UP = 3
+TIMED_CAPTURES = 5
+WARM_UP = 1
 
 
 @contextmanager
@@ -103,13 +101,18 @@ def decisions(
     return pd.concat([table[["fold", "capture", "start", "frames", "true"]], about, named], axis=1)
 
 
-def disagreement(estimator: contract.System, tested: Corpus) -> str:
+def disagreement(estimator: contract.System, tested: Corpus, decided: Decided | None = None) -> str:
     """The captures that ``predict`` labels otherwise than the probabilities do, in words; empty if there is none.
 
     A label agrees if its probability is the highest within `TOLERANCE`, on average or in one decision on the capture,
     as of a system that votes. Where a system abstains in its probabilities, each label agrees.
+
+    Args:
+        estimator: fitted.
+        tested: captures.
+        decided: decisions on them, by position; made anew if not given.
     """
-    decided, names = _decided(estimator, tested), _names(estimator)
+    decided, names = decided or _decided(estimator, tested), _names(estimator)
     found = []
     for place, label in enumerate(contract.labels(estimator, tested)):
         own = decided.of(place).proba
@@ -132,7 +135,7 @@ def batch_effects(
     corpus: Corpus,
     test: np.ndarray,
     predictions: pd.DataFrame | None = None,
-    most: int = ALONE,
+    most: int | None = None,
 ) -> list[str]:
     """Test captures whose prediction depends on the captures that are predicted together with them.
 
@@ -144,24 +147,24 @@ def batch_effects(
         corpus: the captures that the fold is of.
         test: positions of the test captures.
         predictions: table of `decisions` of all of them; made anew if not given.
-        most: captures that are predicted again.
+        most: captures that are predicted again; None for `ALONE`.
 
     Returns:
         One sentence per capture; none if every prediction depends on its own capture alone.
     """
     if predictions is None:
         predictions = decisions(estimator, corpus, "", test)
-    chosen, names = some_of(test, most)[::-1], _names(estimator)
+    chosen, names = some_of(test, most or ALONE)[::-1], _names(estimator)
     together = _decided(estimator, corpus[chosen].detached())
     expected = Decided.from_table(predictions, predictions[[f"p_{name}" for name in names]].to_numpy())
     ones = [corpus[[position]].detached() for position in chosen]
     effects = []
-    for place, decided in enumerate(decide_alone(estimator, ones)):
-        alone, capture = Decided.from_table(*decided), corpus.index[chosen[place]]
+    for place, one in enumerate(ones):
+        alone, capture = _decided(estimator, one), corpus.index[chosen[place]]
         rows = expected.of(capture)
         for how, again in (("alone", alone), ("in another order", together.of(place))):
             if effect := _difference(rows, again, names):
-                if _difference(alone, _decided(estimator, ones[place]), names):
+                if _difference(alone, _decided(estimator, one), names):
                     effects.append(f"capture {capture} is predicted differently each time")
                 else:
                     before, now = effect
@@ -170,13 +173,27 @@ def batch_effects(
     return effects
 
 
-def check_agreement(estimator: contract.System, corpus: Corpus, test: np.ndarray) -> None:
+def check_agreement(
+    estimator: contract.System, corpus: Corpus, test: np.ndarray, predictions: pd.DataFrame | None = None
+) -> None:
     """Verify on a few test captures that ``predict`` and the probabilities agree.
+
+    Args:
+        estimator: fitted.
+        corpus: the captures that the fold is of.
+        test: positions of the test captures.
+        predictions: table of `decisions` of all of them; made anew if not given.
 
     Raises:
         PredictionError: they do not.
     """
-    if words := disagreement(estimator, corpus[some_of(test, SOME)]):
+    tested, decided = corpus[some_of(test, ALONE)], None
+    if predictions is not None:
+        rows = predictions[predictions["capture"].isin(tested.index)]
+        place = pd.Index(tested.index).get_indexer(rows["capture"])
+        names = [f"p_{name}" for name in _names(estimator)]
+        decided = Decided.from_table(rows.assign(capture=place), rows[names].to_numpy())
+    if words := disagreement(estimator, tested, decided):
         raise PredictionError(words)
 
 

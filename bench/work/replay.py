@@ -25,7 +25,7 @@ from bench.errors import InputError
 from bench.models.search.inner_folds import inner_folds
 from bench.scores import PREFIX, classes_of, windows
 from bench.timing import Times, timed
-from bench.work.fold import SOME, TIMED_CAPTURES, batch_effects, computing, decisions
+from bench.work.fold import TIMED_CAPTURES, batch_effects, computing, decisions
 from bench.work.results import FoldResult
 from bench.work.stopping import learn_stopping
 
@@ -128,7 +128,7 @@ def replay_fold(replay: Replay, at: Fitted, stopping: bool) -> FoldResult:
     with computing(at.threads):
         table = replayed(system, begun, fold.name, fold.test, instants)
         early = prefix(begun, int(instants[len(instants) // 2]))
-        effects = batch_effects(system, early, fold.test, most=SOME)
+        effects = batch_effects(system, early, fold.test)
         if stopping:
             rule, series = learned(at.cell.estimator, corpus, fold.train, replay)
             table = weighed(table, rule.calibration, rule.waiting, corpus.rate_hz)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
+from sklearn.ensemble import RandomForestClassifier
 from sklearn.pipeline import Pipeline
 
 from bench import contract
@@ -27,7 +27,6 @@ from bench.plan.plan import Fold, planned
 from bench.plan.splits import Calibration
 from bench.timing import REPEATS
 from bench.work import loop
-from bench.work.alone import decide_alone
 from bench.work.evaluation import evaluated, folded
 from bench.work.fit import fit
 from bench.work.fold import WARM_UP, batch_effects, decisions, latency
@@ -184,25 +183,6 @@ def test_features_of_the_whole_corpus_do_not_hide_that_they_depend_on_the_batch(
             system = Pipeline([("features", features), ("classifier", last)])
             system.fit(stored[TRAIN], stored.gestures[TRAIN])
             assert bool(batch_effects(system, stored, TEST)) is effects
-
-
-class Counting(RandomForestClassifier):
-    """Predicts otherwise in a batch."""
-
-    def predict_proba(self, X):
-        return np.roll(super().predict_proba(X), len(X) > 1, axis=1)
-
-
-def test_only_a_forest_of_the_library_itself_predicts_all_captures_of_the_check_in_one_call():
-    ones = [FEW[[position]].detached() for position in TEST]
-    for last in (RandomForestClassifier(9, random_state=0), ExtraTreesClassifier(9, random_state=0)):
-        forest = trained(Pipeline([("features", Jung28()), ("nothing", "passthrough"), ("classifier", last)]))
-        for (table, proba), one in zip(decide_alone(forest, ones), ones, strict=True):
-            other, expected = contract.decide(forest, one)
-            pd.testing.assert_frame_equal(table, other, check_dtype=False)
-            assert np.array_equal(proba, expected)
-    mine = trained(Pipeline([("features", Jung28()), ("classifier", Counting(9, random_state=0))]))
-    assert len(batch_effects(mine, FEW, TEST)) == len(TEST)
 
 
 def test_a_decision_that_needs_its_whole_capture_is_timed_once():
