@@ -27,7 +27,6 @@ import pandas as pd
 from bench.corpora.corpus import Corpus, unblinded
 from bench.corpora.read.limits import plain
 from bench.corpora.recordings import Recordings
-from bench.corpora.stretches import positions_of, stretches_of
 from bench.errors import InputError
 from bench.scratch import home, owner
 
@@ -89,11 +88,9 @@ def address(corpus: Corpus) -> Address:
     return Address(corpus.path, within, corpus.digest)
 
 
-def reopen(
-    where: Address, index: tuple[np.ndarray, np.ndarray | None], target: str, visible: tuple[str, ...] | None
-) -> Corpus:
+def reopen(where: Address, index: np.ndarray, target: str, visible: tuple[str, ...] | None) -> Corpus:
     """Map captures of a stored corpus again in another process, so that frames never travel."""
-    corpus = where.open()[positions_of(*index)].with_target(target)
+    corpus = where.open()[index].with_target(target)
     return corpus if visible is None else corpus.blind(visible)
 
 
@@ -102,7 +99,7 @@ def _reduced(corpus: Corpus) -> str | tuple:
     seeing, visible = unblinded(corpus)
     if seeing.path is None or seeing.steps:
         return object.__reduce_ex__(corpus, 2)
-    return reopen, (address(seeing), stretches_of(seeing.index), seeing.target, visible)
+    return reopen, (address(seeing), seeing.index, seeing.target, visible)
 
 
 copyreg.pickle(Corpus, _reduced)

@@ -18,37 +18,27 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import open_corpus, recordings
 from bench.corpora.recordings import DOUBT, parts_of
-from bench.corpora.stretches import positions_of, stretches_of
 from bench.errors import InputError
 from bench.plan import splits
 from bench.plan.cells import Cell
 from bench.words import quoted
 
 
+@dataclass(eq=False)
 class Fold:
     """A split of the captures of a corpus, by position.
 
-    It keeps stretches of neighbours: the positions of a fold for each of 100 people would add up to 10 MB.
-
     Attributes:
         name: the tested subject, or a number.
+        train: positions of the training captures, int32 [captures].
+        test: positions of the test captures, int32 [captures].
         known: captures of the tested person that are known beforehand, if there are any.
     """
 
-    def __init__(self, name: str, train: np.ndarray, test: np.ndarray, known: splits.Calibration | None = None) -> None:
-        """Keep positions of training and of test captures, in any order."""
-        self.name, self.known = name, known
-        self._train, self._test = stretches_of(train), stretches_of(test)
-
-    @property
-    def train(self) -> np.ndarray:
-        """Positions of the training captures, int32 [captures]."""
-        return positions_of(*self._train)
-
-    @property
-    def test(self) -> np.ndarray:
-        """Positions of the test captures, int32 [captures]."""
-        return positions_of(*self._test)
+    name: str
+    train: np.ndarray
+    test: np.ndarray
+    known: splits.Calibration | None = None
 
 
 @dataclass(frozen=True)
@@ -83,7 +73,7 @@ class Plan:
         Positions in the corpus, one pair for each tested capture.
         """
         calibrations = [pair for fold in self.folds if fold.known for draw in fold.known.draws for pair in draw]
-        sides = ((fold.train, fold.test) for fold in self.folds)  # one after the other: together they are 10 MB
+        sides = ((fold.train, fold.test) for fold in self.folds)
         return seen_before(repeated(self.corpus), itertools.chain(sides, calibrations), len(self.corpus))
 
     @cached_property
