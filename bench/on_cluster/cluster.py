@@ -55,7 +55,7 @@ class Cluster:
     def __init__(self, address: str, todo: Todo, say: Callable[[str], None], folder: Path) -> None:
         self.address, self.say, self.folder = address, say, folder
         self.name = secrets.token_hex(8)
-        self.check = check_of([plan.cell for plan, _ in todo])
+        self.check = check_of([plan.cell for plan in todo])
         self.checks: dict[str, Future] = {}  # what each worker was asked first, by its address
         self.refusals: dict[str, str] = {}  # why one cannot be used; empty for one that can
         self.good: list[str] = []
