@@ -142,11 +142,10 @@ def test_the_seed_of_a_feature_set_is_that_of_the_run_or_named():
 
 
 def test_commands_that_search_make_the_same_search_again(monkeypatch):
-    from bench.commands import smallest, tune
+    from bench.commands import tune
 
     made = []
-    for module in (smallest, tune):
-        monkeypatch.setattr(module, "evaluated", lambda cells, jobs: made.append(cells))
+    monkeypatch.setattr(tune, "evaluated", lambda cells, jobs: made.append(cells))
     for line in (
         "model=svm features=gaus model.C=1.0,2.0 model.gamma=0.5 trials=9 seconds=60 seed=1",
         "model=bayes trials=4 inner=loso",
