@@ -102,7 +102,6 @@ def views(result: Result, numbers: Mapping[tuple, list]) -> Iterator[Row]:
             **result.metrics,
             **scored,
             "system": result.system,
-            "source": "store",
             "unit": unit,
             "combined": combined if windowed else "",
             "seed": result["seed"],

@@ -45,9 +45,9 @@ def latex(table: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
     """Tables that compare systems, each with a caption that names corpus, protocol and unit.
 
     Args:
-        table: table from `bench.results`: a row per run and unit, accuracies in
-            percent. Rows on the same captures, under the same protocol and in the same unit share one table. Choose
-            systems with `bench.results` rather than in its table: p is corrected for all systems of that.
+        table: table from `bench.results`: a row per run and unit, accuracies in percent. Rows on the same captures,
+            under the same protocol and in the same unit share one table. Choose systems with `bench.results` rather
+            than in its table: p is corrected for all systems of that.
         paper: columns of a table with systems as rows and protocols side by side: ``accuracy`` (mean over people ± SD)
             and ``macro_f1`` under each protocol, ``fit``, ``predict`` and ``flash`` of each system. Protocols that mix
             people are marked. Empty for a table of each protocol.
@@ -66,7 +66,7 @@ def latex(table: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
         return side_by_side(papers(of_captures(table.runs), columns_of(paper)))
     if lacking := [name for name in NEEDED if name not in table]:
         raise InputError(f"bench.latex: no column {', '.join(lacking[:3])}; give what bench.results() returns")
-    same = [name for name in (*TOGETHER, "group", "source") if name in table]
+    same = [name for name in (*TOGETHER, "group") if name in table]
     parts = [part for _, part in table.groupby(same, sort=False)]
     return HEAD + "".join(f"\n{_one(part, i)}" for i, part in enumerate(parts, 1))
 
@@ -149,7 +149,6 @@ def _caption(part: pd.DataFrame) -> str:
         where=where,
         tested=tested,
         synthetic="(synthetic)" in str(one["data"]),
-        origins=[*dict.fromkeys(part["origin"])] if "origin" in part else [],
         unit=one["unit"],
         interval=part["low"].notna().any(),
         few=[few.too_few(n) for n in sorted({int(n) for n in part["subjects"].dropna()}) if n < few.TEST],

@@ -18,7 +18,6 @@ from bench.errors import InputError, nearest
 from bench.measures import costs
 from bench.outcomes.ranking import COLUMNS as RANKED
 from bench.outcomes.runs import every_result, grouped, of_captures, wanted
-from bench.outcomes.same_wrong import COLUMNS, agreements
 from bench.outcomes.store import Store
 from bench.reports import over_corpora
 from bench.reports.candidates import Answer, Considered, considered, marks
@@ -34,7 +33,6 @@ from bench.reports.part import Part, Section
 from bench.reports.provenance import provenance, software
 from bench.reports.reproduction import against as beside_papers
 from bench.reports.run_groups import GROUPS, Group, group_of, largest_groups, slug
-from bench.reports.same_wrong import same_wrong_section
 from bench.reports.sections import briefs as told
 from bench.reports.sections import joined, sections, sheets, unmeasured
 from bench.reports.speed import cost_chart
@@ -143,8 +141,6 @@ def assemble(
     answers = [considered(name, largest[name], alone, budgets) for name in largest]
     models = {r.system: str(r["model_name"]) for r in alone}
     known = {*papers["system"]} - {""}
-    agreed = agreements(largest)
-    same_wrong = [pd.DataFrame(columns=["group", *COLUMNS]), *(a.same_wrong.assign(group=a.group) for a in agreed)]
     over = over_corpora.of_runs(groups)
     data_of = {name: str(members[0]["data"]) for name, members in groups.items()}
     data_of |= {o.title: "haart" for o in over if "haart" in o.found.people}
@@ -160,7 +156,6 @@ def assemble(
         "ranking": pd.concat(
             [pd.DataFrame(columns=[*RANKED, "group"]), *(o.found.table.assign(group=o.title) for o in over)]
         ),
-        "same_wrong_label": pd.concat(same_wrong, ignore_index=True),
     }
     people_of = {name: g.subjects.shape[1] for name, g in parts.items() if len(g.subjects)}
     tables = {name: noted(table, data_of, people_of) for name, table in (sheets(results) | tables).items()}
@@ -189,7 +184,6 @@ def assemble(
             for i, o in enumerate(over, len(largest) + 1)
             for figure, caption in [over_corpora.rank_plot(o)]
         ],
-        "same_wrong": [same_wrong_section(a) for a in agreed],
         "few": few.INTERVAL,
         "provenance": provenance_section(runs or results, tables["provenance"]),
     }

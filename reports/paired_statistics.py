@@ -11,7 +11,7 @@ from bench.comparable import notes_on
 from bench.measures import Measure, p_value, text
 from bench.outcomes import statistics
 from bench.reports.figures import LINE, new_figure, plain, width_of
-from bench.table import Table, of_text, rows_of
+from bench.table import Table, rows_of
 
 COLUMNS = (  # of `bench.outcomes.statistics.against_best`
     text("system"),
@@ -32,23 +32,6 @@ def statistics_table(rows: pd.DataFrame, data: str = "") -> Table:
     """
     named = rows.rename(columns={"low": "difference_low", "high": "difference_high"})
     return Table(COLUMNS, rows_of(named), remarks=[notes_on(system, data) for system in rows["system"]])
-
-
-def matrix(systems: list[str], pairs: pd.DataFrame) -> Table:
-    """Every pair of systems: the difference above the diagonal, the corrected p below it.
-
-    Args:
-        systems: best first.
-        pairs: `bench.outcomes.statistics.pairs` of them.
-    """
-    position = {name: i for i, name in enumerate(systems)}
-    cells = np.full((len(systems), len(systems)), "\N{MIDDLE DOT}", dtype=object)
-    for row in pairs.itertuples():
-        i, j = position[row.system], position[row.other]
-        cells[i, j], cells[j, i] = f"{row.difference:+.1f}", p_value(row.p_holm)
-    frame = pd.DataFrame(cells, columns=[str(i) for i in range(1, len(systems) + 1)])
-    frame.insert(0, "system", [f"{i} {name}" for i, name in enumerate(systems, 1)])
-    return of_text(frame)
 
 
 def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:

@@ -37,7 +37,6 @@ class Group:
         pairs: tests of all pairs of the most accurate systems.
         limits: limits of the conclusions, in sentences.
         compared: the statistics as text.
-        matrix: pairs as text; None with only two systems, or if no pair can have a corrected p below 0.05.
         pictures: figures by kind: subjects, and those of `detail_figures`.
         labels_only: systems whose predictions would be drawn, but hold no probabilities.
     """
@@ -49,7 +48,6 @@ class Group:
     pairs: pd.DataFrame = field(default_factory=pd.DataFrame)
     limits: list[str] = field(default_factory=list)
     compared: Table | None = None
-    matrix: Table | None = None
     pictures: dict[str, Picture] = field(default_factory=dict)
     labels_only: list[str] = field(default_factory=list)
 
@@ -102,12 +100,10 @@ def group_of(group: str, results: Sequence[Result], folder: Path, name: str, aga
     by_fold = fold_table(results, kept, facts.test_over_train)
     rows = statistics.against_best(kept, by_fold, facts.test_over_train, against)
     rows = rows.assign(seeds=rows["system"].map(seeds))
-    pairs, matrix = statistics.pairs(kept.iloc[: statistics.PAIRED]), None
+    pairs = statistics.pairs(kept.iloc[: statistics.PAIRED])
     if len(kept) > 2 and subjects.shape[1] > 1:
         ranks, p = statistics.friedman(kept)
         rows = rows.assign(mean_rank=rows["system"].map(ranks), friedman_p=p)
-        if statistics.least_p(subjects.shape[1], len(pairs)) < 0.05:
-            matrix = paired_statistics.matrix([*kept.index[: statistics.PAIRED]], pairs)
     figures, labels_only = detail_figures(results, subjects.index, group)
     figures["subjects"] = paired_statistics.strip_plot(subjects, group)
     return Group(
@@ -120,7 +116,6 @@ def group_of(group: str, results: Sequence[Result], folder: Path, name: str, aga
             subjects.shape[1], len(kept), int(first["folds"]), facts.mixes_subjects, against not in kept.index
         ),
         paired_statistics.statistics_table(rows, first["data"]),
-        matrix,
         {kind: save(drawn, folder, f"{name}-{kind}", group, caption) for kind, (drawn, caption) in figures.items()},
         labels_only,
     )

@@ -43,7 +43,7 @@ def pytest_configure(config):
 # Files that take longest begin first, so that none of them is alone at the end; the longest of all is first.
 LONG = (
     "test_readme.py test_package.py test_server.py test_net.py test_api.py test_report.py test_export.py "
-    "test_same_wrong.py test_watch.py test_on_a_cluster.py test_chip.py test_systems.py"
+    "test_watch.py test_on_a_cluster.py test_chip.py test_systems.py"
 ).split()
 
 

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 import bench
 from bench.cli import main
 from bench.errors import InputError
-from bench.outcomes.groups import enough, groupings, reactions
+from bench.outcomes.groups import groupings, reactions
 from bench.outcomes.reactions import by_capture
-from bench.reports.dendrogram import _order
 from bench.scene_file import scene_of
 from tests.reports.store import made_up, tracked_run, with_hits
 
@@ -83,11 +82,6 @@ def test_nothing_of_a_person_decides_on_the_groups_of_that_person(seed, counts):
     assert found["accuracy"].tolist() == pytest.approx(np.mean(expected, axis=0).tolist())
 
 
-def test_the_most_groups_that_reach_a_level_count():
-    shares = pd.DataFrame({"accuracy": [80, 90 - 1e-12, 89, 97.0]})
-    assert [enough(shares, level) for level in (80, 90, 95, 99)] == [0, 1, 3, None]
-
-
 def test_reactions_are_toml_whatever_the_gestures_are_called():
     grouping = (("rub", "tap"), ("pat",), ('a "b"', "é\n|c"))
     names = {"rub_tap": ["rub", "tap"], 'a "b"_é\n|c': ['a "b"', "é\n|c"]}
@@ -100,15 +94,6 @@ def test_a_scene_with_the_pasted_groups_has_the_accuracy_of_the_table():
         scene = scene_of(tomllib.loads(reactions(row["grouping"])))
         scores = scene.reactions.scores(by_capture(predictions, scene.reactions))
         assert scores.mean() == pytest.approx(row["accuracy"])
-
-
-def test_groups_lie_side_by_side_in_the_figure():
-    found = groupings(made_up(4, 6, 0.3, gestures="abcdefgh"))
-    order = _order([*found["grouping"], (tuple("abcdefgh"),)])
-    assert sorted(order) == list("abcdefgh")
-    for group in (group for grouping in found["grouping"] for group in grouping):
-        at = sorted(order.index(gesture) for gesture in group)
-        assert at == list(range(at[0], at[0] + len(group)))
 
 
 def test_the_command_uses_all_seeds_of_the_most_accurate_system(store, capsys):

@@ -151,8 +151,8 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(folder):
 def test_every_part_of_the_page_is_there(folder):
     text = (folder / "index.html").read_text(encoding="utf-8")
     closed = [*re.findall(r'<details id="([^"]+)"><summary><h2>', text)]
-    wanted = "other-budgets early-decisions faults people gestures not-measured published-numbers reference-results "
-    assert closed == (wanted + "runs statistics provenance").split() and text.count("<h2") == len(closed)
+    wanted = "early-decisions faults people gestures not-measured published-numbers runs statistics provenance"
+    assert closed == wanted.split() and text.count("<h2") == len(closed)
     assert "<details open" not in text and "<nav" not in text
     files = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
     assert {*re.findall(r"speed-flash|subjects\.|gestures|confusion|calibration", str(files))} == {
@@ -167,7 +167,7 @@ def test_every_part_of_the_page_is_there(folder):
 def test_the_front_of_the_page(folder):
     """A tab for each protocol, the answer, a chart of each cost and the systems by accuracy; no table is too wide."""
     text = (folder / "index.html").read_text(encoding="utf-8")
-    front = text[: text.index('<details id="other-budgets"')]
+    front = text[: text.index('<details id="early-decisions"')]
     tabs = re.findall(r'<label for="t-\d">(.*?)<small>(.*?)</small>', front)
     assert len(tabs) == 3 and {about for _, about in tabs} == {"tests new people"}
     assert len(re.findall(r' name="t" id="t-\d" checked', front)) == 1
@@ -244,7 +244,7 @@ def test_the_timeline_shows_touches_reports_and_what_was_missed():
     figure.canvas.draw()
 
 
-def test_batch_in_the_tables(folder):
+def test_batch_systems_and_seeds_in_the_tables(folder):
     rows = pd.read_csv(folder / "statistics.csv")
     loso = rows[rows["group"].str.contains("LOSO")]
     assert f"batchy {MARK}" not in set(loso["system"])
@@ -312,8 +312,6 @@ def test_pairs_by_hand(quick, store):
     assert [*pairs.index] == [("b", "c"), ("b", "d"), ("c", "d")]
     assert pairs["difference"].tolist() == pytest.approx([5, 10, 5]) and pairs["gain"].tolist() == [7, 7, 7]
     assert pairs.loc[("b", "c"), "p_holm"] == pytest.approx(6 / 2**7) and not pairs["lose"].any()
-    text = Path("report/index.html").read_text()
-    assert re.search(r"<td>\+5.0</td>\s*<td>\+10.0</td>", text) and "<td>0.047</td>" in text  # the matrix
 
 
 @pytest.mark.parametrize(
