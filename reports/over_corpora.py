@@ -1,142 +1,110 @@
-"""The ranking of systems over several corpora as a table, sentences and a figure."""
+"""One ranking of systems over several corpora, by their ranks within each person (Demsar 2006).
+
+Corpora differ in gestures, sensors and people, so their accuracies are not on one scale. Ranks within a person are.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import product
+from collections.abc import Mapping, Sequence
+from itertools import combinations
 
+import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
+from scipy.stats import rankdata
 
+from bench import few
 from bench.comparable import notes_on
-from bench.measures import Cell, Interval, Measure, Row, known, p_value, text
+from bench.measures import Measure, Row, text
 from bench.outcomes import statistics
-from bench.outcomes.ranking import Ranking, distinct, ranking
 from bench.outcomes.runs import by_subject
-from bench.reports.figures import LINE, bars, new_figure, plain, width_of
-from bench.reports.numbers import listed
+from bench.reports.part import Part, Section
+from bench.resampling import interval, weights
 from bench.result import Result
-from bench.sentences import sentences
 from bench.table import Table, rows_of
 
-NAMED = 20  # systems that a sentence names
+SAME = ("synthetic", "subset", "target", "protocol")  # tags that all ranked corpora share
+COLUMNS = "system mean_rank low high accuracy difference difference_low difference_high p_holm".split()
 CAPTION = (
-    "Systems over several corpora, lowest mean rank first, with 95 % bootstrap intervals: people are drawn with "
-    "replacement within each corpus. Accuracy is the mean over all people. Behind the first: difference in points, "
-    "paired over all people, with its 95 % t-interval and the p of Wilcoxon's test after Holm's correction. Place: by "
-    "mean accuracy on the corpus alone; equal systems share the mean place. Kendall's tau is 1 for equal orders."
+    "{}: mean rank of each system over {} people, 1 for the most accurate, with 95 % bootstrap intervals (people drawn "
+    "within each corpus); then accuracy (and place) on each corpus. Ranks depend on which systems are compared. "
+    "Whether anyone is in two corpora is unknown. ranking.csv has paired differences to the first system."
 )
 
 
-@dataclass(frozen=True)
-class OverCorpora:
-    """A ranking in words.
+def rankings(groups: Mapping[str, Sequence[Result]]) -> dict[str, pd.DataFrame]:
+    """A table of `ranking` for each subset and target of LOSO runs on several corpora, by the groups that it ranks.
 
-    Attributes:
-        title: ranked captures and protocols.
-        found: the ranking.
-        sentences: unit, number of people, agreement of the corpora, and everything left out.
-        table: the ranking as text, `statistics.RANKED` systems at most.
-        caption: meaning of the columns.
+    Corpora that were joined or changed at import do not count, since their people are those of another corpus.
     """
+    sets: dict[tuple[str, ...], list[tuple[str, Sequence[Result]]]] = {}
+    largest = lambda group: max((r.get("subjects", 0), r["started"]) for r in group[1])  # noqa: E731
+    for name, results in sorted(groups.items(), key=largest, reverse=True):
+        first = results[0]
+        if first["protocol_name"] == "loso" and "+" not in first["data"] and not first.get("touchbench.changes"):
+            sets.setdefault(tuple(str(first[tag]) for tag in SAME), []).append((name, results))
+    found = {}
+    for _, members in sorted(sets.items()):
+        chosen: dict[str, str] = {}
+        tables: dict[str, pd.DataFrame] = {}
+        for name, results in members:
+            data, digest = str(results[0]["data"]), str(results[0]["corpus_digest"])
+            if data not in tables and digest not in chosen.values():  # the largest version of a corpus counts
+                chosen[name] = digest
+                tables[data] = by_subject([r for r in results if r.alone])[0]
+        if (table := ranking(tables)) is not None:
+            names = [name for name, data in zip(chosen, tables, strict=True) if f"{data}_place" in table]
+            found["; ".join(names)] = table
+    return found
 
-    title: str
-    found: Ranking
-    sentences: list[str]
-    table: Table
-    caption: str = CAPTION
 
+def ranking(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
+    """Systems by their mean rank within each person, equal ones share theirs; None unless two are on two corpora.
 
-def of_runs(groups: Mapping[str, Sequence[Result]]) -> list[OverCorpora]:
-    """The rankings of stored runs, one for each subset and target.
+    Ranked are the corpora with the most results, systems that have all of them times people.
 
     Args:
-        groups: results from `bench.outcomes.runs.grouped`.
+        tables: accuracies in percent [systems, people] by corpus.
     """
-    sections = []
-    for chosen, left_out in distinct(groups):
-        parts = []
-        for data, group in chosen.items():
-            rows = by_subject([r for r in groups[group] if r.alone])[0].rename_axis("system").reset_index()
-            parts.append(rows.melt("system", var_name="subject", value_name="accuracy").assign(data=data))
-        if found := ranking(pd.concat(parts)):
-            notes: dict[str, list[str]] = {}
-            for data, system in product(found.people, found.table["system"]):
-                notes.setdefault(system, []).extend(notes_on(system, data))
-            sections.append(section(found, chosen, left_out, notes))
-    return sections
+    tables = {data: table.dropna().round(9) for data, table in tables.items()}
+    sets = [names for n in range(2, len(tables) + 1) for names in combinations(tables, n)]
+    shared = {names: sorted(set.intersection(*({*tables[name].index} for name in names))) for names in sets}
+    people = {names: [tables[name].shape[1] for name in names] for names in sets}
+    sets = [names for names in sets if len(shared[names]) > 1]
+    if not sets:
+        return None
+    names = max(sets, key=lambda names: (len(shared[names]) * sum(people[names]), len(names)))
+    parts = {name: tables[name].loc[shared[names]] for name in names}
+    ranks = [rankdata(-part, axis=0) for part in parts.values()]
+    everyone = pd.concat(parts, axis=1)
+    made = {"system": shared[names], "mean_rank": np.hstack(ranks).mean(axis=1), "low": np.nan, "high": np.nan}
+    table = pd.DataFrame(made | {"accuracy": everyone.mean(axis=1).to_numpy()})
+    if min(people[names]) >= few.INTERVAL:
+        sums = [each @ drawn.T for each, drawn in zip(ranks, weights(people[names]), strict=True)]
+        table["low"], table["high"] = interval(np.sum(sums, axis=0) / sum(people[names]), axis=1)
+    for name, part in parts.items():
+        mean = part.mean(axis=1).round(9).to_numpy()
+        table[f"{name}_accuracy"], table[f"{name}_place"] = mean, rankdata(-mean)
+    table = table.sort_values(["mean_rank", "accuracy"], ascending=[True, False], kind="stable", ignore_index=True)
+    tests = statistics.against_best(everyone.loc[table["system"]])
+    tests = tests.rename(columns={"low": "difference_low", "high": "difference_high"})
+    table = table.merge(tests[["system", *COLUMNS[5:]]], on="system")
+    table.attrs["people"] = sum(people[names])
+    return table[[*COLUMNS, *table.columns.drop(COLUMNS)]]
 
 
-def section(
-    found: Ranking, about: Mapping[str, str], left_out: Mapping[str, str], notes: Mapping[str, list[str]]
-) -> OverCorpora:
-    """A ranking in words.
+def section(found: Mapping[str, pd.DataFrame]) -> Section | None:
+    """A small table for each ranking."""
+    parts = []
+    for title, table in found.items():
+        corpora = [name.removesuffix("_place") for name in table if name.endswith("_place")]
 
-    Args:
-        found: the ranking.
-        about: captures and protocol of each corpus.
-        left_out: reason by name of a system or corpus that was left out before.
-        notes: footnotes by system.
-    """
-    title, total = "; ".join(about[data] for data in found.people), sum(found.people.values())
-    counts = listed([f"{n} of {data}" for data, n in found.people.items()], len(found.people))
-    lacking: dict[str, list[str]] = {}
-    for system, corpora in found.lacking.items():
-        lacking.setdefault(listed(corpora, len(corpora)), []).append(system)
-    reasons = dict(left_out) | dict.fromkeys(found.unranked, "too few systems in common with the ranked corpora")
-    kept = found.table.iloc[: statistics.RANKED]
-    lines = sentences(
-        *("bench.reports", "sentences", "over_corpora"),
-        title=title,
-        total=total,
-        counts=counts,
-        synthetic="(synthetic)" in title,
-        taus=found.taus,
-        lacking={corpora: listed(systems, NAMED) for corpora, systems in lacking.items()},
-        left_out=reasons,
-        shown=len(kept),
-        ranked=len(found.table),
-    )
-    lines += statistics.warnings(total, len(found.table), min(found.people.values()), mixed=False)
-    remarks = [notes.get(system, []) for system in kept["system"]]
-    table = Table(_columns([*found.people]), rows_of(kept), "over several corpora", remarks=remarks)
-    return OverCorpora(title, found, lines, table)
+        def placed(row: Row, data: str) -> str:
+            return f"{row[f'{data}_accuracy']:.1f} ({row[f'{data}_place']:g})"
 
-
-def _columns(corpora: list[str]) -> list[Measure]:
-    """Columns of a ranking."""
-
-    def place(data: str) -> Callable[[Row], str]:
-        return lambda row: f"{row[f'{data}_accuracy']:.1f} ({row[f'{data}_place']:g})"
-
-    def rank(row: Row) -> Cell:
-        return (
-            Interval(row["mean_rank"], row["low"], row["high"]) if known(row["low"]) is not None else row["mean_rank"]
-        )
-
-    return [
-        text("system"),
-        Measure("mean_rank", "mean rank [95 %]", rank, ".2f"),
-        Measure("accuracy", "accuracy %", spare=1),
-        Measure("difference", "behind the first [95 %]", form="+.1f", ends="difference"),
-        Measure("p_holm", "p Holm", form=p_value, spare=2),
-        *(Measure(f"{data}_place", f"{data} % (place)", place(data)) for data in corpora),
-    ]
-
-
-def rank_plot(over: OverCorpora) -> tuple[Figure, str]:
-    """The mean rank of each system with its interval; and the caption."""
-    kept, people = over.found.table.iloc[: statistics.RANKED], sum(over.found.people.values())
-    margins = (width_of(kept["system"]) + 0.25, 0.15, 0.5, 0.35)
-    figure, axes = new_figure((9.5, LINE * 1.5 * len(kept) + 0.85), margins=margins, title=over.title)
-    ax, rows = axes[0, 0], range(len(kept))
-    ends = bars(*(kept[name].to_numpy() for name in ("mean_rank", "low", "high")))
-    ax.errorbar(kept["mean_rank"], rows, xerr=ends, fmt="o", color="tab:blue", markersize=5, capsize=3)
-    ax.set_yticks(rows, plain(kept["system"]))
-    ax.set(ylim=(len(kept) - 0.4, -0.6), xlabel=f"mean rank within {people} people (1: most accurate)")
-    ax.grid(axis="x", alpha=0.25)
-    return figure, (
-        f"Mean rank of each system over {people} people of {len(over.found.people)} corpora, with its 95 % bootstrap "
-        "interval. Overlapping intervals are no test of a difference, since the people are the same for all systems."
-    )
+        columns = [text("system"), Measure("mean_rank", "mean rank [95 %]", form=".2f", ends="mean_rank")]
+        columns += [text(data, f"{data} % (place)", lambda row, data=data: placed(row, data)) for data in corpora]
+        rows = rows_of(table.rename(columns={"low": "mean_rank_low", "high": "mean_rank_high"}).head(statistics.RANKED))
+        remarks = [[note for data in corpora for note in notes_on(row["system"], data)] for row in rows]
+        caption = CAPTION.format(title, table.attrs["people"])
+        parts.append(Part(None, Table(columns, rows, remarks=remarks), caption))
+    return Section("Over several corpora", parts) if parts else None

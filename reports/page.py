@@ -16,7 +16,6 @@ from bench.comparable import MARKED, facts_of, notes_on, several
 from bench.described import definitions
 from bench.errors import InputError, nearest
 from bench.measures import costs
-from bench.outcomes.ranking import COLUMNS as RANKED
 from bench.outcomes.runs import every_result, grouped, of_captures, wanted
 from bench.outcomes.store import Store
 from bench.reports import over_corpora
@@ -141,9 +140,9 @@ def assemble(
     answers = [considered(name, largest[name], alone, budgets) for name in largest]
     models = {r.system: str(r["model_name"]) for r in alone}
     known = {*papers["system"]} - {""}
-    over = over_corpora.of_runs(groups)
+    ranked = over_corpora.rankings(groups)
     data_of = {name: str(members[0]["data"]) for name, members in groups.items()}
-    data_of |= {o.title: "haart" for o in over if "haart" in o.found.people}
+    data_of |= {title: "haart" for title, table in ranked.items() if "haart_place" in table}
     tables = {
         "comparison": comparison(groups, papers, against),
         "published": beside_papers(papers, runs),
@@ -154,7 +153,10 @@ def assemble(
             [pd.DataFrame(), *(g.pairs.assign(group=name) for name, g in parts.items())], ignore_index=True
         ),
         "ranking": pd.concat(
-            [pd.DataFrame(columns=[*RANKED, "group"]), *(o.found.table.assign(group=o.title) for o in over)]
+            [
+                pd.DataFrame(columns=[*over_corpora.COLUMNS, "group"]),
+                *(table.assign(group=title) for title, table in ranked.items()),
+            ]
         ),
     }
     people_of = {name: g.subjects.shape[1] for name, g in parts.items() if len(g.subjects)}
@@ -179,11 +181,7 @@ def assemble(
         "sections": joined([*sections(results, folder), *_people(parts)]),
         "unmeasured": unmeasured(results, _arguments(answers)),
         "groups": parts,
-        "over": [
-            (o, save(figure, folder, f"{i}-over-several-corpora", o.title, caption))
-            for i, o in enumerate(over, len(largest) + 1)
-            for figure, caption in [over_corpora.rank_plot(o)]
-        ],
+        "over": over_corpora.section(ranked),
         "few": few.INTERVAL,
         "provenance": provenance_section(runs or results, tables["provenance"]),
     }
