@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import files
+from typing import Any
 
 import pandas as pd
 
+from bench import few
 from bench.comparable import notes_on, seed_number
+from bench.described import definitions
 from bench.measures import Cost, Measure, Row, columns, framed, run_columns, text
 from bench.outcomes import statistics
 from bench.outcomes.runs import by_subject
+from bench.reports.numbers import busy
 from bench.result import Result
 from bench.table import Table, rows_of
 
@@ -24,6 +28,8 @@ SCORED = {
 }
 CONTEXT = ["data", "subset", "protocol", "group"]
 TESTED = ("difference", "p_holm")
+ROWS = 300  # of a table on the page; the CSV files hold all
+Tested = tuple[pd.DataFrame, pd.DataFrame]  # accuracies of subjects, and statistics of the systems
 
 
 def published() -> pd.DataFrame:
@@ -36,6 +42,7 @@ def comparison(
     groups: Mapping[str, Sequence[Result]],
     papers: pd.DataFrame,
     against: str = "",
+    before: Mapping[str, Tested] | None = None,
 ) -> pd.DataFrame:
     """Table with a row per run and way to score it, best first within each data, subset, protocol and unit.
 
@@ -51,11 +58,12 @@ def comparison(
         groups: results from `bench.outcomes.runs.grouped`.
         papers: `published`.
         against: the system to compare with, in groups that have it; empty for the best one of each.
+        before: accuracies of subjects and statistics of groups that are known before.
     """
     rows: list[Row] = []
     numbers = {key: list(part.itertuples()) for key, part in papers.groupby(SAME)}
     for group, results in groups.items():
-        tests = _tests(by_subject([r for r in results if r.alone])[0], against)
+        tests = _tests(results, against, (before or {}).get(group))
         first = dict(zip(CONTEXT, (*results[0].context, group), strict=True))
         for r in results:
             for row in views(r, numbers):
@@ -74,11 +82,13 @@ def comparison(
     return order.drop(columns=["best", "number"]).reset_index(drop=True)
 
 
-def _tests(subjects: pd.DataFrame, against: str) -> dict[str, dict[str, object]]:
+def _tests(results: Sequence[Result], against: str, tested: Tested | None) -> dict[str, dict[str, object]]:
     """By system, its difference from the compared one; empty where nothing can be compared."""
+    subjects, rows = tested or (by_subject([r for r in results if r.alone])[0], None)
     if len(subjects) < 2 or subjects.shape[1] < 2:
         return {}
-    rows = statistics.against_best(statistics.kept_of(subjects, against), against=against)
+    if rows is None:
+        rows = statistics.against_best(statistics.kept_of(subjects, against), against=against)
     against = statistics.base_of(subjects, against)
     return {str(row["system"]): {k: row[k] for k in TESTED} | {"against": against} for row in rows_of(rows)}
 
@@ -138,3 +148,25 @@ def shown(table: pd.DataFrame, remarks: list[list[str]], groups: list[str]) -> T
     measures = [framed(measure) for measure in columns(run_columns(), "page")]
     measures = [replace(m, heading=f"{m.name} [95 %]") if m.ends else m for m in measures]
     return Table([text("system"), *measures], rows, remarks=remarks, groups=groups)
+
+
+def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
+    """Every tracked run and unit, as far as the page has room, and the groups with few subjects.
+
+    Args:
+        table: table of `comparison`.
+        order: order of the groups.
+    """
+    table = table.sort_values("group", key=lambda names: names.map(order.index), kind="stable")
+    together = table["group"] + table["unit"].map({"capture": ", whole captures", "window": ", single windows"})
+    each = max(1, ROWS // together.nunique()) if len(table) > ROWS else len(table)
+    kept = table.groupby(together, sort=False).head(each)
+    remarks = [notes_on(str(row["system"]), str(row["data"])) + busy(row) for row in rows_of(kept)]
+    scarce = table.loc[table["subjects"] < few.INTERVAL].drop_duplicates("group")
+    return {
+        "table": shown(kept, remarks, [*together[kept.index]]),
+        "few": [f"{row.group}. {few.too_few(int(row.subjects))}" for row in scarce.itertuples()],
+        "definitions": definitions(kept["system"]),
+        "all": len(table),
+        "each": each,
+    }

@@ -1,32 +1,68 @@
-"""Figures of single runs, from their predictions: confusions, gestures, calibration.
+"""Figures of a group and of single runs, from subjects and predictions, and intervals of class scores over subjects.
 
-Each comes with its caption; `bench.reports.figures.save` writes it.
+Each figure comes with its caption; `bench.reports.figures.save` writes it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench import scores
-from bench.reports.figures import LINE, MARKERS, WIDEST, bars, new_figure, plain, save, width_of
+from bench import few, resampling, scores
+from bench.comparable import seed_number
+from bench.outcomes import statistics
+from bench.paired import interval
+from bench.reports.figures import LINE, MARKERS, WIDEST, Picture, bars, new_figure, plain, save, width_of
 from bench.result import Result
 
 BINS = 10
 WRITTEN = 20  # classes up to which the numbers fit into their cells
+SYSTEMS = 2  # systems of a group whose predictions are read and drawn
+
+
+def pictures(
+    results: Sequence[Result], subjects: pd.DataFrame, group: str, folder: Path, file: str
+) -> tuple[dict[str, Picture], list[str]]:
+    """The figures of a group, written into a folder, by kind; and systems with labels only, which are not calibrated.
+
+    Predictions are those of the most accurate systems, one seed each, not the luckiest.
+
+    Args:
+        results: results of the group.
+        subjects: accuracy in percent [systems, subjects], best first.
+        group: captures and protocol, in words.
+        folder: destination folder.
+        file: prefix of file names.
+    """
+    lowest: dict[str, Result] = {}
+    for r in sorted((r for r in results if r.complete), key=lambda r: seed_number(r["seed"])):
+        lowest.setdefault(r.system, r)
+    figures: dict[str, tuple[Figure, str]] = {}
+    recalls, reliability = {}, {}
+    for system in subjects.index[:SYSTEMS]:
+        if (table := lowest[system].tables.get("predictions")) is None:
+            continue
+        labelled, classes = scores.captures(table), scores.classes_of(table)
+        if not recalls:
+            figures["confusion"] = confusion_figure(scores.confusion(labelled, classes), system, group)
+        recalls[system] = recall_interval(labelled, classes)
+        reliability[system] = calibration(table)
+    if recalls:
+        figures["gestures"] = gesture_figure(recalls, group)
+    if calibrated := {s: table for s, table in reliability.items() if table}:
+        figures["calibration"] = calibration_figure(calibrated, group)
+    if len(subjects):
+        figures["subjects"] = strip_plot(subjects, group)
+    saved = {kind: save(drawn, folder, f"{file}-{kind}", group, words) for kind, (drawn, words) in figures.items()}
+    return saved, [system for system in reliability if system not in calibrated]
 
 
 def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Figure, str]:
-    """Counts and percent of each true class, side by side or, of many classes, one above the other.
-
-    Args:
-        counts: counts of captures [true, predicted].
-        system: name of the system.
-        group: captures and protocol, in words.
-    """
+    """Counts [true, predicted] and percent of each true class, side by side, or one below the other."""
     values = counts.to_numpy(dtype=float)
     share = 100 * values / np.maximum(values.sum(axis=1, keepdims=True), 1)
     k, names = len(counts), plain(counts.columns)
@@ -38,15 +74,8 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
     margins, between = (edge, 0.2, edge, 0.75), (edge + 0.2, edge + 0.4)
     figure, axes = new_figure(size, (1, 2) if beside else (2, 1), margins, between, title)
     for ax, shown, words in zip(axes.flat, (values, share), ("captures", "% of the true gesture"), strict=True):
-        ax.pcolormesh(
-            np.arange(len(names) + 1) - 0.5,
-            np.arange(k + 1) - 0.5,
-            share,
-            cmap="Blues",
-            vmin=0,
-            vmax=100,
-            clip_on=False,
-        )
+        edges = np.arange(len(names) + 1) - 0.5, np.arange(k + 1) - 0.5
+        ax.pcolormesh(*edges, share, cmap="Blues", vmin=0, vmax=100, clip_on=False)
         ax.set(aspect="equal", ylim=(k - 0.5, -0.5), xlabel="predicted", ylabel="true", title=words)
         ax.set_xticks(np.arange(len(names)), names, rotation=90)
         ax.set_yticks(np.arange(k), plain(counts.index))
@@ -58,12 +87,7 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
 
 
 def gesture_figure(tables: dict[str, pd.DataFrame], group: str) -> tuple[Figure, str]:
-    """Percent of each gesture that is labelled correctly, with intervals over subjects, for some systems.
-
-    Args:
-        tables: `bench.reports.bootstrap.recall_interval` by system.
-        group: captures and protocol, in words.
-    """
+    """Percent of each gesture that is labelled correctly, with intervals over subjects: `recall_interval` by system."""
     classes = list(next(iter(tables.values())).index)
     size = (9, LINE * 1.2 * len(classes) * max(2, len(tables)) + 0.9 + 0.25 * len(tables))
     margins = (width_of(classes) + 0.25, 0.15, 0.55 + 0.25 * len(tables), 0.35)
@@ -106,12 +130,7 @@ def calibration(predictions: pd.DataFrame) -> tuple[pd.DataFrame, float] | None:
 
 
 def calibration_figure(tables: dict[str, tuple[pd.DataFrame, float]], group: str) -> tuple[Figure, str]:
-    """Reliability diagrams of some systems.
-
-    Args:
-        tables: `calibration` by system.
-        group: captures and protocol, in words.
-    """
+    """Reliability diagrams of some systems, from `calibration` of each."""
     size = (3.5 * len(tables) + 0.3, 4.05)
     figure, axes = new_figure(size, (1, len(tables)), (0.6, 0.15, 0.65, 0.75), (0.7, 0), group)
     for i, (ax, (system, (table, gap))) in enumerate(zip(axes[0], tables.items(), strict=True)):
@@ -133,3 +152,66 @@ def draw(result: Result, folder: Path) -> None:
     group = ", ".join(result.context)
     figure, caption = confusion_figure(result.tables["confusion"].set_index("true"), result.method, group)
     save(figure, folder, "confusion", group, caption)
+
+
+def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
+    """A mark for the accuracy of each subject, with the mean and its t-interval, of the first systems."""
+    kept = subjects.iloc[: statistics.RANKED]
+    margins = (width_of(kept.index) + 0.25, 0.15, 0.5, 0.35)
+    figure, axes = new_figure((9.5, LINE * 1.5 * len(kept) + 0.85), margins=margins, title=group)
+    ax = axes[0, 0]
+    values, rows = kept.to_numpy(dtype=float), np.arange(len(kept))
+    ax.plot(values.ravel(), rows.repeat(values.shape[1]), "|", color="0.35", markersize=8, markeredgewidth=1)
+    low, high = np.array([interval(v) for v in values]).T.clip(0, 100)
+    ax.hlines(rows, low, high, color="tab:blue", linewidth=3, alpha=0.35, zorder=1)
+    ax.plot(values.mean(axis=1), rows, "o", color="tab:blue", markersize=5)
+    ax.set_yticks(rows, plain(kept.index))
+    ax.set(ylim=(len(kept) - 0.4, -0.6), xlabel="correctly classified captures of the subject, %")
+    ax.grid(axis="x", alpha=0.25)
+    left = len(subjects) - len(kept)
+    return figure, (
+        f"Each tick is one of {subjects.shape[1]} subjects, the dot is their mean"
+        + (", the bar is its 95 % t-interval" if subjects.shape[1] >= few.INTERVAL else "")
+        + ". Seeds are averaged."
+        + (f" {left} less accurate systems are left out." if left else "")
+    )
+
+
+def drawn_confusions(labelled: pd.DataFrame, classes: list[str], draws: int, seed: int) -> np.ndarray:
+    """Confusions of whole subjects drawn with replacement, [draws, true, predicted]."""
+    counts = np.array([scores.confusion(part, classes) for _, part in labelled.groupby("subject", sort=True)])
+    return np.einsum("ds,sij->dij", resampling.weights([len(counts)], draws, seed)[0], counts)
+
+
+def macro_interval(
+    labelled: pd.DataFrame, classes: list[str], metric: str, draws: int = 2000, seed: int = 0
+) -> tuple[float, float]:
+    """Interval of ``macro_precision`` or ``macro_recall``, NaN of too few subjects.
+
+    A class without a case counts 0, as in the score itself.
+    """
+    if labelled["subject"].nunique() < few.INTERVAL:
+        return np.nan, np.nan
+    pooled = drawn_confusions(labelled, classes, draws, seed)
+    right, totals = np.einsum("dii->di", pooled), pooled.sum(axis=1 if metric == "macro_precision" else 2)
+    low, high = resampling.interval((right / np.maximum(totals, 1)).mean(axis=1))
+    return float(low), float(high)
+
+
+def recall_interval(labelled: pd.DataFrame, classes: list[str], draws: int = 2000, seed: int = 0) -> pd.DataFrame:
+    """Percent of each class that is labelled correctly (``recall``), with its interval; NaN where no capture is."""
+    counts = scores.confusion(labelled, classes).to_numpy()
+    table = pd.DataFrame({"recall": _recalls(counts), "low": np.nan, "high": np.nan}, index=classes)
+    if labelled["subject"].nunique() >= few.INTERVAL:
+        shares = _recalls(drawn_confusions(labelled, classes, draws, seed))
+        for i, drawn in enumerate(shares.T):
+            seen = drawn[np.isfinite(drawn)]  # a class that nobody drawn has shown
+            if len(seen):
+                table.iloc[i, 1:] = resampling.interval(seen)
+    return table
+
+
+def _recalls(confusions: np.ndarray) -> np.ndarray:
+    """Percent of each class, [..., classes]."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return 100 * np.einsum("...ii->...i", confusions) / confusions.sum(axis=-1)

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import pandas as pd
 
 from bench.result import Result
+from bench.table import of_text
 
 MACHINE = ("git", "cpu", "threads")
+ROWS = 300  # of a table on the page; the CSV file holds all
 
 
 def command(result: Result) -> str:
@@ -39,3 +43,15 @@ def software(results: Sequence[Result]) -> pd.DataFrame:
     table = pd.DataFrame(versions).fillna("-")
     counted = table[sorted(table)].value_counts().reset_index(name="runs")
     return counted.rename(columns=lambda c: c.removeprefix("version."))
+
+
+def provenance_section(results: Sequence[Result], table: pd.DataFrame) -> dict[str, Any]:
+    """Corpora, versions, and the command of every run."""
+    counted = Counter((r["data"], r["synthetic"], r["corpus_digest"]) for r in results)
+    rows = [(data + " (synthetic)" * (s == "true"), digest, n) for (data, s, digest), n in sorted(counted.items())]
+    return {
+        "corpora": of_text(pd.DataFrame(rows, columns=("data", "corpus_digest", "runs")).astype(str)),
+        "versions": of_text(software(results).astype(str)),
+        "commands": of_text(table.iloc[:ROWS], code=("command",)),
+        "all": len(table),
+    }

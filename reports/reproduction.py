@@ -17,8 +17,8 @@ from bench import few, scores
 from bench.comparable import Row, facts_of, seed_number
 from bench.outcomes import statistics
 from bench.outcomes.runs import subject_accuracy
-from bench.reports.bootstrap import macro_interval
 from bench.reports.comparison import SAME
+from bench.reports.details import macro_interval
 from bench.result import Result
 
 # unit_key of published.csv: prefix and name of the metric that is tracked for it.

@@ -1,63 +1,356 @@
-"""What the runs show, in one or two sentences each: early decisions, faults, people, statistics."""
+"""The report on one group of comparable runs: tests, choice, tables and sentences, each computed once."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
 
 from bench import few
+from bench.candidate import Losses, Wish
+from bench.comparable import COMPARABLE, MIXED, facts_of, notes_on
+from bench.errors import InputError
+from bench.measures import Measure, costs, costs_of, known, p_value, text, three
 from bench.outcomes import statistics
+from bench.outcomes.candidates import PLAIN, Candidates, candidates
+from bench.outcomes.choice import Choice, decide, expectation, expected, named, reasons
+from bench.outcomes.runs import by_subject
+from bench.paired import interval
+from bench.registry import circumstance_views
+from bench.reports.figures import Picture
 from bench.reports.numbers import listed
-from bench.reports.run_groups import Group
+from bench.result import Result
+from bench.scene_file import EVERY
+from bench.scores import captures
 from bench.sentences import sentences
+from bench.table import Table, rows_of
+from bench.words import typed
 
-PEOPLE, STATISTICS = "People", "Statistics"
+GROUPS = 3  # groups that get a verdict, statistics and figures
+BY = "flash"  # the cost that is to be low, unless bench choose is told another
+COSTS = 3  # of the answer and of the table; the chart has all
+SENTENCES = 2  # of the answer; the others are closed
+STATISTICS = (  # columns of `bench.outcomes.statistics.against_best`
+    text("system"),
+    Measure("accuracy", "mean over subjects %"),
+    Measure("difference", form="+.1f", ends="difference"),
+    Measure("p", "p Wilcoxon", form=p_value),
+    Measure("p_holm", "p Holm", form=p_value),
+    Measure("seeds", form=".0f", spare=1),
+)
 
 
-def briefs(shown: Sequence[tuple[str, str]], groups: dict[str, Group]) -> list[tuple[str, str]]:
-    """Topics and sentences, if there are any; a topic is the heading of its details.
+class Chart(NamedTuple):
+    """The chart of a cost, and the name of the cost."""
+
+    label: str
+    picture: Picture
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A group of comparable runs in the report.
+
+    Attributes:
+        name: captures and protocol in words.
+        results: results of the group.
+        subjects: accuracy in percent [systems, subjects], best first; empty without complete runs.
+        rows: statistics of `bench.outcomes.statistics.against_best`, a row per system.
+        against: the system that others are compared with, if that was asked for; else empty.
+        lines: the verdict, its reasons, and all else that is known of the choice.
+        command: the command that gives the same verdict; empty without one.
+        choice: result of `bench.outcomes.choice.decide`; None if nothing can be chosen.
+        among: candidates of the choice.
+        budgets: budget of each cost.
+        label: name of the group's tab.
+        charts: a chart for each cost.
+        pictures: figures by kind.
+        labels_only: systems whose predictions would be drawn, but hold no probabilities.
+    """
+
+    name: str
+    results: Sequence[Result]
+    subjects: pd.DataFrame
+    rows: pd.DataFrame
+    against: str = ""
+    lines: Sequence[str] = ()
+    command: str = ""
+    choice: Choice | None = None
+    among: Candidates | None = None
+    budgets: Mapping[str, float] = field(default_factory=dict)
+    label: str = ""
+    charts: Sequence[Chart] = ()
+    pictures: Mapping[str, Picture] = field(default_factory=dict)
+    labels_only: Sequence[str] = ()
+
+    @property
+    def data(self) -> str:
+        """Name of the corpus, for footnotes."""
+        return str(self.results[0]["data"])
+
+    @property
+    def mixed(self) -> bool:
+        """True if a fold has captures of one subject on both sides."""
+        return any(facts_of(r).mixes_subjects for r in self.results)
+
+    @property
+    def about(self) -> str:
+        """Whether the tested people are new."""
+        return "tests people of the training set" if self.mixed else "tests new people"
+
+    @property
+    def base(self) -> str:
+        """The system that the others are compared with."""
+        return statistics.base_of(self.subjects, self.against)
+
+    @property
+    def few(self) -> bool:
+        """True if there are too few subjects for a p value."""
+        return self.subjects.shape[1] < few.TEST
+
+    @cached_property
+    def pairs(self) -> pd.DataFrame:
+        """Tests of all pairs of the most accurate systems."""
+        kept = statistics.kept_of(self.subjects, self.against) if len(self.subjects) else self.subjects
+        return statistics.pairs(kept.iloc[: statistics.PAIRED])
+
+    @property
+    def limits(self) -> list[str]:
+        """Limits of the conclusions, in sentences."""
+        folds, selected = int(self._first["folds"]), self.against not in {*self.rows["system"]}
+        return statistics.warnings(self.subjects.shape[1], len(self.rows), folds, self.mixed, selected)
+
+    @property
+    def _first(self) -> Result:
+        return next(r for r in self.results if r.complete and r.alone)
+
+    @property
+    def compared(self) -> Table | None:
+        """Every system against the best one, or another one."""
+        if not len(self.rows):
+            return None
+        rows = self.rows.rename(columns={"low": "difference_low", "high": "difference_high"})
+        return Table(STATISTICS, rows_of(rows), remarks=[notes_on(system, self.data) for system in rows["system"]])
+
+    @cached_property
+    def costs(self) -> list[str]:
+        """Costs that are known of a candidate, or have a budget; a tenth of ten people is the worst person."""
+        if self.choice is None:
+            return []
+        table, shared = self.choice.table, costs_of(recordings=False)
+        seen = {name for name in shared if (table[name].notna() if shared[name].linear else table[name] > 0).any()}
+        if table["worst_tenth"].equals(table["worst_person"]):
+            seen -= {"worst_tenth"}
+        return [name for name in shared if name in seen | {*self.budgets}]
+
+    @property
+    def leading(self) -> list[str]:
+        """The costs that the answer and the table have: those with a budget, then the first ones."""
+        return sorted(self.costs, key=lambda name: name not in self.budgets)[:COSTS]
+
+    @property
+    def chosen(self) -> dict[str, str]:
+        """The chosen system: ``name``, ``accuracy``, ``interval`` and ``costs``; empty if none is."""
+        if self.choice is None or self.choice.chosen is None or self.among is None:
+            return {}
+        row, people = (t.loc[self.choice.chosen] for t in (self.choice.table, self.among.subjects))
+        low, high = np.clip(interval(people.to_numpy(float)), 0, 100)
+        n, amounts = len(people), {costs()[name]: row[name] for name in self.leading}
+        return {
+            "name": named(row),
+            "accuracy": f"{row['accuracy']:.1f} %",
+            "interval": few.too_few(n) if np.isnan(low) else f"95 % CI {low:.1f} to {high:.1f}, {n} subjects",
+            "costs": ", ".join(f"{cost.amount(a)} {cost.words}" for cost, a in amounts.items() if known(a) is not None),
+        }
+
+    @property
+    def sentences(self) -> list[str]:
+        """The reason of the choice."""
+        lines = [*self.lines[1 : 1 + SENTENCES]]
+        return [*lines, MIXED] if MIXED in self.lines and MIXED not in lines else lines
+
+    @property
+    def more(self) -> list[str]:
+        """All that is known of the choice besides."""
+        return [line for line in self.lines[1:] if line not in self.sentences]
+
+    @cached_property
+    def table(self) -> Table | None:
+        """The systems on whole captures, and the chosen candidate, most accurate first; None without candidates.
+
+        ``difference`` is the accuracy less that of the compared system, in points, and ``test`` says where the test of
+        the statistics does not show one.
+        """
+        if self.choice is None or self.among is None or not len(self.subjects):
+            return None
+        table, chosen = self.choice.table, self.choice.chosen
+        table = table[(table["unit"] == "capture") | (table.index == chosen)]
+        table = table.sort_values("accuracy", ascending=False, kind="stable")
+        people, least = self.among.subjects.loc[table.index].to_numpy(float), self.subjects.loc[self.base].mean()
+        rows = []
+        for i, row, scores in zip(table.index, rows_of(table), people, strict=True):
+            low, high = np.clip(interval(scores), 0, 100)
+            plain = row["unit"] == "capture"
+            row |= {"name": named(row) + " (chosen)" * (i == chosen), "accuracy_low": low, "accuracy_high": high}
+            row["difference"] = np.nan if plain and row["system"] == self.base else row["accuracy"] - least
+            rows.append(row | {"test": self._test(row["system"]) if plain else "not tested"})
+        measures = [
+            text("name", "system"),
+            Measure("accuracy", "accuracy % [95 %]", ends="accuracy"),
+            Measure("difference", form="+.1f"),
+            text("test"),
+            *(Measure(k, costs()[k].heading or f"{k} {costs()[k].unit}".strip(), form=three) for k in self.leading),
+        ]
+        bold = np.flatnonzero(table.index == chosen).tolist()
+        remarks = [notes_on(str(row["system"]), self.data) for row in rows]
+        return Table(measures, rows, bold=bold, remarks=remarks, drawn="accuracy")
+
+    def _test(self, system: str) -> str:
+        """A word where the difference of a system from the compared one is not shown; empty where it is."""
+        if system == self.base:
+            return ""
+        if self.few:
+            return "too few subjects"
+        p = known(dict(zip(self.rows["system"], self.rows["p_holm"], strict=True)).get(system))
+        return "not tested" if p is None else "not significant" * (p >= 0.05)
+
+    @property
+    def told_apart(self) -> str:
+        """The systems that differ from the compared one, and the others, by the p Holm of the table."""
+        systems, n = len(self.rows), self.subjects.shape[1]
+        parts, scarce = [], False
+        if systems > 1 and not few.too_few(n):
+            rows = self.rows.set_index("system").drop(self.base)
+            differs, below = rows["p_holm"] < 0.05, rows["difference"] < 0
+            words = {"is significantly more accurate than": differs & below}
+            words |= {"is significantly less accurate than": differs & ~below}
+            words |= {"does not differ significantly from": ~differs}
+            parts = [(verb, listed([*rows.index[those]])) for verb, those in words.items() if those.any()]
+            scarce = statistics.least_p(n, systems - 1) > 0.05
+        return sentences(
+            *("bench.reports", "sentences", "told_apart"),
+            base=self.base,
+            systems=systems,
+            few=few.too_few(n),
+            parts=parts,
+            chosen=self.base != self.subjects.index[0],
+            people=n,
+            scarce=scarce,
+            mixed=self.mixed,
+        )[0]
+
+    @property
+    def people(self) -> str:
+        """A sentence on the spread of the best system over several people."""
+        if not len(self.subjects) or self.subjects.shape[1] < 2:
+            return ""
+        return sentences("bench.reports", "sentences", "people", name=self.name, best=self.subjects.iloc[0])[0]
+
+
+def largest_groups(groups: Mapping[str, Sequence[Result]]) -> tuple[dict[str, Sequence[Result]], list[str]]:
+    """Results by group, and the names of groups beyond `GROUPS`.
+
+    People stand before generated captures, protocols that say something of new persons before those that mix subjects,
+    then the groups with most subjects, then those with most systems.
+    """
+
+    def order(name: str) -> tuple:
+        results = groups[name]
+        mixed = any(facts_of(r).mixes_subjects for r in results)
+        synthetic = max(r["synthetic"] for r in results)
+        subjects = max(r.get("subjects", 0) for r in results)
+        return synthetic, mixed, -subjects, -len({r.system for r in results}), name
+
+    names = sorted(groups, key=order)
+    return {name: groups[name] for name in names[:GROUPS]}, names[GROUPS:]
+
+
+def labels(groups: Mapping[str, Sequence[Result]]) -> list[str]:
+    """The names of tabs: protocols, if these tell the groups apart; else the groups."""
+    protocols = [results[0].context[2] for results in groups.values()]
+    alike = len({results[0].context[:2] for results in groups.values()}) == 1 and len({*protocols}) == len(protocols)
+    return protocols if alike else [*groups]
+
+
+def summary_of(
+    name: str, results: Sequence[Result], every: Sequence[Result], budgets: Mapping[str, float], against: str = ""
+) -> Summary:
+    """Tests and choice of a group; figures are not drawn yet.
 
     Args:
-        shown: those of kinds of run and circumstances (`bench.reports.sections.briefs`).
-        groups: groups by name.
+        name: captures and protocol in words.
+        results: results of the group.
+        every: results of all kinds.
+        budgets: budget of each cost.
+        against: the system to compare with; empty for the best one.
     """
-    differ = " ".join(f"On {name}: {told_apart(g)}" for name, g in groups.items() if len(g.subjects))
-    topics = {topic: text for topic, text in shown if topic != PEOPLE}
-    persons = " ".join(filter(None, [people(groups), *(text for topic, text in shown if topic == PEOPLE)]))
-    return [(topic, text) for topic, text in (topics | {PEOPLE: persons, STATISTICS: differ}).items() if text]
+    subjects, rows = tested(results, against)
+    first = results[0]
+    lossy = [c for c in circumstance_views() if any(cost.losses for cost in c.costs)]
+    lost = any(c.holds(r) for r in every for c in lossy) or any(costs()[cost].losses for cost in budgets)
+    asked = {key: [first[key]] for key in COMPARABLE}
+    try:
+        wish = Wish(PLAIN, budgets.get("decision"))
+        among = candidates(every, asked, wish, losses=Losses(EVERY) if lost else None)
+    except InputError as e:
+        return Summary(name, results, subjects, rows, against, [f"Nothing can be chosen here: {e}."])
+    choice = decide(among.table, among.subjects, BY, dict(budgets), None)
+    others = expected(among, choice.chosen, BY, budgets, None)
+    lines = reasons(choice, BY, None, among.subjects.shape[1], among.mixed)
+    lines += [*expectation(others, among, choice.chosen), *among.notes]
+    systems = among.table["system"].unique()
+    lines += dict.fromkeys(note for system in systems for note in notes_on(str(system), str(first["data"])))
+    if len(systems) == 1:
+        lines.insert(1, f"Only {systems[0]} has a run here, so there is no other system to compare.")
+    words = _command(among.table, first, every)
+    limits = [costs()[cost].argument(value) for cost, value in budgets.items()]
+    command = " ".join([words, *limits]) if words else ""
+    return Summary(name, results, subjects, rows, against, lines, command, choice, among, budgets)
 
 
-def people(groups: dict[str, Group]) -> str:
-    """A sentence on the spread over people of the best system of the first group with several people."""
-    for name, group in groups.items():
-        if len(group.subjects) and group.subjects.shape[1] > 1:
-            best = group.subjects.iloc[0]
-            return sentences("bench.reports", "sentences", "people", name=name, best=best)[0]
-    return ""
+def _command(table: pd.DataFrame, first: Result, results: Sequence[Result]) -> str:
+    """The command that chooses among the candidates of a group; empty where its words mean other runs, too."""
+    # Of the first candidate whose run was typed; those made from Python with objects have none.
+    arguments = next((json.loads(text) for text in table["arguments"] if text), {})
+    protocol = {k: v for k, v in arguments.items() if k.split(".")[0] == "protocol"}
+    named_by = ["data", "subset", "target", "protocol_name", *(k for k in protocol if "." in k)]
+    same = [r for r in results if all(r.get(name) == first.get(name) for name in named_by)]
+    if not arguments or len({tuple(str(r.get(name)) for name in (*COMPARABLE, "protocol")) for r in same}) > 1:
+        return ""
+    target = {"target": first["target"]} if first["target"] != "gesture" else {}
+    return typed("choose", {"data": arguments["data"], "where": first["subset"]} | target | protocol)
 
 
-def told_apart(group: Group) -> str:
-    """The systems of a group that differ from the compared one, and the others, by the p Holm of its table."""
-    subjects = statistics.kept_of(group.subjects, group.against)
-    base, (systems, n) = group.base, subjects.shape
-    parts, scarce = [], False
-    if systems > 1 and not few.too_few(n):
-        rows = statistics.against_best(subjects, against=base).set_index("system").drop(base)
-        differs, below = rows["p_holm"] < 0.05, rows["difference"] < 0
-        words = {"is significantly more accurate than": differs & below}
-        words |= {"is significantly less accurate than": differs & ~below}
-        words |= {"does not differ significantly from": ~differs}
-        parts = [(verb, listed([*rows.index[those]])) for verb, those in words.items() if those.any()]
-        scarce = statistics.least_p(n, systems - 1) > 0.05
-    return sentences(
-        "bench.reports",
-        "sentences",
-        "told_apart",
-        base=base,
-        systems=systems,
-        few=few.too_few(n),
-        parts=parts,
-        chosen=base != subjects.index[0],
-        people=n,
-        scarce=scarce,
-        mixed=group.mixed,
-    )[0]
+def tested(results: Sequence[Result], against: str = "") -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Accuracy in percent [systems, subjects], best first, and the statistics of each system against the compared one.
+
+    Both are empty without a complete run.
+    """
+    results = [r for r in results if r.alone]
+    subjects, seeds = by_subject(results)
+    if not len(subjects):
+        return subjects, pd.DataFrame()
+    kept = statistics.kept_of(subjects, against)
+    complete = [r for r in results if r.complete and r.system in kept.index]
+    ratio, by_fold = facts_of(next(r for r in results if r.complete)).test_over_train, None
+    if ratio is not None and set(fold_accuracy(complete[0])) != set(kept.columns):  # folds that are not subjects
+        table = pd.DataFrame([fold_accuracy(r) for r in complete], index=[r.system for r in complete])
+        by_fold = table.groupby(level=0).mean().reindex(kept.index)
+    rows = statistics.against_best(kept, by_fold, ratio, against)
+    rows = rows.assign(seeds=rows["system"].map(seeds))
+    if len(kept) > 2 and subjects.shape[1] > 1:
+        ranks, p = statistics.friedman(kept)
+        rows = rows.assign(mean_rank=rows["system"].map(ranks), friedman_p=p)
+    return subjects, rows
+
+
+def fold_accuracy(result: Result) -> dict[str, float]:
+    """Accuracy of the captures of each fold, in percent."""
+    labelled = captures(result.tables["predictions"])
+    hit = labelled["true"] == labelled["predicted"]
+    return (100 * hit.groupby(labelled["fold"], sort=False).mean()).to_dict()

@@ -11,7 +11,6 @@ import numpy as np
 
 from bench.amounts import convert
 from bench.commands.printing import output, say, then, unwritable, writable
-from bench.comparable import several
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, stored_value, verify
 from bench.corpora.read.cost import write
@@ -21,9 +20,6 @@ from bench.corpora.streams import PRESSURES, StreamSurvey, survey_recordings
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError
 from bench.measures import Measure, text
-from bench.outcomes.runs import NothingTracked, grouped, stored
-from bench.outcomes.same_wrong import agreements
-from bench.outcomes.store import connect, exists
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
 from bench.scratch import home
@@ -90,31 +86,10 @@ def show(name: str, values: dict[str, str], given: dict[str, Any]) -> int:
         print(found)
     if warnings := [] if name == "synth" else _corpus(stored_value(name)).info["warnings"]:
         print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
-    if isinstance(found, Survey):
-        same_wrong(captures_of(name, one_variant(name, parameters), where, target))
     print(f"\nfigures, an animation and a page that shows them; open: {Path(out, 'index.html').resolve().as_uri()}")
     of_recordings = isinstance(found, StreamSurvey)
     then(f"bench watch data={name}" if of_recordings else f"bench run data={name} protocol=loso {SMALL}")
     return 0
-
-
-def same_wrong(corpus: Corpus) -> None:
-    """Print which captures get the same wrong label from all systems, if there is a store with enough runs of them."""
-    from bench.reports.run_groups import largest_groups
-
-    store = connect() if exists() else None
-    try:
-        every = stored(store) if store else []
-    except NothingTracked:
-        every = []
-    here = [r for r in every if r["corpus_digest"] == corpus.digest and r["target"] == corpus.target]
-    if here:
-        for found in agreements(largest_groups(grouped(here))[0]):
-            rows = found.same_wrong[found.same_wrong["capture"].isin(corpus.index)]
-            print(f"\nSame wrong label from all {len(found.systems)} systems: {several(len(rows), 'capture')}")
-            print(f"  {found.group}; the most accurate system of each model; bench report shows film strips")
-            for (true, predicted), part in rows.groupby(["true", "predicted"], sort=False):
-                print(f"  {true}, predicted as {predicted}: {', '.join(map(str, part['capture']))}")
 
 
 def print_recordings(found: StreamSurvey, name: str) -> None:

@@ -14,7 +14,7 @@ from bench.corpora.survey import survey
 from bench.errors import InputError
 from bench.measures import costs
 from bench.pareto import staircase
-from bench.reports import corpus_page, details, figures, speed
+from bench.reports import chart, corpus_page, details, figures
 from bench.reports.layout import inline_svg
 from bench.reports.provenance import command
 from bench.table import write_sheet
@@ -43,10 +43,10 @@ def test_the_chart_marks_the_choice_budgets_and_what_they_rule_out(tmp_path):
     points = points.assign(accuracy=[90.0, *np.linspace(50, 80, 20)], low=[80.0, *[45.0] * 20], high=99.0)
     points = points.assign(flash=range(1, 22), worst_person=[0.0, *range(10, 30)], ram=np.nan)
     points.loc[0, "chosen"], points.loc[20, "out"] = True, True
-    figure, caption = speed.cost_chart("g", points, costs()["flash"], 20.5, left=3)
-    other, plain = speed.cost_chart("g", points, costs()["worst_person"])
+    figure, caption = chart.cost_chart("g", points, costs()["flash"], 20.5, left=3)
+    other, plain = chart.cost_chart("g", points, costs()["worst_person"])
     (flash,), (worst,) = figure.axes, other.axes
-    assert speed.cost_chart("g", points, costs()["ram"]) is None and "Dashed" not in plain
+    assert chart.cost_chart("g", points, costs()["ram"]) is None and "Dashed" not in plain
     assert (flash.get_xscale(), worst.get_xscale()) == ("log", "linear") and worst.get_xlim()[0] < 0
     assert flash.get_ylim()[0] < 45 and flash.get_ylim()[1] > 99  # no interval is cut off
     assert {t.get_text() for t in flash.texts} == {"choice: a<b", "budget 20.5 kB"}  # the only one on the front
@@ -55,7 +55,7 @@ def test_the_chart_marks_the_choice_budgets_and_what_they_rule_out(tmp_path):
     figures.save(figure, tmp_path, "c", "g", caption)
     titles = re.findall("<title>(.*?)</title>", (tmp_path / "c.svg").read_text())
     assert len(titles) == 21 and "a&lt;b: 90.0 [80.0, 99.0] %, 1 kB; v" in titles
-    few = speed.cost_chart("g", points[:16], costs()["flash"])[0].axes[0]
+    few = chart.cost_chart("g", points[:16], costs()["flash"])[0].axes[0]
     assert len(few.texts) == 16
 
 
@@ -63,7 +63,7 @@ def test_a_drawing_in_a_page_is_the_same_in_fewer_words(tmp_path):
     """Marks, texts and their places, by a plain parse of both."""
     points = pd.DataFrame({"name": ["a", "b"], "kind": "other", "verdict": "v", "chosen": False, "out": False})
     points = points.assign(accuracy=[60.0, 70.04], low=[50.0, 60.0], high=80.0, flash=[1.04, 20.0])
-    figure, caption = speed.cost_chart("g", points, costs()["flash"])
+    figure, caption = chart.cost_chart("g", points, costs()["flash"])
     picture = figures.save(figure, tmp_path, "c", "g", caption)
     before = ElementTree.fromstring(picture.path.read_text())
     text = str(inline_svg(picture, 3))

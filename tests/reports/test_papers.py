@@ -7,8 +7,8 @@ import pytest
 from bench import scores
 from bench.outcomes.runs import grouped
 from bench.reports import reproduction
-from bench.reports.bootstrap import macro_interval, recall_interval
 from bench.reports.comparison import comparison, published
+from bench.reports.details import macro_interval, recall_interval
 from bench.reports.papers import published_section
 from tests.results import evaluated, made_up
 

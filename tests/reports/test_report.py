@@ -17,15 +17,15 @@ from bench.comparable import BATCH, CONDITIONS, MARK
 from bench.endless import page as watching
 from bench.errors import InputError
 from bench.measures import costs
-from bench.outcomes import statistics
 from bench.outcomes.runs import grouped, stored
 from bench.outcomes.store import connect
 from bench.registry import views
-from bench.reports import candidates, page, panes
+from bench.reports import page
+from bench.reports.chart import marks
 from bench.reports.comparison import comparison, published, shown
 from bench.reports.pair import compared
-from bench.reports.run_groups import Group
 from bench.reports.sections import unmeasured
+from bench.reports.summary import summary_of
 from tests.reports.store import keep, tracked_run
 from tests.results import WATCHED, evaluated, made_up, result, streamed, stressed, watched, with_hits
 
@@ -66,7 +66,7 @@ def folder(tmp_path_factory, empty_store):
         tracked_run(store, "ta2015_rf[trees=9]", made_up(3, seed=1), official_split="false", **challenge)
         tracked_run(store, "gaus2015_rf", made_up(8), failed=2, **challenge)
         tracked_run(store, HOSTILE, made_up(7), subset="variant == 'rough'")
-        apart = {"target": "variant"}  # in no group that has a verdict
+        apart = {"synthetic": "true"}  # in no group that has a verdict
         keep(store, stressed("svm", 0.6, {"noise": 0.1, "shift": 0.234}, {"half_margin.shift": 2.25}, **apart))
         keep(store, streamed("svm", metrics={"accuracy_at_500_ms": 0.5}, **apart))
         page.write_report(store, Path("report"), {"flash": 50.0})
@@ -184,16 +184,13 @@ def test_the_table_of_systems_by_hand(store):
     """Of eight people, each loses a capture of 20 with b (p = 2 / 2 ** 8), and every other one with c (2 / 2 ** 4)."""
     hits = {"a": [15] * 8, "b": [14] * 8, "c": [14, 15] * 4}
     runs = [evaluated(name, with_hits(each), cost=1.0 + i) for i, (name, each) in enumerate(hits.items())]
-    (name, members), *_ = grouped(runs).items()
-    subjects = pd.DataFrame({k: [5.0 * h for h in each] for k, each in hits.items()}).T
-    group = Group(subjects, rows=statistics.against_best(subjects))
-    table = panes.systems(verdict(runs, {}), group, "synth")
+    table = verdict(runs, {}).table
     assert [row["system"].removesuffix(" (chosen)") for row in table.texts] == ["a", "c", "b"]
     assert [row["difference"] for row in table.texts] == ["-", "-2.5", "-5.0"]
     assert [row["test"] for row in table.texts] == ["", "not significant", ""]
     assert [row["flash kB"] for row in table.texts] == ["4", "12", "8"] and table.bars[0] == pytest.approx((96,) * 3)
-    few = Group(subjects.iloc[:, :5], rows=statistics.against_best(subjects.iloc[:, :5]))
-    assert {row["test"] for row in panes.systems(verdict(runs, {}), few, "synth").texts} == {"", "too few subjects"}
+    few = verdict([evaluated(name, with_hits(each[:5])) for name, each in hits.items()], {})
+    assert {row["test"] for row in few.table.texts} == {"", "too few subjects"}
 
 
 def test_commands_for_what_is_not_measured_repeat_the_chosen_run():
@@ -373,7 +370,7 @@ def test_corpora_of_one_name_and_seeds():
 
 def verdict(results, budgets):
     (name, members), *_ = grouped(results).items()
-    return candidates.considered(name, members, results, budgets)
+    return summary_of(name, members, results, budgets)
 
 
 def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, capsys):
@@ -396,7 +393,7 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
         assert all(line in printed for line in answer.lines)
     answer = verdict(results, {"flash": 100.0})
     models = {r.system: r["model_name"] for r in results}
-    points = candidates.marks(answer, models, {*published()["system"]}).set_index("name")
+    points = marks(answer, models, {*published()["system"]}).set_index("name")
     least = min(answer.among.subjects.loc[answer.choice.chosen])
     assert points.loc[points["chosen"], "worst_person"].tolist() == pytest.approx([least])
     assert points[["chosen", "out", "kind", "flash"]].T.to_dict("list") == {

@@ -8,20 +8,14 @@ import pytest
 from scipy import stats
 
 from bench.cli import main
+from bench.outcomes import statistics
 from bench.registry import views
 from bench.reports.contexts import contexts
 from bench.reports.new_person import WITHOUT, curve_of, curves_of, enough, gained, new_person_section
-from bench.reports.run_groups import Group
-from bench.reports.summary import told_apart
+from bench.reports.summary import Summary
 from tests.results import evaluated, made_up, result, streamed, stressed
 
 EVEN, ODD, BOTH = [70, 60] * 6, [60, 70] * 6, {"noise": 0.1, "shift": 0.234}
-
-
-def group(rows, mixed=False):
-    """Accuracies of systems by name, a number per subject."""
-    table = pd.DataFrame(rows, dtype=float).T
-    return Group(table.loc[table.mean(axis=1).sort_values(ascending=False, kind="stable").index], mixed)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +42,9 @@ def group(rows, mixed=False):
     ],
 )
 def test_who_beats_whom(rows, facts, absent):
-    words = told_apart(group(rows))
+    table = pd.DataFrame(rows, dtype=float).T
+    table = table.loc[table.mean(axis=1).sort_values(ascending=False, kind="stable").index]
+    words = Summary("here", [evaluated()], table, statistics.against_best(table)).told_apart
     assert all(fact in words for fact in facts) and not any(word in words for word in absent)
 
 

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.measures import Cost
+from bench.measures import Cost, costs, costs_of
+from bench.outcomes.choice import Choice, named
+from bench.paired import interval
 from bench.pareto import staircase
 from bench.reports.figures import LINE, TEXT, TITLE, bars, log_ticks, new_figure, plain, spread, width_of
+from bench.reports.summary import Summary
 from bench.sentences import sentences
+from bench.table import rows_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,6 +30,7 @@ MARKS = {  # of a candidate: marker, face, edge
 }
 LOOKS = {"C"}  # marks of candidates that have a look of their own
 CHOICE, BUDGET = "#2e8b57", "#b85c00"
+MOST = 40  # candidates that are drawn, besides those of a front
 NAMED = 16  # points of a chart that all have a name beside it
 WHOLE = {"clip_on": False}  # all marks are within the axes
 PANEL = 2.2, 5.6  # narrowest and widest panel in inches
@@ -32,48 +38,76 @@ WIDTH, HEIGHT = 7.8, 2.7  # inches of a chart beside the answer, with names, and
 Drawn = tuple[Figure, str] | None
 
 
+def marks(summary: Summary, models: Mapping[str, str], published: Collection[str]) -> pd.DataFrame:
+    """The candidates that are drawn: ``name``, ``kind``, ``verdict``, ``chosen``, ``out``, and their numbers.
+
+    ``kind`` is the mark of a candidate where that has a look of its own, such as ``C``, else ``published``, ``changed``
+    (a published system with other parameters) or ``other``. ``out`` is True for candidates that a budget rules out.
+    The numbers are ``accuracy`` with its interval (``low``, ``high``), and a column for each cost.
+
+    Args:
+        summary: a group with candidates.
+        models: name of the model of each system.
+        published: systems with published numbers.
+    """
+    assert summary.choice is not None and summary.among is not None
+    rows = drawn(summary.choice)
+    subjects = summary.among.subjects.loc[rows.index].to_numpy(dtype=float)
+    bounds = np.array([interval(row) for row in subjects]).clip(0, 100)
+    kinds = []
+    for row in rows_of(rows):
+        kind = "changed" if models[row["system"]] in published else "other"
+        kind = "published" if row["system"] in published else kind
+        kinds.append(row["mark"] if row["mark"] in LOOKS else kind)
+    made = {"name": [named(row) for row in rows_of(rows)], "kind": kinds, "verdict": rows["verdict"]}
+    made |= {"chosen": rows.index == summary.choice.chosen, "out": rows["verdict"].str.startswith("ruled out")}
+    made |= {"accuracy": rows["accuracy"], "low": bounds[:, 0], "high": bounds[:, 1]}
+    return pd.DataFrame(made | {cost: rows[cost] for cost in summary.costs}, index=rows.index)
+
+
+def drawn(choice: Choice) -> pd.DataFrame:
+    """The most accurate candidates, with all that are on a front or chosen."""
+    table = choice.table
+    accuracy = table["accuracy"].to_numpy()
+    burdens = {name: costs()[name].burden(table[name].to_numpy(float)) for name in costs_of(recordings=False)}
+    best = {i for burden in burdens.values() for i in table.index[staircase(accuracy, burden)]}
+    best |= {choice.chosen, *table.sort_values("accuracy", ascending=False).index[:MOST]}
+    return table[table.index.isin(best)]
+
+
 def cost_chart(group: str, points: pd.DataFrame, cost: Cost, budget: float | None = None, left: int = 0) -> Drawn:
     """Accuracy against one cost, on a log axis except for shares of captures, and the caption; None if it is unknown.
 
     Args:
         group: captures and protocol, in words.
-        points: table of `bench.reports.candidates.marks`.
+        points: table of `marks`.
         cost: the cost.
         budget: its budget.
         left: number of systems that are not drawn.
     """
-    part = points[(points[cost.key] > 0) | points[cost.key].notna() & cost.linear]
-    if not len(part):
+    points, every = points[(points[cost.key] > 0) | points[cost.key].notna() & cost.linear], len(points)
+    if not len(points):
         return None
-    part = _with_names(part.sort_values("accuracy", kind="stable"), cost)
-    room = width_of(part["label"]) + 0.3
-    width = np.clip(WIDTH - 0.6 - room, *PANEL)
-    high = max(HEIGHT, LINE * min(len(points), NAMED) + 0.2)
-    figure, axes = new_figure((width + room + 0.6, high + 0.95), (1, 1), (0.6, room, 0.55, 0.4), title=group)
-    _panel(axes[0, 0], part, cost, budget, (width, high))
-    return figure, _caption(part, budget is not None, left)
-
-
-def _with_names(points: pd.DataFrame, cost: Cost) -> pd.DataFrame:
-    """Points, whether each is on the front, and the name beside it, empty for none."""
+    points = points.sort_values("accuracy", kind="stable")
     burden = cost.burden(points[cost.key].to_numpy(float))
     best = np.isin(np.arange(len(points)), staircase(points["accuracy"].to_numpy(), burden))
     names = points["name"].where(~points["chosen"], "choice: " + points["name"])
-    shown = best | points["chosen"] | (len(points) <= NAMED)
-    return points.assign(best=best, label=names.where(shown, ""))
-
-
-def _caption(points: pd.DataFrame, budget: bool, left: int) -> str:
-    """What is drawn, in sentences."""
-    return sentences(
+    points = points.assign(best=best, label=names.where(best | points["chosen"] | (len(points) <= NAMED), ""))
+    room = width_of(points["label"]) + 0.3
+    width = np.clip(WIDTH - 0.6 - room, *PANEL)
+    high = max(HEIGHT, LINE * min(every, NAMED) + 0.2)
+    figure, axes = new_figure((width + room + 0.6, high + 0.95), (1, 1), (0.6, room, 0.55, 0.4), title=group)
+    _panel(axes[0, 0], points, cost, budget, (width, high))
+    caption = sentences(
         *("bench.reports", "sentences", "chart"),
         kinds={*points["kind"]},
         chosen=points["chosen"].any(),
-        budget=budget,
+        budget=budget is not None,
         out=points["out"].any(),
         named=len(points) > NAMED,
         left=left,
-    )[0]
+    )
+    return figure, caption[0]
 
 
 def _panel(ax: Axes, points: pd.DataFrame, cost: Cost, budget: float | None, inches: tuple[float, float]) -> None:
@@ -102,27 +136,13 @@ def _panel(ax: Axes, points: pd.DataFrame, cost: Cost, budget: float | None, inc
     ax.plot(x[best], y[best], color="0.2", linewidth=1, drawstyle="steps-post", zorder=2)
     for i, point in enumerate(points.itertuples()):
         marker, face, edges = MARKS[point.kind]
-        pale = 0.35 if point.out else 1
-        ax.plot(
-            [x[i]] * 2,
-            [y[i] - ends[0][i], y[i] + ends[1][i]],
-            color="0.6",
-            linewidth=0.8,
-            alpha=pale,
-            zorder=1,
-            **WHOLE,
-        )
-        style = {"markersize": 6, "markerfacecolor": face, "markeredgecolor": edges, "alpha": pale, **WHOLE}
+        pale = {"alpha": 0.35 if point.out else 1, **WHOLE}
+        ax.plot([x[i]] * 2, [y[i] - ends[0][i], y[i] + ends[1][i]], color="0.6", linewidth=0.8, zorder=1, **pale)
+        style = {"markersize": 6, "markerfacecolor": face, "markeredgecolor": edges, **pale}
         ax.plot(x[i], y[i], marker, zorder=3, gid=TITLE + _about(point, cost), **style)
         if point.chosen:
-            ring = {
-                "markersize": 13,
-                "markerfacecolor": "none",
-                "markeredgewidth": 2,
-                "markeredgecolor": CHOICE,
-                **WHOLE,
-            }
-            ax.plot(x[i], y[i], "o", zorder=2.5, **ring)
+            ring = {"markersize": 13, "markerfacecolor": "none", "markeredgewidth": 2, "markeredgecolor": CHOICE}
+            ax.plot(x[i], y[i], "o", zorder=2.5, **ring, **WHOLE)
     kept = np.flatnonzero(points["label"])
     gap = (top - bottom) * LINE / inches[1]
     heights = spread(y[kept], gap, bottom + gap / 2, top - gap / 2)
