@@ -6,14 +6,13 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from bench import scores
 from bench.comparable import notes_on
 from bench.errors import InputError
 from bench.measures import Measure, percent, text
-from bench.reports import stability_figures as figures
+from bench.reports import fault_curves as figures
 from bench.reports.layout import markdown
 from bench.reports.numbers import noted
 from bench.result import Result
@@ -21,7 +20,7 @@ from bench.sentences import sentences
 from bench.table import Table, of_text, rows_of, write_sheet
 from bench.usual import CLEAN
 from bench.work.curves import joined, unharmed
-from bench.work.stability import ALPHA, FAMILIES, families, learning, ranks, seeds
+from bench.work.stability import ALPHA, learning, ranks, seeds
 
 TOP = 10  # rows of a table
 SEEDS = (
@@ -50,20 +49,16 @@ def write_all(results: Sequence[Result], out: Path) -> list[str]:
     groups: dict[tuple, list[Result]] = {}
     for r in results:
         groups.setdefault(r.comparable, []).append(r)
-    folders: dict[Path, list[Result]] = {}
+    lines: dict[Path, str] = {}
     for members in groups.values():
-        folder = out
+        folder, title = out, ", ".join(members[0].context)
         if len(groups) > 1:
             name = re.sub(r"[^A-Za-z0-9]+", "-", " ".join(members[0].context)).strip("-").lower()
-            folder = out / name if out / name not in folders else out / f"{name}-{len(folders) + 1}"
-        folders[folder] = members
-    lines = []
-    for folder, members in folders.items():
+            folder = out / name if out / name not in lines else out / f"{name}-{len(lines) + 1}"
         write(members, folder)
-        title = ", ".join(members[0].context)
         words = "failing subjects, classes, conditions and faults, with figures"
-        lines.append(f"{title}: {words}: {folder / 'stability.md'}")
-    return lines
+        lines[folder] = f"{title}: {words}: {folder / 'stability.md'}"
+    return [*lines.values()]
 
 
 def write(results: Sequence[Result], folder: Path) -> list[Path]:
@@ -99,13 +94,8 @@ def _in_context(result: Result, table: pd.DataFrame) -> pd.DataFrame:
 
 def sections(results: Sequence[Result]) -> list[tuple[str, str, Table | None]]:
     """Heading, remark and table of everything that is shown to a reader, in percent and points."""
-    parts = [
-        (
-            "Clean",
-            f"Chance is the share of the most frequent class: {100 * results[0]['chance']:.1f} %.",
-            _clean_table(results),
-        )
-    ]
+    note = f"Chance is the share of the most frequent class: {100 * results[0]['chance']:.1f} %."
+    parts = [("Clean", note, _clean_table(results))]
     if len(table := _condition_table(results)):
         parts.append(("By class, condition and length", "Accuracy in percent; subjects are in the CSV.", table))
     under_faults = len(results[0].tables["faults"]) > 0
@@ -113,20 +103,7 @@ def sections(results: Sequence[Result]) -> list[tuple[str, str, Table | None]]:
         note = "Accuracy in percent at severities 1 to 5, mean loss in points, and the lowest severity at which "
         note += "accuracy is significantly below that of the system."
         parts.append(("Worst faults", note, _worst_faults(results)))
-        note = "Interpolated between severities 1 to 5; 0 means clean captures, >5 means never."
-        parts.append(("Severity at which half of the margin over chance is lost", note, _half_table(results)))
-    for r in results:
-        slices = r.tables["slices"]
-        faulty = slices["fault"] != ""
-        parts.append((f"Failing groups: {r.method}", _tests_words(slices, ~faulty), _slice_table(slices, ~faulty)))
-        if faulty.any():
-            table = _slice_table(slices, faulty & ~_as_such(slices) & ~_before(slices))
-            note = (
-                "Each listed group fails at a severity at which all captures together do not; clean, it does not fail."
-            )
-            parts.append(
-                (f"Groups that fail under a fault: {r.method}", f"{_tests_words(slices, faulty)} {note}", table)
-            )
+    parts += [(f"Failing groups: {r.method}", *_failing(r)) for r in results]
     if len(results) > 1 and under_faults:
         note = "By mean accuracy over severities; Kendall's tau compares the order with the clean one."
         parts.append(("Ranks", note, _rank_table(results)))
@@ -189,69 +166,20 @@ def _worst_faults(results: Sequence[Result]) -> Table:
     return Table(columns, rows)
 
 
-def _half_table(results: Sequence[Result]) -> Table:
-    top = max(int(r.tables["faults"]["severity"].max()) for r in results)
-    shown = {r.method: r.tables["margins"].set_index("fault")["half_margin"] for r in results}
-    table = pd.DataFrame(shown).reindex(results[0].tables["margins"]["fault"])
-    table = table.map(lambda v: "no margin" if pd.isna(v) else f">{top}" if np.isinf(v) else f"{v:.1f}")
-    curve = results[0].tables["faults"]
-    unit = curve["amount"].str.partition(" ")
-    amounts = unit[0].groupby(curve["fault"]).agg(", ".join) + " " + unit[2].groupby(curve["fault"]).first()
-    return of_text(table.assign(**{"severities 1 to 5": amounts}).rename_axis("fault").reset_index())
-
-
-def _tests_words(slices: pd.DataFrame, mask: pd.Series) -> str:
-    """How many slices were tested and failed, and what the number of subjects cannot show."""
-    tested, failing = slices[mask & slices["tested"]], slices[mask & slices["failing"]]
-    several = tested[tested["subjects"] > 1]
-    floor, count = several["floor"].min(), families(tested).value_counts() if len(several) else pd.Series(dtype=int)
-    needed = {name: int(np.ceil(round(FAMILIES * n * floor / ALPHA, 6))) for name, n in count.items()}
-    return sentences(
+def _failing(result: Result) -> tuple[str, Table]:
+    """How many groups of captures were tested and fail, and the worst of those that fail without a fault."""
+    slices = result.tables["slices"]
+    tested = slices[slices["tested"]]
+    words = sentences(
         *("bench.reports", "sentences", "groups"),
-        failing=len(failing),
+        failing=int(tested["failing"].sum()),
         tested=len(tested),
+        under=int((tested["failing"] & (tested["fault"] != "")).sum()),
         level=ALPHA,
-        untested=int((mask & ~slices["tested"]).sum()),
-        people=several["subjects"].max(),
-        floor=floor,
-        needed=[f"{max(n, 1)} {name.replace('slices', 'groups' if n > 1 else 'group')}" for name, n in needed.items()],
-    )[0]
-
-
-def _as_such(slices: pd.DataFrame) -> pd.Series:
-    """Slices under a fault that fails at that severity with all captures together, and those faults themselves."""
-    alone = slices["kind"] == "fault"
-    failing = slices[alone & slices["failing"]]
-    return alone | pd.MultiIndex.from_frame(slices[["fault", "severity"]]).isin(
-        pd.MultiIndex.from_frame(failing[["fault", "severity"]])
+        untested=len(slices) - len(tested),
     )
-
-
-def _before(slices: pd.DataFrame) -> pd.Series:
-    """Slices under a fault that fail without it."""
-    failing = set(slices.loc[slices["failing"] & (slices["fault"] == ""), "slice"])
-    return (slices["fault"] != "") & _bare(slices).isin(failing)
-
-
-def _bare(slices: pd.DataFrame) -> pd.Series:
-    """Names of slices without the fault."""
-    words = slices[["slice", "fault", "amount"]].to_numpy()
-    return pd.Series(
-        [name.removesuffix(f"{fault} {amount}").removesuffix(", ") for name, fault, amount in words],
-        slices.index,
-        dtype=object,
-    )
-
-
-def _slice_table(slices: pd.DataFrame, mask: pd.Series) -> Table:
-    """The worst failing slices; of a fault, only the lowest severity at which each fails."""
-    failing = slices[mask & slices["failing"]]
-    if (failing["fault"] != "").any():
-        failing = failing.assign(bare=_bare(failing)).sort_values("severity").drop_duplicates(["bare", "fault"])
-        failing = failing.sort_values(["severity", "gap"], ascending=[True, False])
-    else:
-        failing = failing.sort_values("gap", ascending=False)
-    return Table(SLICES, rows_of(failing.head(TOP)))
+    rows = tested[tested["failing"] & (tested["fault"] == "")].sort_values("gap", ascending=False)
+    return words[0], Table(SLICES, rows_of(rows.head(TOP)))
 
 
 def _rank_table(results: Sequence[Result]) -> Table:

@@ -54,14 +54,7 @@ def sheets(results: Sequence[Result]) -> dict[str, pd.DataFrame]:
 def stream_section(
     results: Sequence[Result], folder: Path, same: Same, seen: Callable[[Sequence[Result]], list[Measure]]
 ) -> Section | None:
-    """Accuracy against touch seen, and the result of stopping at the learned threshold.
-
-    Args:
-        results: results of replays.
-        folder: destination folder of figures.
-        same: parameters that comparable results share.
-        seen: columns of times of some results.
-    """
+    """Accuracy against touch seen, and the result of stopping at the learned threshold; ``seen``: columns of times."""
     parts = []
     for i, (context, members) in enumerate(contexts(results, same, "replay_accuracy"), 1):
         caption = "Left: accuracy against milliseconds of touch. Right: fixed windows and adaptive stopping."
@@ -75,27 +68,18 @@ def early(results: Sequence[Result], same: Same) -> tuple[str, str] | None:
     """A sentence on the best replayed system with early decisions, on the first of all comparable captures."""
     for _, runs in contexts(results, same, "replay_accuracy"):
         runs = [r for r in runs if r.alone and np.isfinite(r.get("adaptive_accuracy", np.nan))]
-        if not runs:
-            continue
-        best = max(runs, key=lambda r: r["adaptive_accuracy"])
-        nothing = "" if saves(best) else NO_SAVING
-        words = sentences(
-            "bench.reports", "sentences", "early", context=context_words(best, same), best=best, nothing=nothing
-        )
-        return EARLY, words[0]
+        if runs:
+            best = max(runs, key=lambda r: r["adaptive_accuracy"])
+            told = {"context": context_words(best, same), "best": best, "nothing": "" if saves(best) else NO_SAVING}
+            return EARLY, sentences("bench.reports", "sentences", "early", **told)[0]
     return None
 
 
 def draw(results: Sequence[Result], same: Same) -> Figure:
     """Accuracy against time seen, and fixed windows beside adaptive stopping; a row of panels for each comparable set.
 
-    Left, the shade behind a line is the t-interval over subjects. Systems differ by marker and dashes, not only
-    by colour. Right, the line joins fixed windows, dashes join the thresholds of adaptive stopping, and the star with
-    its interval is what stopping at the threshold learned on training subjects gives.
-
-    Args:
-        results: results of replays.
-        same: parameters that comparable results share.
+    Left, the shade behind a line is the t-interval over subjects. Right, the line joins fixed windows, dashes join the
+    thresholds of adaptive stopping, and the star with its interval is the threshold learned on training subjects.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Rectangle
@@ -103,13 +87,12 @@ def draw(results: Sequence[Result], same: Same) -> Figure:
     groups: dict[tuple, list[Result]] = {}
     for r in results:
         groups.setdefault(alike(r, same), []).append(r)
-    systems = list(dict.fromkeys(r.method for r in results))
-    fig = Figure(figsize=(11, 4.4 * len(groups) + 0.22 * (len(systems) + 3)), layout="constrained")
-    axes = fig.subplots(len(groups), 2, squeeze=False, sharey="row")
     looks = {
         system: {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "linestyle": DASHES[i % len(DASHES)]}
-        for i, system in enumerate(systems)
+        for i, system in enumerate(dict.fromkeys(r.method for r in results))
     }
+    fig = Figure(figsize=(11, 4.4 * len(groups) + 0.22 * (len(looks) + 3)), layout="constrained")
+    axes = fig.subplots(len(groups), 2, squeeze=False, sharey="row")
     for (seen, mean), members in zip(axes, groups.values(), strict=True):
         low, high = (1000 / rate for rate in PUBLISHED_PER_SECOND[::-1])
         seen.axvspan(low, high, color="0.85", zorder=0)
@@ -125,19 +108,15 @@ def draw(results: Sequence[Result], same: Same) -> Figure:
             ax.set_xscale("log")
             log_ticks(ax.xaxis)
             ax.grid(alpha=0.3)
-    handles = [
-        *(Line2D([], [], **look) for look in looks.values()),
-        Rectangle((0, 0), 1, 1, color="0.85"),
-        Line2D([], [], color="0.3", marker="o", markerfacecolor="white", linestyle="--", linewidth=1),
-        Line2D([], [], color="0.3", marker="*", markersize=13, markeredgecolor="black", linestyle=""),
-    ]
-    labels = [
-        *systems,
-        "left: one decision at published rates, {} to {} a second".format(*PUBLISHED_PER_SECOND),
-        "right: adaptive stopping, one point a threshold (line: fixed windows)",
-        "right: stopped at the threshold learned on training subjects",
-    ]
-    fig.legend(handles, labels, loc="outside lower left", fontsize=8, frameon=False, handlelength=4)
+    entries = {system: Line2D([], [], **look) for system, look in looks.items()}
+    published = "left: one decision at published rates, {} to {} a second".format(*PUBLISHED_PER_SECOND)
+    entries[published] = Rectangle((0, 0), 1, 1, color="0.85")
+    dashed = {"color": "0.3", "marker": "o", "markerfacecolor": "white", "linestyle": "--", "linewidth": 1}
+    entries["right: adaptive stopping, one point a threshold (line: fixed windows)"] = Line2D([], [], **dashed)
+    star = {"color": "0.3", "marker": "*", "markersize": 13, "markeredgecolor": "black", "linestyle": ""}
+    entries["right: stopped at the threshold learned on training subjects"] = Line2D([], [], **star)
+    place = {"loc": "outside lower left", "fontsize": 8, "frameon": False, "handlelength": 4}
+    fig.legend([*entries.values()], [*entries], **place)
     return fig
 
 
