@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -15,12 +15,16 @@ from matplotlib.figure import Figure
 from bench.comparable import Row
 from bench.measures import Measure, percent, text
 from bench.reports.contexts import context_words, contexts
-from bench.reports.figures import DASHES, MARKERS, save, write_svg
+from bench.reports.figures import DASHES, MARKERS, bars, save, write_svg
 from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.sentences import sentences
 from bench.table import Table
 from bench.work.curves import clean_accuracy
+from bench.work.stability import learning
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FAULTS = "Faults"  # heading
 NAME = 36  # characters of a line of a method's name
@@ -108,6 +112,8 @@ def draw(results: Sequence[Result], folder: Path) -> list[Path]:
         losses = pd.DataFrame({r.method: r.tables["margins"].set_index("fault")["loss"] for r in results}).T
         figures["heat_map"] = heat_map(losses, [clean_accuracy(r) for r in results], ", ".join(results[0].context))
         figures["severities"] = severities(results)
+    if any("learning" in r.tables for r in results):
+        figures["training_subjects"] = training_subjects(results)
     paths = []
     for name, figure in figures.items():
         paths.append(folder / f"stability_{name}.svg")
@@ -160,8 +166,7 @@ def severities(results: Sequence[Result]) -> Figure:
         for k, r in enumerate(results):
             part = r.tables["faults"].query("fault == @fault").sort_values("severity")
             accuracy = 100 * np.append(clean_accuracy(r), part["accuracy"])
-            look = {"color": f"C{k % 10}", "marker": MARKERS[k % len(MARKERS)], "linestyle": DASHES[k % len(DASHES)]}
-            ax.plot(np.append(0, part["severity"]), accuracy, markersize=5, linewidth=1.4, label=r.method, **look)
+            ax.plot(np.append(0, part["severity"]), accuracy, label=r.method, **_look(k))
         ax.axhline(100 * results[0]["chance"], color="0.5", linewidth=0.8, linestyle=(0, (1, 2)))
         amounts = [text.partition(" ") for text in part["amount"]]
         ax.set_xticks(range(len(amounts) + 1), ["none", *(number for number, _, _ in amounts)], fontsize=8)
@@ -174,10 +179,38 @@ def severities(results: Sequence[Result]) -> Figure:
     for ax in axes[:, 0]:
         ax.set_ylabel("accuracy, %", fontsize=8)
     _name(figure, ", ".join(results[0].context), "Accuracy under each fault; the dotted line is chance")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
+    _legend(figure, axes[0, 0])
+    return figure
+
+
+def training_subjects(results: Sequence[Result]) -> Figure:
+    """Learning curve: accuracy against the number of training subjects, bars are intervals over tested subjects."""
+    figure = Figure(figsize=(7, 4.6), layout="constrained")
+    ax = figure.subplots()
+    for k, r in enumerate(results):
+        curve = learning(r.tables["labels"])
+        middle, low, high = (100 * curve[name].to_numpy() for name in ("accuracy", "low", "high"))
+        x = curve["train_subjects"] + 0.03 * (k - (len(results) - 1) / 2)  # aside, so that no bar hides another
+        ends = bars(middle, low, high)
+        ax.errorbar(x, middle, yerr=ends, capsize=3, elinewidth=0.8, label=r.method, **_look(k))
+    ax.xaxis.get_major_locator().set_params(integer=True)
+    ax.set(xlabel="training subjects", ylabel="correctly classified captures, %")
+    ax.grid(alpha=0.3)
+    words = "Accuracy by number of training subjects, 95 % intervals over tested subjects"
+    _name(figure, ", ".join(results[0].context), words)
+    _legend(figure, ax)
+    return figure
+
+
+def _look(k: int) -> dict[str, object]:
+    look = {"color": f"C{k % 10}", "marker": MARKERS[k % len(MARKERS)], "linestyle": DASHES[k % len(DASHES)]}
+    return look | {"markersize": 5, "linewidth": 1.4}
+
+
+def _legend(figure: Figure, ax: Axes) -> None:
+    handles, labels = ax.get_legend_handles_labels()
     columns = max(1, int(figure.get_figwidth() * 11 // (max(map(len, labels)) + 8)))
     figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, len(labels)), fontsize=8)
-    return figure
 
 
 def _name(figure: object, context: str, what: str) -> None:

@@ -26,10 +26,10 @@ from bench.reports.latex import latex, side_by_side
 from bench.reports.layout import markdown, page
 from bench.reports.numbers import listed, noted
 from bench.reports.paper import papers, sheet
+from bench.reports.papers import against as beside_papers
 from bench.reports.papers import published_section
 from bench.reports.part import Part, Section
 from bench.reports.provenance import provenance, provenance_section
-from bench.reports.reproduction import against as beside_papers
 from bench.reports.sections import briefs, joined, sections, sheets, unmeasured
 from bench.reports.summary import GROUPS, Chart, Summary, labels, largest_groups, summary_of
 from bench.result import Result

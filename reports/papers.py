@@ -1,31 +1,160 @@
-"""The published numbers beside ours, as a table of the report."""
+"""Every published number beside ours under the same protocol and unit, with a verdict.
+
+A verdict compares the printed number with the 95 % interval of ours over subjects: ``within interval``, ``above`` (ours
+is, with its whole interval) or ``below``. Subjects of the paper are other draws than ours, so that within says no more
+than that the two do not contradict each other.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from importlib.resources import files
+
+import numpy as np
 import pandas as pd
 
-from bench import few
-from bench.measures import NONE, Measure, Row, known, text
+from bench import few, scores
+from bench.comparable import Row, facts_of, seed_number
+from bench.measures import NONE, Measure, known, text
+from bench.outcomes import statistics
+from bench.outcomes.runs import subject_accuracy
+from bench.reports.comparison import SAME
+from bench.reports.details import macro_interval
 from bench.reports.numbers import listed
+from bench.result import Result
 from bench.table import Table, rows_of
 
 NAMES = {"cost": "CoST", "haart": "HAART"}
 SHARED = ["data", "subset", "protocol", "words"]  # of published numbers that stand together
-UNITS = {
-    "capture": "captures",
-    "subject mean": "captures, mean over subjects",
-    "capture vote": "captures, majority vote",
-    "window": "windows",
-    "window macro precision": "windows, macro precision",
-    "window macro recall": "windows, macro recall",
+UNITS = {  # unit_key of published.csv: words, and prefix and name of the metric that is tracked for it
+    "capture": ("captures", "", "accuracy"),
+    "subject mean": ("captures, mean over subjects", "", "subject_accuracy_mean"),
+    "capture vote": ("captures, majority vote", "vote_", "accuracy"),
+    "window": ("windows", "window_", "accuracy"),
+    "window macro precision": ("windows, macro precision", "window_", "macro_precision"),
+    "window macro recall": ("windows, macro recall", "window_", "macro_recall"),
 }
+PAPER = (
+    "id reference year data subset protocol unit unit_key features n_features classifier accuracy sd confidence system"
+).split()
+PRINTED = {"accuracy": "published", "sd": "published_sd"}  # columns of the papers' file that are called otherwise here
+NOTHING = dict.fromkeys(("ours", "low", "high", "ours_sd", "subjects", "difference"), np.nan) | {"seed": ""}
+
+
+def against(papers: pd.DataFrame, results: Sequence[Result]) -> pd.DataFrame:
+    """Published numbers, a row for each and each seed of ours; one without ours if there is none.
+
+    Only complete runs of the very system count, with the parameters of the paper, on captures of people. Numbers are
+    percent. ``note`` holds what a reader must know, a remark a line, ``verdict`` one of those of this module, or why
+    there is none.
+
+    Args:
+        papers: `bench.reports.comparison.published`.
+        results: results of ``bench run``; predictions are read for units whose interval is not tracked.
+    """
+    real, systems = [r for r in results if r["synthetic"] != "true"], {*papers["system"]}
+    here = {r["data"] for r in real}
+    same = [*(k.removesuffix("_key") for k in SAME[:-1]), "model_name"]
+    ours: dict[tuple, list[Result]] = {}
+    for r in real:
+        if r["model_name"] in systems:
+            ours.setdefault(tuple(r[name] for name in same), []).append(r)
+    rows = []
+    for paper, correction in zip(papers.itertuples(), corrections().reindex(papers["id"]).itertuples(), strict=True):
+        as_printed = {PRINTED.get(c, c): getattr(paper, c) for c in PAPER}
+        as_printed |= {"table4": correction.table4, "table4_sd": correction.table4_sd}
+        notes = [correction.correction] if isinstance(correction.correction, str) else []
+        runs_of = sorted(ours.get(tuple(getattr(paper, k) for k in SAME), []), key=lambda run: seed_number(run["seed"]))
+        measured = [m for run in runs_of if run.system == paper.system and (m := _measured(run, paper))]
+        others = sorted({run.system for run in runs_of} - {paper.system})
+        for each in measured or [_nothing(paper, here, others)]:
+            rows.append(as_printed | NOTHING | each | {"note": "\n".join(notes + each["note"])})
+    return pd.DataFrame(rows)
+
+
+def corrections() -> pd.DataFrame:
+    """Corrections by id of ``published.csv``: the number in CNN85's Table 4, its SD, and a remark on the claim."""
+    with (files("bench.reports") / "corrections.csv").open() as f:
+        return pd.read_csv(f, index_col="id")
+
+
+def verdict(published: float, low: float, high: float) -> str:
+    """The position of our interval beside a published number."""
+    if np.isnan(published):
+        return "no number published"
+    if np.isnan(low):
+        return "no interval"
+    if low <= published <= high:
+        return "within interval"
+    return "above" if low > published else "below"
+
+
+def _nothing(paper: object, here: set[str], others: list[str]) -> Row:
+    """The verdict on a published number that nothing stands beside, and why that is so."""
+    if paper.data not in here:
+        return {"verdict": "data not here", "note": []}
+    if "other" in (paper.protocol_key, paper.unit_key):
+        why = ["Its protocol or unit is not published, so there is no comparison."]
+        return {"verdict": "not run", "note": why}
+    return {"verdict": "not run", "note": [f"Run with other parameters: {', '.join(others)}."] if others else []}
+
+
+def _measured(run: Result, paper: object) -> Row | None:
+    """Our number in a published unit with its interval over subjects, None if the run has no such unit."""
+    if paper.unit_key not in UNITS:
+        return None
+    _, prefix, metric = UNITS[paper.unit_key]
+    if prefix == "vote_" and not run.get("windows", 0) > 0:  # one decision a capture is its vote
+        prefix = ""
+    value = 100 * run.get(f"{prefix}{metric}", np.nan)
+    if np.isnan(value):
+        return None
+    if not run.complete:
+        why = [f"The run of seed {run['seed']} has only {run.folds.replace('/', ' of ')} folds."]
+        return {"verdict": "not run", "note": why}
+    low, high = _interval(run, prefix, metric)
+    subjects = int(run.get("subjects", 0))
+    notes = [f"{few.too_few(subjects)}."] * (subjects < few.INTERVAL)
+    if facts_of(run).official_split is False:
+        notes.append("Our split is random, not the official one.")
+    return {
+        "ours": value,
+        "low": low,
+        "high": high,
+        "ours_sd": 100 * run.get(f"{prefix}subject_accuracy_sd", np.nan),
+        "subjects": subjects,
+        "difference": value - paper.accuracy,
+        "seed": run["seed"],
+        "run_id": run["run_id"],
+        "verdict": verdict(paper.accuracy, low, high),
+        "note": notes,
+    }
+
+
+def _interval(run: Result, prefix: str, metric: str) -> tuple[float, float]:
+    """In percent; as tracked, or from the run's predictions. NaN for a single subject, or where they are gone."""
+    if metric == "subject_accuracy_mean":
+        values = np.array(list(subject_accuracy(run).values()))
+        return statistics.interval(values)
+    if (prefix, metric) == ("", "accuracy"):
+        return 100 * run.get("accuracy_low", np.nan), 100 * run.get("accuracy_high", np.nan)
+    table = run.tables.get("predictions")
+    if table is None:
+        return np.nan, np.nan
+    vote = prefix == "vote_"
+    labelled = scores.windows(table) if prefix == "window_" else scores.captures(table, vote=vote)
+    if metric == "accuracy":
+        low, high = scores.subject_interval(labelled)
+    else:
+        low, high = macro_interval(labelled, scores.classes_of(table), metric)
+    return 100 * low, 100 * high
 
 
 def published_section(beside: pd.DataFrame) -> dict[str, object]:
     """Every published number beside ours; numbers on corpora that nothing is tracked on wait behind a switch.
 
     Args:
-        beside: table of `bench.reports.reproduction.against`.
+        beside: table of `against`.
 
     Returns:
         The table; the verdicts, each with how often it was given; how many rest on few subjects; whether HAART is here.
@@ -56,7 +185,7 @@ def published_section(beside: pd.DataFrame) -> dict[str, object]:
 
 
 def _unit(row: Row) -> str:
-    return UNITS.get(row["unit_key"], row["unit"])
+    return UNITS[row["unit_key"]][0] if row["unit_key"] in UNITS else row["unit"]
 
 
 def _on(row: Row) -> str:

@@ -29,7 +29,7 @@ def shown(results: Sequence[Result]) -> Iterator[tuple[Any, list[Result]]]:
 def sections(results: Sequence[Result], folder: Path) -> list[Section]:
     """The sections of the page; figures are written into a folder."""
     every = [view.section(members, folder) for view, members in shown(results)]
-    every.append(new_person_section([r for r in results if "protocol.shots" in r], folder))
+    every.append(new_person_section([r for r in results if "protocol.shots" in r]))
     return [replace(section, parts=[*map(_noted, section.parts)]) for section in every if section]
 
 

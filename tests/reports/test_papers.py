@@ -6,10 +6,9 @@ import pytest
 
 from bench import scores
 from bench.outcomes.runs import grouped
-from bench.reports import reproduction
+from bench.reports import papers as reproduction
 from bench.reports.comparison import comparison, published
 from bench.reports.details import macro_interval, recall_interval
-from bench.reports.papers import published_section
 from tests.results import evaluated, made_up
 
 CHALLENGE = {"data": "haart", "synthetic": "false", "protocol": "challenge"}
@@ -47,7 +46,7 @@ def test_which_run_stands_beside_which_number():
     for name, (verdict, note) in expected.items():
         assert table.loc[name, "verdict"] == verdict and note in table.loc[name, "note"], name
     assert np.isfinite(table.loc["hughes2017-haart-ae-rnn", "ours"])  # a vote where there is one decision a capture
-    section = published_section(table.reset_index())
+    section = reproduction.published_section(table.reset_index())
     printed = [row["ours % [95 %]"] for row in section["table"].texts if row["system"].startswith("Ta et al. 2015")]
     assert [*filter("-".__ne__, printed)] == [f"{r.ours:.1f}" for r in ours.itertuples()]  # of three subjects
     few = [row["verdict"] for row in section["table"].texts if row["subjects"] == "3"]
