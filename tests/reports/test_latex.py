@@ -13,10 +13,8 @@ import bench
 from bench.cli import main
 from bench.comparable import MARK
 from bench.errors import InputError
-from bench.measures import Cost, Measure, run_columns
 from bench.reports.latex import escaped, latex, side_by_side
 from bench.reports.paper import columns_of, papers, sheet
-from bench.stored import results_of
 from tests.results import evaluated, with_hits
 
 
@@ -72,13 +70,6 @@ def test_each_comparison_is_a_table_with_its_numbers_its_best_and_its_p():
     assert "generated" in other and "generated" not in caption and "by window" in other
 
 
-def test_the_caption_defines_each_classifier_once_with_its_parameters():
-    rows = [row("svm · jung54", 60.0), row("svm[C=8] · touch", 70.0), row("reflex", 80.0)]
-    ((caption, _),) = tables_of(latex(pd.DataFrame(rows)))
-    assert caption.count("svm:") == 1 and "C=512, gamma=0.125, kernel=rbf, scaling=range" in caption
-    assert "bayes:" not in caption and "reflex:" not in caption
-
-
 def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
     hits = {"LOSO": {"a": [10, 14, 18, 12], "b": [16, 16, 12, 16]}, "10-fold": {"a": [20, 18, 20, 20]}}
     mixed = {"mixes_subjects": "true"}
@@ -108,18 +99,6 @@ def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
     )
 
 
-def test_bench_latex_writes_the_paper_of_the_runs_of_a_table():
-    hits = {"LOSO": [10, 14, 18, 12], "10-fold": [20, 18, 20, 20]}
-    table = results_of([evaluated("a", with_hits(row), protocol_label=name, cost=2.0) for name, row in hits.items()])
-    text = bench.latex(table, paper=["accuracy", "flash"])
-    ((_, (row,)),) = tables_of(text)
-    means = {name: f"{np.mean(h) * 100 / 20:.1f} $\\pm$ {np.std(h, ddof=1) * 5:.1f}" for name, h in hits.items()}
-    assert {name: row[name].removeprefix(r"\textbf{").rstrip("}") for name in hits} == means and row["flash kB"] == "8"
-    assert bench.latex(table, paper="accuracy,flash") == text != bench.latex(table, paper="accuracy")
-    with pytest.raises(InputError, match="paper= needs what bench.results"):
-        bench.latex(pd.DataFrame(table), paper=["accuracy"])
-
-
 @pytest.mark.parametrize("wrong", ["f1", "fit", "accuracy,"])
 def test_columns_of_a_paper_that_cannot_be(wrong):
     with pytest.raises(InputError, match=f"paper={wrong.split(',')[-1]}"):
@@ -131,13 +110,6 @@ def test_text_is_escaped_and_control_characters_are_gone():
         r"a\_b \& 50 \% \{x\} \#1 \$2 \textasciitilde{} \textasciicircum{} \textbackslash{}"
     )
     assert escaped("a\nb\x1bc\u202e") == "a bc"
-
-
-def test_headings_without_latex_are_escaped(monkeypatch):
-    every = [*run_columns(), Cost("battery_life"), Measure("hum", "hum %", shows=("latex",))]
-    monkeypatch.setattr("bench.reports.latex.run_columns", lambda: every)
-    ((_, (shown,)),) = tables_of(latex(pd.DataFrame([row("a", 50.0, battery_life=2.0, hum=1.0)])))
-    assert (shown[r"battery\_life"], shown[r"hum \%"]) == ("2.0", "1.0")
 
 
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from bench.cli import main
 from bench.outcomes import statistics
 from bench.registry import views
 from bench.reports.contexts import contexts
@@ -146,9 +145,3 @@ def test_runs_of_a_new_person_become_curves_with_those_that_are_drawn_alike():
     assert curves_of(results[:1]) == [] == curves_of(others)
     table = new_person_section(results).parts[0].table
     assert table.texts[0]["gain"] == "-" and [row["shots"] for row in table.texts] == ["0", WITHOUT, "1", "3"]
-
-
-@pytest.mark.parametrize("command", ["run under=noise", "run after=each"])
-def test_circumstances_that_do_not_adapt_refuse_a_new_person(command, capsys):
-    words = f"{command} data=synth data.subjects=2 model=lda protocol=personal protocol.shots=1"
-    assert main(words.split()) == 2 and "protocol=personal" in capsys.readouterr().err
