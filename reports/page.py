@@ -22,10 +22,9 @@ from bench.reports.chart import cost_chart, marks
 from bench.reports.comparison import comparison, published, runs_section
 from bench.reports.details import pictures
 from bench.reports.figures import save
-from bench.reports.latex import latex, side_by_side
+from bench.reports.latex import latex, papers, sheet, side_by_side
 from bench.reports.layout import markdown, page
 from bench.reports.numbers import listed, noted
-from bench.reports.paper import papers, sheet
 from bench.reports.papers import against as beside_papers
 from bench.reports.papers import published_section
 from bench.reports.part import Part, Section
@@ -55,7 +54,7 @@ def write_report(
         budgets: budget of each cost (`bench.measures.costs`) of the system to choose.
         against: the system that tests compare with, in each group that has it; empty for the best one of each.
         asked: the runs to report, as `bench.outcomes.runs.selected` takes them; empty for all.
-        paper: columns of ``paper.tex`` and ``paper.csv`` (`bench.reports.paper.columns_of`).
+        paper: columns of ``paper.tex`` and ``paper.csv`` (`bench.reports.latex.columns_of`).
 
     Returns:
         The files written.

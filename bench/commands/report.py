@@ -43,7 +43,7 @@ def command(arguments: list[str]) -> int:
     from bench.commands.printing import then
     from bench.outcomes.runs import asked_of
     from bench.outcomes.store import connect
-    from bench.reports.paper import columns_of
+    from bench.reports.latex import columns_of
 
     values = parse(arguments, keys("report"))
     given = settings("report", values)

@@ -13,8 +13,7 @@ import bench
 from bench.cli import main
 from bench.comparable import MARK
 from bench.errors import InputError
-from bench.reports.latex import escaped, latex, side_by_side
-from bench.reports.paper import columns_of, papers, sheet
+from bench.reports.latex import columns_of, escaped, latex, papers, sheet, side_by_side
 from tests.results import evaluated, with_hits
 
 
