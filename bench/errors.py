@@ -10,6 +10,7 @@ GONE = {  # commands and keys that are gone: what to type instead
     "groups": "bench choose groups=yes",
     "stream": "bench run after=each stopping=yes",
     "chip": "bench run form=c",
+    "capture": "bench.corpus(...).plot(i) in Python",
     "demo": "see README.md for the commands of a comparison",
     "extract": "bench.extract(data=..., features=...) in Python",
     "papers": "bench report lists published numbers",

@@ -1,4 +1,4 @@
-"""The figures of ``bench data show``: mean pressure of gestures, film strips, captures in motion, a page with all."""
+"""The figures of ``bench data show``: mean pressure of gestures, film strips, a page with all."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 from bench.corpora.streams import PRESSURES
 from bench.corpora.survey import DURATIONS, PRESSURE, Survey
-from bench.errors import InputError
-from bench.reports.figures import SYNTHETIC, Picture, mark, new_figure, plain, save, short
+from bench.reports.figures import SYNTHETIC, Picture, new_figure, plain, save, short
 from bench.reports.layout import page
 from bench.table import Table, of_text
 
@@ -28,41 +27,32 @@ if TYPE_CHECKING:
 FILMED = 8  # frames of a strip
 DRAWN = 24  # gestures of a figure
 ACROSS = 7  # panels of a row
-PER_S, IMAGES = 12.5, 100  # of the animation: images a second, and their largest number
 TITLE = 1.3  # inches that a panel's title may take
 GAP = 0.15  # inches between panels
 ROWS = 200  # of a table of the page
 ROOT = 0.5  # colours follow the square root of the pressure, or light touch would all be black
-INDEX, MOTION = "index.html", "motion.gif"
+INDEX = "index.html"
 
 
 def write(
     corpus: Corpus,
     found: Survey,
     folder: Path,
-    capture: int | None = None,
     recordings: tuple[Recordings, StreamSurvey] | None = None,
 ) -> list[Path]:
-    """Write figures, the animation and a page that holds them all.
+    """Write figures and a page that holds them all.
 
     Args:
         corpus: the captures.
         found: `bench.corpora.survey.survey` of them.
         folder: destination folder; it is made.
-        capture: the one to animate, by its position in the whole corpus; None for a typical one of each gesture.
         recordings: the recordings that the captures were cut from, and the survey of them.
 
     Returns:
         The files.
-
-    Raises:
-        InputError: no such capture is among these.
     """
-    if capture is not None:
-        place(corpus, capture)
     folder.mkdir(parents=True, exist_ok=True)
     group = corpus.name + (" (synthetic)" if corpus.synthetic else "")
-    chosen = list(found.typical.values())[:DRAWN] if capture is None else [capture]
     pictures = [pressure_figure(found, group, folder), film_figure(corpus, found, group, folder)]
     sections, what = _sections(found), "Captures"
     if recordings is not None:
@@ -70,28 +60,12 @@ def write(
 
         pictures, what = [*of_streams(*recordings, group, folder), *pictures], "Recordings"
         sections = [*_of_recordings(recordings[1]), *sections]
-    motion, index = animation(corpus, chosen, group, folder), folder / INDEX
+    index = folder / INDEX
     title = f"{what} of {group}"
-    which = "a typical capture of each gesture" if capture is None else f"capture {capture}"
-    values = {"survey": found, "sections": sections, "pictures": pictures, "which": which, "motion": motion}
+    values: dict[str, object] = {"survey": found, "sections": sections, "pictures": pictures}
     values["synthetic"] = f"Synthetic: {SYNTHETIC}." if corpus.synthetic else ""
     index.write_text(page("corpus.jinja", title, **values), encoding="utf-8")
-    return [*(picture.path for picture in pictures), motion, index]
-
-
-def place(corpus: Corpus, capture: int) -> int:
-    """Position in these captures of one that is named by its position in the whole corpus.
-
-    Raises:
-        InputError: it is not among them.
-    """
-    positions = np.flatnonzero(corpus.index == capture)
-    if not len(positions):
-        raise InputError(
-            f"capture={capture}: not among the {len(corpus)} captures shown; "
-            f"give a number such as {corpus.index[0]} ({corpus.index.min()} to {corpus.index.max()})"
-        )
-    return int(positions[0])
+    return [*(picture.path for picture in pictures), index]
 
 
 def _sections(found: Survey) -> list[tuple[str, str, Table | None]]:
@@ -219,7 +193,7 @@ def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Pict
     figure.axes[0].remove()
     for i, gesture in enumerate(names):
         capture = found.typical[gesture]
-        position = place(corpus, capture)
+        position = int(np.flatnonzero(corpus.index == capture)[0])
         frames = corpus[position]
         shown = (len(frames) * (np.arange(FILMED) + 0.5) / FILMED).astype(int)  # the frame in the middle of each eighth
         bottom = height - top - i * row - high
@@ -260,46 +234,3 @@ def _total(ax: Axes, frames: np.ndarray, rate_hz: float, shown: np.ndarray) -> N
 def _value(number: float) -> str:
     """A sensor value, or a sum of some, without an exponent where it is not huge."""
     return f"{number:.0f}" if 100 <= number < 1e7 else f"{number:.3g}"
-
-
-def animation(corpus: Corpus, captures: list[int], group: str, folder: Path) -> Path:
-    """Captures side by side as they went, at the speed of the touch; a shorter one waits for the longest.
-
-    Args:
-        corpus: the captures.
-        captures: captures by their position in the whole corpus.
-        group: the corpus, in words.
-        folder: destination folder.
-
-    Returns:
-        The GIF.
-    """
-    from matplotlib.animation import PillowWriter
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    positions = [place(corpus, c) for c in captures]
-    films = [corpus[i] for i in positions]
-    longest = max(map(len, films)) / corpus.rate_hz
-    count = max(2, min(IMAGES, round(longest * PER_S)))
-    figure, axes = _panels(len(films), _panel(corpus.grid, 1.3 if len(films) > 1 else 2.6), 0.5, 0, 4.2)
-    FigureCanvasAgg(figure)
-    if corpus.synthetic:
-        mark(figure)
-    width, height = figure.get_size_inches()
-    clock = figure.text(0.08 / width, 1 - 0.08 / height, "", fontsize=9, va="top")
-    images = []
-    for ax, film, i in zip(axes, films, positions, strict=True):
-        most = max(float(film.max()), 1e-9)
-        images.append(_frame(ax, film[0], most))
-        subject = f"subject {short(str(corpus.subjects[i]), 12)}, to {_value(most)}"
-        ax.set_title("\n".join(plain([short(str(corpus.gestures[i]), 20), subject])), fontsize=7, pad=2)
-    writer = PillowWriter(fps=count / longest)
-    with writer.saving(figure, str(folder / MOTION), dpi=80):
-        for t in np.arange(count) * longest / count:
-            clock.set_text(f"{plain([group])[0]}   {t:5.2f} s of {longest:.2f} s")
-            for image, film in zip(images, films, strict=True):
-                frame = int(t * corpus.rate_hz)
-                image.set_data(film[min(frame, len(film) - 1)])
-                image.set_alpha(1.0 if frame < len(film) else 0.25)
-            writer.grab_frame()
-    return folder / MOTION

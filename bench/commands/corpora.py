@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from bench.amounts import convert
 from bench.commands.printing import output, say, then, unwritable, writable
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import import_corpus, imported, open_corpus, overview, stored_value, verify
@@ -79,14 +78,14 @@ def show(name: str, values: dict[str, str], given: dict[str, Any]) -> int:
     """Print what a corpus or recordings hold, and draw them."""
     where, target, out = given["where"], given["target"], given["out"]
     parameters: dict[str, object] = {key: value for key, value in values.items() if key not in given}
-    found = looked(name, where, target, Path(out), given["capture"], parameters)
+    found = looked(name, where, target, Path(out), parameters)
     if isinstance(found, StreamSurvey):
         print_recordings(found, name)
     else:
         print(found)
     if warnings := [] if name == "synth" else _corpus(stored_value(name)).info["warnings"]:
         print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
-    print(f"\nfigures, an animation and a page that shows them; open: {Path(out, 'index.html').resolve().as_uri()}")
+    print(f"\nfigures and a page that shows them; open: {Path(out, 'index.html').resolve().as_uri()}")
     of_recordings = isinstance(found, StreamSurvey)
     then(f"bench watch data={name}" if of_recordings else f"bench run data={name} protocol=loso {SMALL}")
     return 0
@@ -119,7 +118,7 @@ def print_recordings(found: StreamSurvey, name: str) -> None:
 
 
 def looked(
-    name: str, where: str, target: str, out: Path | None, capture: object, parameters: dict[str, object]
+    name: str, where: str, target: str, out: Path | None, parameters: dict[str, object]
 ) -> Survey | StreamSurvey:
     """Survey the captures of a corpus, or recordings, and draw them if a folder is given.
 
@@ -128,16 +127,13 @@ def looked(
         where: captures, or recordings, to look at.
         target: columns whose classes are counted besides.
         out: folder for the figures, or None.
-        capture: the one to animate, by its position in the whole corpus; None for one of each gesture.
         parameters: parameters of ``synth``.
 
     Raises:
         InputError: the corpus is not here, something in the values cannot be used, or the folder cannot be written.
     """
-    from bench.reports.corpus_page import place
     from bench.reports.corpus_page import write as draw
 
-    number = None if capture is None else convert("capture", capture, 0)
     variant = one_variant(name, parameters)
     value = stored_value(name) if name in imported() else None
     streams = None
@@ -150,11 +146,9 @@ def looked(
     else:
         corpus, recordings = captures_of(name, variant, where, target), None
         result = survey(corpus)
-    if number is not None:
-        place(corpus, number)  # refuses one that is not there
     if out is not None:
         with unwritable(writable(out)):
-            draw(corpus, result, out, number, recordings)
+            draw(corpus, result, out, recordings)
     return streams or result
 
 

@@ -28,8 +28,7 @@ IMPORT = (  # the format has others
 SHOW = (
     Option("where", "text", DEFAULTS["where"], "captures, or whole recordings, to show"),
     Option("target", "text", DEFAULTS["target"], "columns whose classes are also counted"),
-    Option("capture", "count", None, "capture to animate, from 0; default one per gesture"),
-    Option("out", "text", "look", "folder for figures, an animation and index.html, which shows them"),
+    Option("out", "text", "look", "folder for figures and index.html, which shows them"),
 )
 EXPORT = (Option("format", "text", "cost", "file format, that of CoST.csv", ("cost",)),)
 COMMAND = Command(
@@ -81,7 +80,6 @@ def look(
     data: str = "synth",
     where: str = "",
     out: str | Path | None = None,
-    capture: int | None = None,
     target: str = "gesture",
     **parameters: object,
 ) -> Survey | StreamSurvey:
@@ -90,8 +88,7 @@ def look(
     Args:
         data: an imported corpus, or ``synth``.
         where: captures, or recordings, to look at, a condition on their columns.
-        out: folder for figures, an animation and a page that holds them; None draws nothing.
-        capture: the one to animate, by its position in the whole corpus; None for a typical one of each gesture.
+        out: folder for figures and a page that holds them; None draws nothing.
         target: columns that make the class to predict, such as ``variant``; its classes are counted.
         parameters: parameters of ``synth``.
 
@@ -104,7 +101,7 @@ def look(
     """
     from bench.commands.corpora import looked
 
-    return looked(data, where, target, None if out is None else Path(out), capture, parameters)
+    return looked(data, where, target, None if out is None else Path(out), parameters)
 
 
 def extract(**values: object) -> pd.DataFrame:

@@ -10,18 +10,18 @@ from bench.cli import main
 from bench.corpora.library import open_corpus
 
 ONE = ["subjects=1", "variants=normal", "repetitions=1"]
-FILES = {"pressure.svg", "films.svg", "motion.gif", "index.html"}
+FILES = {"pressure.svg", "films.svg", "index.html"}
 
 
 def test_the_command_and_the_function_show_the_same(capsys):
     some = "where=gesture in ['pat', 'tap']"
-    assert main(["data", "show", "synth", "data.subjects=2", *ONE[1:], some, "out=here", "capture=17"]) == 0
+    assert main(["data", "show", "synth", "data.subjects=2", *ONE[1:], some, "out=here"]) == 0
     text = capsys.readouterr().out
     small = {"subjects": 2, "variants": ("normal",), "repetitions": 1}
-    survey = bench.look("synth", where="gesture in ['pat', 'tap']", out="mine", capture=17, **small)
+    survey = bench.look("synth", where="gesture in ['pat', 'tap']", out="mine", **small)
     assert text.startswith(f"{survey}\n") and not Path("look").exists()
     assert {path.name for path in Path("here").iterdir()} == FILES
-    assert Path("here/motion.gif").read_bytes() == Path("mine/motion.gif").read_bytes()
+    assert Path("here/films.svg").read_bytes() == Path("mine/films.svg").read_bytes()
     assert survey.counts["captures"].tolist() == [1] * 4 and survey.durations["gesture"].tolist() == ["pat", "tap"]
     assert len(survey.taxels) == 64 and not len(survey.duplicates) and not len(survey.gaps)
 

@@ -206,7 +206,6 @@ WRONG = [  # commands that are refused
     ["audit", "model=svm,nobody"],
     ["data", "sow"],
     ["data", "show", "nowhere"],
-    ["data", "show", "people", "capture=99"],
     ["data", "import", "table", "nowhere.csv", "name=x", "grid=8x8", "rate_hz=45"],
     ["data", "import", "table", "people.csv", "name=x", "grid=8x9", "rate_hz=45"],
     ["data", "import", "table", "people.csv", "name=x"],
