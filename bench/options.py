@@ -111,7 +111,7 @@ def used(command: str) -> dict[str, Any]:
 def options(name: str) -> dict[str, Option]:
     """The keys of a command; those of all its actions for one that has some."""
     command = commands()[name]
-    every = {option.key: option for option in command.options}
+    every = {option.key: option for option in (*(WORK if command.makes else ()), *command.options)}
     every |= {option.key: option for option in (measured(command) if command.makes else ())}
     every |= added_keys(name)
     if "by" in every:

@@ -5,7 +5,6 @@ A template such as ``report.jinja`` says what stands in which order, in macros o
 
 from __future__ import annotations
 
-import base64
 import itertools
 import re
 from importlib.resources import files
@@ -61,7 +60,7 @@ def _filled(template: str | Path, form: str, values: dict[str, object]) -> str:
     env = environment(ROOM / "templates", Path(template).parent, html=form == "html")
     count = itertools.count(1)
     env.globals |= {"form": form, "next_number": lambda: next(count)}
-    env.filters |= {"anchor": anchor, "md": md_escape, "code": _code, "svg": inline_svg, "base64": _base64}
+    env.filters |= {"anchor": anchor, "md": md_escape, "code": _code, "svg": inline_svg}
     env.filters["sentence"] = _sentence
     return env.get_template(Path(template).name).render(values)
 
@@ -87,10 +86,6 @@ def _code(text: object) -> str:
     """A command in markdown, which may hold bars and backticks."""
     line = str(text).replace("|", r"\|")
     return f"`` {line} ``" if "`" in line else f"`{line}`"
-
-
-def _base64(path: Path) -> str:
-    return base64.b64encode(path.read_bytes()).decode()
 
 
 def inline_svg(picture: Picture, number: int) -> Markup:

@@ -79,16 +79,6 @@ def test_scripts_workers_and_tests_of_the_folder(mine):
     assert "1 passed" in said(sys.executable, "-m", "pytest", "-q", "tests")
 
 
-def test_a_notebook(mine):
-    nbformat = pytest.importorskip("nbformat", reason="nbformat is not installed: pip install 'touchbench[docs]'")
-    client = pytest.importorskip("nbclient", reason="nbclient is not installed: pip install 'touchbench[docs]'")
-    pytest.importorskip("ipykernel", reason="ipykernel is not installed: pip install 'touchbench[docs]'")
-    cell = f"import bench\nfrom models.mynet import Mine\nprint(len(bench.run(model=['lda', Mine()], **{SMALL})))"
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell)])
-    client.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(mine)}}).execute()
-    assert any(output.get("text", "").strip().endswith("2") for output in notebook.cells[0].outputs)
-
-
 def test_systems_of_files_and_saved_models(mine):
     said(BENCH, "run", "model=wrap.py:mine", "jobs=2", *OPTIONS)
     said(BENCH, "fit", "model=wrap.py:mine", "out=rec", *OPTIONS)
@@ -102,12 +92,3 @@ def test_systems_of_files_and_saved_models(mine):
     # Without touchbench: the code that a model carries is enough, wherever it is loaded.
     code = "import mlflow, sys; m = mlflow.pyfunc.load_model('lda_rec'); import bench; print(bench.__file__)"
     assert str(mine / "lda_rec") in said(sys.executable, "-c", f"import sys; sys.modules.pop('bench', None); {code}")
-
-
-@pytest.mark.skipif(os.name == "nt", reason="signals")
-def test_workers_of_a_cluster(mine):
-    pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install 'touchbench[cluster]'")
-    from tests.on_cluster.test_on_a_cluster import scheduler, workers
-
-    with scheduler() as place, workers(place, PYTHONPATH=str(mine)):
-        said(BENCH, "run", "model=wrap.py:mine", f"cluster={place}", *OPTIONS)

@@ -23,12 +23,17 @@ def done(arguments):
         return main(arguments), out.getvalue()
 
 
-PLUGINS = Path(__file__).parent / "plugged"
-
-
-def code_of(name):
-    """A file that an installed package would have, which may be no longer than the gate allows."""
-    return (PLUGINS / f"{name}.py").read_text()
+EXAMPLE = (Path(__file__).parent / "plugged" / "example.py").read_text()
+POINTS = """
+[touchbench.models]
+usual = example:usual
+[touchbench.circumstances]
+each = example:Fewer
+[touchbench.commands]
+count = example:COUNT
+lost = example:LOST
+loud = example:LOUD
+"""
 
 
 def page_has(*words):
@@ -38,12 +43,10 @@ def page_has(*words):
 
 def test_a_new_circumstance_is_one_file_and_appears_everywhere(plug, monkeypatch):
     """Fewer captures of each class: printed, in a CSV file, on the page with a figure, a candidate, with a budget."""
-    source = code_of("fewer")
-    assert len(source.splitlines()) <= 45
-    plug("[touchbench.circumstances]\neach = fewer:Fewer\n", source, "fewer")
+    plug(POINTS.replace("lost = example:LOST\n", ""), EXAMPLE, "example")
     monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
     assert "each=" in help_of("run") and "max_each_loss=" in help_of("choose") and "max_each_loss=" in help_of("report")
-    code, printed = done(["run", *SMALL, "model=tree,lda", "features=jung28", "each=2,1"])
+    code, printed = done(["run", *SMALL, "model=tree,usual", "features=jung28", "each=2,1"])
     assert code == 0 and "Accuracy in percent by training captures of each class" in printed
     (store, stored_runs) = runs("cell")
     for run in stored_runs:
@@ -66,34 +69,8 @@ def test_a_new_circumstance_is_one_file_and_appears_everywhere(plug, monkeypatch
     assert done(["report", "max_each_loss=100"])[0] == 0
     page_has("Accuracy in percent by training captures of each class", "max_each_loss=100")
     sheet = pd.read_csv("report/each.csv")
-    assert {*sheet["system"]} == {"tree · jung28", "lda · jung28"} and {*sheet["level"]} == {1, 2}
+    assert {*sheet["system"]} == {"tree · jung28", "usual · jung28"} and {*sheet["level"]} == {1, 2}
     assert [*Path("report/figures").glob("*each*.svg")]
-
-
-def test_a_new_study_is_one_file_and_appears_everywhere(plug, monkeypatch):
-    """Late captures: a command with help, an API function, a row, a CSV file, a section, a candidate, a budget."""
-    source = code_of("halves")
-    assert len(source.splitlines()) <= 80
-    plug(
-        "[touchbench.circumstances]\nhalves = halves:Halves\n[touchbench.commands]\nhalves = halves:COMMAND\n",
-        source,
-        "halves",
-    )
-    monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
-    assert "share= " in help_of("halves") and "halves" in overview() and "max_tested=" in help_of("choose")
-    code, printed = done(["halves", *SMALL, "model=tree", "features=jung28", "share=0.25"])
-    assert code == 0 and "Accuracy in percent on late captures" in printed
-    _, (run,) = runs("halves")
-    assert run.data.params["halves.share"] == "0.25" and run.data.metrics["tested"] > 0
-    assert done(["halves", *SMALL, "model=tree", "features=jung28", "share=-1"])[0] == 2
-    table = bench.halves(**dict(key.split("=") for key in SMALL), model="tree", features="jung28", share=0.25)
-    assert len(runs("halves")[1]) == 1 and len(table) == 1  # found again
-    assert done(["run", *SMALL, "model=tree", "features=jung28"])[0] == 0
-    assert {*bench.choose(data="synth").choice.table["unit"]} == {"late captures", "capture"}
-    assert done(["choose", "max_tested=1"])[0] == 1
-    assert done(["report"])[0] == 0
-    page_has("Late captures", "Accuracy on late captures.")
-    assert len(pd.read_csv("report/halves.csv")) == 1
 
 
 def test_a_wrong_circumstance_is_refused_in_one_line(plug, capsys, group="circumstances"):
@@ -136,29 +113,8 @@ def test_no_other_file_names_a_circumstance_or_a_study():
     assert {file: here for file, here in found.items() if here} == {}
 
 
-COUNTS = """
-from bench.arguments import parse
-from bench.options import Command, Option, keys
-
-COUNT = Command(
-    "more",
-    "count letters",
-    "Counts the letters of a name.",
-    module="counting",
-    shares="data",
-    options=(Option("least", "count", "count", 1, "least letters"),),
-)
-LOUD = Option("loud", "fit predict", "yes", False, "yes: say so")
-
-def count(arguments):
-    print(len(parse(arguments, keys("count"))["data"]), "letters")
-    return 0
-"""
-
-
 def test_a_package_adds_a_command_and_a_key_of_others(plug):
-    points = "[touchbench.commands]\ncount = counting:COUNT\nlost = counting:LOST\nloud = counting:LOUD\n"
-    plug(points, COUNTS, "counting")
+    plug(POINTS, EXAMPLE, "example")
     assert done(["count", "data=anna"]) == (0, "4 letters\n") and done(["count", "seed=1"])[0] == 2
     assert "data=" in help_of("count") and "least letters; default 1" in help_of("count") and "count" in overview()
     assert "loud= " in help_of("fit") and "loud= " not in help_of("run")

@@ -4,8 +4,6 @@ import ast
 import re
 from pathlib import Path
 
-import pytest
-
 from bench.options import commands, help_of, options, overview
 
 ROOT = Path(__file__).parent.parent
@@ -61,19 +59,6 @@ def texts():
 def test_no_word_of_the_code_reaches_users():
     found = {where: words for where, text in texts() if (words := forbidden(text))}
     assert not found, "\n".join(f"{where}: {', '.join(words)}" for where, words in found.items())
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [("every candidate is told", ["candidate", "told"]), ("correct the cell", []), ("a Cell", ["Cell"]), ("cell4", [])],
-)
-def test_what_is_found(text, words):
-    assert forbidden(text) == words
-
-
-def test_literals_are_found_with_their_values_left_out(tmp_path):
-    (tmp_path / "a.py").write_text('"""A doc."""\nname = "word"\nprint(f"two {name} words", "three words here")\n')
-    assert list(literals(tmp_path / "a.py")) == [(3, "two {} words"), (3, "three words here")]
 
 
 def test_sentences_of_help_are_short():

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from bench.arguments import KEYS, backend_of, jobs_of, parse, values_of
 from bench.errors import InputError
 from bench.option import Option
-from bench.options import COMPARE, START, WORK, Command, keys, makers, measured
+from bench.options import COMPARE, START, Command, keys, makers, measured
 from bench.registry import check_loaded, circumstance_views, classes, views
 from bench.words import SMALL, Values
 
@@ -48,7 +48,7 @@ RUN = Command(
     "bench run data=haart model=lda features=touch under=noise,dead_taxels after=250ms,1s form=c\n"
     "bench run data=synth data.subjects=12 data.repetitions=2",
     makes="run",
-    options=(*WORK[:6], *STEPS, *WORK[6:]),
+    options=STEPS,
 )
 STRESS = Command(
     COMPARE,
@@ -63,7 +63,6 @@ STRESS = Command(
     keys=("under", "train_subjects"),
     given={"faults": "all"},
     out=("stress", "folder for tables and figures"),
-    options=WORK,
 )
 
 

@@ -1,7 +1,7 @@
 """What endless streams add: a command, and keys of ``bench fit``."""
 
 from bench.endless import DETECTOR
-from bench.options import TRUSTED, WORK, Command, Option
+from bench.options import TRUSTED, Command, Option
 from bench.usual import FALSE_ALARMS
 from bench.words import SMALL
 
@@ -39,7 +39,6 @@ WATCHES = Command(
     "Refused frames are counted if there are any. under= repeats this with faults of the test sensors.",
     f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2\n"
     "bench watch data=haart model=lda features=touch detector=frames,threshold under=noise,vibration,drift",
-    options=WORK,
     makes="watch",
 )
 LIVE = Command(

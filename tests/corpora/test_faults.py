@@ -188,18 +188,16 @@ def test_a_damaged_corpus_is_one_that_no_cache_knows(kind, tmp_path):
             assert np.array_equal(worse[i], np.rint(expected) if kind == "uint16" else expected)
 
 
-def test_a_fault_of_another_package_is_one_function(monkeypatch):
-    class Entry:
-        def load(self):
-            @fault("% darker", 10, 20, 30, 40, 50)
-            def dusk(frames, amount, rng):
-                return frames * np.float32(1 - amount / 100)
-
-    monkeypatch.setattr(faults, "plugged", lambda group: [Entry()] if group == "faults" else [])
+def test_a_fault_of_ones_own_is_one_function(monkeypatch):
     monkeypatch.setattr(faults, "FAULTS", dict(FAULTS))
+
+    @fault("% darker", 10, 20, 30, 40, 50)
+    def dusk(frames, amount, rng):
+        return frames * np.float32(1 - amount / 100)
+
     assert list(faults.all_faults()) == [*FAULTS, "dusk"]
-    dusk = faults.all_faults()["dusk"]
-    assert dusk.describe(2) == "20 % darker"
-    assert dusk.apply(np.ones((1, 1, 1), np.float32), 2, "1", 1, 50.0) == pytest.approx(0.8)
+    known = faults.all_faults()["dusk"]
+    assert known.describe(2) == "20 % darker"
+    assert known.apply(np.ones((1, 1, 1), np.float32), 2, "1", 1, 50.0) == pytest.approx(0.8)
     with pytest.raises(ValueError, match="5 amounts, here are 2"):
         fault("taxels", 1, 2)

@@ -1,13 +1,17 @@
-"""Fewer training captures of each class: a whole circumstance, as an installed package would add it."""
+"""A whole package: a model, a circumstance with what is shown of it, a command, and a key of other commands."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
 import pandas as pd
+from sklearn.dummy import DummyClassifier
+from sklearn.pipeline import make_pipeline
 
+from bench.arguments import parse
 from bench.circumstances.base import Case, Circumstance, option
 from bench.measures import Cost
+from bench.options import DATA, Command, Option, keys
 from bench.reports.views.base import View
 from bench.work.fitted import Fitted
 
@@ -17,7 +21,7 @@ class Fewer(Circumstance):
     """The system is fitted on so many captures of each class, and labels the test captures as they are."""
 
     key: ClassVar[str] = "each"
-    view: ClassVar[str] = "fewer:Shown"
+    view: ClassVar[str] = "example:Shown"
 
     each: tuple[int, ...] = option((), "numbers of training captures of each class", type="counts")
 
@@ -37,3 +41,24 @@ class Shown(View):
              words="lost to few captures", help="largest mean loss with few training captures, in points",
              zero=True, column=False),
     )  # fmt: skip
+
+
+def usual(features):
+    """The most frequent class, whatever is touched."""
+    return make_pipeline(features, DummyClassifier())
+
+
+COUNT = Command(
+    "more",
+    "count letters",
+    "Counts the letters of a name.",
+    options=(DATA, Option("least", "count", 1, "least letters")),
+    module="example",
+)
+LOUD = Option("loud", "yes", False, "yes: say so", commands="fit predict")
+
+
+def count(arguments):
+    """Print how many letters a name has."""
+    print(len(parse(arguments, keys("count"))["data"]), "letters")
+    return 0
