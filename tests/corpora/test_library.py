@@ -72,19 +72,6 @@ def test_what_points_nowhere_or_outside_is_refused_and_mended_by_an_import(arm, 
     assert pointer.read_text() == good and not pointer.is_symlink() and len(open_corpus("arm", {})) == 36
 
 
-def test_verify_says_it_of_each_file(arm, capsys):
-    assert main(["data", "verify", "arm"]) == 0
-    out = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in out] == [*NAMES, "arm:"]
-    flip(folder() / "frames.npy", as_before=True)
-    (folder() / "lengths.npy").unlink()
-    assert main(["data", "verify", "arm"]) == 1
-    out = capsys.readouterr().out.splitlines()
-    assert [" damaged:" in line for line in out[:-1]] == [name in ("frames.npy", "lengths.npy") for name in NAMES]
-    assert main(["data", "verify", "leg"]) == 2
-    assert main(["data", "verify"]) == 2 and "not an action" in capsys.readouterr().err
-
-
 def test_a_damaged_corpus_does_not_hide_the_others(arm, capsys):
     arm("leg", "1")
     flip(folder("arm") / "frames.npy")

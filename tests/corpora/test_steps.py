@@ -159,6 +159,14 @@ def test_scaling_equals_a_loop(seed, grid, full_scale):
     assert found.frames.min() >= 0 and found.frames.max() <= np.float32(full_scale)  # also after rounding
 
 
+def test_logarithmic_readings_by_hand():
+    (found,) = Scale("log")(corpus_of([np.array([[[0, 255, 1023]]], dtype=np.uint16)]))
+    by_hand = [0, 1023 * np.log(1 + 1000 * 255 / 1023) / np.log(1001), 1023]
+    assert found.dtype == np.float32 and found.ravel() == pytest.approx(by_hand, rel=1e-6)
+    (same,) = Scale("log")(corpus_of([np.array([[[-0.5, 0.25, 2.0]]], dtype=np.float32)], full_scale=1.0))
+    assert same.ravel() == pytest.approx([0, np.log(251) / np.log(1001), 1], rel=1e-6)  # in shares; none beyond 0 to 1
+
+
 # Damaged copies
 
 

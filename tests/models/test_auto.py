@@ -11,13 +11,10 @@ from sklearn.svm import SVC
 from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
-from bench.models.classic.lda import Discriminants
-from bench.models.recipe import taken
-from bench.models.search import auto, portfolio
+from bench.models.search import portfolio
 from bench.models.search.auto import Auto
 from bench.models.search.ensemble import tempered
 from bench.models.search.inner_folds import inner_folds
-from bench.models.search.portfolio import complete
 from bench.models.search.trial_scores import Inner
 from bench.models.sizes import sizes
 from bench.pareto import front
@@ -77,19 +74,6 @@ def test_a_trial_is_judged_as_a_plain_loop_would(quick):
     assert search.trials_["accuracy"][1] == pytest.approx(np.mean([hits[who == s].mean() for s in np.unique(who)]))
 
 
-def test_windows_are_judged_by_the_mean_of_undamaged_ones(quick):
-    corpus = noisy(longest=120)
-    trial = complete({"model": "lda", "window": 0.5, "faults": "all", "lda.shrinkage": 0.3})
-    (_, test, proba, _), _ = inner_of(corpus).judge(trial)
-    train = np.setdiff1d(np.arange(len(corpus)), test)
-    seen, row = taken(corpus[train], portfolio.steps_of(trial).training_steps())
-    model = Discriminants(0.3).fit(TouchFeatures().transform(seen), corpus.gestures[train][row])
-    for i in (0, len(test) - 1):
-        windows, _ = taken(corpus[test[[i]]], portfolio.steps_of(trial).steps())
-        expected = model.predict_proba(TouchFeatures().transform(windows)).mean(axis=0)
-        np.testing.assert_allclose(proba[i], expected, atol=1e-6)
-
-
 def test_what_decides_is_what_was_picked_fitted_to_everybody(quick):
     corpus = noisy()
     search = searched(corpus, 6)
@@ -145,25 +129,6 @@ def test_a_trial_that_fails_is_listed_and_the_others_go_on(quick, monkeypatch, t
     monkeypatch.setattr(Inner, "judge", lambda self, trial: 1 / 0)
     all_failed = searched(corpus.detached(), 2)
     assert all_failed.chosen_["failed"] == 2 and all_failed.chosen_["1"].startswith("1.00 lda")
-
-
-def test_limits_hold_for_an_ensemble_as_a_whole(quick, monkeypatch):
-    """Both machines grow with captures: as they were judged they fit together, fitted to all captures they do not."""
-    corpus = noisy()
-    grown = [{"model": "svm", "svm.scaling": "z", "svm.C": c, "svm.gamma": 0.01} for c in (1.0, 100.0)]
-    monkeypatch.setattr(portfolio, "FIRST", grown)
-
-    def both(proba, codes, who, allowed):
-        return {0: 0.5, 1: 0.5} if len(proba) == 2 and allowed({0, 1}) else {0: 1.0} if allowed({0}) else {}
-
-    monkeypatch.setattr(auto, "selected", both)
-    free = searched(corpus, 2)
-    judged = sum(t.costs["flash_bytes"] for t in free.tried_)
-    fitted = flash(free, corpus)
-    assert len(free.best_.members) == 2 and judged < fitted
-    limit = (judged + fitted) / 2
-    limited = searched(corpus, 2, max_flash=f"{limit / 1e3}kB")
-    assert len(limited.best_.members) == 1 and flash(limited, corpus) <= limit
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,7 @@
 import re
 
 import numpy as np
-import pandas as pd
 import pytest
-from sklearn.pipeline import Pipeline
 
 from bench import contract
 from bench.corpora.corpus import COPY, Corpus
@@ -18,7 +16,7 @@ from bench.models.classic.lda import lda
 from bench.models.classic.softmax import softmax
 from bench.models.classic.svm import svm
 from bench.models.nets.cnn85 import CNN85
-from bench.models.recipe import Recipe, build, rows_of, taken
+from bench.models.recipe import Recipe, build, taken
 from bench.models.sizes import sizes
 from bench.plan.cells import cells
 from bench.plan.plan import checked
@@ -192,25 +190,6 @@ def test_what_cannot_be_is_refused_in_one_line(model, options, corpus):
         system = build(load("models", model), Jung28(), **options)
         contract.check(system)
         contract.check_training(system, corpus, corpus.gestures)
-
-
-def test_kept_features_of_copies_are_those_of_copies_made_again(stored, monkeypatch):
-    """Of captures in another order, one of them twice, what is kept gives the same rows and the same system."""
-    some = stored[np.array([7, 2, 2, 20, 11, 30, 25, 0, 33, 15])]
-    options = {"window": 0.1, "repair": ("stuck",), "faults": ("noise", "dropped_frames"), "copies": 2}
-    recipe = Recipe(lda(TouchFeatures()), **options)
-    steps = tuple(recipe.training_steps())
-    assert kept.after(TouchFeatures(), some, steps) is None  # nothing is kept yet
-    made, row = taken(some, list(steps))
-    expected = TouchFeatures().transform(made)  # which keeps them
-    table, rows = rows_of(kept.after(TouchFeatures(), some, steps), some.index)
-    pd.testing.assert_frame_equal(table, expected)
-    assert np.array_equal(rows, row)
-    monkeypatch.setattr(Faulted, "__call__", lambda *_: pytest.fail("a copy was damaged again"))
-    quick = recipe.fit(some, some.gestures).system_
-    again = Pipeline(quick.steps[1:]).fit(expected, some.gestures[row])
-    assert np.array_equal(quick.named_steps["classifier"].coef_, again.named_steps["classifier"].coef_)
-    assert quick.named_steps["features"].names_.equals(expected.columns)
 
 
 # Weights in 8 bits

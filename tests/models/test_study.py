@@ -84,16 +84,6 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(straight, stop):
     assert len({line[0] for line in straight}) > 10  # they differ, or this shows nothing
 
 
-def test_a_file_that_a_killed_process_left_is_repaired_wherever_it_ends(straight):
-    searched()
-    content = file().read_bytes()
-    file().with_suffix(".lock").write_text("")
-    for end in [0, 1, *np.random.default_rng(0).integers(2, len(content), 6), len(content) - 1]:
-        file().write_bytes(content[:end])
-        assert facts(searched()) == straight
-        assert facts(searched()) == straight  # as read
-
-
 shares = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=9)
 
 

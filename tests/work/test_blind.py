@@ -2,7 +2,6 @@
 
 import pickle
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,7 +13,6 @@ from bench import contract
 from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
 from bench.circumstances.subjects import Subjects
-from bench.cli import main
 from bench.corpora.faults import all_faults
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
@@ -25,11 +23,9 @@ from bench.models.classic.lda import Discriminants
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, planned
 from bench.plan.splits import Calibration
-from bench.timing import REPEATS
 from bench.work import loop
 from bench.work.evaluation import evaluated, folded
-from bench.work.fit import fit
-from bench.work.fold import WARM_UP, batch_effects, decisions, latency
+from bench.work.fold import batch_effects
 from bench.work.loop import execute, prepared
 from bench.work.personal import met
 from bench.work.replay import prefix
@@ -91,16 +87,6 @@ class Neighbours(Mean):
             if (label := getattr(self, "near_", {}).get(frames.tobytes())) is not None:
                 proba[i] = self.classes_ == label
         return proba
-
-
-class Lists(Mean):
-    """Gives lists in place of arrays, and may leave the last capture out."""
-
-    skips = False
-
-    def decide(self, X):
-        some = range(len(X) - self.skips)
-        return pd.DataFrame({"capture": some, "start": 0, "frames": 1}), self.predict_proba(X)[: len(some)].tolist()
 
 
 def trained(system):
@@ -185,30 +171,11 @@ def test_features_of_the_whole_corpus_do_not_hide_that_they_depend_on_the_batch(
             assert bool(batch_effects(system, stored, TEST)) is effects
 
 
-def test_a_decision_that_needs_its_whole_capture_is_timed_once():
-    system, frames = trained(Level()), int(FEW.lengths.max())
-    predict, lengths = system.predict, []
-    system.predict = lambda X: lengths.append(len(X.frames)) or predict(X)
-    once = latency(system, FEW[TEST], frames)
-    assert once[0] == once[1] and len(lengths) == WARM_UP + REPEATS * len(TEST)
-    lengths.clear()
-    latency(system, FEW[TEST], frames := int(FEW.lengths[TEST].max()) - 1)
-    assert len(lengths) == WARM_UP + 2 * REPEATS * len(TEST) and max(lengths[-REPEATS * len(TEST) :]) == frames
-
-
 def test_what_adapts_in_place_carries_nothing_into_other_tests():
     system, blind = trained(Neighbours()), FEW[TEST].blind()
     before, labels = system.predict(blind).tolist(), FEW.gestures[TEST][::-1]
     assert contract.adapted(system, FEW[TEST], labels).predict(blind).tolist() == labels.tolist() != before
     assert system.predict(blind).tolist() == before
-
-
-def test_lists_are_predictions_and_a_skipped_capture_is_an_error():
-    lists = trained(Lists())
-    assert batch_effects(lists, FEW, TEST) == []
-    lists.skips = True
-    with pytest.raises(ValueError, match=f"no decision on capture {TEST[-1]}"):
-        decisions(lists, FEW, "", TEST)
 
 
 def test_declared_conditions_are_visible_and_no_others():
@@ -232,17 +199,6 @@ def test_declared_conditions_are_visible_and_no_others():
     system.conditions = "cover"
     with pytest.raises(InputError, match="tuple"):
         contract.conditions(system)
-
-
-def test_a_fit_of_a_system_that_reads_labels_or_needs_a_condition_is_one_line(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: FEW)
-    path = tmp_path / "my.py"
-    path.write_text("from tests.work.test_blind import Mean, Reads\n\nclass My(Mean):\n    conditions = ('variant',)\n")
-    assert main(["fit", f"model={path}:Reads", "stopping=no"]) == 2
-    assert capsys.readouterr().err.splitlines()[-1].startswith("bench: X.captures is hidden")
-    (cell,) = cells({"model": f"{path}:My"})
-    with pytest.raises(InputError, match="variant"):
-        fit(cell)
 
 
 def test_the_next_person_is_learned_from_although_one_has_a_single_capture():
@@ -296,12 +252,3 @@ def test_a_fold_fails_where_predict_and_the_probabilities_disagree():
     assert evaluated(cell_of(Centred), FEW, fold, 1)[
         1
     ].batch_effects  # its labels differ with the batch: marked, not failed
-
-
-def test_a_fold_fails_where_labels_are_none_and_no_mark_of_the_batch_is_set(store):
-    Path("none.py").write_text(
-        "from tests.work.fakes import Level\n\nclass Nothing(Level):\n    predict_proba = None\n"
-        "    def predict(self, X):\n        return [None] * len(X)\n"
-    )
-    (result,) = execute(prepared(cells({"model": "none.py:Nothing", "data.subjects": 2, "data.repetitions": 1}), 1))
-    assert result.alone and set(result.errors) == {"1", "2"}
