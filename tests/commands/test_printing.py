@@ -100,7 +100,7 @@ def test_run_marks_the_best_and_warns_of_one_label_and_what_it_prints_next_can_b
 
 def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys):
     values = parse([*SMALL, "model=bayes,lda,tree", "features=jung28"], keys("run"))
-    results = made("run", values)
+    results = made("run", values).runs
     top = max(results, key=lambda r: r["subject_accuracy_mean"])
     top.about[BATCH] = "true"
     assert printing.show(results, [(views()["run"], results)]) == 0
