@@ -26,18 +26,7 @@ READERS: dict[type, tuple[str, Callable[[str], object]]] = {
 
 
 def quantity(key: str, given: object, unit: str = "", zero: bool = False, prefix: str = "") -> float:
-    """A typed amount in its unit: milliseconds, kilobytes (1000 bytes; KiB are 1024), thousands, MHz or a plain number.
-
-    Args:
-        key: key of the argument.
-        given: typed value.
-        unit: unit of the result; an amount of one that is not in `UNITS` is typed as a plain number.
-        zero: True if 0 is an amount.
-        prefix: prefix of the key, if it was typed with one.
-
-    Raises:
-        InputError: it is no such amount, or not above 0.
-    """
+    """A typed amount above 0 in its unit: ms, kilobytes (1000 bytes; KiB are 1024), thousands, MHz or a plain number."""
     text = str(given)
     number = text.rstrip("BkKiMmsGHz ")
     units = UNITS.get(unit, {"": 1.0})
@@ -63,9 +52,6 @@ def convert(key: str, given: object, default: object) -> object:
     """Text as a value of the type of the default; a default of None takes None or a whole number.
 
     What is no text (an API call) is taken as it is, if it is of that type.
-
-    Raises:
-        InputError: it is no such value.
     """
     if isinstance(given, tuple) and not given and isinstance(default, tuple):
         return given

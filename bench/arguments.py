@@ -18,16 +18,7 @@ KEYS = {option.key for option in WORK}  # of the cells of bench run
 
 
 def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, str]:
-    """Split ``key=value`` arguments.
-
-    Args:
-        arguments: typed words.
-        known: keys that may appear, see `bench.options.keys`; those of parts and ``data`` may also be dotted. None
-            takes every key.
-
-    Raises:
-        InputError: an argument without ``=``, a key given twice, or an unknown key.
-    """
+    """Split ``key=value`` arguments."""
     values: dict[str, str] = {}
     for argument in arguments:
         key, equals, value = argument.partition("=")
@@ -43,16 +34,7 @@ def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, 
 
 
 def parse_words(arguments: Sequence[str], known: Collection[str], most: int) -> tuple[list[str], dict[str, str]]:
-    """Split arguments of a command that takes words without a key first, such as names of files.
-
-    Args:
-        arguments: typed words.
-        known: keys of the options.
-        most: words that there may be; a word with ``=`` is one if it is a file, or if its key is unknown.
-
-    Raises:
-        InputError: as `parse`, of what follows the words.
-    """
+    """Split arguments of a command that takes words without a key first, such as names of files."""
     words = []
     for argument in arguments[:most]:
         if "=" in argument and argument.partition("=")[0] in known and not Path(argument).is_file():
@@ -62,11 +44,7 @@ def parse_words(arguments: Sequence[str], known: Collection[str], most: int) -> 
 
 
 def check_key(key: str, known: Collection[str]) -> None:
-    """Refuse a key that means nothing here.
-
-    Raises:
-        InputError: it is not known, or must not be dotted.
-    """
+    """Refuse a key that means nothing here."""
     if key.split(".")[0] not in known or ("." in key and key.split(".")[0] not in (*rooms(), "data")):
         raise InputError(f"no key is called {key!r}; {nearest(key, known)}")
 
@@ -80,16 +58,7 @@ def values_of(values: Mapping[str, object], known: Collection[str]) -> dict[str,
 
 
 def settings(command: str, values: Values, listed: Iterable[Option] = ()) -> dict[str, Any]:
-    """The options of a command in their types, as given or by default; those that it shares with ``bench run`` aside.
-
-    Args:
-        command: name of the command.
-        values: typed values.
-        listed: options of one of its actions; without them, all of the command.
-
-    Raises:
-        InputError: a value of another type, or none of those that an option lists.
-    """
+    """The options of a command, or of its action, in their types; those that it shares with ``bench run`` aside."""
     every = {option.key: option for option in listed} or options(command)
     own = {key: one for key, one in every.items() if one not in WORK and "makers" not in one.commands}
     given = {key: values[key] for key in own if values.get(key) is not None}
@@ -102,20 +71,12 @@ def limits_of(given: Mapping[str, Any]) -> dict[str, float]:
 
 
 def value_of(option: Option, value: object) -> Any:
-    """A typed value of an option.
-
-    Raises:
-        InputError: it is no such value, or none of those that are listed.
-    """
+    """A typed value of an option."""
     return budgets()[option.key].typed(value) if option.type == "amount" else plain_value_of(option, value)
 
 
 def backend_of(values: Values) -> Backend:
-    """The requested workers.
-
-    Raises:
-        InputError: a value that means nothing, or nothing there.
-    """
+    """The requested workers."""
     for key, one in added_keys("run").items():
         if (address := str(values.get(key, ""))) and "jobs" in values:
             raise InputError(f"jobs={values['jobs']}: {key}= sets the number of workers; leave jobs= out")

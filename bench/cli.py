@@ -55,11 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _done(arguments: list[str]) -> int:
-    """Do a command; its exit code.
-
-    Raises:
-        InputError: there is no such command, or it refuses its arguments.
-    """
+    """Do a command; its exit code."""
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(overview())
         return 0
@@ -90,11 +86,7 @@ def _done(arguments: list[str]) -> int:
 
 
 def _help(name: str, arguments: list[str]) -> str:
-    """The help of a command; where its arguments name parts, the parameters of these.
-
-    Raises:
-        InputError: there is no such part.
-    """
+    """The help of a command; where its arguments name parts, the parameters of these."""
     if words := [a for a in arguments if (key := a.partition("=")[0]) in rooms() and key in options(name)]:
         from bench.described import help_of_parts
 
@@ -103,11 +95,7 @@ def _help(name: str, arguments: list[str]) -> str:
 
 
 def _check(arguments: list[str]) -> None:
-    """Refuse options as most programs have them, NUL characters, and a working folder that was deleted.
-
-    Raises:
-        InputError: one of these.
-    """
+    """Refuse options as most programs have them, NUL characters, and a working folder that was deleted."""
     for i, argument in enumerate(arguments):
         if "\0" in argument:
             raise InputError("an argument contains a NUL character; remove it")

@@ -63,11 +63,7 @@ class Described:
 
 
 def described(room: str, name: str) -> Described:
-    """A part of a room, in words.
-
-    Raises:
-        InputError: no part has that name, or it cannot be imported.
-    """
+    """A part of a room, in words."""
     part = load(room, name)
     words = SECTION.split(_plain(inspect.getdoc(part) or ""))[0]
     first, *more = words.strip().split("\n\n")
@@ -81,11 +77,7 @@ def described(room: str, name: str) -> Described:
 
 
 def classifiers(among: Iterable[str] | None = None) -> list[str]:
-    """Names of the classifiers that go with any feature set: the harness passes them one.
-
-    Args:
-        among: names of models, of which no other is loaded; None for all.
-    """
+    """Names of the classifiers that go with any feature set: the harness passes them one."""
     kept = names("models") if among is None else [name for name in names("models") if name in {*among}]
     return [name for name in kept if required(load("models", name)) == ["features"]]
 
@@ -97,15 +89,7 @@ def definitions(systems: Iterable[str]) -> list[str]:
 
 
 def help_of_parts(arguments: Sequence[str], rooms: Mapping[str, str]) -> str:
-    """The parameters of the parts that arguments name (``model=svm,rf``), as ``--help`` prints them; else empty.
-
-    Args:
-        arguments: typed words.
-        rooms: room of the parts that each key names.
-
-    Raises:
-        InputError: no part has that name, or it cannot be imported.
-    """
+    """The parameters of the parts that arguments name (``model=svm,rf``), as ``--help`` prints them; else empty."""
     given = dict(argument.partition("=")[::2] for argument in arguments)
     sections = []
     for key in sorted({*rooms} & {*given}, key=list(given).index):

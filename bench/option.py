@@ -52,13 +52,6 @@ def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "t
     """A field that is an option: a key of the command with its only default.
 
     A tuple takes all values between commas; of any other, several values are several runs.
-
-    Args:
-        default: value without the key.
-        help: text of the help.
-        values: allowed values, if they can be listed.
-        type: one of `Option`.
-        alias: its key in the commands that spell it otherwise.
     """
     one = Option("", type, default, help, values)
     return dataclasses.field(default=default, metadata={"option": one, "alias": alias})
@@ -76,11 +69,7 @@ class Options:
 
     @classmethod
     def of(cls, values: Values) -> list[Self]:
-        """Every combination of the typed values.
-
-        Raises:
-            InputError: a value cannot be used.
-        """
+        """Every combination of the typed values."""
         choices: dict[str, list] = {}
         for name, (one, alias) in cls.fields().items():
             if key := next((k for k in (name, alias) if k in values), ""):
@@ -102,11 +91,7 @@ def _read(one: Option, value: object) -> Any:
 
 
 def value_of(one: Option, value: object) -> Any:
-    """A typed value of an option.
-
-    Raises:
-        InputError: it is no such value, or none of those that are listed.
-    """
+    """A typed value of an option."""
     key = one.key
     if one.type == "number":
         return quantity(key, value)

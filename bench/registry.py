@@ -82,15 +82,7 @@ def names(room: str) -> dict[str, str]:
 
 
 def load(room: str, name: str) -> Callable:
-    """Import one part: a class or a function whose keyword arguments are its parameters.
-
-    Args:
-        room: one of `KEYS`, or a package that lists its parts in ``PARTS``: its key is its name without the s.
-        name: registered name, or ``file.py:Name`` for a class or function of a file.
-
-    Raises:
-        InputError: no part has that name, or it cannot be imported.
-    """
+    """Import one part by name, or from ``file.py:Name``; a room is a group, or a package that lists its ``PARTS``."""
     registered, key = names(room), KEYS.get(room, room.rpartition(".")[2].removesuffix("s"))
     file, _, attribute = name.rpartition(":")
     if file.endswith(".py"):
@@ -137,11 +129,7 @@ def broken() -> list[str]:
 
 
 def check_loaded() -> None:
-    """Refuse to make runs without a part of `LIGHT` of a package.
-
-    Raises:
-        InputError: one cannot be loaded.
-    """
+    """Refuse to make runs without a part of `LIGHT` of a package."""
     for line in broken():
         raise InputError(line)
 
@@ -164,11 +152,7 @@ def _loaded(room: str) -> tuple[dict[str, Any], list[str]]:
 
 
 def part(room: str, name: str) -> Any:
-    """One part of a room.
-
-    Raises:
-        InputError: it is of a package and cannot be loaded.
-    """
+    """One part of a room."""
     return _part(names(room)[name], name, room)
 
 

@@ -27,11 +27,7 @@ Values = Mapping[str, object]  # text; from Python also numbers, objects, and li
 
 
 def items(key: str, value: object) -> list:
-    """The values between commas, or of a list.
-
-    Raises:
-        InputError: there is nothing between two of them, or nothing at all.
-    """
+    """The values between commas, or of a list."""
     if isinstance(value, str):
         if key == "where":  # a condition may hold commas
             return [value]

@@ -86,24 +86,14 @@ def command(arguments: list[str]) -> int:
 
 
 def understood(run: str) -> list[Cell]:
-    """The cells of ``bench run`` arguments.
-
-    Raises:
-        InputError: they mean nothing.
-    """
+    """The cells of ``bench run`` arguments."""
     from bench.plan.cells import cells
 
     return cells(parse(shlex.split(run), RUN_KEYS))
 
 
 def _cells(runs: list[str], asked: Mapping[str, list], then: Measured | None = None) -> list[tuple[Cell, str]]:
-    """The selected cells of ``bench run`` arguments, with these; each once.
-
-    Args:
-        runs: arguments.
-        asked: values as `bench.outcomes.runs.selected` takes them.
-        then: the system whose cells are wanted; None for all.
-    """
+    """The selected cells of ``bench run`` arguments, with these; each once."""
     from bench.outcomes.runs import selected
 
     planned: dict[str, tuple[Cell, str]] = {}

@@ -90,11 +90,7 @@ def command(arguments: list[str]) -> int:
 
 
 def chosen(values: Values) -> Chosen:
-    """The choice among tracked runs.
-
-    Raises:
-        InputError: something in the values cannot be used, or no run is tracked for them.
-    """
+    """The choice among tracked runs."""
     from bench.outcomes import choice as choices
     from bench.outcomes.runs import asked_of, every_result
     from bench.outcomes.store import connect

@@ -120,18 +120,7 @@ def print_recordings(found: StreamSurvey, name: str) -> None:
 def looked(
     name: str, where: str, target: str, out: Path | None, parameters: dict[str, object]
 ) -> Survey | StreamSurvey:
-    """Survey the captures of a corpus, or recordings, and draw them if a folder is given.
-
-    Args:
-        name: name of the corpus.
-        where: captures, or recordings, to look at.
-        target: columns whose classes are counted besides.
-        out: folder for the figures, or None.
-        parameters: parameters of ``synth``.
-
-    Raises:
-        InputError: the corpus is not here, something in the values cannot be used, or the folder cannot be written.
-    """
+    """Survey the captures of a corpus, or recordings, and draw them if a folder is given."""
     from bench.reports.corpus_page import write as draw
 
     variant = one_variant(name, parameters)
@@ -153,11 +142,7 @@ def looked(
 
 
 def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
-    """Parameters of the generator as they are typed, with or without ``data.``, and its defaults.
-
-    Raises:
-        InputError: one that is not known, is given twice, or has several values.
-    """
+    """Parameters of the generator as they are typed, with or without ``data.``, and its defaults."""
     dotted: dict[str, object] = {}
     for key, value in parameters.items():
         if (full := f"data.{key.removeprefix('data.')}") in dotted:

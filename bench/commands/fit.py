@@ -76,11 +76,7 @@ def command(arguments: list[str]) -> int:
 
 
 def trained(values: Values) -> tuple[Fitted, Path | None]:
-    """Fit and save the system of some values; also return the folder of ``out=``.
-
-    Raises:
-        InputError: something in the values or the data cannot be used, or they name several systems.
-    """
+    """Fit and save the system of some values; also return the folder of ``out=``."""
     from bench.corpora.library import holds_recordings
     from bench.plan.cells import cells
     from bench.work.fit import fit
@@ -101,11 +97,7 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
 
 
 def adapted(words: list[str], values: dict[str, str]) -> int:
-    """Adapt a saved system to the captures of one person in a file, and save it.
-
-    Raises:
-        InputError: something in the arguments or the file cannot be used, or the system cannot adapt.
-    """
+    """Adapt a saved system to the captures of one person in a file, and save it."""
     from bench.commands.predict import read
     from bench.commands.printing import then
     from bench.scratch import new_folder

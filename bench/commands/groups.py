@@ -51,11 +51,7 @@ def groups(**values: object) -> pd.DataFrame:
 
 
 def printed(values: Values) -> int:
-    """Print accuracy against the number of groups, with a table ``[reactions]`` for 90, 95 and 99 %.
-
-    Raises:
-        InputError: something in the values cannot be used, or no run is stored for them.
-    """
+    """Print accuracy against the number of groups, with a table ``[reactions]`` for 90, 95 and 99 %."""
     table, title, notes, results = grouped({key: value for key, value in values.items() if key != "groups"})
     found = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
     Table(COLUMNS, found, f"{title}; accuracy is the mean over subjects with its 95 % t-interval").print(output())
@@ -77,15 +73,7 @@ def printed(values: Values) -> int:
 
 
 def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str], list[Result]]:
-    """Groups for the most accurate stored system; all its seeds are used.
-
-    Returns:
-        Table of `bench.outcomes.groups.groupings`; captures, protocol and system in words; limits in sentences;
-        results of the system.
-
-    Raises:
-        InputError: something in the values cannot be used, or no run is stored for them.
-    """
+    """Groups for the most accurate stored system; all its seeds are used."""
     if dotted := [k for k in values if "." in k and not k.startswith("protocol.")]:
         raise InputError(f"{dotted[0]}= runs a system, and groups are of stored runs; leave {dotted[0]}= out")
     if alone := [k for k in values if k not in KEYS and "." not in k]:

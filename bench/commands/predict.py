@@ -53,11 +53,7 @@ def command(arguments: list[str]) -> int:
 
 
 def read(command: str, words: list[str], values: Values) -> tuple[str, Recogniser, Corpus]:
-    """The model that a command names and itself, and the captures of the file.
-
-    Raises:
-        InputError: something in the arguments or the file cannot be used.
-    """
+    """The model that a command names and itself, and the captures of the file."""
     if len(words) < 2:
         raise InputError(f"give a model and a file: bench {command} MODEL FILE; see bench {command} --help")
     from bench.corpora.read.table import read_unlabelled

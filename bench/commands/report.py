@@ -35,11 +35,7 @@ COMMAND = Command(
 
 
 def command(arguments: list[str]) -> int:
-    """Write the verdict on the tracked runs as a page, with its tables and figures.
-
-    Raises:
-        InputError: something in the arguments cannot be used, or the folder cannot be written.
-    """
+    """Write the verdict on the tracked runs as a page, with its tables and figures."""
     from bench.commands.printing import then
     from bench.outcomes.runs import asked_of
     from bench.outcomes.store import connect

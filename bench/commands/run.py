@@ -118,11 +118,7 @@ def plans(**values: object) -> list[Plan]:
 
 
 def made(name: str, values: Values) -> Results:
-    """The runs of a command that makes runs, by its name.
-
-    Raises:
-        InputError: something in the values or the data cannot be used; nothing was run.
-    """
+    """The runs of a command that makes runs, by its name."""
     from bench.stored import results_of
     from bench.work.loop import execute
 
@@ -131,11 +127,7 @@ def made(name: str, values: Values) -> Results:
 
 
 def command(name: str, arguments: list[str]) -> int:
-    """Make the runs that the arguments name, print and write them; exit code 1 if a fold failed.
-
-    Raises:
-        InputError: something in the arguments or the data cannot be used; nothing was run.
-    """
+    """Make the runs that the arguments name, print and write them; exit code 1 if a fold failed."""
     from bench.commands.printing import writable
     from bench.work.loop import execute
 
@@ -150,11 +142,7 @@ def command(name: str, arguments: list[str]) -> int:
 
 
 def planned(name: str, values: Values) -> tuple[list, str]:
-    """What a command is to run, and the folder of ``out=``; empty for none.
-
-    Raises:
-        InputError: something in the values or the data cannot be used.
-    """
+    """What a command is to run, and the folder of ``out=``; empty for none."""
     from bench.plan.cells import cells
     from bench.work.loop import prepared
 
@@ -174,11 +162,7 @@ def planned(name: str, values: Values) -> tuple[list, str]:
 
 
 def circumstances(values: Values) -> list[tuple[Circumstance, ...]]:
-    """Every combination of the circumstances that typed values ask for, by their first option.
-
-    Raises:
-        InputError: a value cannot be used, or belongs to a circumstance that was not asked for.
-    """
+    """Every combination of the circumstances that typed values ask for, by their first option."""
     asked = []
     for one in (c for c in classes("circumstances").values() if not c.study):
         names = [n for name, (_, alias) in one.fields().items() for n in (name, alias) if n]
@@ -191,13 +175,7 @@ def circumstances(values: Values) -> list[tuple[Circumstance, ...]]:
 
 
 def printed(name: str, results: list[Result], folder: Path | None = None) -> int:
-    """Print runs as a command shows them, and write what it writes; the exit code.
-
-    Args:
-        name: command whose view is shown; ``bench run`` shows captures, and each circumstance.
-        results: results of one kind of run.
-        folder: folder of ``out=``.
-    """
+    """Print runs as a command shows them, and write what it writes; the exit code."""
     from bench.commands.printing import output, say, show, then
     from bench.table import Table
 
@@ -217,11 +195,7 @@ def printed(name: str, results: list[Result], folder: Path | None = None) -> int
 
 
 def evaluated(todo: list[Cell], backend: Backend) -> list[Result]:
-    """Cells of captures, evaluated as ``bench run`` does.
-
-    Raises:
-        InputError: something in the cells or the data cannot be used; nothing was run.
-    """
+    """Cells of captures, evaluated as ``bench run`` does."""
     from bench.work.loop import execute, prepared
 
     return execute(prepared(todo, backend.jobs), backend)

@@ -72,9 +72,6 @@ def searched(values: Values) -> list[Result]:
 
     Listed values of a model's parameters are tried. Where no parameter has several, the ranges that the model declares
     are searched, and single values are kept. ``smallest`` of a parameter looks for its smallest value instead.
-
-    Raises:
-        InputError: something in the values or the data cannot be used; nothing was run.
     """
     if "smallest" in values:
         return smallest(values)
@@ -145,11 +142,7 @@ def _tuning(cell: Cell, params: dict[str, object], how: How, trials: int) -> Tun
 
 
 def smallest(values: Values) -> list[Result]:
-    """Run each system with the smallest value that suffices, chosen in every fold, beside the unchanged system.
-
-    Raises:
-        InputError: a value cannot be used, or a key ends a search, which this one does not need.
-    """
+    """Run each system with the smallest value that suffices, chosen in every fold, beside the unchanged system."""
     from bench.plan.cells import cells
 
     if wrong := [key for key in ("trials", "seconds") if key in values]:

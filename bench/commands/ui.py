@@ -52,11 +52,7 @@ VIEW = {
 
 
 def command(arguments: list[str]) -> int:
-    """Run MLflow's own server on this folder's store, for this machine only; its exit code.
-
-    Raises:
-        InputError: a port that is not a number or is in use, or a store that cannot be opened.
-    """
+    """Run MLflow's own server on this folder's store, for this machine only; its exit code."""
     from bench.outcomes.store import connect, store_uri
 
     port = settings("ui", parse(arguments, keys("ui")))["port"]
