@@ -26,7 +26,7 @@ READERS: dict[type, tuple[str, Callable[[str], object]]] = {
 
 
 def quantity(key: str, given: object, unit: str = "", zero: bool = False, prefix: str = "") -> float:
-    """A typed amount above 0 in its unit: ms, kilobytes (1000 bytes; KiB are 1024), thousands, MHz or a plain number."""
+    """A typed amount above 0 in its unit: ms, kB (1000 bytes; KiB are 1024), thousands, MHz or a plain number."""
     text = str(given)
     number = text.rstrip("BkKiMmsGHz ")
     units = UNITS.get(unit, {"": 1.0})
