@@ -36,7 +36,6 @@ ADDED: dict[str, dict[str, str]] = {  # what the folders that become packages of
         "background": "bench.endless.room:IDLE",
         "export": "bench.in_c.room:EXPORT",
         "clock": "bench.in_c.room:CLOCK",
-        "cluster": "bench.on_cluster.room:CLUSTER",
     },
 }
 CAPTURES = "bench.reports.views.captures:Captures"  # what is shown of captures

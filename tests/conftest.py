@@ -18,6 +18,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.folder import open_folder, write_folder
 from bench.outcomes.store import connect, create
 from bench.registry import classes
+from bench.work.workers import Here
 
 # The command in a process of its own. What a shell starts in the background ignores Ctrl-C, and so do its children.
 BENCH = [
@@ -43,7 +44,7 @@ def pytest_configure(config):
 # Files that take longest begin first, so that none of them is alone at the end; the longest of all is first.
 LONG = (
     "test_readme.py test_package.py test_server.py test_net.py test_api.py test_report.py test_export.py "
-    "test_watch.py test_on_a_cluster.py test_chip.py test_systems.py"
+    "test_watch.py test_chip.py test_systems.py"
 ).split()
 
 
@@ -93,7 +94,7 @@ def prepared_store(request, monkeypatch):
 def folds_here(request, monkeypatch):
     """Folds are done in this process, but for tests that are marked ``pool``: starting workers takes seconds."""
     if not request.node.get_closest_marker("pool"):
-        monkeypatch.setattr("bench.work.loop.Processes", InProcess)
+        monkeypatch.setattr("bench.work.loop.Processes", Here)
 
 
 @pytest.fixture(autouse=True)
@@ -118,44 +119,6 @@ def shorten_measurements(patch):
     patch.setattr("bench.timing.AROUND", 1)
     patch.setattr("bench.timing.REPEATS", 1)
     patch.setattr("bench.work.fold.ALONE", 2)
-
-
-class InProcess:
-    """As `bench.work.workers.Processes`, without processes."""
-
-    overlap, threads = False, 0
-
-    def __init__(self, plan, told=None):
-        self.told, self.submitted = told, []
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-    def count(self, plan):
-        return 1
-
-    def room(self, plan):
-        return not self.submitted
-
-    def begin(self, plan):
-        from bench.work.workers import fill_cache
-
-        fill_cache(plan.cell, plan.corpus)
-
-    def submit(self, task):
-        self.submitted.append(task)
-
-    def finished(self):
-        from bench.machine import this_machine
-        from bench.work.workers import Done, do_fold
-
-        task = self.submitted.pop(0)
-        plan = task.plan
-        given = (plan.cell, plan.corpus, task.fold, plan.threads, task.key, self.told)
-        return Done(task, do_fold(*given), this_machine())
 
 
 def random_corpus(subjects=4, per_class=3, gestures=("pat", "rub", "tap"), grid=(8, 8), longest=40, seed=0, **fields):

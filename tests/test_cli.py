@@ -30,7 +30,6 @@ BAD = [  # arguments, and what the line names
     (["run", "model.C=None"], "model.C=None"),
     (["run", "model=svm", "model.C=big"], "model.C=big"),
     (["run", "jobs=two"], "jobs=two"),
-    (["run", "jobs=2", "cluster=tcp://x:1"], "jobs=2"),
     (["run", "--hop-ms", "125"], "hop_ms=125"),
     (["run", "data=a\0b"], "NUL"),
     (["run", "data=\x1b[31mred"], "data="),

@@ -39,7 +39,7 @@ ROOMS = {
     "work": ("bench.work bench.circumstances", "ground values numbers corpora features contract models plan"),
 }
 # These may be taken away: no other room imports one, and each may import all others.
-AWAY = {"cluster": "bench.on_cluster", "C": "bench.in_c", "endless": "bench.endless"}
+AWAY = {"C": "bench.in_c", "endless": "bench.endless"}
 FRONT = "bench bench.stored bench.cli bench.commands"  # may import every room
 EXCEPTIONS = {  # importing module, imported room: reason
     **{(f"bench.work.{name}", "outcomes"): "the store" for name in ("fit", "loop", "saved", "tracking")},

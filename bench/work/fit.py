@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import tempfile
 import time
 from copy import copy
 from dataclasses import dataclass
@@ -19,9 +18,8 @@ from bench.machine import this_machine
 from bench.outcomes.store import connect, only_one, reached
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
-from bench.progress import telling, warn
+from bench.progress import console, warn
 from bench.scratch import made_whole, new_folder
-from bench.work.bar import Bar
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.replay import Replay, Stopping, learned, unlearnable
 from bench.work.results import FoldResult, costs
@@ -92,7 +90,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: An
     plan = Plan(cell, corpus, (), 1, threads)
     forget_peak()
     fill_cache(plan.cell, plan.corpus)
-    with tempfile.TemporaryDirectory() as folder, telling(Path(folder), "fit"), Bar(Path(folder)):
+    with console.status(f"training {cell.system()}"):
         with computing(threads):
             learned_stopping = _stopping(cell, corpus) if stopping else None
             metrics = fitted(estimator, corpus)

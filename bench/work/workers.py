@@ -1,178 +1,143 @@
-"""Workers for folds: processes of this machine, or others (`Workers`)."""
+"""Workers for folds: this process, processes of this machine, or others (`Workers`)."""
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
 import time
 import traceback
-from concurrent.futures import Future, as_completed
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, Protocol
+from typing import Any, Protocol
+
+from joblib.externals.loky import get_reusable_executor
 
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.machine import Machine, this_machine
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
-from bench.progress import forget, telling
 from bench.work.evaluation import folded
 from bench.work.fold import forget_peak
-from bench.work.pool import Executor, pool
 from bench.work.results import FoldResult
 
-Todo = list[Plan]  # what a command is to run
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """A fold of a plan.
-
-    Attributes:
-        plan: plan of the fold.
-        fold: fold to do.
-        key: key of its run.
-    """
-
-    plan: Plan
-    fold: Fold
-    key: str
-
-
-class Done(NamedTuple):
-    """A task with its result and its machine; None if the machine is unknown."""
-
-    task: Task
-    result: FoldResult
-    machine: Machine | None
+Done = tuple[FoldResult, Machine | None]  # None if the machine is unknown
 
 
 class Workers(Protocol):
-    """Workers that do several folds at once; every submitted fold gives one result, a crashed worker a failed one.
+    """Workers that do folds; every fold gives one result, a crashed worker a failed one.
 
-    Left with an exception (Ctrl-C), it ends the folds that are under way.
+    Left with an exception (Ctrl-C), they end the folds that are under way.
 
     Attributes:
-        overlap: True if a plan may begin while folds of another are under way.
         threads: threads of each fold; 0 for those of its plan.
     """
 
-    overlap: bool
     threads: int
 
     def __enter__(self) -> Workers: ...
 
     def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None: ...
 
-    def count(self, plan: Plan) -> int:
-        """The number of folds of this plan at a time, as far as others leave room."""
+    def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[Done]:
+        """Do folds of a plan; each result as soon as it is there."""
 
-    def room(self, plan: Plan) -> bool:
-        """Return True to submit a fold of this plan now."""
 
-    def begin(self, plan: Plan) -> None:
-        """Make ready for the folds of a plan."""
+class Here:
+    """This process: of one fold at a time, starting another one takes longer than most folds."""
 
-    def submit(self, task: Task) -> None:
-        """Have a fold done."""
+    threads = 0
 
-    def finished(self) -> Done:
-        """Wait until a fold that was submitted is done."""
+    def __enter__(self) -> Here:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[Done]:
+        """Do folds one after the other."""
+        fill_cache(plan.cell, plan.corpus)
+        for fold in missing:
+            yield do_fold(plan.cell, plan.corpus, fold, plan.threads), this_machine()
 
 
 class Processes:
-    """Worker processes of this machine, which take one plan after the other, each with its number of threads.
-
-    Args:
-        folder: folder for messages of folds (`bench.progress`).
-    """
+    """Worker processes of this machine, which stay for the next plan: importing torch takes seconds."""
 
     threads = 0
-    overlap = False  # plans have their own numbers of processes and threads, and share the cores with `fill_cache`
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self.folder = folder
-        self.running: dict[Future[FoldResult], Task] = {}
-        self.suspects: list[Task] = []
-        self.alone: Plan | None = None  # of which a fold has killed its worker
-        self.submitted = 0.0  # when the last fold was, of `time.perf_counter`
+    def __init__(self) -> None:
+        self.pool: Any = None  # of loky, which has no types
 
     def __enter__(self) -> Processes:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None:
-        if kind and self.running:  # else the folds that wait would be run before the process ends
-            plan = next(iter(self.running.values())).plan
-            self._pool(plan).shutdown(wait=True, kill_workers=True)
+        if kind and self.pool:  # else the folds that wait would be run before the process ends
+            self.pool.shutdown(wait=True, kill_workers=True)
 
-    def count(self, plan: Plan) -> int:
-        """The number of folds of this plan at a time."""
-        return 1 if plan is self.alone else plan.workers
-
-    def room(self, plan: Plan) -> bool:
-        """Return True to submit a fold of this plan now.
-
-        One more than can run, so that no worker waits while a result is tracked; all of them at once is what loky
-        stumbles over when it is killed.
-        """
-        if plan is self.alone:
-            return not self.running and not self.suspects
-        return len(self.running) <= plan.workers
-
-    def begin(self, plan: Plan) -> None:
-        """Start the processes, which import their modules; meanwhile compute features that need no learning."""
-        self.alone = None
-        for _ in range(plan.workers):
-            self._pool(plan).submit(usable_cores)
-        fill_cache(plan.cell, plan.corpus)
-
-    def submit(self, task: Task) -> None:
-        """Have a fold done."""
-        plan = task.plan
-        arguments = (plan.cell, plan.corpus, task.fold, plan.threads, task.key, self.folder)
-        self.submitted = time.perf_counter()
-        self.running[self._pool(plan).submit(do_fold, *arguments)] = task
-
-    def finished(self) -> Done:
-        """Wait until a fold that was submitted is done."""
-        while True:
-            if not self.running:
-                self.submit(self.suspects.pop(0))
-            done = next(as_completed(self.running))
-            task = self.running[done]
+    def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[Done]:
+        """Do folds side by side; after a worker has died (out of memory, say), one at a time, to see which kills it."""
+        waiting, running, count = deque(missing), dict[Any, tuple[Fold, float]](), plan.workers
+        self._start(count, plan.threads)
+        fill_cache(plan.cell, plan.corpus)  # meanwhile
+        while waiting or running:
+            # One more than can run, so that no worker waits while a result is stored; all of them at once is what loky
+            # stumbles over when it is killed.
+            while waiting and len(running) < (count + 1 if count > 1 else 1):
+                fold = waiting.popleft()
+                task = self.pool.submit(do_fold, plan.cell, plan.corpus, fold, plan.threads)
+                running[task] = fold, time.perf_counter()
+            done = next(as_completed(running))
+            fold, began = running.pop(done)
             try:
-                result = done.result()
+                yield done.result(), this_machine()
             except BrokenProcessPool as e:
-                self._pool(task.plan).shutdown(wait=True, kill_workers=True)
-                for other in self.running.values():  # they cannot remove their messages
-                    if self.folder:
-                        forget(self.folder, other.key, other.fold.name)
-                if task.plan is not self.alone:
-                    # A worker died (out of memory, say) and took the pool with it; which fold it was shows when each
-                    # runs alone.
-                    self.suspects, self.alone, self.running = list(self.running.values()), task.plan, {}
-                    continue
-                error = f"The worker process died; out of memory?\n{e}"
-                result = FoldResult(task.fold.name, error=error, seconds=time.perf_counter() - self.submitted)
-            del self.running[done]
-            return Done(task, result, this_machine())
+                self.pool.shutdown(wait=True, kill_workers=True)
+                if count > 1:
+                    waiting.extendleft([fold, *(other for other, _ in running.values())])
+                    running.clear()
+                    count = 1
+                else:
+                    error = f"The worker process died; out of memory?\n{e}"
+                    yield FoldResult(fold.name, error=error, seconds=time.perf_counter() - began), this_machine()
+                self._start(count, plan.threads)
 
-    def _pool(self, plan: Plan) -> Executor:
-        return pool(self.count(plan), plan.threads)
+    def _start(self, count: int, threads: int) -> None:
+        """Have so many processes with so many threads each; those of the last plan, if they are like that."""
+        names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+        env = dict.fromkeys(names, str(threads))
+        self.pool = get_reusable_executor(count, timeout=60, initializer=_begin, initargs=(os.getpid(),), env=env)
+        for _ in range(count):
+            self.pool.submit(usable_cores)  # imports what they need
 
 
-def do_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int, key: str, folder: Path | None = None) -> FoldResult:
-    """Do one fold, in a worker; an exception becomes the result's ``error``.
+def _begin(parent: int) -> None:
+    """Ctrl-C reaches the whole process group, only the parent acts on it; a parent that is killed cannot."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
-    Its messages lie in a folder under the key of its run (`bench.progress`).
-    """
+
+def _end_with(parent: int) -> None:
+    """End this process, in the middle of a fold, once its parent is gone: nobody would take the result."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)
+
+
+def do_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+    """Do one fold, in a worker; an exception becomes the result's ``error``."""
     forget_peak()
     began = time.perf_counter()
     try:
-        with telling(folder, fold.name, key):
-            result = folded(cell, corpus, fold, threads)
+        result = folded(cell, corpus, fold, threads)
+    except KeyboardInterrupt:  # in this process
+        raise
     except BaseException:  # whatever a system raises is this fold's result; even `sys.exit` does not end the command
         result = FoldResult(fold.name, error=traceback.format_exc())
     result.seconds = time.perf_counter() - began

@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.conftest import InProcess
+from bench.work.workers import Here
 
 GESTURES = {4: "pat", 8: "rub", 12: "stroke", 13: "tap"}  # of an exported table, whose gestures are numbers
 VARIANTS = {1: "gentle", 2: "normal", 3: "rough"}
@@ -142,7 +142,7 @@ def inside(folder: Path, template: Path | None = None) -> Iterator[None]:
         patch.chdir(folder)
         if template:
             patch.setattr("bench.outcomes.store.create", lambda path: shutil.copy(template, path))
-        patch.setattr("bench.work.loop.Processes", InProcess)
+        patch.setattr("bench.work.loop.Processes", Here)
         patch.setattr("bench.commands.printing.WIDTH", 250)  # room for all columns, however long times are
         yield
 

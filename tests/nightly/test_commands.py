@@ -12,7 +12,7 @@ import bench.work.loop as loop
 from bench.amounts import text_of
 from bench.cli import main
 from bench.registry import load, names, parameters
-from tests.conftest import InProcess
+from bench.work.workers import Here
 from tests.nightly.bounded import bounded
 
 pytestmark = pytest.mark.nightly
@@ -70,7 +70,7 @@ def lines(draw):
 def ended(words):
     """Exit code and error output of a command."""
     os.environ["OMP_NUM_THREADS"] = "1"
-    loop.Processes = InProcess
+    loop.Processes = Here
     with contextlib.redirect_stderr(io.StringIO()) as errors, contextlib.redirect_stdout(io.StringIO()):
         loop.console.file = errors
         code = main(words)

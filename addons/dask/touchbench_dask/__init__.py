@@ -1,4 +1,4 @@
-"""What a cluster adds: a key of the commands that make runs."""
+"""What Dask adds: a key of the commands that make runs."""
 
 from bench.option import Option
 
@@ -8,5 +8,5 @@ CLUSTER = Option(
     "",
     "Dask scheduler that runs the folds: tcp://HOST:8786 or its file",
     commands="makers tune check",
-    uses="bench.on_cluster.cluster:Cluster",
+    uses="touchbench_dask.cluster:Cluster",
 )

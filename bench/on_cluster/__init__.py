@@ -1,1 +1,0 @@
-"""Folds on the workers of a cluster of dask.distributed."""
