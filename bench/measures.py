@@ -1,9 +1,8 @@
 """Measures: every number that is tracked, printed or chosen by, with all that is known of it, once.
 
-A column of a table is a `Measure`. A number by which systems are chosen is a `Cost`; `costs` has them all: those of
-kinds and circumstances stand in their files.
-Budgets, ``by=``, help, scene files, chart axes, sentences and columns read them. Nothing heavy is imported, so that
-help comes at once.
+A `Measure` is a column of tables; one with ``help`` is also a cost, by which systems are chosen. `costs` has them all:
+those of circumstances and studies stand in their views. Budgets, ``by=``, help, scene files, chart axes, sentences and
+columns read them. Nothing heavy is imported, so that help comes at once.
 """
 
 from __future__ import annotations
@@ -22,6 +21,8 @@ Row = Mapping[str, Any]  # of a run or of a table: values by name; nan or None f
 NONE = "-"  # printed for an unknown value
 OUTPUTS = ("terminal", "page", "latex", "csv")
 SECTIONS = ("budget", "faults", "people", "stream")  # of a scene file, with budgets
+TEXT, CODE = "text", "code"  # forms of what is no number
+BOTH = ("captures", "recordings")  # what runs are on
 
 
 class Interval(NamedTuple):
@@ -36,45 +37,84 @@ Cell = float | int | str | Interval | tuple[float | None, ...] | None  # None: u
 Form = str | Callable[[float], str]
 
 
+def in_percent(value: float) -> float:
+    """A share in percent."""
+    return 100 * value
+
+
+def in_thousands(value: float) -> float:
+    """A number in thousands: by division, as 90.064 is not 90064 * 0.001."""
+    return value / 1000
+
+
 @dataclass(frozen=True)
 class Measure:
-    """A number of a run, or of a row of a table, and how it is shown.
+    """A number of a run, or of a row of a table: how it is shown, and how systems are chosen by it.
 
     Attributes:
-        key: name in tables of numbers (CSV, Python).
+        key: name in tables of numbers (CSV, Python), and of its budget.
         heading: heading of its column; empty for the key.
         read: name of the value in a row, several names, or a function of the row; empty for the key.
-        form: format of a number, or a function that writes it.
-        times: factor from the stored to the shown number, such as 100 for percent.
-        per: divisor, such as 1000 for kB. (Division: 90.064 is not 90064 * 0.001.)
+        form: format of a number, a function that writes it, or ``text`` or ``code`` (a command), which stand left.
+        scale: turns the stored into the shown number.
         ends: beginning of the names ``<ends>_low`` and ``<ends>_high`` of its interval; empty without one.
         join: text between several numbers.
-        left: True for text, which is aligned left.
-        code: True for a command.
         spare: 0 for a column that every table shows; else a narrow terminal leaves out the highest first, and a column
             without any value is not shown.
         latex: its heading in LaTeX; empty for the usual one.
         shows: outputs that have this column: terminal, page, latex, csv.
+        help: help of its budget; empty for a number by which nothing is chosen. What follows is of costs alone.
+        unit: unit of its amounts. One of `bench.amounts.UNITS` is typed with a unit, any other as a plain number.
+        better: ``low`` or ``high``: a budget is the most of the former (``max_<key>``), the least of the latter.
+        noun: name in a sentence; empty for the key with spaces.
+        words: words behind an amount of it; empty for "of" and the noun.
+        axis: label of its axis in figures; empty for the noun and the unit.
+        unknown: reason why it may be unknown.
+        section: section of its budget in a scene file; with another key than this one, ``section.key``.
+        on: runs that have it: on captures, on recordings, or both.
+        command: command that measures it, with its arguments; empty for any. ``{faults}`` are those that count.
+        among: its amount for some people [candidates], of a cost that depends on which are counted; from
+            `bench.outcomes.candidates.People`.
     """
 
     key: str
     heading: str = ""
     read: str | tuple[str, ...] | Callable[[Any], Cell] = ""
     form: Form = ".1f"
-    times: float = 1.0
-    per: float = 1.0
+    scale: Callable[[float], float] | None = None
     ends: str = ""
     join: str = " / "
-    left: bool = False
-    code: bool = False
     spare: int = 0
     latex: str = ""
     shows: tuple[str, ...] = ("terminal", "page")
+    help: str = ""
+    unit: str = ""
+    better: str = "low"
+    noun: str = ""
+    words: str = ""
+    axis: str = ""
+    unknown: str = "it was not measured"
+    section: str = "budget"
+    on: tuple[str, ...] = BOTH
+    command: str = ""
+    among: Callable[[Any], Any] | None = None
+
+    def __post_init__(self) -> None:
+        """Fill in the words that were left out."""
+        noun = self.noun or self.title
+        axis = f"{noun} ({self.unit})" if self.unit else noun
+        for name, usual in (("noun", noun), ("words", f"of {noun}"), ("axis", axis)):
+            object.__setattr__(self, name, getattr(self, name) or usual)  # the class is frozen
 
     @property
     def name(self) -> str:
         """Heading of its column."""
         return self.heading or self.key
+
+    @property
+    def left(self) -> bool:
+        """True for text, which is aligned left."""
+        return self.form in (TEXT, CODE)
 
     def cell(self, row: Row) -> Cell:
         """Its value in a row, in the shown unit; None if it is unknown."""
@@ -110,14 +150,86 @@ class Measure:
 
     def _shown(self, stored: Any) -> Any:
         value = known(stored)
-        if value is None or isinstance(value, str) or (self.times == 1 and self.per == 1):
-            return value
-        return self.times * value / self.per
+        return value if value is None or isinstance(value, str) or self.scale is None else self.scale(value)
 
     def _number(self, value: float | str) -> str:
         if isinstance(value, str):
             return value
         return format(value, self.form) if isinstance(self.form, str) else self.form(value)
+
+    @property
+    def title(self) -> str:
+        """Its name in tables and verdicts."""
+        return self.key.replace("_", " ")
+
+    @property
+    def budget(self) -> str:
+        """Key of its budget."""
+        return f"{'max' if self.better == 'low' else 'min'}_{self.key}"
+
+    @property
+    def limit(self) -> str:
+        """Words before a budget."""
+        return "at most" if self.better == "low" else "at least"
+
+    @property
+    def extreme(self) -> str:
+        """The best amount in words."""
+        return "lowest" if self.better == "low" else "highest"
+
+    @property
+    def needs(self) -> str:
+        """Words before a worse amount, which is set against a better one."""
+        return "needs" if self.better == "low" else "has only"
+
+    @property
+    def line(self) -> tuple[str, str]:
+        """Section and key of its line in a scene file."""
+        section, _, key = self.section.partition(".")
+        return section, key or self.key
+
+    @property
+    def losses(self) -> bool:
+        """True for points lost, which are taken over the faults of the choice."""
+        return self.line[0] == "faults"
+
+    @property
+    def linear(self) -> bool:
+        """True for a linear axis in figures, and a budget that may be 0."""
+        return self.unit in ("%", "points")
+
+    def typed(self, given: object) -> float:
+        """A typed budget.
+
+        Raises:
+            InputError: it is no amount of this cost.
+        """
+        value = quantity(self.budget, given, self.unit, self.linear)
+        if self.unit == "%" and value > 100:
+            raise InputError(f"{self.budget}={given}: give a number from 0 to 100")
+        return value
+
+    def argument(self, value: float) -> str:
+        """A budget as it is typed."""
+        return f"{self.budget}={value:g}{self.unit if self.unit in UNITS else ''}"
+
+    def burden(self, amount: Any) -> Any:
+        """An amount, or an array of them, turned so that less is better."""
+        return amount if self.better == "low" else -amount
+
+    def amount(self, value: float) -> str:
+        """An amount with its unit, as people read it."""
+        if not abs(value) < float("inf"):
+            return NONE
+        return f"{value:.3g} {self.unit}".rstrip() if value < 100 else f"{value:.0f} {self.unit}".rstrip()
+
+    def apart(self, one: float, other: float) -> tuple[str, str]:
+        """Two amounts with enough digits to differ."""
+        texts, digits = (self.amount(one), self.amount(other)), 4
+        while texts[0] == texts[1] and one != other and digits < 17:
+            texts = (f"{one:.{digits}g} {self.unit}".rstrip(), f"{other:.{digits}g} {self.unit}".rstrip())
+            digits += 1
+        return texts
 
 
 def known(value: Any) -> Any:
@@ -130,7 +242,7 @@ def known(value: Any) -> Any:
 
 def percent(key: str, heading: str = "", read: str = "", **more: Any) -> Measure:
     """A stored share, shown in percent."""
-    return Measure(key, heading, read, times=100, **more)
+    return Measure(key, heading, read, scale=in_percent, **more)
 
 
 def over_people(key: str, heading: str = "", prefix: str = "", **more: Any) -> Measure:
@@ -164,7 +276,7 @@ def interval_words(row: Row) -> str:
 
 def text(key: str, heading: str = "", read: str | Callable[[Any], Cell] = "", **more: Any) -> Measure:
     """Text, aligned left."""
-    return Measure(key, heading, read, left=True, **more)
+    return Measure(key, heading, read, TEXT, **more)
 
 
 def p_value(value: float) -> str:
@@ -182,185 +294,38 @@ def three(value: float) -> str:
     return f"{value:.3g}" if value < 100 else whole(value)
 
 
-# Costs: what a system takes, by which systems are chosen.
-
-
-@dataclass(frozen=True)
-class Cost(Measure):
-    """A measure by which systems are chosen: what a system takes, loses or raises.
-
-    Its value is read from a run of ``bench run``, unless it depends on which people are counted (`among`).
-
-    Attributes:
-        unit: unit of its amounts. One of `bench.amounts.UNITS` is typed with a unit, any other as a plain number.
-        noun: name in a sentence; empty for the key with spaces.
-        words: words behind an amount of it; empty for "of" and the noun.
-        axis: label of its axis in figures; empty for the noun and the unit.
-        unknown: reason why it may be unknown.
-        help: help of its budget.
-        better: ``low`` or ``high``: a budget is the most of the former (``max_<key>``), the least of the latter
-            (``min_<key>``).
-        runs: runs that have it: those on ``captures``, or on ``recordings`` alone.
-        watched: False if runs on recordings do not have it.
-        losses: True for points lost, which are taken over the faults of the choice.
-        command: command that measures it, if that is not ``bench run``.
-        asks: arguments of that command, from the faults over which losses are taken (`bench.candidate.Losses`).
-        among: its amount for some people [candidates], of a cost that depends on which are counted; from
-            `bench.outcomes.candidates.People`.
-        linear: True for a linear axis in figures.
-        zero: True if 0 is a budget.
-        line: section and key of its budget in a scene file.
-        column: True for a column of the tables of runs.
-        spare: number of `Measure`; by default a cost is left out before other columns.
-        last: place among the columns of a choice that a narrow terminal leaves out, the highest first.
-    """
-
-    spare: int = 18
-    shows: tuple[str, ...] = OUTPUTS
-    unit: str = ""
-    noun: str = ""
-    words: str = ""
-    axis: str = ""
-    unknown: str = "it was not measured"
-    help: str = ""
-    better: str = "low"
-    runs: str = "captures"
-    watched: bool = True
-    losses: bool = False
-    command: str = ""
-    asks: Callable[[Any], dict[str, str]] | None = None
-    among: Callable[[Any], Any] | None = None
-    linear: bool = False
-    zero: bool = False
-    line: tuple[str, str] = ("", "")
-    column: bool = True
-    last: int = 6
-
-    def __post_init__(self) -> None:
-        """Refuse what no budget, sentence or scene file could use, and fill in the words that were left out.
-
-        Raises:
-            ValueError: a value is none of those that are described above.
-        """
-        if not self.key.isidentifier():
-            raise ValueError(f"key={self.key!r}: give a name of letters, digits and _")
-        if self.better not in ("low", "high"):
-            raise ValueError(f"better={self.better!r}: give low or high")
-        if self.runs not in ("captures", "recordings"):
-            raise ValueError(f"runs={self.runs!r}: give captures or recordings")
-        if isinstance(self.read, tuple):
-            raise ValueError(f"read={self.read!r}: a cost is one number; give one name")
-        if self.section[0] not in SECTIONS:
-            raise ValueError(
-                f"line={self.line!r}: no section of a scene file is called {self.section[0]}; "
-                f"known: {', '.join(SECTIONS)}"
-            )
-        noun = self.noun or self.title
-        axis = f"{noun} ({self.unit})" if self.unit else noun
-        for name, usual in (("noun", noun), ("words", f"of {noun}"), ("axis", axis)):
-            object.__setattr__(self, name, getattr(self, name) or usual)  # the class is frozen
-
-    @property
-    def title(self) -> str:
-        """Its name in tables and verdicts."""
-        return self.key.replace("_", " ")
-
-    @property
-    def budget(self) -> str:
-        """Key of its budget."""
-        return f"{'max' if self.better == 'low' else 'min'}_{self.key}"
-
-    @property
-    def limit(self) -> str:
-        """Words before a budget."""
-        return "at most" if self.better == "low" else "at least"
-
-    @property
-    def extreme(self) -> str:
-        """The best amount in words."""
-        return "lowest" if self.better == "low" else "highest"
-
-    @property
-    def needs(self) -> str:
-        """Words before a worse amount, which is set against a better one."""
-        return "needs" if self.better == "low" else "has only"
-
-    @property
-    def section(self) -> tuple[str, str]:
-        """Section and key of its line in a scene file."""
-        section, key = self.line
-        return section or "budget", key or self.key
-
-    def typed(self, given: object) -> float:
-        """A typed budget.
-
-        Raises:
-            InputError: it is no amount of this cost.
-        """
-        value = quantity(self.budget, given, self.unit, self.zero)
-        if self.unit == "%" and value > 100:
-            raise InputError(f"{self.budget}={given}: give a number from 0 to 100")
-        return value
-
-    def argument(self, value: float) -> str:
-        """A budget as it is typed."""
-        return f"{self.budget}={value:g}{self.unit if self.unit in UNITS else ''}"
-
-    def burden(self, amount: Any) -> Any:
-        """An amount, or an array of them, turned so that less is better."""
-        return amount if self.better == "low" else -amount
-
-    def amount(self, value: float) -> str:
-        """An amount with its unit, as people read it."""
-        if not abs(value) < float("inf"):
-            return NONE
-        return f"{value:.3g} {self.unit}".rstrip() if value < 100 else f"{value:.0f} {self.unit}".rstrip()
-
-    def apart(self, one: float, other: float) -> tuple[str, str]:
-        """Two amounts with enough digits to differ."""
-        texts, digits = (self.amount(one), self.amount(other)), 4
-        while texts[0] == texts[1] and one != other and digits < 17:
-            texts = (f"{one:.{digits}g} {self.unit}".rstrip(), f"{other:.{digits}g} {self.unit}".rstrip())
-            digits += 1
-        return texts
-
-
-_PERSON = {"unit": "%", "unknown": "a person has no score", "linear": True, "zero": True, "column": False}
-_PERSON |= {"better": "high", "last": 0}
+_PERSON = {"unit": "%", "unknown": "a person has no score", "better": "high", "section": "people", "shows": ()}
 OF_SYSTEMS = (  # costs of every run
-    Cost(
+    Measure(
         "flash",
         "flash kB",
         "flash_bytes",
         three,
-        per=1000,
+        in_thousands,
         unit="kB",
         noun="flash",
         words="of flash",
         axis="kB of flash (learnt and stored numbers; in C, linked code)",
         unknown="their size cannot be counted",
         help="largest flash, such as 256kB or 256KiB",
-        spare=0,
         latex="kB",
-        last=1,
+        shows=OUTPUTS,
     ),
-    Cost(
+    Measure(
         "ram",
         "RAM kB",
         "ram_bytes",
         three,
-        per=1000,
+        in_thousands,
         unit="kB",
         noun="RAM",
         words="of RAM",
         axis="kB of RAM during one decision",
         unknown="their memory cannot be counted",
         help="largest RAM, such as 32kB",
-        spare=0,
         shows=("page", "csv"),
-        last=3,
     ),
-    Cost(
+    Measure(
         "predict",
         read="predict_ms_p50",
         unit="ms",
@@ -369,61 +334,59 @@ OF_SYSTEMS = (  # costs of every run
         axis="ms to compute a label (p50, one thread)",
         unknown="exported C is not timed",
         help="longest computing time per label on this machine when quiet, such as 2ms",
-        column=False,
-        last=4,
+        spare=4,
+        shows=(),
     ),
 )
 OF_PEOPLE = (
-    Cost(
+    Measure(
         "worst_person",
         noun="accuracy of the worst person",
         words="correct for the worst person",
         axis="% of captures correct for the worst person",
         help="lowest accuracy of the worst person, in percent",
         among=lambda people: people.lowest(1),
-        line=("people", "worst_person"),
         **_PERSON,
     ),
-    Cost(
+    Measure(
         "worst_tenth",
         noun="accuracy of the worst tenth of people",
         words="correct for the worst tenth of people",
         axis="% of captures correct for the worst tenth of people",
         help="lowest mean accuracy of the worst tenth of people, in percent",
         among=lambda people: people.lowest(-(-people.scores.shape[1] // 10)),
-        line=("people", "worst_tenth"),
         **_PERSON,
     ),
 )
 
 
 @cache
-def costs() -> dict[str, Cost]:
+def costs() -> dict[str, Measure]:
     """All costs by name: of every run, of circumstances, of people and of kinds.
 
     Raises:
         InputError: a package adds one whose key or line in a scene file is taken.
     """
-    every: dict[str, Cost] = {}
-    lines: dict[tuple[str, str], Cost] = {}
+    every: dict[str, Measure] = {}
+    lines: dict[tuple[str, str], Measure] = {}
     of_circumstances, of_runs = (
         [cost for view in each for cost in view.costs] for each in (circumstance_views(), run_views().values())
     )
     for cost in (*OF_SYSTEMS, *of_circumstances, *OF_PEOPLE, *of_runs):
         if cost.key in every:
             raise InputError(f"two costs have the key {cost.key}; remove the package that adds one")
-        if cost.section in lines:
-            raise InputError("two costs have the line [{}] {}; remove the package that adds one".format(*cost.section))
-        every[cost.key] = lines[cost.section] = cost
+        if cost.line in lines:
+            raise InputError("two costs have the line [{}] {}; remove the package that adds one".format(*cost.line))
+        every[cost.key] = lines[cost.line] = cost
     return every
 
 
-def costs_of(recordings: bool) -> dict[str, Cost]:
+def costs_of(recordings: bool) -> dict[str, Measure]:
     """The costs of runs on recordings, or of all others."""
-    return {k: c for k, c in costs().items() if (c.watched if recordings else c.runs != "recordings")}
+    return {k: c for k, c in costs().items() if BOTH[recordings] in c.on}
 
 
-def budgets() -> dict[str, Cost]:
+def budgets() -> dict[str, Measure]:
     """Costs by the key of their budget."""
     return {cost.budget: cost for cost in costs().values()}
 
@@ -435,10 +398,10 @@ def columns(measures: Iterable[Measure], output: str) -> list[Measure]:
 
 def framed(measure: Measure) -> Measure:
     """The measure, read from a table of numbers that `bench.table.Table.frame` made of the columns of CSV files."""
-    as_stored = isinstance(measure, Cost) and isinstance(measure.read, str)
+    as_stored = measure.help and isinstance(measure.read, str)
     if as_stored or isinstance(measure.read, tuple) or "csv" not in measure.shows:  # what it reads is there
         return measure
-    return replace(measure, read=measure.key, times=1.0, per=1.0, ends=measure.key if measure.ends else "")
+    return replace(measure, read=measure.key, scale=None, ends=measure.key if measure.ends else "")
 
 
 def run_columns() -> list[Measure]:
@@ -470,7 +433,7 @@ def run_columns() -> list[Measure]:
         Measure("predict_wall_ms_p50", shows=csv),
         Measure("fit_wall_seconds", shows=csv),
         Measure("slowdown", shows=csv),
-        *(cost for cost in costs().values() if cost.column),
+        *(cost for cost in costs().values() if cost.shows),
         Measure("predict", "predict ms p50 / p95", ("predict_ms_p50", "predict_ms_p95"), ".2f", spare=1, shows=page),
         Measure("decision_ms", "decision ms", form=".0f", spare=1, shows=("page", "csv")),
         Measure("parameters", form=whole, spare=1, shows=("page", "csv")),

@@ -117,7 +117,7 @@ def options(name: str) -> dict[str, Option]:
     if "by" in every:
         every["by"] = replace(every["by"], values=tuple(costs()))
     for key, cost in budgets().items() if command.budgets else ():
-        if command.budgets == "all" or cost.runs != "recordings":
+        if command.budgets == "all" or "captures" in cost.on:
             every[key] = Option(key, "amount", None, cost.help)
     return every
 

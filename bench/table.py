@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.measures import NONE, Interval, Measure, Row, text
+from bench.measures import CODE, NONE, TEXT, Interval, Measure, Row
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -85,7 +85,7 @@ class Table:
     @cached_property
     def code(self) -> set[str]:
         """Headings of columns that hold commands."""
-        return {measure.name for measure in self.columns if measure.code}
+        return {measure.name for measure in self.columns if measure.form == CODE}
 
     @cached_property
     def notes(self) -> list[str]:
@@ -176,7 +176,7 @@ def of_text(frame: pd.DataFrame, code: Collection[str] = (), **more: Any) -> Tab
         code: headings of columns that hold commands.
         more: further attributes of `Table`.
     """
-    columns = [text(str(name), str(name), code=name in code) for name in frame]
+    columns = [Measure(str(name), form=CODE if name in code else TEXT) for name in frame]
     rows = [dict(zip(map(str, frame), row, strict=True)) for row in frame.values.tolist()]
     return Table(columns, rows, **more)
 

@@ -12,9 +12,9 @@ import pandas as pd
 from bench import few
 from bench.comparable import notes_on, seed_number
 from bench.described import definitions
-from bench.measures import Cost, Measure, Row, columns, framed, run_columns, text
+from bench.measures import Measure, Row, columns, framed, run_columns, text
 from bench.outcomes import statistics
-from bench.outcomes.runs import by_subject
+from bench.outcomes.frame import by_subject
 from bench.reports.numbers import busy
 from bench.result import Result
 from bench.table import Table, rows_of
@@ -55,7 +55,7 @@ def comparison(
     none, whatever they are called.
 
     Args:
-        groups: results from `bench.outcomes.runs.grouped`.
+        groups: results from `bench.outcomes.frame.grouped`.
         papers: `published`.
         against: the system to compare with, in groups that have it; empty for the best one of each.
         before: accuracies of subjects and statistics of groups that are known before.
@@ -70,7 +70,7 @@ def comparison(
                 tested = row["combined"] != "majority vote" and row["unit"] == "capture"
                 rows.append({**row, **first} | (tests.get(r.system, {}) if tested else {}))
     measures = columns(run_columns(), "csv")
-    stored = [Measure(m.read or m.key) if isinstance(m, Cost) and isinstance(m.read, str) else m for m in measures]
+    stored = [Measure(m.read or m.key) if m.help and isinstance(m.read, str) else m for m in measures]
     frame = Table([text("system"), *stored], rows).frame()
     table = frame.rename(columns={"accuracy_low": "low", "accuracy_high": "high"})
     table = table.reindex(columns=[*dict.fromkeys(["system", "accuracy", "low", "high", *table])])

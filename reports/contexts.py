@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from bench import few
-from bench.comparable import Row, alike, context_of, seed_number, shared
+from bench.comparable import Row, context_of, seed_number, shared
+from bench.outcomes.frame import grouped
 from bench.result import Result
 from bench.work.curves import clean_accuracy
 
@@ -29,23 +30,22 @@ def contexts(
 
     Returns:
         At most `CONTEXTS` groups with their words, people first and the largest first, each with its `METHODS` most
-        accurate systems. Two groups may have the same words.
+        accurate systems.
     """
-    complete = [r for r in results if r.complete][::-1]  # the newest first
-    groups: dict[tuple, dict[str, Result]] = {}
-    several: set[tuple] = set()  # groups that have runs of a system with other seeds
     counted = lambda r: sum(name.startswith(more) for name in r.metrics) if more else 0  # noqa: E731
-    for r in sorted(complete, key=lambda r: (seed_number(r["seed"]), -counted(r))):
-        key = alike(r, same or ())
-        if groups.setdefault(key, {}).setdefault(r["system"], r)["seed"] != r["seed"]:
-            several.add(key)
-    ordered = sorted(groups.items(), key=lambda g: (next(iter(g[1].values()))["synthetic"], -len(g[1])))
+    complete = [r for r in results if r.complete][::-1]  # the newest first
+    groups = []
+    for words, runs in grouped(sorted(complete, key=lambda r: (seed_number(r["seed"]), -counted(r))), same).items():
+        first: dict[str, Result] = {}
+        for r in runs:
+            first.setdefault(r["system"], r)
+        groups.append((words, [*first.values()], any(first[r["system"]]["seed"] != r["seed"] for r in runs)))
     named = []
-    for key, members in ordered[:CONTEXTS]:
-        best = sorted(members.values(), key=lambda r: -(r[score] if score else clean_accuracy(r)))[:METHODS]
+    for words, members, several in sorted(groups, key=lambda g: (g[1][0]["synthetic"], -len(g[1])))[:CONTEXTS]:
+        best = sorted(members, key=lambda r: -(r[score] if score else clean_accuracy(r)))[:METHODS]
         left = len(members) - len(best)
-        words = context_words(best[0], same) + (f", {left} less accurate systems left out" if left else "")
-        named.append((words + (", only the lowest seed of each system" if key in several else ""), best))
+        told = f", {left} less accurate systems left out" * bool(left)
+        named.append((words + told + ", only the lowest seed of each system" * several, best))
     return named
 
 

@@ -15,14 +15,13 @@ from bench.comparable import MARK, MIXED, MIXED_MARK, facts_of, notes_on
 from bench.described import definitions
 from bench.errors import InputError, nearest
 from bench.measures import Interval, Measure, columns, framed, percent, run_columns, text
-from bench.outcomes.runs import by_subject, of_captures
+from bench.outcomes.frame import by_subject
 from bench.reports.numbers import busy
 from bench.result import Result
 from bench.sentences import sentences
 from bench.table import Table, rows_of
 
 TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
-NEEDED = ("system", *TOGETHER, "accuracy", "low", "high", "subject_sd", "macro_f1", "flash_bytes")
 ESCAPED = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
@@ -62,31 +61,13 @@ class Paper:
     notes: list[str]
 
 
-def latex(table: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
+def latex(table: pd.DataFrame) -> str:
     """Tables that compare systems, each with a caption that names corpus, protocol and unit.
 
     Args:
-        table: table from `bench.results`: a row per run and unit, accuracies in percent. Rows on the same captures,
-            under the same protocol and in the same unit share one table. Choose systems with `bench.results` rather
-            than in its table: p is corrected for all systems of that.
-        paper: columns of a table with systems as rows and protocols side by side: ``accuracy`` (mean over people ± SD)
-            and ``macro_f1`` under each protocol, ``fit``, ``predict`` and ``flash`` of each system. Protocols that mix
-            people are marked. Empty for a table of each protocol.
-
-    Returns:
-        Text for a document that loads booktabs.
-
-    Raises:
-        InputError: it is no such table.
+        table: table of `bench.reports.comparison.comparison`. Rows on the same captures, under the same protocol and in
+            the same unit share one table.
     """
-    if not isinstance(table, pd.DataFrame):
-        raise InputError(f"bench.latex: give the table of bench.results(), not {type(table).__name__}")
-    if paper:
-        if not getattr(table, "runs", None):
-            raise InputError("bench.latex: paper= needs what bench.results() returns for stored runs, as it is")
-        return side_by_side(papers(of_captures(table.runs), columns_of(paper)))
-    if lacking := [name for name in NEEDED if name not in table]:
-        raise InputError(f"bench.latex: no column {', '.join(lacking[:3])}; give what bench.results() returns")
     same = [name for name in (*TOGETHER, "group") if name in table]
     parts = [part for _, part in table.groupby(same, sort=False)]
     return HEAD + "".join(f"\n{_one(part, i)}" for i, part in enumerate(parts, 1))

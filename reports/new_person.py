@@ -9,7 +9,7 @@ import pandas as pd
 
 from bench.comparable import notes_on
 from bench.measures import Measure, Row, text
-from bench.outcomes.runs import subject_accuracy
+from bench.outcomes.frame import subject_accuracy
 from bench.paired import interval
 from bench.reports.contexts import scarce
 from bench.reports.part import Part, Section
@@ -105,7 +105,7 @@ def curve_of(results: Sequence[Result]) -> pd.DataFrame:
         seeds[r["seed"]] = r
     people: dict[str, pd.Series] = {}
     for known, newest in by_known.items():
-        accuracies = [pd.Series(subject_accuracy(r)) for r in newest.values()]
+        accuracies = [subject_accuracy(r) for r in newest.values()]
         if any(map(len, accuracies)):  # else its table is gone from the store
             people[known] = pd.concat(accuracies, axis=1).mean(axis=1)
     wide = pd.DataFrame(people).dropna()

@@ -16,7 +16,7 @@ from bench import few
 from bench.comparable import notes_on
 from bench.measures import Measure, Row, text
 from bench.outcomes import statistics
-from bench.outcomes.runs import by_subject
+from bench.outcomes.frame import by_subject
 from bench.reports.part import Part, Section
 from bench.resampling import interval, weights
 from bench.result import Result

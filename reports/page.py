@@ -15,7 +15,8 @@ from bench import few
 from bench.comparable import MARKED, several
 from bench.errors import InputError, nearest
 from bench.measures import costs
-from bench.outcomes.runs import every_result, grouped, of_captures, wanted
+from bench.outcomes.frame import grouped
+from bench.outcomes.runs import every_result, of_captures, wanted
 from bench.outcomes.store import Store
 from bench.reports import over_corpora
 from bench.reports.chart import cost_chart, marks

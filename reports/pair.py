@@ -12,7 +12,7 @@ from bench.comparable import MARK, notes_on
 from bench.errors import InputError, nearest
 from bench.measures import Measure, p_value
 from bench.outcomes import statistics
-from bench.outcomes.runs import by_subject
+from bench.outcomes.frame import by_subject
 from bench.result import Result
 from bench.sentences import sentences
 

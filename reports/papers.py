@@ -17,7 +17,7 @@ from bench import few, scores
 from bench.comparable import Row, facts_of, seed_number
 from bench.measures import NONE, Measure, known, text
 from bench.outcomes import statistics
-from bench.outcomes.runs import subject_accuracy
+from bench.outcomes.frame import subject_accuracy
 from bench.reports.comparison import SAME
 from bench.reports.details import macro_interval
 from bench.reports.numbers import listed
@@ -134,7 +134,7 @@ def _measured(run: Result, paper: object) -> Row | None:
 def _interval(run: Result, prefix: str, metric: str) -> tuple[float, float]:
     """In percent; as tracked, or from the run's predictions. NaN for a single subject, or where they are gone."""
     if metric == "subject_accuracy_mean":
-        values = np.array(list(subject_accuracy(run).values()))
+        values = subject_accuracy(run).to_numpy()
         return statistics.interval(values)
     if (prefix, metric) == ("", "accuracy"):
         return 100 * run.get("accuracy_low", np.nan), 100 * run.get("accuracy_high", np.nan)

@@ -19,13 +19,13 @@ from bench.measures import Measure, costs, costs_of, known, p_value, text, three
 from bench.outcomes import statistics
 from bench.outcomes.candidates import PLAIN, Candidates, candidates
 from bench.outcomes.choice import Choice, decide, expectation, expected, named, reasons
-from bench.outcomes.runs import by_subject
+from bench.outcomes.frame import by_subject
+from bench.outcomes.scene import EVERY
 from bench.paired import interval
 from bench.registry import circumstance_views
 from bench.reports.figures import Picture
 from bench.reports.numbers import listed
 from bench.result import Result
-from bench.scene_file import EVERY
 from bench.scores import captures
 from bench.sentences import sentences
 from bench.table import Table, rows_of

@@ -1,7 +1,6 @@
 """The Python API: the names of the command line, tables that show what the store holds."""
 
 import itertools
-import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -44,7 +43,7 @@ def test_nothing_heavy_is_loaded_before_it_is_needed(code, heavy):
 
 
 def test_a_name_that_is_none_is_an_error():
-    assert {"run", "choose", "corpus", "results"} <= set(dir(bench))
+    assert {"run", "choose", "corpus", "runs", "predictions"} <= set(dir(bench))
     with pytest.raises(AttributeError, match="rnu"):
         _ = bench.rnu
 
@@ -74,17 +73,16 @@ def test_results_and_run_show_what_is_tracked(in_net, capsys):
         assert {name: row[name] for name in shown} == pytest.approx(expected)
     assert table["system"].tolist() == ["tree · jung28", "bayes · jung28"]
     assert set(table["data"]) == {"people"}
-    results = bench.results(model="bayes", **on)
-    assert results["accuracy"].tolist() == pytest.approx([table["accuracy"][1]]) and "published" in results
-    for printed in (table, bench.results()):
+    stored = bench.runs(model="bayes", **on).set_index("run_id")
+    assert stored["accuracy"][table["run_id"][1]] == table["accuracy"][1]
+    every = bench.runs()
+    for printed in (table, every):
         head = printed.to_string(max_cols=8).splitlines()[0].split()
-        assert head[:4] == ["system", "accuracy", "low", "high"] and head[-2:] == ["data", "protocol"]
-    everything = bench.results(full=True).set_index("run_id")["accuracy"]
-    changed = {run.info.run_id for run in runs("cell")[1] if {"faults", "stream.start"} & {*run.data.params}}
-    assert set(tracked) - changed < set(everything.index) < set(tracked)  # of a system that only stress has run, too
-    assert all(accuracy == tracked[run_id]["accuracy"] for run_id, accuracy in everything.items())
+        assert head[:4] == ["name", "accuracy", "low", "high"] and head[-2:] == ["data", "protocol"]
+    named = every[["name", "data", "subset", "protocol"]]
+    assert set(tracked) <= set(every["run_id"]) and not named.duplicated().any()
     with pytest.raises(bench.InputError):
-        bench.results(model="svm")
+        bench.runs(model="svm")
     choice = bench.choose(max_flash="64kB", **on)
     assert choice.system == "tree · jung28" and "0.156 kB" in str(choice)
     assert bench.choose(max_flash="1B", model="bayes", **on).system is None
@@ -147,18 +145,16 @@ def test_objects_give_what_their_names_give():
 def test_stress_replay_fit_and_tune():
     bayes = {"model": "bayes", "features": "jung28"} | TINY
     found = bench.stress(faults=["noise", "shift"], **bayes)
-    assert set(found.tables["faults"]["fault"]) == {"noise", "shift"} and "loss.noise" in found.full
-    assert set(found.tables["labels"]["case"]) == {"none", "noise", "shift"}
-    assert {"faults", "labels"} < {*found.tables} == {*found.runs[0].tables} and len(found.tables) == len(
-        [*found.tables]
-    )
-    with pytest.raises(KeyError, match="did you mean faults"):
-        found.tables["fault"]
-    pd.testing.assert_frame_equal(pickle.loads(pickle.dumps(found)), pd.DataFrame(found))
-    assert {*found.tables["faults"]["system"]} == {*found["system"]} == {found.runs[0].method}
+    assert set(bench.predictions(found, "faults")["fault"]) == {"noise", "shift"} and "loss.noise" in found
+    assert set(bench.predictions(found, "labels")["case"]) == {"none", "noise", "shift"}
+    assert set(bench.predictions(found)["name"]) == {*found["name"]}
+    cases = bench.runs(cases=True, run=[*found["run_id"]])
+    assert cases[["case", "level"]].drop_duplicates().shape == (10, 2) and {"accuracy", "loss"} < {*cases}
+    with pytest.raises(bench.InputError, match="did you mean faults"):
+        bench.predictions(found, "fault")
     replayed = bench.run(after="each", stopping=True, hop_ms=600, **bayes)
-    assert replayed.tables["instants"]["accuracy"].iloc[-1] == pytest.approx(replayed["accuracy"][0] / 100)
-    assert replayed.full["adaptive_accuracy"][0] == 100 * replayed.runs[0]["adaptive_accuracy"]
+    assert bench.predictions(replayed, "instants")["ms"].is_monotonic_increasing
+    assert 0 < replayed["adaptive_accuracy"][0] <= 100
     fitted = bench.fit(stopping=False, **{key: value for key, value in bayes.items() if key != "jobs"})
     captures = bench.corpus("synth", subjects=1, variants=("normal",), seed=5)
     assert len(fitted.recogniser.label(captures)) == 14 and fitted.uri in repr(fitted)

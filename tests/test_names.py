@@ -103,7 +103,7 @@ def found(back):
     tables = {"run": bench.run(data="arm", **system), "stress": bench.stress(data="arm", faults="noise", **system)}
     tables |= {
         "watch": bench.watch(data="day", **system),
-        "results": bench.results(),
+        "runs": bench.runs(),
         "groups": bench.groups(data="arm"),
     }
     for data, scene in (("arm", "scene"), ("day", "stream")):

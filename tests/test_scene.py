@@ -6,7 +6,7 @@ from bench.candidate import Losses
 from bench.corpora.faults import SEVERITIES, usual_faults
 from bench.errors import InputError
 from bench.options import keys
-from bench.scene_file import EVERY, boards, read_scene
+from bench.outcomes.scene import EVERY, boards, read_scene
 
 SCENE = """
 by = "ram"

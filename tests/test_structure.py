@@ -33,7 +33,7 @@ ROOMS = {
     "protocols": ("bench.protocols", "ground corpora"),
     "plan": ("bench.plan", "ground values corpora contract models"),
     # The reading half.
-    "outcomes": ("bench.outcomes bench.scene_file", "ground values numbers corpora"),
+    "outcomes": ("bench.outcomes", "ground values numbers corpora"),
     "reports": ("bench.reports", "ground values numbers grammar corpora outcomes"),
     # The producing half: none of it knows what is read.
     "work": ("bench.work bench.circumstances", "ground values numbers corpora features contract models plan"),

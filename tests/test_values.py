@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from bench.errors import InputError
-from bench.measures import SECTIONS, Cost, Interval, Measure, costs, percent, run_columns, text, three
+from bench.measures import CODE, SECTIONS, Interval, Measure, costs, in_thousands, percent, run_columns, text, three
+from bench.outcomes.scene import OTHER
 from bench.resampling import drawn, ratio_interval, weights
 from bench.result import SMALL, Failure, Result, Tables
-from bench.scene_file import OTHER
 from bench.table import Table, of_text
 from bench.tables import file_of, read_table, uniform, write_table
 
@@ -24,8 +24,8 @@ ROW = {"share": 0.8125, "share_low": 0.75, "share_high": 0.9, "bytes": 90064, "p
         (percent("share"), 81.25, "81.2"),
         (percent("accuracy", read="share", ends="share"), Interval(81.25, 75.0, 90.0), "81.2 [75.0, 90.0]"),
         (percent("share", ends="bytes"), 81.25, "81.2"),  # no interval of this name
-        (Measure("kB", read="bytes", per=1000), 90.064, "90.1"),
-        (Measure("kB", read="bytes", form=three, per=1000), 90.064, "90.1"),
+        (Measure("kB", read="bytes", scale=in_thousands), 90.064, "90.1"),
+        (Measure("kB", read="bytes", form=three, scale=in_thousands), 90.064, "90.1"),
         (Measure("B", read="bytes", form=three), 90064, "90 064"),
         (Measure("ms", read=("p50", "p95"), form=".2f"), (1.5, None), "1.50"),
         (Measure("ms", read=("p95", "p50")), (None, 1.5), "- / 1.5"),
@@ -53,12 +53,12 @@ def test_costs_have_their_budgets_units_and_lines():
     run = {"flash_bytes": 2500, "ram_bytes": 512, "predict_ms_p50": 1.5, "predict_ms_p95": 9, "capture_ms": 300}
     run |= {"observed_ms": 100, "peak_rss_bytes": 7, "chip_most_instructions": 1_224_240, "latency_s_p50": 0.25}
     amounts = {"flash": 2.5, "ram": 0.512, "predict": 1.5, "decision": 300, "cycles": 1224.24, "latency": 250}
-    assert {name: cost.cell(run) for name, cost in every.items() if not cost.personal} == amounts
+    assert {name: cost.cell(run) for name, cost in every.items() if cost.among is None} == amounts
     least = {"worst_person", "worst_tenth"}
     assert {c.budget for c in every.values()} == {f"{'min' if name in least else 'max'}_{name}" for name in every}
     with pytest.raises(InputError, match="min_worst_person=101: give a number from 0 to 100"):
         every["worst_person"].typed("101")
-    assert every["worst_person"].section == ("people", "worst_person") and every["ram"].section == ("budget", "ram")
+    assert every["worst_person"].line == ("people", "worst_person") and every["ram"].line == ("budget", "ram")
     assert every["fault_loss"].typed("0") == 0
     for key, given_amount in (("flash", "3ms"), ("ram", "0kB"), ("latency", "1"), ("false_alarms", "0")):
         with pytest.raises(InputError, match=f"max_{key}="):
@@ -67,22 +67,17 @@ def test_costs_have_their_budgets_units_and_lines():
     assert every["flash"].amount(np.nan) == every["flash"].amount(np.inf) == "-"
     assert every["flash"].apart(64.001, 64.002) == ("64.001 kB", "64.002 kB")
     assert every["flash"].apart(64, 64) == ("64 kB", "64 kB")
-    last = Cost("battery", unit="h", better="high")
+    last = Measure("battery", unit="h", better="high")
     assert (last.budget, last.limit, last.extreme, last.burden(3.0)) == ("min_battery", "at least", "highest", -3.0)
     assert (
         every["flash"].argument(64) == "max_flash=64kB" and every["worst_fault"].argument(2.5) == "max_worst_fault=2.5"
     )
 
 
-def test_a_cost_fills_in_its_words_and_refuses_what_nothing_can_use():
-    plain = Cost("battery_life", unit="h")
+def test_a_cost_fills_in_its_words():
+    plain = Measure("battery_life", unit="h")
     assert (plain.noun, plain.words, plain.axis) == ("battery life", "of battery life", "battery life (h)")
     assert {*OTHER} == {*SECTIONS}
-    for wrong in ({"better": "higher"}, {"line": ("robot", "acc")}, {"runs": "all"}, {"read": ("a", "b")}):
-        with pytest.raises(ValueError, match=f"{next(iter(wrong))}="):
-            Cost("battery", **wrong)
-    with pytest.raises(ValueError, match="key="):
-        Cost("battery.life")
 
 
 def test_columns_of_runs_by_hand():
@@ -111,7 +106,7 @@ def test_a_table_shows_what_fits_and_keeps_all_numbers(tmp_path):
         percent("share", "accuracy %", ends="share"),
         Measure("bytes", form=",.0f", spare=1),
     ]
-    columns += [Measure("p95", "p95 ms", spare=3), text("code", code=True, spare=2)]
+    columns += [Measure("p95", "p95 ms", spare=3), Measure("code", form=CODE, spare=2)]
     rows = [ROW | {"code": "bench run"}, {"name": "=b", "share": 0.5, "code": ""}]
     table = Table(columns, rows, "Title", [1], remarks=[["x", "y"], ["y"]], groups=["g", "g"])
     assert table.headings == ["system", "accuracy %", "bytes", "code"]  # nothing is known of p95

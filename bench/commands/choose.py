@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.arguments import limits_of, parse, settings, values_of
 from bench.errors import InputError
-from bench.measures import Cost, Measure, Row, costs, costs_of, text
+from bench.measures import Measure, Row, costs, costs_of, text
 from bench.option import Option
 from bench.options import BATCH, START, STORED, Command, keys, makers
 from bench.usual import FALSE_ALARMS
@@ -93,8 +93,8 @@ def chosen(values: Values) -> Chosen:
     """The choice among tracked runs."""
     from bench.outcomes import choice as choices
     from bench.outcomes.runs import asked_of, every_result
+    from bench.outcomes.scene import read_scene
     from bench.outcomes.store import connect
-    from bench.scene_file import read_scene
 
     if dotted := [k for k in values if "." in k and not k.startswith("protocol.")]:
         raise InputError(f"{dotted[0]}= runs a system, and bench choose reads stored runs; leave {dotted[0]}= out")
@@ -130,12 +130,12 @@ def table_of(result: Chosen) -> Table:
     limits = [f"{costs()[k].title} {costs()[k].limit} {costs()[k].amount(v)}" for k, v in result.budgets.items()]
     score = "score" if result.scene.reactions.weighted else "accuracy"
     asked = {result.by, *result.budgets, *(k for k, c in costs().items() if c.losses and result.scene.faults)}
-    shown = [cost for cost in costs_of(result.watched).values() if not (cost.losses or cost.section[0] == "people")]
-    shown.sort(key=lambda cost: cost.runs != "recordings")
+    shown = [cost for cost in costs_of(result.watched).values() if not (cost.losses or cost.line[0] == "people")]
+    shown.sort(key=lambda cost: "captures" in cost.on)
     shown += [cost for cost in costs().values() if cost.key in asked and cost not in shown]
 
-    def column(cost: Cost) -> Measure:
-        spare = 0 if cost.key == result.by or cost.key in result.budgets else cost.last
+    def column(cost: Measure) -> Measure:
+        spare = 0 if cost.key == result.by or cost.key in result.budgets else cost.spare or 3
 
         def amount(row: Row) -> str:
             return cost.amount(row[cost.key]) + "*" * (bool(row["linked"]) and cost.key in ("flash", "ram"))

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from bench.comparable import alike, notes_on
+from bench.comparable import notes_on
 from bench.errors import InputError
 from bench.few import INTERVAL, too_few
 from bench.measures import Interval, Measure, Row, known, text
 from bench.options import commands as known_commands
+from bench.outcomes.frame import grouped, names
 from bench.progress import console
 from bench.result import Result
 from bench.table import Table, rows_of
@@ -78,19 +79,10 @@ def unwritable(out: Path) -> Iterator[None]:
         raise InputError(f"out={out}: {e.filename or out} cannot be written ({e.strerror or e}); choose another") from e
 
 
-def contexts(results: Sequence[Result], view: View) -> list[list[Result]]:
-    """The results of runs that were measured, by captures and protocol: only these may be compared."""
-    groups: dict[tuple, list[Result]] = {}
-    for result in results:
-        if result.scored and view.score in result:
-            groups.setdefault(alike(result, view.alike), []).append(result)
-    return [*groups.values()]
-
-
 def best(results: Sequence[Result], view: View) -> list[Result]:
     """The most accurate complete results of each context in which there is something to compare."""
     winners = []
-    for group in contexts(results, view):
+    for group in grouped([r for r in results if r.scored and view.score in r], view.alike).values():
         complete = [r for r in group if r.complete and r.alone]
         if len(complete) > 1:
             most = max(r[view.score] for r in complete)
@@ -143,8 +135,9 @@ def _title(result: Result) -> str:
 
 def runs_table(results: Sequence[Result], view: View) -> Table:
     """A table of results, the most accurate first: what they share stands above it, what differs in columns."""
-    places = {key: i for i, key in enumerate(dict.fromkeys(alike(r, view.alike) for r in results))}
-    results = sorted(results, key=lambda r: (places[alike(r, view.alike)], -known_score(r, view)))
+    groups = grouped(results, view.alike).values()
+    results = [r for group in groups for r in sorted(group, key=lambda r: -known_score(r, view))]
+    called = dict(zip(results, names(results), strict=True))
     marked = best(results, view) if view.ranked else []
     subset = lambda r: r["subset"] + (f", {r['target']}" if r["target"] != "gesture" else "")  # noqa: E731
     context = [
@@ -153,7 +146,7 @@ def runs_table(results: Sequence[Result], view: View) -> Table:
         text("protocol"),
     ]
     differing = [measure for measure in context if len({measure.of(r) for r in results}) > 1]
-    system = text("system", read=lambda r: r.system + " (best)" * (r in marked))
+    system = text("system", read=lambda r: called[r] + " (best)" * (r in marked))
     folds = Measure("folds", read=lambda r: r.folds)
     measures = view.shows(results)
     title = view.title(results)

@@ -16,12 +16,13 @@ from bench.registry import check_loaded, circumstance_views, classes, views
 from bench.words import SMALL, Values
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from bench.circumstances.base import Circumstance
     from bench.plan.cells import Cell
     from bench.plan.plan import Plan
     from bench.reports.views.base import View
     from bench.result import Result
-    from bench.stored import Results
     from bench.work.backend import Backend
 
 STEPS = (
@@ -66,7 +67,7 @@ STRESS = Command(
 )
 
 
-def run(**values: object) -> Results:
+def run(**values: object) -> pd.DataFrame:
     """Evaluate every combination of the values; stored runs are not repeated.
 
     Args:
@@ -75,10 +76,7 @@ def run(**values: object) -> Results:
             instead of names.
 
     Returns:
-        One row per run: ``system``, ``accuracy`` in percent, the mean over subjects, with its 95 % t-interval (``low``,
-        ``high``) and SD (``subject_sd``), ``macro_f1`` in percent, ``flash_bytes``, ``predict_ms_p50``, what it ran
-        on, ``folds`` and ``run_id``. ``bench.results(full=True)`` has everything that was measured; ``accuracy`` there
-        is pooled over captures, ``subject_accuracy_mean`` is the mean over subjects.
+        One row per run, as `bench.runs` has them; `bench.predictions` takes it and gives the labels.
 
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
@@ -86,7 +84,7 @@ def run(**values: object) -> Results:
     return made("run", values)
 
 
-def stress(**values: object) -> Results:
+def stress(**values: object) -> pd.DataFrame:
     """Runs under faults, and on fewer training subjects, as ``bench stress`` makes them; it writes no files.
 
     Args:
@@ -117,13 +115,13 @@ def plans(**values: object) -> list[Plan]:
     return planned(cells(typed), jobs_of(typed))
 
 
-def made(name: str, values: Values) -> Results:
+def made(name: str, values: Values) -> pd.DataFrame:
     """The runs of a command that makes runs, by its name."""
-    from bench.stored import results_of
+    from bench.outcomes.frame import frame
     from bench.work.loop import execute
 
     typed = values_of(values, keys(name))
-    return results_of(execute(planned(name, typed)[0], backend_of(typed)))
+    return frame(execute(planned(name, typed)[0], backend_of(typed)))
 
 
 def command(name: str, arguments: list[str]) -> int:

@@ -15,10 +15,11 @@ from bench.registry import parameters
 from bench.words import DEFAULTS, Values, items
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from bench.models.search.space import How, Space, Tuning
     from bench.plan.cells import Cell
     from bench.result import Result
-    from bench.stored import Results
 
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where smallest= has no values to try
 COMMAND = Command(
@@ -43,7 +44,7 @@ COMMAND = Command(
 )
 
 
-def tune(**values: object) -> Results:
+def tune(**values: object) -> pd.DataFrame:
     """Search parameters inside each training part; a row per run.
 
     Args:
@@ -57,9 +58,9 @@ def tune(**values: object) -> Results:
     Raises:
         InputError: something in the values or the data cannot be used; nothing was run.
     """
-    from bench.stored import results_of
+    from bench.outcomes.frame import frame
 
-    return results_of(searched(values_of(values, keys("tune"))))
+    return frame(searched(values_of(values, keys("tune"))))
 
 
 def command(arguments: list[str]) -> int:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bench.endless import DETECTOR, RATES, others
-from bench.measures import Cost, Measure, percent
+from bench.measures import TEXT, Measure, percent
 from bench.reports.views.base import View
 from bench.usual import FALSE_ALARMS
 
@@ -39,7 +39,7 @@ class Continuous(View):
         "watch.unknown": ("unknown gesture: {}", ""),
     }
     shown: ClassVar[tuple[Measure, ...]] = (
-        Measure("detector", read=lambda row: others(row.get("watch.detector")), left=True, spare=1),
+        Measure("detector", read=lambda row: others(row.get("watch.detector")), form=TEXT, spare=1),
         Measure("auroc", "AUROC", form=".2f", spare=1),
         percent("rejected_unknown", "rejected unknown", spare=1),
         percent("rejected_known", "rejected known", spare=1),
@@ -57,8 +57,8 @@ class Continuous(View):
         percent("late", spare=11),
         *(percent(f"missed_at_{rate}", f"missed at {rate}/h", ends=f"missed_at_{rate}", spare=12) for rate in RATES),
     )
-    costs: ClassVar[tuple[Cost, ...]] = (
-        Cost(
+    costs: ClassVar[tuple[Measure, ...]] = (
+        Measure(
             "false_alarms",
             unit="per hour",
             noun="false-alarm rate",
@@ -66,26 +66,24 @@ class Continuous(View):
             axis="false alarms per hour of background",
             unknown="the recordings have no background",
             help="false alarms per hour of background; compares runs of bench watch",
-            runs="recordings",
+            on=("recordings",),
             among=lambda people: people.rate(),
-            line=("stream", "false_alarms"),
-            column=False,
-            last=0,
+            section="stream",
+            shows=(),
         ),
-        Cost(
+        Measure(
             "latency",
             read="latency_s_p50",
-            times=1000,
+            scale=lambda seconds: 1000 * seconds,
             unit="ms",
             noun="latency",
             words="of latency",
             axis="ms until half of the touches are reported",
             unknown="no touch was found",
             help="median latency, such as 1s; compares runs of bench watch",
-            runs="recordings",
-            line=("stream", "latency"),
-            column=False,
-            last=0,
+            on=("recordings",),
+            section="stream",
+            shows=(),
         ),
     )
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from bench.in_c.circumstance import C
-from bench.measures import Cost, Measure, over_people, percent, text
+from bench.measures import TEXT, Measure, in_thousands, over_people, percent, text
 from bench.reports.views.base import View
 from bench.table import Table
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 WATCHING = (  # columns of the costs of watching an endless stream
     text("system", read=lambda r: r.system),
     Measure("bits", read="chip.bits"),
-    Measure("detector", read=lambda row: row.get("chip.detector"), left=True, spare=3),
-    Measure("flash", "flash kB", "chip_watch_flash_bytes", ",.1f", per=1000),
-    Measure("ram", "RAM kB", "chip_watch_ram_bytes", ",.1f", per=1000),
+    Measure("detector", read=lambda row: row.get("chip.detector"), form=TEXT, spare=3),
+    Measure("flash", "flash kB", "chip_watch_flash_bytes", ",.1f", scale=in_thousands),
+    Measure("ram", "RAM kB", "chip_watch_ram_bytes", ",.1f", scale=in_thousands),
     Measure("stack", "stack B", "chip_watch_stack_bytes", ",.0f"),
     Measure("idle", "instructions a frame", "chip_watch_idle_instructions", ",.0f"),
     Measure("frame", "in a touch", "chip_watch_frame_instructions", ",.0f"),
@@ -45,29 +45,28 @@ class InC(View):
         over_people("accuracy", "in C", "c_"),
         percent("python_accuracy", "in Python", "subject_accuracy_mean"),
         Measure("other_labels", "other labels", form=",.0f", spare=4),
-        Measure("chip_flash_bytes", "flash kB", form=",.1f", per=1000),
-        Measure("chip_ram_bytes", "library RAM kB", form=",.1f", per=1000),
-        Measure("chip_program_ram_bytes", "program RAM kB", form=",.1f", per=1000),
+        Measure("chip_flash_bytes", "flash kB", form=",.1f", scale=in_thousands),
+        Measure("chip_ram_bytes", "library RAM kB", form=",.1f", scale=in_thousands),
+        Measure("chip_program_ram_bytes", "program RAM kB", form=",.1f", scale=in_thousands),
         Measure("chip_stack_bytes", "stack B", form=",.0f"),
         Measure("chip_frame_instructions", "instructions a frame", form=",.0f", spare=3),
         Measure("chip_most_instructions", "at most", form=",.0f"),
     )
-    costs: ClassVar[tuple[Cost, ...]] = (
-        Cost(
+    costs: ClassVar[tuple[Measure, ...]] = (
+        Measure(
             "cycles",
             read="chip_most_instructions",
-            per=1000,
+            scale=in_thousands,
             unit="k",
             noun="instruction count",
             words="instructions",
             axis="thousand instructions of the costliest frame in C",
             unknown="only form=c counts them",
             help="most instructions for the costliest frame, such as 600k",
-            watched=False,
-            command="run",
-            asks=lambda losses: {"form": "c"},
-            column=False,
-            last=5,
+            on=("captures",),
+            spare=5,
+            command="run form=c",
+            shows=(),
         ),
     )
 

@@ -39,15 +39,7 @@ class Measured:
 
 
 def read(path: Path, check: Callable[[str], object] = str) -> list[Measured]:
-    """Load a baseline.
-
-    Args:
-        path: path of the file.
-        check: raises an `InputError` for arguments of ``bench run`` that cannot be understood.
-
-    Raises:
-        InputError: there is none, or the file is no complete baseline.
-    """
+    """Load a baseline."""
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
         if stored["format"] != FORMAT:

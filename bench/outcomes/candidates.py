@@ -104,22 +104,7 @@ def candidates(
     recordings: bool = False,
     losses: Losses | None = None,
 ) -> Candidates:
-    """Every way in which a system labels, as the kinds of run give them; the seeds of a system are averaged.
-
-    Args:
-        results: results of all kinds, from `bench.outcomes.runs.every_result`.
-        asked: filters, as in `eligible`.
-        wish: demands on these ways; None for whole captures, each gesture its own reaction.
-        clock: clock of the target in MHz: the measured cycles at this clock are part of the decision time.
-        batch: True to include batch systems, as in `eligible`.
-        recordings: True for kinds of run on recordings alone, which no other choice has.
-        losses: faults over which losses are taken; None for no losses.
-
-    Raises:
-        NothingTracked: no complete result is there for these values.
-        InputError: results on several corpora or protocols are, a table of one is gone, or the reactions name a gesture
-            that does not exist.
-    """
+    """Every way in which a system labels, as the kinds of run give them; the seeds of a system are averaged."""
     wish = wish or Wish(PLAIN)
     kinds = {tag: view for tag, view in run_views().items() if view.recordings == recordings}
     every = [r for r in results if r.kind in kinds and kinds[r.kind].offers(r, wish)]
@@ -136,6 +121,9 @@ def candidates(
     mine = costs_of(recordings)
     fixed = [name for name, cost in mine.items() if cost.among is None]
     table = pd.DataFrame([_row(seeds, lent[str(seeds[0][1]["system"])], fixed) for seeds in ways])
+    same = table.duplicated(["system", "unit"], keep=False)  # such as early decisions with two hops
+    apart = pd.Series([", ".join(seeds[0][0].apart) for seeds in ways])
+    table.loc[same & (apart != ""), "unit"] += ", " + apart
     subjects = pd.DataFrame([_mean([way.scores for way, _ in seeds]) for seeds in ways]).reset_index(drop=True)
     table["accuracy"] = subjects.mean(axis=1)
     if clock is not None:
@@ -237,33 +225,23 @@ def complete_on(result: Result, context: Result) -> bool:
 
 
 def missing(table: pd.DataFrame, wanted: Collection[str], losses: Losses | None) -> dict[str, list[str]]:
-    """Commands that measure what is not stored, by cost.
-
-    Args:
-        table: candidates.
-        wanted: costs that were asked for.
-        losses: faults over which losses are taken.
-    """
+    """Commands that measure what is not stored, by cost."""
     commands: dict[str, list[str]] = {}
     for name in wanted:
         cost = costs()[name]
         lacking = table[table[name].isna() & table["whole"] & (table["mark"] == "")]
         if not cost.command or (cost.losses and losses is None):
             continue
-        more = cost.asks(losses) if cost.asks else {}
-        lines = [typed(cost.command, repeated(t, impersonal=cost.losses) | more) for t in lacking["arguments"] if t]
+        command, *more = cost.command.format(faults=",".join(losses.names if losses else ())).split()
+        given = dict(word.split("=", 1) for word in more)
+        lines = [typed(command, repeated(t, impersonal=cost.losses) | given) for t in lacking["arguments"] if t]
         if lines:
             commands[name] = list(dict.fromkeys(lines))
     return commands
 
 
 def repeated(text: str, impersonal: bool = False) -> dict[str, str]:
-    """Arguments of a run that another command repeats.
-
-    Args:
-        text: arguments of the run as tracked.
-        impersonal: True for commands that have no captures of a new person; they leave each subject out instead.
-    """
+    """Arguments of a run that another command repeats."""
     given = {k: v for k, v in json.loads(text or "{}").items() if k.split(".")[0] in TAKEN}
     if impersonal and given.get("protocol", "").startswith("personal"):
         given = {k: v for k, v in given.items() if not k.startswith("protocol.")} | {"protocol": "loso"}
@@ -276,19 +254,7 @@ def eligible(
     batch: bool = False,
     command: str = "run",
 ) -> tuple[list[Result], list[str]]:
-    """The complete results among which can be chosen, and which others are left out, in sentences.
-
-    Args:
-        results: results of some kinds of run.
-        asked: names of ``data``, ``protocol``, ``where``, ``target``, ``model``, ``features`` to choose among, and
-            number of ``shots``; parameters of the protocol by their dotted names; or values of `COMPARABLE`.
-        batch: True to include systems whose predictions depend on the other captures of the batch.
-        command: command that makes such runs.
-
-    Raises:
-        NothingTracked: there is none.
-        InputError: they are on several corpora or protocols.
-    """
+    """The complete results among which can be chosen, and which others are left out, in sentences."""
     kept = _asked(results, asked)
     complete = [r for r in kept if r.complete]
     notes: list[str] = []
@@ -313,11 +279,7 @@ def _nothing(command: str, asked: Collection[str], notes: Sequence[str]) -> Noth
 
 
 def _asked(results: Sequence[Result], asked: Mapping[str, list[str]]) -> list[Result]:
-    """The results that were asked for.
-
-    Raises:
-        InputError: no result has a parameter that was asked for.
-    """
+    """The results that were asked for."""
     for key in asked:
         if (name := COLUMNS.get(key, key)).startswith("protocol.") and not any(name in r for r in results):
             raise InputError(f"{key}: no stored run has this parameter; leave it out or run that protocol")
@@ -330,9 +292,6 @@ def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
     """The results on the captures and under the protocol of the newest, and how many others are left out.
 
     Parameters that results of a kind share are those of the newest of this kind.
-
-    Raises:
-        InputError: arguments of `bench choose` can tell them apart.
     """
     arguments = list(dict.fromkeys(_arguments(results)))
     if len(arguments) > 1:
@@ -378,10 +337,6 @@ def _amounts(run: Row, way: Candidate) -> dict[str, Any]:
     """The costs of one way in which a run labels, by name.
 
     The time of a decision is the touch that it needs: computing time on this machine is another cost.
-
-    Args:
-        run: the run.
-        way: candidate, with the stored values that it has in place of those that costs name.
     """
     amounts: dict[str, Any] = {}
     for name, cost in costs().items():

@@ -19,10 +19,10 @@ from bench.errors import InputError
 from bench.measures import costs
 from bench.outcomes.candidates import Candidates, People, candidates, missing
 from bench.outcomes.runs import without_runs
+from bench.outcomes.scene import EVERY, Scene
 from bench.paired import TOLERANCE, interval, mean_and_error, within_one_standard_error
 from bench.progress import warn
 from bench.registry import run_views
-from bench.scene_file import EVERY, Scene
 from bench.sentences import sentences
 from bench.table import rows_of
 from bench.words import SMALL
@@ -96,13 +96,6 @@ def pick(
     one-sided paired t-test finds it smaller than the margin (p < 0.05); fewer than `bench.few.TEST` people show
     nothing.
 
-    Args:
-        scores: in percent, float [candidates, subjects].
-        fits: True for candidates that fit the budgets, bool [candidates].
-        burden: the cost to minimise (`bench.measures.Cost.burden`), float [candidates]; NaN if not known, which is
-            never chosen.
-        margin: points that do not matter, or None.
-
     Returns:
         Numbers of the chosen and of the best candidate, None where none fits, and which candidates that fit are not
         below the best, bool [candidates].
@@ -149,37 +142,31 @@ def decide(
     The best one is sought among those that fit the budgets; a candidate whose cost is not known fits no budget of it.
     One whose cost ``by`` is not known cannot be the cheapest, so neither chosen nor the best is such a one; its loss is
     told.
-
-    Args:
-        table: candidates with ``accuracy`` and a column per cost, as `bench.outcomes.candidates` gives them.
-        subjects: scores in percent [candidates, subjects].
-        by: the cost to minimise.
-        budgets: budget of each cost.
-        margin: points that do not matter, or None for the rule of one standard error.
     """
     accuracy, scores, cost = table["accuracy"].round(9), subjects.to_numpy(float), costs()[by]
     verdicts = [_excess(row, budgets) for row in rows_of(table)]
     table = table.assign(verdict=verdicts, loss=np.nan, error=np.nan, accuracy=accuracy)
-    fits, burden = table["verdict"] == "", cost.burden(table[by])
+    fits, burden = np.array(verdicts) == "", cost.burden(table[by].to_numpy(float))
     unranked = [int(i) for i in table[fits & table[by].isna()].sort_values("accuracy", ascending=False).index]
     chosen, best, near = _picked(table, scores, by, budgets, margin)
     limits = [_limit(table, scores, by, budgets, name, best) for name in budgets]
     if best is None or chosen is None:
         table.loc[unranked, "verdict"] = f"{cost.title} unknown"
         return Choice(table.sort_values(by, key=cost.burden), None, None, None, unranked, limits)
-    for i in table.index[fits]:
-        table.loc[i, ["loss", "error"]] = mean_and_error(scores[best] - scores[i])
+    lost = np.full((len(table), 2), np.nan)
+    for i in np.flatnonzero(fits):
+        lost[i] = mean_and_error(scores[best] - scores[i])
         verdict = "the best" if i == best else "near the best" if near[i] else "below the best"
         if i in unranked:
             verdict += f", {cost.title} unknown"
         elif near[i]:
             verdict += ", costlier" if burden[i] > burden[chosen] else ", equally cheap"
-        table.loc[i, "verdict"] = "chosen" if i == chosen else verdict
-    order = pd.DataFrame({"burden": burden, "accuracy": accuracy})
-    order = order.sort_values(["burden", "accuracy"], ascending=[True, False])
-    better = fits & (burden > burden[chosen]) & (accuracy > accuracy[chosen])
-    costlier = next((int(i) for i in order.index if better[i]), None)
-    return Choice(table.loc[order.index], chosen, best, costlier, unranked, limits)
+        verdicts[i] = "chosen" if i == chosen else verdict
+    table = table.assign(verdict=verdicts, loss=lost[:, 0], error=lost[:, 1])
+    order = table.assign(burden=burden).sort_values(["burden", "accuracy"], ascending=[True, False]).index
+    better = fits & (burden > burden[chosen]) & (accuracy > accuracy[chosen]).to_numpy()
+    costlier = next((int(i) for i in order if better[i]), None)
+    return Choice(table.loc[order], chosen, best, costlier, unranked, limits)
 
 
 def _excess(row: Row, budgets: Mapping[str, float]) -> str:
@@ -235,13 +222,7 @@ def expected(
 
 
 def expectation(scores: np.ndarray | None, among: Candidates, chosen: int | None) -> list[str]:
-    """What to expect for new people, and the worst person, in sentences.
-
-    Args:
-        scores: result of `expected`; None gives no sentence.
-        among: candidates.
-        chosen: number of the chosen one.
-    """
+    """What to expect for new people, and the worst person, in sentences."""
     if scores is None or chosen is None:
         return []
     low, high = interval(scores)
@@ -288,15 +269,7 @@ def reasons(choice: Choice, by: str, margin: float | None, subjects: int, mixed:
 
 
 def verdict(choice: Choice, by: str, margin: float | None, subjects: int, told: str = "") -> list[str]:
-    """The choice and its reason; the first sentence alone if nothing can be chosen.
-
-    Args:
-        choice: result of `decide`.
-        by: the cost to minimise.
-        margin: points of accuracy that do not matter, or None.
-        subjects: number of them.
-        told: sentence on the chosen candidate, which stands between the two; empty for none.
-    """
+    """The choice and its reason; the first sentence alone if nothing can be chosen."""
     return said("verdict", **_told(choice, by), margin=margin, subjects=subjects, told=told)
 
 
@@ -307,12 +280,7 @@ def details(choice: Choice, by: str, subjects: int) -> list[str]:
 
 
 def prices(choice: Choice, binding: bool = False) -> list[str]:
-    """What each budget costs, or where nothing fits, how far the systems are from it.
-
-    Args:
-        choice: result of `decide`.
-        binding: True to leave out budgets that rule out no system.
-    """
+    """What each budget costs, or where nothing fits, how far the systems are from it."""
     rows = _rows(choice)
     kept = [limit for limit in choice.budgets if limit.over or limit.unknown or not binding]
     limits = [(limit, costs()[limit.cost], rows[limit.without], rows[limit.least]) for limit in kept]
@@ -455,30 +423,12 @@ def choose(
     notes: Sequence[str] = (),
     why: bool = False,
 ) -> Chosen:
-    """The choice among stored runs.
-
-    Args:
-        results: results of all kinds.
-        asked: the runs to choose among, as `bench.outcomes.runs.selected` takes them.
-        by: the cost to minimise.
-        budgets: budget of each cost.
-        scene: reactions and faults; None without one.
-        margin: points that do not matter, or None.
-        clock: clock of the target in MHz, or None.
-        unit: ``capture`` or ``window``.
-        batch: True to include systems whose labels depend on other test captures.
-        shots: labelled captures of a new person, or None.
-        notes: sentences on the board of the scene.
-        why: True to print all sentences.
-
-    Raises:
-        InputError: some of this excludes another, or no run is stored for it.
-    """
+    """The choice among stored runs."""
     limits, scene = dict(budgets), scene or Scene()
     asked_costs = [costs()[name] for name in (by, *limits)]
     if scene.faults is None and any(cost.losses for cost in asked_costs):
         scene = replace(scene, faults=Losses(EVERY))
-    watched = any(cost.runs == "recordings" for cost in asked_costs)
+    watched = any("captures" not in cost.on for cost in asked_costs)
     if watched:
         _check_watched(by, unit, limits, clock)
     if scene.faults is not None and unit == "window":
@@ -500,11 +450,7 @@ def choose(
 
 
 def _with_shots(shots: int, asked: Mapping[str, list[str]], watched: bool) -> Mapping[str, list[str]]:
-    """The runs with labelled captures of a new person.
-
-    Raises:
-        InputError: no run can have so many.
-    """
+    """The runs with labelled captures of a new person."""
     if shots < 0:
         raise InputError(f"shots={shots}: give 0 or more")
     asked = {"protocol": ["personal"], **asked, "shots": [str(shots)]}
@@ -533,13 +479,9 @@ def _command(recordings: bool) -> str:
 
 
 def _check_watched(by: str, unit: str, limits: Mapping[str, float], clock: float | None) -> None:
-    """Refuse keys that runs on recordings cannot be compared by.
-
-    Raises:
-        InputError: there is one.
-    """
-    given = next((costs()[k].budget for k in limits if costs()[k].runs == "recordings"), "by")
-    unwatched = [name for name, cost in costs().items() if not cost.watched]
+    """Refuse keys that runs on recordings cannot be compared by."""
+    given = next((costs()[k].budget for k in limits if "captures" not in costs()[k].on), "by")
+    unwatched = [name for name, cost in costs().items() if "recordings" not in cost.on]
     wrong = [f"by={by}"] * (by in unwatched) + [f"{costs()[k].budget}=" for k in unwatched if k in limits]
     wrong += [f"unit={unit}"] * (unit == "window") + ["clock="] * (clock is not None)
     if wrong:

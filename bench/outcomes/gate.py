@@ -46,14 +46,7 @@ class Verdict:
 
 
 def compare(baseline: list[Measured], current: list[Measured], error: float, slower: float) -> list[Verdict]:
-    """Judge every system of a baseline.
-
-    Args:
-        baseline: stored runs.
-        current: the runs to hold against it; of several that fit, one with the same seed and else the last one counts.
-        error: chance, in percent, of an alarm about labels or accuracy when all systems are unchanged.
-        slower: factor of computing time that is an alarm.
-    """
+    """Judge every system of a baseline."""
     pairs = [(then, counterpart(then, current)) for then in baseline]
     questions = sum(1 + held(then, now) for then, now in pairs if now)
     return [
@@ -62,14 +55,7 @@ def compare(baseline: list[Measured], current: list[Measured], error: float, slo
 
 
 def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict:
-    """Hold one run against that of the baseline.
-
-    Args:
-        then: run of the baseline.
-        now: the current run.
-        level: error rate of each test.
-        slower: factor of computing time that is an alarm.
-    """
+    """Hold one run against that of the baseline."""
     both = then.labels.merge(now.labels, on=["fold", "capture"], how="outer", suffixes=("", "_now"), indicator="side")
     if (both["side"] != "both").any() or (both["true"] != both["true_now"]).any():
         return Verdict(
@@ -126,11 +112,6 @@ def units_of(tested: pd.DataFrame, level: float) -> tuple[np.ndarray, str]:
     They are too few if a run that is worse on all of them but two could not be told from chance by the sign of the
     differences. Captures tell as well whether the code has changed: they, and the people, are the same in both runs.
     They leave out that a random system may do better or worse on all captures of a fold at once.
-
-    Args:
-        tested: ``subject``, ``capture`` and ``difference`` of hits, -1, 0 or 1; a capture may be tested in several
-            folds.
-        level: error rate of the test.
 
     Returns:
         The summed difference of each, int, and what they are.
@@ -196,12 +177,7 @@ def named(measured: Measured) -> str:
 
 
 def measured(result: Result, run: str) -> Measured:
-    """The compared measurements of a result.
-
-    Args:
-        result: result of ``bench run``.
-        run: the arguments of ``bench run`` that make it.
-    """
+    """The compared measurements of a result."""
     environment = {k: str(v) for k, v in result.items() if k in ("cpu", "simd", "threads") or k.startswith("version.")}
     environment["version.python"] = environment["version.python"].rpartition(".")[0]  # a patch computes the same
     labelled = scores.captures(result.tables["predictions"])

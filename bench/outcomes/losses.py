@@ -17,12 +17,6 @@ def points_lost(results: Sequence[Result], asked: Losses, reactions: Reactions, 
     """Points lost [circumstances, subjects] in some runs of one system; None if a fault is not in any of them.
 
     These runs store labels, so the reaction is that to the most probable gesture, also of clean captures.
-
-    Args:
-        results: results of one system.
-        asked: faults and severities.
-        reactions: reactions that are scored.
-        key: circumstance of the faults.
     """
     tested = [(r, {*str(r.get("faults", "")).split(", ")}) for r in sorted(results, key=lambda r: r["started"])]
     if not {*asked.names} <= {name for _, names in tested for name in names}:

@@ -45,11 +45,7 @@ class Reactions:
         return bool(self.costs) or self.silence != 1
 
     def of(self, gestures: Collection[str]) -> dict[str, str]:
-        """The reaction to each gesture.
-
-        Raises:
-            InputError: a group or a cost names what does not exist.
-        """
+        """The reaction to each gesture."""
         gestures = {*gestures}
         meant = {gesture: name for name, members in self.groups.items() for gesture in members}
         for gesture, name in meant.items():
@@ -69,11 +65,7 @@ class Reactions:
         return reactions
 
     def cost_table(self, gestures: Collection[str]) -> pd.DataFrame:
-        """Cost of each reaction that is taken (column) for each that was meant (row); ``nothing`` is the last.
-
-        Raises:
-            InputError: as `of`.
-        """
+        """Cost of each reaction that is taken (column) for each that was meant (row); ``nothing`` is the last."""
         names = [*dict.fromkeys(r for r in self.of(gestures).values() if r != NOTHING), NOTHING]
         table = pd.DataFrame(1.0, index=names, columns=names)
         table[NOTHING] = self.silence
@@ -86,9 +78,6 @@ class Reactions:
     def decided(self, probabilities: pd.DataFrame) -> np.ndarray:
         """The reactions with the lowest expected cost; equal ones go to the first.
 
-        Args:
-            probabilities: a column for each gesture, a row for each decision.
-
         Returns:
             Names of reactions [decisions].
         """
@@ -99,12 +88,7 @@ class Reactions:
         return np.where(probabilities.to_numpy().any(axis=1), taken, NOTHING)
 
     def mistakes(self, labelled: pd.DataFrame) -> np.ndarray:
-        """The cost of each label, 0 for the right reaction, float [rows].
-
-        Args:
-            labelled: table with ``true`` (gesture), and ``taken`` (reaction) or ``predicted`` (gesture). A prediction
-                that is no true gesture of any row counts as ``nothing``, unless it is in a group.
-        """
+        """The cost of each label, 0 for the right reaction, float [rows]."""
         every = {*labelled["true"], *(g for members in self.groups.values() for g in members)}
         table, reactions = self.cost_table(every), self.of(every)
         said = "taken" if "taken" in labelled else "predicted"
@@ -118,21 +102,13 @@ class Reactions:
         return table.to_numpy()[places(labelled["true"], reactions), places(labelled[said], of_said)]
 
     def scores(self, labelled: pd.DataFrame) -> pd.Series:
-        """The score of each subject: 100 less 100 times the mean cost of a label; with default costs its accuracy.
-
-        Args:
-            labelled: columns of `mistakes`, with ``subject``.
-        """
+        """The score of each subject: 100 less 100 times the mean cost of a label; with default costs its accuracy."""
         costs = pd.Series(self.mistakes(labelled), labelled.index)
         return (100 * (1 - costs.groupby(labelled["subject"].astype(str)).mean())).rename_axis("subject")
 
 
 def mean_probabilities(predictions: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """``subject`` and ``true`` of each tested capture, and its mean probabilities, with a column for each class.
-
-    Args:
-        predictions: table of predictions (`bench.scores`).
-    """
+    """``subject`` and ``true`` of each tested capture, and its mean probabilities, with a column for each class."""
     groups = predictions.groupby(["fold", "capture"], sort=False)
     classes = classes_of(predictions)
     mean = groups[[PREFIX + c for c in classes]].mean().set_axis(classes, axis=1)
@@ -140,12 +116,7 @@ def mean_probabilities(predictions: pd.DataFrame) -> tuple[pd.DataFrame, pd.Data
 
 
 def by_capture(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
-    """``subject``, ``true`` and the reaction ``taken`` for each tested capture, by mean probability.
-
-    Args:
-        predictions: table of predictions (`bench.scores`).
-        reactions: reactions of the robot.
-    """
+    """``subject``, ``true`` and the reaction ``taken`` for each tested capture, by mean probability."""
     rows, mean = mean_probabilities(predictions)
     return rows.assign(taken=reactions.decided(mean)).reset_index()
 

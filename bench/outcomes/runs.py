@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Never, TypeVar
 import pandas as pd
 
 from bench.amounts import convert
-from bench.comparable import COMPARABLE, SAME_SYSTEM, context_of
+from bench.comparable import COMPARABLE, SAME_SYSTEM
 from bench.errors import InputError
 from bench.outcomes.store import Store, Stored
 from bench.progress import warn
@@ -219,51 +219,3 @@ def _names(room: str, name: str) -> set[str]:
 def _absolute(name: str) -> str:
     file, _, factory = name.rpartition(":")
     return f"{Path(file).resolve()}:{factory}" if file.endswith(".py") else name
-
-
-def grouped(results: Sequence[Result]) -> dict[str, list[Result]]:
-    """The results by captures and protocol in words; only results of one group are compared.
-
-    Generated captures say so; where several corpora go by one name, the digest tells them apart.
-    """
-    words = {r: ", ".join(context_of(r)) for r in results}
-    digests: dict[str, set[str]] = {}
-    for r in results:
-        digests.setdefault(words[r], set()).add(str(r["corpus_digest"]))
-    groups: dict[str, list[Result]] = {}
-    for r in results:
-        several = len(digests[words[r]]) > 1
-        groups.setdefault(words[r] + f", corpus {str(r['corpus_digest'])[:8]}" * several, []).append(r)
-    return groups
-
-
-def frame_of(results: Sequence[Result]) -> pd.DataFrame:
-    """A row for each result with every tag, parameter and number."""
-    return pd.DataFrame([dict(r) for r in results])
-
-
-def subject_accuracy(result: Result) -> dict[str, float]:
-    """Accuracy of the captures of each subject, in percent, as the run stored it; empty if it is not there."""
-    table = result.tables.get("per_subject")
-    return {} if table is None else dict(zip(table["subject"], 100 * table["accuracy"], strict=True))
-
-
-def by_subject(results: Sequence[Result]) -> tuple[pd.DataFrame, pd.Series]:
-    """Accuracy in percent [systems, subjects] of the complete results of one group, best mean first.
-
-    Systems that were not tested on all subjects of the group are left out.
-
-    Args:
-        results: results of one group; those that depend on the batch are not comparable.
-
-    Returns:
-        The table, and the number of seeds behind each row.
-    """
-    complete = [r for r in results if r.complete]
-    table = pd.DataFrame(
-        [subject_accuracy(r) for r in complete], index=pd.Index([r.system for r in complete], name="system")
-    )
-    table = table.dropna() if len(table.columns) else table.iloc[:0]
-    means = table.groupby(level=0).mean()
-    order = means.mean(axis=1).sort_values(ascending=False, kind="stable").index
-    return means.loc[order], table.groupby(level=0).size().loc[order]

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from bench.candidate import EARLY, Candidate, Wish
+from bench.outcomes.frame import subject_accuracy
 from bench.outcomes.reactions import by_capture, by_decision
-from bench.outcomes.runs import subject_accuracy
 from bench.paired import TOLERANCE
 from bench.result import Result
 from bench.scores import captures
@@ -27,7 +27,7 @@ def plain_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
         yield Candidate("window", reactions.scores(by_decision(table, reactions)), WINDOW)
         return
     # What the run stored is the same and quick: reading the predictions of 1000 runs takes a minute.
-    stored = pd.Series(subject_accuracy(result), dtype=float) if reactions.plain else pd.Series(dtype=float)
+    stored = subject_accuracy(result) if reactions.plain else pd.Series(dtype=float)
     scores = stored if len(stored) else reactions.scores(by_capture(result.tables["predictions"], reactions))
     yield Candidate("capture", scores, whole=True)
 
@@ -42,7 +42,8 @@ def early_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
         decided = [one for one in decided if one[0] <= wish.most * (1 + TOLERANCE)][-1:] or decided[:1]
     for ms, frames in decided:
         scores = wish.reactions.scores(by_decision(standing(table, frames), wish.reactions))
-        apart, stored = (str(result["stream.hop_ms"]),), {"predict": "replay_ms_p50"}
+        hop, stored = str(result["stream.hop_ms"]), {"predict": "replay_ms_p50"}
+        apart = (f"every {hop} ms",) if hop != "None" else ()
         yield Candidate(f"first {ms:.0f} ms", scores, stored, {"decision": ms}, apart, mark=EARLY)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bench.measures import Cell as Shown
-from bench.measures import Cost, Measure, Row, text
+from bench.measures import Measure, Row, text
 from bench.reports.views.base import View
 
 if TYPE_CHECKING:
@@ -49,21 +49,12 @@ def _of(part: str, whole: str) -> Any:
 _failing = _of("failing_slices.under", "tested_slices.under")  # of captures as they are, and of damaged ones
 
 
-def _measured_by(losses: Losses) -> dict[str, str]:
-    return {"faults": ",".join(losses.names)}
-
-
-_LOSS = Cost(
+_LOSS = Measure(
     "loss",
     unit="points",
     unknown="losses are of whole captures, in runs of bench stress with all these faults",
-    losses=True,
-    command="stress",
-    asks=_measured_by,
-    linear=True,
-    zero=True,
-    column=False,
-    last=0,
+    command="stress faults={faults}",
+    shows=(),
 )
 
 
@@ -81,7 +72,7 @@ class Faults(View):
         text("worst_fault", "worst fault", _worst_fault),
         Measure("failing", "failing groups", _failing),
     )
-    costs: ClassVar[tuple[Cost, ...]] = (
+    costs: ClassVar[tuple[Measure, ...]] = (
         replace(
             _LOSS,
             key="fault_loss",
@@ -90,7 +81,7 @@ class Faults(View):
             axis="points lost under faults (mean of all faults and severities)",
             help="largest mean loss under faults, in points of bench stress",
             among=lambda people: people.loss().mean(axis=1),
-            line=("faults", "loss"),
+            section="faults.loss",
         ),
         replace(
             _LOSS,
@@ -100,7 +91,7 @@ class Faults(View):
             axis="points lost under the worst fault",
             help="largest loss under the worst fault and severity, in points",
             among=lambda people: people.loss().max(axis=1),
-            line=("faults", "worst"),
+            section="faults.worst",
         ),
     )
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.measures import Cost, Measure, percent
+from bench.measures import Measure, percent
 from bench.reports.views.base import View
 
 if TYPE_CHECKING:
@@ -38,8 +38,8 @@ class Instants(View):
         Measure("decisions_per_second", "decisions per s", form=".0f", spare=15),
         Measure("system_hop_ms", "system hop ms", form=".0f", spare=17),
     )
-    costs: ClassVar[tuple[Cost, ...]] = (
-        Cost(
+    costs: ClassVar[tuple[Measure, ...]] = (
+        Measure(
             "decision",
             read="capture_ms",
             unit="ms",
@@ -47,9 +47,9 @@ class Instants(View):
             words="until the decision",
             axis="ms of touch before the label",
             help="longest touch before the decision, such as 1s",
-            watched=False,
-            column=False,
-            last=2,
+            on=("captures",),
+            spare=2,
+            shows=(),
         ),
     )
 

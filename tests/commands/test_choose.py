@@ -10,12 +10,8 @@ import pandas as pd
 import pytest
 
 import bench
-from bench.arguments import parse
 from bench.cli import main
-from bench.commands.choose import chosen
-from bench.comparable import MARKED
 from bench.errors import InputError
-from bench.plan.cells import cells
 from bench.words import SMALL
 from tests.reports.store import made_up, stressed, tracked_run, watched
 
@@ -36,23 +32,6 @@ def test_the_verdict_and_what_is_loaded_for_it(store):
     lines = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.splitlines()
     assert lines[-1] == "set()" and lines[-2].startswith("next: bench fit data=synth model=")
     assert any(line.startswith("Choose ") for line in lines)
-
-
-def test_budgets_nothing_that_fits_and_other_processors(store, capsys):
-    tracked_run(store, "lda", made_up(), cost=1.0)
-    tracked_run(store, "svm", made_up(), cost=2.0, cpu="two")
-    tracked_run(store, "centred", made_up(), cost=0.1, **{"touchbench.depends_on_batch": "true"})
-    assert main(["choose", "max_flash=1kB", "max_decision=9s"]) == 1
-    out = capsys.readouterr().out
-    assert "The lowest flash is 4 kB (lda)." in out and f"bench run {SMALL}" in out
-    cells(parse(SMALL.split(), {"model", "features"}))  # can be typed
-    assert main(["choose", "by=cycles"]) == 1
-    assert main(["choose", "max_predict=9s", "model=lda,svm,rf", "batch=yes"]) == 0
-    said = capsys.readouterr()
-    assert main(["choose", "batch=yes"]) == 0
-    said = capsys.readouterr()
-    assert "Choose centred †" in said.out and MARKED in said.out and not said.err
-    assert chosen({"data": "synth", "batch": True, "max_flash": "6kB"}).system == "centred †"  # from Python
 
 
 @pytest.mark.parametrize(
@@ -79,18 +58,6 @@ def test_eight_lines_follow_the_table_and_why_prints_the_rest(limits, flash, sto
         and any(line.startswith(("Expect ", "The lowest")) for line in brief[1:])
         or ("rules out 3 of 3 systems" in brief[1])
     )
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    ["by=price", "unit=frame", "batch=maybe", "clock=64", "max_ram=32", "margin=0", "shots=x", "shots=-1", "jobs=2"]
-    + ["model.frames=3", "seed=1", "protocol.draws=2"],
-)
-def test_a_value_that_cannot_be_used_is_one_line_with_its_key(wrong, store, capsys):
-    tracked_run(store, "svm", made_up())
-    assert main(["choose", wrong]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and wrong.partition("=")[0] in error
 
 
 def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(store, capsys):
@@ -215,19 +182,3 @@ def test_a_scene_of_an_endless_stream_scores_the_last_label(store, tmp_path):
         bench.choose(scene=str(tmp_path / "wrong.toml"))
     result = bench.choose(scene=str(tmp_path / "robot.toml"))
     assert result.choice.table["accuracy"].tolist() == [50] and result.system == "small"  # a missed touch is a mistake
-    tracked_run(
-        store,
-        "lda",
-        made_up(),
-        data="haart",
-        synthetic="false",
-        subset="all",
-        corpus_digest="d",
-        **{
-            "touchbench.arguments": json.dumps({"data": "haart", "model": "lda"}),
-            "protocol_label": "LOSO (10 subjects)",
-        },
-    )
-    assert "in recordings is not stored. To measure it: bench watch data=haart model=lda." in str(
-        bench.choose(scene=str(tmp_path / "robot.toml"), why=True)
-    )

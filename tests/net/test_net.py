@@ -104,8 +104,7 @@ def test_the_api_returns_what_it_returned(work, golden):
         "stress": bench.stress(model=["tree", "bayes"], faults=["noise", "dead_taxels"], **jung, **people),
         "replay": bench.run(model="tree", after="each", stopping=True, start="middle", data="three", jobs=1, **jung),
         "watch": bench.watch(model=["tree", "bayes"], data="day", jobs=1, **jung),
-        "results": bench.results(data="people"),
-        "results_full": bench.results(full=True),
+        "runs": bench.runs(data="people"),
         "choose": bench.choose(**on, max_flash="64kB"),
         "choose_watched": bench.choose(data="day", max_false_alarms=500),
         "groups": bench.groups(data="synth"),
@@ -119,14 +118,7 @@ def test_the_api_returns_what_it_returned(work, golden):
 def shown(value, folders):
     """An object of the API as a text."""
     if isinstance(value, pd.DataFrame):
-        runs, tables = getattr(value, "runs", []), getattr(value, "tables", {})
-        own = (
-            {}
-            if all("labels" not in r.tables and r.kind == "cell" for r in runs) or len(runs) > 3
-            else {name: tables[name] for name in tables if name != "predictions"}
-        )
-        named = {"": value, **({"full": value.full} if own else {}), **own}
-        return "\n".join(f"{name}\n{masks.table_of(table, folders)}".lstrip("\n") for name, table in named.items())
+        return masks.table_of(value, folders)
     parts = [
         type(value).__name__,
         masks.repr_of(f"{value!s}\n{value!r}" if hasattr(value, "choice") else repr(value), folders),

@@ -11,7 +11,7 @@ from bench import measures
 from bench.amounts import quantity
 from bench.candidate import Wish
 from bench.errors import InputError
-from bench.measures import Cost, budgets
+from bench.measures import Measure, budgets
 from bench.outcomes.candidates import PLAIN, Candidates, People, candidates, eligible
 from bench.outcomes.choice import decide, expectation, expected, reasons
 from bench.outcomes.runs import NothingTracked, selected, without_runs
@@ -53,7 +53,7 @@ def test_the_cheapest_within_one_standard_error_is_chosen():
 
 
 def test_a_better_system_has_only_a_smaller_amount_where_more_is_better(monkeypatch):
-    every = measures.costs() | {"battery": Cost("battery", unit="h", better="high")}
+    every = measures.costs() | {"battery": Measure("battery", unit="h", better="high")}
     monkeypatch.setattr("bench.outcomes.choice.costs", lambda: every)
     rows, subjects = table([[80, 70, 60, 90], [77, 71, 58, 92]], battery=[40.0, 80.0])
     said = " ".join(reasons(decide(rows, subjects, "battery", {}, None), "battery", None, 4))

@@ -13,7 +13,7 @@ from bench.cli import main
 from bench.errors import InputError
 from bench.outcomes.groups import groupings, reactions
 from bench.outcomes.reactions import by_capture
-from bench.scene_file import scene_of
+from bench.outcomes.scene import scene_of
 from tests.reports.store import made_up, tracked_run, with_hits
 
 

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -10,9 +9,7 @@ from bench.errors import InputError
 from bench.outcomes.runs import (
     NothingTracked,
     asked_of,
-    by_subject,
     every_result,
-    grouped,
     plain,
     selected,
     stored,
@@ -21,7 +18,7 @@ from bench.outcomes.runs import (
 from bench.result import COUNTS, SMALL
 from bench.tables import file_of, write_table
 from tests.reports.store import keep
-from tests.results import evaluated, in_c, made_up, result, streamed, stressed, watched, with_hits
+from tests.results import evaluated, in_c, made_up, result, streamed, stressed, watched
 
 
 def artifact(result, name):
@@ -135,23 +132,6 @@ def test_a_table_that_is_damaged_is_named(store):
     ) as error:
         one.tables["predictions"]
     assert "\n" not in str(error.value)
-
-
-def test_accuracy_by_subject_is_of_complete_results_of_all_subjects():
-    results = [
-        evaluated("worse", with_hits([10, 12])),
-        evaluated("better", with_hits([20, 16]), seed=0),
-        evaluated("better", with_hits([18, 20]), seed=1),
-        evaluated("cut", with_hits([20, 20]), failed=1),
-        evaluated("one", with_hits([20])),
-    ]
-    table, seeds = by_subject(results)
-    assert table.index.tolist() == ["better", "worse"] and seeds.tolist() == [2, 1]
-    np.testing.assert_allclose(table.to_numpy(), [[95, 90], [50, 60]])
-    assert [*grouped(results)] == [
-        "synth (synthetic), all, LOSO (2 subjects)",
-        "synth (synthetic), all, LOSO (1 subjects)",
-    ]
 
 
 def test_keys_select_runs_and_latest_the_newest_parameters(store):

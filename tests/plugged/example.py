@@ -10,7 +10,7 @@ from sklearn.pipeline import make_pipeline
 
 from bench.arguments import parse
 from bench.circumstances.base import Case, Circumstance, option
-from bench.measures import Cost
+from bench.measures import Measure, in_percent
 from bench.options import DATA, Command, Option, keys
 from bench.reports.views.base import View
 from bench.work.fitted import Fitted
@@ -37,9 +37,9 @@ class Shown(View):
     noun = "captures of each class"
     heading = "Accuracy in percent by training captures of each class"
     costs = (
-        Cost("each_loss", read="loss.each", times=100, unit="points", noun="loss to few captures",
+        Measure("each_loss", read="loss.each", scale=in_percent, unit="points", noun="loss to few captures",
              words="lost to few captures", help="largest mean loss with few training captures, in points",
-             zero=True, column=False),
+             shows=()),
     )  # fmt: skip
 
 

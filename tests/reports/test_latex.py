@@ -122,8 +122,9 @@ def test_it_compiles():
 
 def test_the_call_makes_what_the_report_writes(in_net):
     assert main(["report", "data=people", "paper=accuracy,flash"]) == 0
-    assert (
-        bench.latex(bench.results(data="people"), paper=["accuracy", "flash"]) == Path("report/paper.tex").read_text()
-    )
-    with pytest.raises(bench.InputError, match="paper= needs what bench.results"):
+    table = bench.runs(data="people")
+    text = bench.latex(table, paper=["accuracy", "flash"])
+    assert text == Path("report/paper.tex").read_text() == bench.latex(table, paper="accuracy,flash")
+    assert bench.latex(table) == Path("report/comparison.tex").read_text()
+    with pytest.raises(bench.InputError, match="give the table of bench.runs"):
         bench.latex(pd.DataFrame({"system": []}), paper="accuracy")

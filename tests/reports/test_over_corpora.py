@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.outcomes.runs import grouped
+from bench.outcomes.frame import grouped
 from bench.outcomes.store import connect
 from bench.reports import page
 from bench.reports.over_corpora import ranking, rankings

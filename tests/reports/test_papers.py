@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from bench import scores
-from bench.outcomes.runs import grouped
+from bench.outcomes.frame import grouped
 from bench.reports import papers as reproduction
 from bench.reports.comparison import comparison, published
 from bench.reports.details import macro_interval, recall_interval

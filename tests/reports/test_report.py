@@ -17,7 +17,8 @@ from bench.comparable import BATCH, CONDITIONS, MARK
 from bench.endless import page as watching
 from bench.errors import InputError
 from bench.measures import costs
-from bench.outcomes.runs import grouped, stored
+from bench.outcomes.frame import grouped
+from bench.outcomes.runs import stored
 from bench.outcomes.store import connect
 from bench.registry import views
 from bench.reports import page

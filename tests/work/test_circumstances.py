@@ -383,7 +383,7 @@ def test_a_plain_run_and_one_in_a_circumstance_are_one_system(capsys):
     assert len(every) == 2 and not views()["under"].holds(one)
     assert one["accuracy"] == next(r for r in every if views()["under"].holds(r))["accuracy"]
     assert bench.choose(data="synth").choice.table["unit"].tolist() == ["capture"]
-    assert len(bench.results()) == 1
+    assert len(bench.runs()) == 1
 
 
 def test_a_column_that_tables_of_labels_need_is_refused_before_anything_runs(monkeypatch):

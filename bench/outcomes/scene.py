@@ -13,7 +13,7 @@ from pathlib import Path
 from bench.amounts import quantity
 from bench.candidate import Losses
 from bench.errors import InputError, nearest
-from bench.measures import Cost, costs
+from bench.measures import Measure, costs
 from bench.outcomes.reactions import Reactions
 from bench.sentences import sentences
 from bench.words import FAULTS
@@ -33,27 +33,15 @@ COSTLIEST = 1e6  # of one mistake, so that sums of costs and scores stay finite
 
 @dataclass(frozen=True)
 class Board:
-    """A microcontroller board.
+    """A microcontroller board: its size and clock, whether it computes with floats, the maker's page of it."""
 
-    Attributes:
-        name: name in scene files.
-        title: board and chip.
-        flash_kb: flash in kB.
-        ram_kb: RAM in kB.
-        clock_mhz: clock rate.
-        fpu: True if it computes with floats in hardware.
-        source: address of the maker's page.
-        share: share of flash and RAM that touch may use.
-    """
-
-    name: str
     title: str
     flash_kb: float
     ram_kb: float
     clock_mhz: float
     fpu: bool
     source: str
-    share: float = 1.0
+    share: float = 1.0  # of flash and RAM that touch may use
 
     def budgets(self, timed: bool) -> dict[str, str]:
         """Budgets as keys of ``bench choose``; with the clock, if there is a budget of time and an FPU."""
@@ -89,41 +77,23 @@ def boards() -> dict[str, Board]:
     """The boards of ``bench/boards.csv`` by name; KiB of their makers are turned into kB."""
     with files("bench").joinpath("boards.csv").open(encoding="utf-8") as f:
         rows = [*csv.DictReader(f)]
+    kb = [(1.024 * float(row["flash_kib"]), 1.024 * float(row["ram_kib"]), float(row["clock_mhz"])) for row in rows]
     return {
-        row["name"]: Board(
-            row["name"],
-            row["title"],
-            1.024 * float(row["flash_kib"]),
-            1.024 * float(row["ram_kib"]),
-            float(row["clock_mhz"]),
-            row["fpu"] == "yes",
-            row["source"],
-        )
-        for row in rows
+        row["name"]: Board(row["title"], *size, row["fpu"] == "yes", row["source"])
+        for row, size in zip(rows, kb, strict=True)
     }
 
 
-def lines() -> dict[str, dict[str, Cost]]:
+def lines() -> dict[str, dict[str, Measure]]:
     """The budgets that each section can have, by their keys there."""
-    sections: dict[str, dict[str, Cost]] = {name: {} for name in OTHER}
-    for cost in costs().values():
-        section, key = cost.section
-        sections[section][key] = cost
-    return sections
+    return {name: {cost.line[1]: cost for cost in costs().values() if cost.line[0] == name} for name in OTHER}
 
 
 def read_scene(name: str) -> Scene:
-    """Read a scene file.
-
-    Args:
-        name: path of the file, or the name of a scene in ``bench/scenes``.
-
-    Raises:
-        InputError: the file cannot be read, is no TOML, or has a line that means nothing.
-    """
+    """Read a scene file."""
     shipped = {Path(f.name).stem: f for f in files("bench").joinpath("scenes").iterdir()}
     try:
-        file = shipped[name] if name in shipped else Path(name)
+        file = Path(str(shipped[name])) if name in shipped else Path(name)
         if file.exists() and not (file.is_file() or file.is_dir()):  # a device may have no end
             raise OSError(errno.EINVAL, "not a plain file")
         table = tomllib.loads(file.read_text(encoding="utf-8"))
@@ -153,11 +123,7 @@ def _check_size(value: object, where: str = "", depth: int = 0) -> None:
 
 
 def scene_of(table: Mapping[str, object]) -> Scene:
-    """A scene from the content of its file.
-
-    Raises:
-        InputError: a line means nothing.
-    """
+    """A scene from the content of its file."""
     _check("", table, {*KEYS, *OTHER, "unlisted", "reactions", "costs"})
     sections, limits = {name: _section(table, name) for name in OTHER}, lines()
     for name, given in sections.items():
@@ -169,7 +135,7 @@ def scene_of(table: Mapping[str, object]) -> Scene:
     for name, given in sections.items():
         for k in given:
             _check_amount(f"[{name}] {k} = {given[k]}", limits[name].get(k), OTHER[name].get(k, ""), values)
-    unmeasured = [k for k, cost in limits["budget"].items() if not cost.watched] + ["clock"]
+    unmeasured = [k for k, cost in limits["budget"].items() if "recordings" not in cost.on] + ["clock"]
     if unwatched := [k for k in unmeasured if k in sections["budget"] and sections["stream"]]:
         raise InputError(f"[budget] {unwatched[0]}: runs on recordings do not measure it; leave it or [stream] out")
     if "shots" in sections["people"] and sections["stream"]:
@@ -193,7 +159,7 @@ def _of_board(budget: Mapping[str, object]) -> Board | None:
     return replace(known[name], share=share)
 
 
-def _check_amount(line: str, cost: Cost | None, key: str, values: Mapping[str, str]) -> None:
+def _check_amount(line: str, cost: Measure | None, key: str, values: Mapping[str, str]) -> None:
     """Refuse a number or a unit that `bench choose` would refuse, by the name of its line."""
     try:
         if cost is not None:

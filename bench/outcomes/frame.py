@@ -1,0 +1,190 @@
+"""Stored runs as one table: a row for each run, or for each of its cases, whose name tells it from its neighbours.
+
+All that shows runs reads them here: `grouped` says which may be compared, `names` what a row is called, `frame` makes
+the rows, `by_subject` the accuracies of people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from bench.comparable import COMPARABLE, Row, context_of, shared
+from bench.errors import InputError, nearest
+from bench.measures import Interval, over_people
+from bench.result import COUNTS, Result
+
+IS = ["system", "model", "features", "parameters", "seed", "unit", "subset", "target", "data", "protocol"]
+PARTS = ("model", "features", "protocol", "data")  # whose parameters are ``<part>.<name>``
+SHARES = ("accuracy", "macro_")  # in names of numbers that are shown in percent
+SHOWN = ("accuracy", "low", "high", "subject_sd", "loss")  # of a case, in percent
+SILENT = (
+    "touchbench. version. mlflow. run_id status started artifacts git threads cpu simd unit synthetic mixes_subjects "
+)
+SILENT += "test_over_train official_split model features system data subset where target protocol"
+TOLD = tuple(
+    SILENT.split()
+)  # beginnings of tags and parameters that other columns tell, or that tell no reader anything
+WORDS = {"seed": "seed {}", "corpus_digest": "corpus {:.8}", "touchbench.changes": "{}", "run_id": "run {:.8}"}
+
+
+def grouped(results: Sequence[Result], same: Mapping[str, tuple[str, str]] | None = None) -> dict[str, list[Result]]:
+    """The results by captures and protocol in words; only results of one group are compared.
+
+    Generated captures say so; where several corpora go by one name, the digest tells them apart.
+
+    Args:
+        results: results.
+        same: further parameters that results of a group share, with their words (`bench.comparable.shared`).
+    """
+    keys = [tuple(str(r.get(name, "")) for name in (*COMPARABLE, *(same or ()))) for r in results]
+    words = {key: ", ".join([*context_of(r), *shared(r, same or {})]) for key, r in zip(keys, results, strict=True)}
+    digests = {text: {key[1] for key in words if words[key] == text} for text in words.values()}
+    groups: dict[str, list[Result]] = {}
+    for key, r in zip(keys, results, strict=True):
+        text = words[key] + f", corpus {key[1][:8]}" * (len(digests[words[key]]) > 1)
+        groups.setdefault(text, []).append(r)
+    return groups
+
+
+def names(results: Sequence[Row], context: bool = False) -> list[str]:
+    """What the rows of some runs are called: the system, and what else tells a run from others of this system.
+
+    Args:
+        results: runs in one table.
+        context: True if the table has no columns for captures and protocol, so that these are told, too.
+    """
+    systems = [r.system if isinstance(r, Result) else str(r["system"]) for r in results]
+    places: dict[tuple, list[int]] = {}
+    for i, r in enumerate(results):
+        shown = () if context else (str(r.get("data")), str(r.get("subset")), str(r.get("protocol")))
+        places.setdefault((systems[i], *shown), []).append(i)
+    named = [*systems]
+    for members in places.values():
+        rows = [results[i] for i in members]
+        keys = _telling(rows, context) if len(rows) > 1 else []
+        for i, r in zip(members, rows, strict=True):
+            named[i] = ", ".join([systems[i], *(_words(key, r[key]) for key in keys if key in r)])
+    return named
+
+
+def _telling(rows: Sequence[Row], context: bool) -> list[str]:
+    """The tags and parameters in which rows differ, as many as tell them apart; their ids if nothing else does."""
+    about = [r.about if isinstance(r, Result) else r for r in rows]
+    every = [key for key in dict.fromkeys(key for r in about for key in r) if not key.endswith(("_name", "_file"))]
+    usual = [key for key in every if not key.startswith(TOLD) or key.partition(".")[0] in PARTS and "." in key]
+    where = ["data", "subset", "target", "protocol"] if context else []
+    kept: dict[tuple[int, ...], str] = {}  # by how they part the rows
+    for key in dict.fromkeys([*where, "seed", "touchbench.changes", *usual, "corpus_digest"]):
+        values = [str(r.get(key, "")) for r in about]
+        parts = tuple(map(values.index, values))
+        if any(parts):
+            kept.setdefault(parts, key)
+    alone = len({*zip(*kept, strict=True)}) == len(rows) if kept else False
+    return [*kept.values()] if alone else [*kept.values(), "run_id"]
+
+
+def _words(key: str, value: object) -> str:
+    """A tag or parameter in words, such as "seed 0" or "detector frames"."""
+    if key in WORDS:
+        return WORDS[key].format(str(value))
+    return f"{key.rpartition('.')[2].replace('_', ' ')} {value}"
+
+
+def frame(results: Sequence[Result], cases: bool = False) -> pd.DataFrame:
+    """A row for each run: its name, its numbers, what it is (`IS`), how many folds went well, and its id.
+
+    Shares are in percent. ``accuracy`` is the mean over subjects with its 95 % t-interval (``low``, ``high``),
+    ``pooled_accuracy`` is over captures. ``complete`` is False where a fold failed, ``alone`` False where labels depend
+    on other test captures.
+
+    Args:
+        results: results of any kinds.
+        cases: True for a row for each case of the circumstances of each run, such as a fault at one severity.
+    """
+    from bench.work.curves import curve
+
+    rows = []
+    for name, r in zip(names(results), results, strict=True):
+        about = {"complete": r.complete, "alone": r.alone, "folds": r.folds, "run_id": r["run_id"], **_about(r)}
+        if not cases:
+            rows.append({"name": name} | _numbers(r) | about)
+        elif (labels := r.tables.get("labels")) is not None:
+            for key in filter(None, labels["circumstance"].unique()):
+                for row in curve(labels, key).to_dict("records"):
+                    shown = {k: 100 * v if k in SHOWN else v for k, v in row.items()}
+                    rows.append({"name": name, "circumstance": key} | shown | about)
+    table = pd.DataFrame(rows, columns=None if rows else ["name", *IS])
+    return table[[*(c for c in table if c not in IS), *IS]]
+
+
+def _about(r: Result) -> dict[str, Any]:
+    """What a run is."""
+    data, _, protocol = r.context
+    parameters = ", ".join(f"{k}={v}" for k, v in r.about.items() if k.partition(".")[0] in PARTS and "." in k)
+    about = {"system": r.system, "model": r.get("model_name", ""), "features": r.get("features_name", "")}
+    about |= {"parameters": parameters, "seed": r["seed"], "unit": r.about.get("unit", "capture")}
+    return about | {"subset": r["subset"], "target": r["target"], "data": data, "protocol": protocol}
+
+
+def _numbers(r: Result) -> dict[str, Any]:
+    """The numbers of a run, shares in percent."""
+    numbers = {k: 100 * v if any(part in k for part in SHARES) else v for k, v in r.metrics.items() if k not in COUNTS}
+    mean = over_people("accuracy").cell(r)
+    if mean is None:
+        return numbers
+    ends = (mean.value, mean.low, mean.high) if isinstance(mean, Interval) else (mean, None, None)
+    pooled = {f"pooled_{k}": numbers.pop(k) for k in ("accuracy", "accuracy_low", "accuracy_high") if k in numbers}
+    return dict(zip(("accuracy", "low", "high"), ends, strict=True)) | numbers | pooled
+
+
+def tables(results: Sequence[Result], name: str = "predictions") -> pd.DataFrame:
+    """A table of some runs as one, each row with the ``name`` of its run and its ``run_id``.
+
+    Args:
+        results: results.
+        name: ``predictions``, ``per_subject``, ``labels`` or another table of a run.
+
+    Raises:
+        InputError: no run has it.
+    """
+    parts = []
+    for called, r in zip(names(results, context=True), results, strict=True):
+        if (table := r.tables.get(name)) is not None:
+            own = table.drop(columns=[c for c in ("name", "run_id") if c in table])
+            parts.append(own.assign(name=called, run_id=r["run_id"]))
+    if not parts:
+        known = sorted({each for r in results for each in r.tables})
+        raise InputError(f"no run has a table {name}; {nearest(name, known)}")
+    return pd.concat(parts, ignore_index=True)
+
+
+def subject_accuracy(result: Result) -> pd.Series:
+    """Accuracy of the captures of each subject, in percent, as the run stored it; empty if it is not there."""
+    table = result.tables.get("per_subject")
+    if table is None:
+        return pd.Series(dtype=float)
+    return pd.Series(100 * table["accuracy"].to_numpy(float), table["subject"].to_numpy())
+
+
+def by_subject(results: Iterable[Result]) -> tuple[pd.DataFrame, pd.Series]:
+    """Accuracy in percent [systems, subjects] of the complete results of one group, best mean first.
+
+    Systems that were not tested on all subjects of the group are left out.
+
+    Args:
+        results: results of one group; those that depend on the batch are not comparable.
+
+    Returns:
+        The table, and the number of seeds behind each row.
+    """
+    complete = [r for r in results if r.complete]
+    table = pd.DataFrame(
+        [subject_accuracy(r).to_dict() for r in complete], index=pd.Index([r.system for r in complete], name="system")
+    )
+    table = table.dropna() if len(table.columns) else table.iloc[:0]
+    means = table.groupby(level=0).mean()
+    order = means.mean(axis=1).sort_values(ascending=False, kind="stable").index
+    return means.loc[order], table.groupby(level=0).size().loc[order]

@@ -1,0 +1,130 @@
+"""The table of runs: what its rows are called, which may be compared, and their numbers."""
+
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+from scipy import stats
+
+from bench.errors import InputError
+from bench.measures import percent, text
+from bench.outcomes.frame import by_subject, frame, grouped, names, tables
+from bench.table import Table
+from tests.results import case, evaluated, made_up, result, under_stress, watched, with_hits
+
+DETECTORS = ("frames", "threshold")
+
+
+def test_a_name_tells_what_differs_from_rows_of_the_same_system():
+    for runs, expected in {
+        ("seeds", tuple(result("svm", seed=s) for s in (0, 1, 2))): ["svm, seed 0", "svm, seed 1", "svm, seed 2"],
+        ("detectors", tuple(watched("lda", [0.5], 1.0, 1.0, **{"watch.detector": d}) for d in DETECTORS)): [
+            "lda, detector frames",
+            "lda, detector threshold",
+        ],
+        ("parameters", tuple(result("rf", **{"data.people": n}) for n in (4, 8))): [
+            "rf, people 4",
+            "rf, people 8",
+        ],
+        ("circumstances", (result("lda"), result("lda", faults="noise, shift"))): ["lda", "lda, faults noise, shift"],
+        ("times", tuple(result("lda", **{"stream.hop_ms": h, "stream.start": "onset"}) for h in (125, 250))): [
+            "lda, hop ms 125",
+            "lda, hop ms 250",
+        ],
+        ("corpora", (result("svm"), result("svm", corpus_digest="e" * 64))): [
+            "svm, corpus dddddddd",
+            "svm, corpus eeeeeeee",
+        ],
+        ("changes", (result("svm"), result("svm", corpus_digest="e" * 64, **{"touchbench.changes": "grid 4x4"}))): [
+            "svm",
+            "svm, grid 4x4",
+        ],
+        ("others", (result("svm"), result("lda", seed=3))): ["svm", "lda"],
+        ("two", (result("svm"), result("svm", seed=1), result("svm", seed=1, faults="noise"))): [
+            "svm, seed 0",
+            "svm, seed 1",
+            "svm, seed 1, faults noise",
+        ],
+    }.items():
+        assert names(runs[1]) == expected, runs[0]
+    one, two = names([result("svm"), result("svm")])  # made again by other code
+    assert one != two and one.startswith("svm, run ")
+
+
+def test_captures_and_protocols_are_told_where_no_column_does():
+    runs = [result("svm"), result("svm", protocol="kfold")]
+    assert names(runs) == ["svm", "svm"] and names(runs, context=True) == ["svm, protocol loso", "svm, protocol kfold"]
+
+
+@pytest.mark.parametrize("width", [30, 60, 100, 200])
+def test_names_are_printed_at_every_width(width):
+    runs = [evaluated("svm", seed=s) for s in (0, 1, 2)]
+    rows = [{"name": name, "accuracy": 0.5, "more": 0.25} for name in names(runs)]
+    out = Console(file=io.StringIO(), width=width)
+    Table([text("name", "system"), percent("accuracy"), percent("more", spare=1)], rows).print(out)
+    words = " ".join(out.file.getvalue().replace("│", " ").split())
+    assert all(f"seed {s}" in words for s in (0, 1, 2))
+
+
+def test_runs_on_the_same_captures_under_the_same_protocol_are_a_group():
+    runs = [result("a"), result("b", seed=1), result("c", protocol_label="KFold"), result("d", corpus_digest="e" * 64)]
+    groups = grouped(runs)
+    assert [[r["system"] for r in members] for members in groups.values()] == [["a", "b"], ["c"], ["d"]]
+    first, other, last = groups
+    assert first == "synth (synthetic), all, LOSO, corpus dddddddd" and last.endswith("eeeeeeee") and "KFold" in other
+    starts = [result("a", **{"stream.start": start}) for start in ("onset", "middle")]
+    assert len(grouped(starts)) == 1
+    assert [*grouped(starts, {"stream.start": ("from the {}", "onset")})] == [
+        "synth (synthetic), all, LOSO",
+        "synth (synthetic), all, LOSO, from the middle",
+    ]
+
+
+def test_a_row_holds_what_a_run_is_and_its_numbers():
+    predictions = made_up(subjects=6, per_class=4)
+    run = evaluated("svm", predictions, **{"model.C": 8.0})
+    (row,) = frame([run]).to_dict("records")
+    proba = predictions.filter(like="p_")
+    hits = proba.idxmax(axis=1).str[2:] == predictions["true"]
+    people = 100 * hits.groupby(predictions["subject"]).mean()
+    low, high = stats.ttest_1samp(people, 0).confidence_interval(0.95)
+    assert (row["accuracy"], row["low"], row["high"]) == pytest.approx((people.mean(), low, min(high, 100)))
+    assert row["pooled_accuracy"] == pytest.approx(100 * hits.mean()) and row["flash_bytes"] == 4000
+    assert row["parameters"] == "model.C=8.0" and row["name"] == row["system"] == "svm" and row["complete"]
+    assert row["run_id"] == run["run_id"] and row["folds"] == "6/6" and row["data"] == "synth (synthetic)"
+    assert not frame([evaluated("svm", failed=2)])["complete"][0] and frame([]).empty
+
+
+def test_a_row_for_each_case():
+    clean = pd.DataFrame({"fold": "1", "capture": range(4), "subject": [*"aabb"], "true": "pat", "predicted": "pat"})
+    clean = clean.assign(length=5, train_subjects=2, p_true=0.9)
+    harmed = clean.assign(predicted=["pat", "rub", "rub", "rub"])
+    labels = pd.concat([case(clean), case(harmed, "under", "noise", 1, "some noise")], ignore_index=True)
+    (row,) = frame([under_stress(labels)], cases=True).to_dict("records")
+    assert (row["circumstance"], row["case"], row["level"]) == ("under", "noise", 1)
+    assert (row["accuracy"], row["loss"], row["broken"]) == (25, 75, 3)
+
+
+def test_tables_of_runs_are_one_table():
+    runs = [evaluated("svm", made_up(seed=s), seed=s) for s in (0, 1)]
+    labels = tables(runs)
+    assert labels["name"].unique().tolist() == ["svm, seed 0", "svm, seed 1"] and len(labels) == 2 * len(made_up())
+    assert np.allclose(labels.filter(like="p_").sum(axis=1), 1)
+    assert {*tables(runs, "per_subject")["run_id"]} == {r["run_id"] for r in runs}
+    with pytest.raises(InputError, match="did you mean per_subject"):
+        tables(runs, "per_subjct")
+
+
+def test_accuracy_by_subject_is_of_complete_results_of_all_subjects():
+    results = [
+        evaluated("worse", with_hits([10, 12])),
+        evaluated("better", with_hits([20, 16]), seed=0),
+        evaluated("better", with_hits([18, 20]), seed=1),
+        evaluated("cut", with_hits([20, 20]), failed=1),
+        evaluated("one", with_hits([20])),
+    ]
+    table, seeds = by_subject(results)
+    assert table.index.tolist() == ["better", "worse"] and seeds.tolist() == [2, 1]
+    np.testing.assert_allclose(table.to_numpy(), [[95, 90], [50, 60]])
