@@ -421,7 +421,7 @@ def run_columns() -> list[Measure]:
         text("against", shows=csv),
         text("unit", shows=csv),
         text("combined", "windows combined by", spare=1, shows=("page", "csv")),
-        text("seed", shows=("page", "csv")),
+        text("seed", shows=csv),
         percent("pooled_accuracy", read="accuracy", shows=csv),
         percent("macro_f1", "macro-F1 %", latex="macro-F1", spare=12, shows=every),
         percent("macro_precision", shows=csv),

@@ -14,7 +14,7 @@ from bench.comparable import notes_on, seed_number
 from bench.described import definitions
 from bench.measures import Measure, Row, columns, framed, run_columns, text
 from bench.outcomes import statistics
-from bench.outcomes.frame import by_subject
+from bench.outcomes.frame import by_subject, names
 from bench.reports.numbers import busy
 from bench.result import Result
 from bench.table import Table, rows_of
@@ -46,7 +46,8 @@ def comparison(
 ) -> pd.DataFrame:
     """Table with a row per run and way to score it, best first within each data, subset, protocol and unit.
 
-    ``unit`` is what is labelled, a capture or a window; ``combined`` is how a system on windows labels a capture.
+    ``name`` tells what differs from other runs of the system. ``unit`` is what is labelled, a capture or a window;
+    ``combined`` is how a system on windows labels a capture.
     Accuracies, SDs and F1 are in percent. ``accuracy`` is the mean over subjects, ``low`` and ``high`` are the ends of
     its t-interval, ``interval`` says so, or that subjects are too few; ``pooled_accuracy`` is over captures.
     ``difference`` (points, mean over subjects) and ``p_holm`` compare the system with ``against``, the best of its
@@ -65,15 +66,15 @@ def comparison(
     for group, results in groups.items():
         tests = _tests(results, against, (before or {}).get(group))
         first = dict(zip(CONTEXT, (*results[0].context, group), strict=True))
-        for r in results:
+        for name, r in zip(names(results), results, strict=True):
             for row in views(r, numbers):
                 tested = row["combined"] != "majority vote" and row["unit"] == "capture"
-                rows.append({**row, **first} | (tests.get(r.system, {}) if tested else {}))
+                rows.append({**row, **first, "name": name} | (tests.get(r.system, {}) if tested else {}))
     measures = columns(run_columns(), "csv")
     stored = [Measure(m.read or m.key) if m.help and isinstance(m.read, str) else m for m in measures]
-    frame = Table([text("system"), *stored], rows).frame()
+    frame = Table([text("name"), text("system"), *stored], rows).frame()
     table = frame.rename(columns={"accuracy_low": "low", "accuracy_high": "high"})
-    table = table.reindex(columns=[*dict.fromkeys(["system", "accuracy", "low", "high", *table])])
+    table = table.reindex(columns=[*dict.fromkeys(["name", "system", "accuracy", "low", "high", *table])])
     table = table.astype(dict.fromkeys(TESTED, float))  # also where nothing is tested
     context = [*CONTEXT, "unit"]
     best = table.groupby([*context, "system"])["accuracy"].transform("max")
@@ -147,7 +148,7 @@ def shown(table: pd.DataFrame, remarks: list[list[str]], groups: list[str]) -> T
     rows = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}).replace({"": None}))
     measures = [framed(measure) for measure in columns(run_columns(), "page")]
     measures = [replace(m, heading=f"{m.name} [95 %]") if m.ends else m for m in measures]
-    return Table([text("system"), *measures], rows, remarks=remarks, groups=groups)
+    return Table([text("name", "system"), *measures], rows, remarks=remarks, groups=groups)
 
 
 def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:

@@ -170,12 +170,11 @@ def _numbers(column: pd.Series) -> str:
 
 
 def _named(row: dict) -> str:
-    """A system with what makes its row another one: a seed, failed folds."""
+    """A run with what makes its row another one: failed folds, how windows are combined."""
     done, _, folds = str(row.get("folds", "")).partition("/")
-    words = [f"seed {row['seed']}"] if row.get("seed", "none") not in ("0", "none", "") else []
-    words += [f"{row['folds']} folds"] if folds and done != folds else []
+    words = [f"{row['folds']} folds"] if folds and done != folds else []
     words += [str(row["combined"])] if row.get("combined") else []
-    return ", ".join([str(row["system"]), *words])
+    return ", ".join([str(row["name"]), *words])
 
 
 def columns_of(value: object) -> list[str]:

@@ -29,7 +29,13 @@ def row(system, accuracy, **more):
         "source": "store",
         "combined": "",
     }
-    return {"system": system, "accuracy": accuracy, "predict_ms_p50": 1.5} | about | numbers | counts | more
+    return (
+        {"name": system, "system": system, "accuracy": accuracy, "predict_ms_p50": 1.5}
+        | about
+        | numbers
+        | counts
+        | more
+    )
 
 
 def tables_of(text):
@@ -47,7 +53,7 @@ def tables_of(text):
 def test_each_comparison_is_a_table_with_its_numbers_its_best_and_its_p():
     rows = [
         row(f"a {MARK}", 90.0),
-        row("b & co_1 · x", 85.04, seed="3", combined="majority vote"),
+        row("b & co_1 · x", 85.04, name="b & co_1 · x, seed 3", combined="majority vote"),
         row("c", 80.0, p_holm=0.0004, against="b & co_1 · x", low=np.nan, folds="3/4"),
         row("d", 70.0, unit="window", low=np.nan, data="x (synthetic)"),
     ]
