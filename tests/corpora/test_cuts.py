@@ -49,16 +49,6 @@ def test_a_seam_is_found_where_it_is_and_gone_when_mended(row, lag):
     assert not any(seam.found for seam in seams(cut(faulty, "table", {"align": f"{row}:{lag}"})))
 
 
-def test_centre_and_frames_are_kept_in_order():
-    frames = np.arange(4 * 5 * 6, dtype=np.uint16).reshape(4, 5, 6)
-    small = cut(corpus_of([frames, frames + 1]), "table", {"crop": "3x4", "frames": "1:3", "align": "no"})
-    assert np.array_equal(small[1], (frames + 1)[1:3, 1:4, 1:5]) and small.info["changes"] == "frames=1:3, crop=3x4"
-    assert np.array_equal(
-        cut(corpus_of([frames]), "haart", {"align": "yes"})[0][0], np.vstack([frames[0, 2:], frames[1, :2]])
-    )
-    assert cut(corpus_of([frames]), "table", {}).info.get("changes") is None
-
-
 @pytest.mark.parametrize(
     ("options", "fact"),
     [

@@ -1,13 +1,11 @@
 """Captures that are the same, against loops over all pairs."""
 
 import numpy as np
-import pandas as pd
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.duplicates import identical, quiet, repeated, seen_before, warning, without
+from bench.corpora.duplicates import identical, seen_before, warning
 from bench.corpora.survey import survey
 from tests.conftest import random_corpus
 
@@ -35,25 +33,6 @@ def test_groups_are_those_of_all_pairs_compared(seed, kind):
     assert identical(arrays[:1]) == identical([]) == []
 
 
-def test_shares_of_full_scale_are_compared_across_types():
-    whole = random_corpus()[0]
-    shares = (whole / 1023).astype(np.float32)
-    assert identical([whole, shares], [1023.0, 1.0]) == [[0, 1]] and identical([whole, shares]) == []
-    assert identical([whole, whole.astype(np.float32)]) == [[0, 1]]
-
-
-def test_captures_in_which_little_changes_are_no_repeated_recording():
-    still = np.tile(np.arange(64, dtype=np.uint16).reshape(1, 8, 8), (20, 1, 1))
-    tapped = still.copy()
-    tapped[5, 0, :4] += 1  # up and down again: eight readings differ from those before
-    once = still.copy()
-    once[5:, 0, :4] += 1
-    assert [quiet(f) for f in (still, tapped, once, still[:1], still[:1] * 0)] == [True, False, True, False, True]
-    about = pd.DataFrame({"subject": list("1234"), "gesture": "pat"})
-    corpus = Corpus.from_captures([still, tapped, still, tapped], about, 50.0)
-    assert identical(corpus) == [[0, 2], [1, 3]] and repeated(corpus) == [[1, 3]]
-
-
 @given(st.integers(0, 10**6))
 def test_what_is_tested_after_training_is_that_of_a_loop(seed):
     rng = np.random.default_rng(seed)
@@ -70,13 +49,6 @@ def test_what_is_tested_after_training_is_that_of_a_loop(seed):
             if twins:
                 expected.setdefault(int(i), twins[0])
     assert seen_before(groups, sides, 20) == sorted(expected.items())
-
-
-@pytest.mark.parametrize("position", [0, 17, 35])
-def test_a_condition_leaves_one_capture_out(position):
-    corpus = random_corpus()
-    left = corpus.select(without(corpus, position))
-    assert left.index.tolist() == [i for i in range(36) if i != position]
 
 
 def test_an_import_warns_of_them_and_a_survey_lists_them():

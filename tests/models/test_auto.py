@@ -9,7 +9,6 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
 from bench.corpora.folder import open_folder, write_folder
-from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.search import portfolio
 from bench.models.search.auto import Auto
@@ -129,22 +128,3 @@ def test_a_trial_that_fails_is_listed_and_the_others_go_on(quick, monkeypatch, t
     monkeypatch.setattr(Inner, "judge", lambda self, trial: 1 / 0)
     all_failed = searched(corpus.detached(), 2)
     assert all_failed.chosen_["failed"] == 2 and all_failed.chosen_["1"].startswith("1.00 lda")
-
-
-@pytest.mark.parametrize(
-    ("wrong", "fact"),
-    [
-        ({"trials": 0}, "trials=0:"),
-        ({"seconds": float("inf")}, "no end"),
-        ({"seconds": 0.0}, "model.seconds=0:"),
-        ({"max_flash": "64"}, "max_flash=64:"),
-        ({"max_decision": "1kB"}, "max_decision=1kB:"),
-        ({"max_decision": "5ms"}, "max_decision=5ms.* 100 Hz"),
-        ({}, "there is 1"),
-    ],
-)
-def test_searches_that_cannot_be(wrong, fact):
-    corpus = noisy(subjects=1)
-    with pytest.raises(InputError, match=fact):
-        Auto(**wrong).check()
-        Auto(**wrong).check_training(corpus, corpus.gestures)

@@ -10,7 +10,6 @@ from scipy.optimize import approx_fprime
 
 from bench import contract
 from bench.errors import InputError
-from bench.features.base import labels
 from bench.features.jung28 import Jung28
 from bench.models import person
 from bench.models.classic.svm import svm
@@ -51,29 +50,6 @@ def test_the_spread_of_a_person_by_hand():
     for given_labels, ratio in ((known, within(Z, known) / within(X, y)), (None, Z.std(ddof=0) / X.std(ddof=0))):
         expected = X.mean() + (Z - X.mean()) / ratio ** (10 / (10 + SPREAD_PRIOR))
         np.testing.assert_allclose(PersonScaler(("scale",)).fit(X, y).adapt(Z, given_labels).transform(Z), expected)
-
-
-def test_what_never_varies_stays_and_windows_of_a_capture_are_one():
-    X, y = rows(40)
-    own = PersonScaler().fit(X.assign(z=5.0), y)
-    Z, _ = rows(6, seed=1)
-    moved = own.adapt(Z.assign(z=9.0), None).transform(Z.assign(z=9.0))
-    assert (moved["z"] == 9.0).all()
-    windows = Z.set_axis(labels(np.repeat([0, 1], 3), np.zeros(6, dtype=int)))
-    share = 2 / (2 + PRIOR)  # two captures, not six
-    np.testing.assert_allclose(
-        PersonScaler(("centre",)).fit(X, y).adapt(windows, None).transform(windows).mean(),
-        Z.mean() - share * (Z.mean() - X.mean()),
-    )
-
-
-def test_damaged_copies_say_nothing_of_what_is_usual():
-    X, y = rows(20)
-    copies = np.repeat([0, 1], 20)
-    both = pd.concat([X, X * 100]).set_axis(labels(np.tile(np.arange(20), 2), copies))
-    one, other = PersonScaler().fit(X, y), PersonScaler().fit(both, np.tile(y, 2))
-    for name in ("mean_", "sd_", "within_", "centres_"):
-        np.testing.assert_allclose(getattr(one, name), getattr(other, name))
 
 
 def test_pooled_captures_count_ten_times():

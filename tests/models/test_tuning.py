@@ -149,23 +149,3 @@ def test_test_subjects_change_nothing_that_is_chosen_or_learned_and_nothing_is_j
     facts = ["state", "accuracy", "subjects"]
     pd.testing.assert_frame_equal(again.trials_[facts], other.trials_[facts])
     assert again.chosen_ == other.chosen_
-
-
-@pytest.mark.parametrize(
-    ("wrong", "fact"),
-    [
-        ({"inner": "1"}, "model.inner=1:"),
-        ({"trials": 0}, "model.trials=0:"),
-        ({"seconds": 0.0}, "seconds=0:"),
-        ({"objective": "time"}, "model.objective=time:"),
-        ({"space": {"C": Range(1.0, 2.0)}}, "no end"),
-        ({}, "leaves one class.* inner= than 2"),
-    ],
-)
-def test_searches_that_cannot_be(wrong, fact):
-    corpus = noisy(subjects=2)
-    one_class = corpus[((corpus.subjects == "1") & (corpus.gestures == "pat")) | (corpus.subjects == "2")]
-    for call in (Search.fit, Search.check_training):
-        with pytest.raises(InputError, match=fact):
-            svms(**wrong).check()
-            call(svms(**wrong), one_class, one_class.gestures)

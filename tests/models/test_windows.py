@@ -5,7 +5,6 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.models.nets.cnn85 import CNN85
 from bench.models.nets.training import Sequences, Windows
 from bench.models.nets.window import votes
 from tests.conftest import random_corpus
@@ -68,9 +67,3 @@ def test_votes_by_hand():
     assert shares.argmax(axis=1).tolist() == [1, 1]  # 2 of 3 against a higher mean; a tie by the mean
     np.testing.assert_allclose(shares.sum(axis=1), 1, rtol=1e-6)
     assert np.array_equal(votes(proba, np.ones(5, dtype=int)), proba)
-
-
-def test_the_hop_is_that_of_training_windows_alone(corpus):
-    model = CNN85(frames=10, hop=3)
-    assert len(model.training_samples(corpus)) == sum(max(1, -(-(n - 10) // 3) + 1) for n in corpus.lengths)
-    assert len(model.samples(corpus)) == sum(-(-n // 10) for n in corpus.lengths)

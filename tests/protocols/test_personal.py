@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, folds_of
 from bench.plan.splits import Calibration
@@ -53,18 +52,6 @@ def test_calibrationare_nested_and_the_tested_half_stays(shots, seed):
     assert halves[0] == halves[1]
 
 
-def test_draws_differ_and_do_not_depend_on_other_people():
-    corpus = random_corpus(4, 9, longest=3)
-
-    def drawn(corpus, seed):
-        return [tuple(shots) for draw in pairs_of(Personal(2, 3, seed=seed), corpus) for shots, _ in draw]
-
-    shots = drawn(corpus, 0)
-    assert shots == drawn(corpus, 0) != drawn(corpus, 1) and len(set(shots)) > len(shots) // 2
-    fewer = drawn(corpus[corpus.subjects != "4"], 0)
-    assert fewer == shots[: len(fewer)]
-
-
 def test_without_calibrationit_is_leaving_one_subject_out():
     corpus = random_corpus(3, 4, longest=3)
     cell = cells({"data": "synth", "protocol": "personal", "model": "lda", "features": "touch"})[0]
@@ -74,13 +61,6 @@ def test_without_calibrationit_is_leaving_one_subject_out():
 
 
 WRONG = [{"shots": -1}, {"draws": 0}, {"seed": -1}, {"weight": 0}, {"shots": 2, "unlabelled": True}]
-
-
-@pytest.mark.parametrize("wrong", WRONG, ids=str)
-def test_wrong_parameters_are_one_line(wrong):
-    name, value = next(iter(wrong.items()))
-    with pytest.raises(InputError, match=f"^protocol.{name}={value}: .*$"):
-        list(Personal(**wrong).split(random_corpus(2, 2, longest=3)))
 
 
 SYSTEMS = {
@@ -132,14 +112,3 @@ def test_no_other_label_and_no_other_frame_of_the_tested_half_is_used(system, la
     changed = changed.changed(captures=changed.captures.assign(gesture=gestures))
     for table, other in zip(probabilities(system, corpus, few), probabilities(system, changed, few), strict=True):
         assert np.array_equal(table, other)
-
-
-def test_a_shot_is_weighted_where_nothing_adapts():
-    corpus = random_corpus(4, 6, longest=60)
-    fold = fold_of(corpus, labelled=True)
-    shots, tested = fold.known.draws[0][0]
-    cell = cell_of("is fitted again")
-    by_hand = np.concatenate([fold.train, shots, shots, shots])
-    expected = cell.estimator().fit(corpus[by_hand], corpus.gestures[by_hand]).predict_proba(corpus[tested])
-    one = next(iter(met(cell, corpus, fold)))
-    np.testing.assert_allclose(one.estimator.predict_proba(corpus[tested]), expected)

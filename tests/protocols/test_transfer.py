@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 
-from bench.cli import main
 from bench.corpora.skins import OWN
-from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.protocols.personal import Personal
 from bench.work.fold import decisions
 from bench.work.personal import met
-from tests.conftest import predictions, runs, with_other_values
+from tests.conftest import with_other_values
 
 FEW = {"data": "synth", "data.subjects": "3", "where": "gesture in ['pat', 'rub', 'grab'] and variant == 'normal'"}
 COARSE = "synth+subjects=4+rows=4+cols=5+rate_hz=40+gain=0.6+seed=3"
@@ -61,39 +59,3 @@ def test_values_and_labels_of_what_is_tested_change_nothing_that_is_learned(syst
         (one,) = met(plan.cell, corpus, fold)
         tables.append(decisions(one.estimator, corpus, "", fold.test[:3], ["grab", "pat", "rub"]).filter(like="p_"))
     assert np.array_equal(*tables)
-
-
-def test_the_command_scores_people_of_the_new_skin():
-    arguments = [f"{k}={v}" for k, v in ARGUMENTS.items()]
-    assert main(["run", *arguments]) == 0
-    client, (cell,) = runs("cell")
-    table = predictions(client, cell)
-    assert len(table) == 9 and set(table["subject"]) == {"1", "2", "3"}
-    hits = table[[c for c in table if c.startswith("p_")]].idxmax(axis=1).str[2:] == table["true"]
-    assert cell.data.metrics["accuracy"] == pytest.approx(hits.mean())
-    assert main(["run", *arguments, "protocol.shots=1", "protocol.draws=1"]) == 0
-    assert len(runs("cell")[1]) == 2
-
-
-@pytest.mark.parametrize(
-    ("more", "fact"),
-    [
-        (["protocol.source=nothing"], "not imported"),
-        (["protocol.source="], "protocol.source"),
-        (["protocol.source=synth+colour=3"], "no parameter 'colour'"),
-        ([f"protocol.source={COARSE}", "protocol.classes=tap"], "protocol.classes=tap"),
-        ([f"protocol.source={COARSE}", "protocol.classes=tap:pat+tap:rub"], "named twice"),
-        ([f"protocol.source={COARSE}", "target=variant"], "tells gestures apart"),
-        (
-            ["protocol.source=synth+subjects=3"],
-            "capture 14 (subject 1, gesture grab)",
-        ),
-        (["protocol.source=synth+gain=0.7"], "of the same people"),
-        (["protocol.shots=1"], "needs protocol.source="),
-    ],
-)
-def test_wrong_arguments_are_one_line(more, fact):
-    arguments = FEW | {"protocol": "transfer", "model": "lda", "features": "touch"}
-    with pytest.raises(InputError) as error:
-        planned(cells(arguments | dict(each.split("=", 1) for each in more)), 1)
-    assert fact in str(error.value) and "\n" not in str(error.value)
