@@ -83,15 +83,6 @@ def test_everything_is_finite(grid, kind):
         assert np.isfinite(table).all(axis=None) and table.filter(like="hmm_").min(axis=None) >= -100
 
 
-def learnt(features):
-    models = [v for m in features.models_ for k, v in sorted(vars(m).items()) if k.endswith("_")]
-    return [*models, *(a for pair in [*features.encoder_, *features.standard_] for a in pair)]
-
-
-def same(a, b):
-    return all(np.array_equal(x, y) for x, y in zip(learnt(a), learnt(b), strict=True))
-
-
 def test_likelihoods_are_per_frame_of_what_training_frames_standardise(corpus):
     train, test = corpus[:20], corpus[20:]
     features = quick(states=3).fit(train, train.gestures)

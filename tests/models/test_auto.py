@@ -15,7 +15,6 @@ from bench.models.search.auto import Auto
 from bench.models.search.ensemble import tempered
 from bench.models.search.inner_folds import inner_folds
 from bench.models.search.trial_scores import Inner
-from bench.models.sizes import sizes
 from bench.pareto import front
 from tests.conftest import random_corpus, with_other_values
 
@@ -53,10 +52,6 @@ def searched(corpus, trials=5, **kwargs):
 
 def inner_of(corpus, touch=None):
     return Inner(corpus, corpus.gestures, inner_folds(corpus.subjects.astype(str), "2"), touch, 0)
-
-
-def flash(system, corpus):
-    return sizes(system, 64, int(corpus.lengths.max()))["flash_bytes"]
 
 
 def test_a_trial_is_judged_as_a_plain_loop_would(quick):

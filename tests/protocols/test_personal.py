@@ -60,9 +60,6 @@ def test_without_calibrationit_is_leaving_one_subject_out():
         assert fold.known is None and np.array_equal(fold.train, train) and np.array_equal(fold.test, test)
 
 
-WRONG = [{"shots": -1}, {"draws": 0}, {"seed": -1}, {"weight": 0}, {"shots": 2, "unlabelled": True}]
-
-
 SYSTEMS = {
     "adapts": {"model": "lda", "features": "touch"},
     "windows": {"model": "lda", "features": "touch", "model.window": "0.1"},
