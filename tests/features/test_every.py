@@ -35,7 +35,6 @@ WIDTH = {  # columns for 8 x 8 taxels and three gestures
     Subset(Jung28(), 6): 6,
     quick: 14,
 }
-EXACT = [Jung28(), Jung54(), Wingerden45(), Balli(0), Gaus(), TouchFeatures()]  # to the last bit
 LEARNING = [Balli(5), Ta273(), Subset(Jung28(), 4), quick]
 
 
