@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import pandas as pd
 
@@ -43,33 +43,18 @@ class Compared:
     other: str
     on: str
     accuracy: pd.DataFrame
-
-    difference: float = field(init=False)
-    low: float = field(init=False)
-    high: float = field(init=False)
-    p: float = field(init=False)
-    subjects: int = field(init=False)
-    gain: list[str] = field(init=False)
-    lose: list[str] = field(init=False)
-
-    def __post_init__(self) -> None:
-        one, other = self.accuracy[self.system], self.accuracy[self.other]
-        gained = (one - other).round(9)
-        values = statistics.paired(one, other) | {
-            "subjects": len(self.accuracy),
-            "gain": [*map(str, gained.index[gained > 0])],
-            "lose": [*map(str, gained.index[gained < 0])],
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+    difference: float
+    low: float
+    high: float
+    p: float
+    subjects: int
+    gain: list[str]
+    lose: list[str]
 
     def __repr__(self) -> str:
         notes = [note for name in (self.system, self.other) for note in notes_on(name, self.on.split(",")[0])]
-        told = {
-            "p": P.of({"p": self.p}),
-            "few": few.too_few(self.subjects),
-            "notes": [f"{note.rstrip('.')}." for note in dict.fromkeys(notes)],
-        }
+        told = {"p": P.of({"p": self.p}), "few": few.too_few(self.subjects)}
+        told["notes"] = [f"{note.rstrip('.')}." for note in dict.fromkeys(notes)]
         return "\n".join(sentences("bench.reports", "sentences", "pair", pair=self, **told))
 
 
@@ -97,7 +82,11 @@ def compared(sides: Sequence[tuple[str, Mapping[str, Sequence[Result]]]]) -> Com
         raise InputError(f"both are {system}; give two systems")
     if set(one.index) != set(two.index):
         raise InputError(f"{names} were tested on different subjects of {both[0]}; run the one that lacks some again")
-    return Compared(system, other, both[0], pd.DataFrame({system: one, other: two}))
+    accuracy = pd.DataFrame({system: one, other: two})
+    gained = (accuracy[system] - accuracy[other]).round(9)
+    moved = {"gain": [*map(str, gained.index[gained > 0])], "lose": [*map(str, gained.index[gained < 0])]}
+    numbers = statistics.paired(accuracy[system], accuracy[other]) | moved
+    return Compared(system, other, both[0], accuracy, subjects=len(accuracy), **numbers)
 
 
 def _groups(name: str, runs: Mapping[str, Sequence[Result]]) -> dict[str, str]:
