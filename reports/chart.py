@@ -44,11 +44,6 @@ def marks(summary: Summary, models: Mapping[str, str], published: Collection[str
     ``kind`` is the mark of a candidate where that has a look of its own, such as ``C``, else ``published``, ``changed``
     (a published system with other parameters) or ``other``. ``out`` is True for candidates that a budget rules out.
     The numbers are ``accuracy`` with its interval (``low``, ``high``), and a column for each cost.
-
-    Args:
-        summary: a group with candidates.
-        models: name of the model of each system.
-        published: systems with published numbers.
     """
     assert summary.choice is not None and summary.among is not None
     rows = drawn(summary.choice)
@@ -76,15 +71,7 @@ def drawn(choice: Choice) -> pd.DataFrame:
 
 
 def cost_chart(group: str, points: pd.DataFrame, cost: Measure, budget: float | None = None, left: int = 0) -> Drawn:
-    """Accuracy against one cost, on a log axis except for shares of captures, and the caption; None if it is unknown.
-
-    Args:
-        group: captures and protocol, in words.
-        points: table of `marks`.
-        cost: the cost.
-        budget: its budget.
-        left: number of systems that are not drawn.
-    """
+    """Accuracy against one cost, on a log axis unless the cost is linear, and the caption; None if it is unknown."""
     points, every = points[(points[cost.key] > 0) | points[cost.key].notna() & cost.linear], len(points)
     if not len(points):
         return None

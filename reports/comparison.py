@@ -97,10 +97,6 @@ def _tests(results: Sequence[Result], against: str, tested: Tested | None) -> di
 def views(result: Result, numbers: Mapping[tuple, list]) -> Iterator[Row]:
     """The ways to score a run: its captures, by mean probability or vote, and its windows.
 
-    Args:
-        result: result of ``bench run``.
-        numbers: rows of `published` by the values of `SAME`.
-
     Yields:
         The numbers of the run, those of the unit by their plain names.
     """
@@ -138,13 +134,7 @@ def _published(result: Result, units: Sequence[str], numbers: Mapping[tuple, lis
 
 
 def shown(table: pd.DataFrame, remarks: list[list[str]], groups: list[str]) -> Table:
-    """The same for the page.
-
-    Args:
-        table: rows of `comparison`.
-        remarks: footnotes of each row.
-        groups: heading of each row.
-    """
+    """The same for the page."""
     rows = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}).replace({"": None}))
     measures = [framed(measure) for measure in columns(run_columns(), "page")]
     measures = [replace(m, heading=f"{m.name} [95 %]") if m.ends else m for m in measures]
@@ -152,12 +142,7 @@ def shown(table: pd.DataFrame, remarks: list[list[str]], groups: list[str]) -> T
 
 
 def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
-    """Every tracked run and unit, as far as the page has room, and the groups with few subjects.
-
-    Args:
-        table: table of `comparison`.
-        order: order of the groups.
-    """
+    """Every tracked run and unit, as far as the page has room, and the groups with few subjects."""
     table = table.sort_values("group", key=lambda names: names.map(order.index), kind="stable")
     together = table["group"] + table["unit"].map({"capture": ", whole captures", "window": ", single windows"})
     each = max(1, ROWS // together.nunique()) if len(table) > ROWS else len(table)

@@ -30,13 +30,6 @@ def pictures(
     """The figures of a group, written into a folder, by kind; and systems with labels only, which are not calibrated.
 
     Predictions are those of the most accurate systems, one seed each, not the luckiest.
-
-    Args:
-        results: results of the group.
-        subjects: accuracy in percent [systems, subjects], best first.
-        group: captures and protocol, in words.
-        folder: destination folder.
-        file: prefix of file names.
     """
     lowest: dict[str, Result] = {}
     for r in sorted((r for r in results if r.complete), key=lambda r: seed_number(r["seed"])):

@@ -44,13 +44,7 @@ CAPTION = (
 
 
 def fault_section(results: Sequence[Result], folder: Path, failing: Callable[[Row], Any]) -> Section | None:
-    """The loss under each fault, and where each system fails first.
-
-    Args:
-        results: results of runs under faults.
-        folder: destination folder of figures.
-        failing: number of failing groups of a result, in words.
-    """
+    """The loss under each fault, and where each system fails first."""
     parts = []
     for i, (context, members) in enumerate(contexts(results, more="loss."), 1):
         losses, picture = pd.DataFrame({r.method: losses_of(r) for r in members}).T, None
@@ -122,13 +116,7 @@ def draw(results: Sequence[Result], folder: Path) -> list[Path]:
 
 
 def heat_map(losses: pd.DataFrame, clean: list[float], context: str) -> Figure:
-    """Mean loss of accuracy over severities, a row for each method and a column for each fault, costliest first.
-
-    Args:
-        losses: shares [methods, faults], NaN for faults that a method was not tested on.
-        clean: accuracy of each method without faults.
-        context: data, subset and protocol.
-    """
+    """Mean loss of accuracy over severities, a row for each method and a column for each fault, costliest first."""
     points = 100 * losses[losses.mean().sort_values(ascending=False, kind="stable").index]
     methods, faults = points.shape
     figure = Figure(figsize=(3.6 + 0.43 * faults, 1.9 + 0.5 * methods), layout="constrained")

@@ -146,14 +146,7 @@ def mark(figure: Figure) -> None:
 
 
 def spread(values: np.ndarray, gap: float, low: float, high: float) -> np.ndarray:
-    """Places for labels at rising ``values``: at least ``gap`` apart, within the limits, as near as can be.
-
-    Args:
-        values: sorted, [labels].
-        gap: distance between two labels.
-        low: the lowest place.
-        high: the highest; there must be room for all.
-    """
+    """Places for labels at rising ``values``: at least ``gap`` apart, within the limits, as near as can be."""
     steps = gap * np.arange(len(values))
     near = isotonic_regression(np.asarray(values, dtype=float) - steps).x
     return near.clip(low, max(low, high - steps[-1])) + steps

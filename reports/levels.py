@@ -18,13 +18,7 @@ from bench.work.curves import clean_accuracy
 
 
 def level_section(circumstance: Any, results: Sequence[Result], folder: Path) -> Section | None:
-    """A figure and a table for each set of comparable results in a circumstance.
-
-    Args:
-        circumstance: class of the circumstance.
-        results: results that have it.
-        folder: destination folder of figures.
-    """
+    """A figure and a table for each set of comparable results in a circumstance."""
     parts = []
     noun = circumstance.noun or circumstance.key
     for i, (context, members) in enumerate(contexts(results, circumstance.alike), 1):
@@ -37,13 +31,7 @@ def level_section(circumstance: Any, results: Sequence[Result], folder: Path) ->
 
 
 def levels(key: str, noun: str, results: Sequence[Result]) -> Figure:
-    """Accuracy against the level, a line for each system and case.
-
-    Args:
-        key: key of the circumstance, whose curve each result has as a table.
-        noun: words for what a level counts.
-        results: comparable results.
-    """
+    """Accuracy against the level, a line for each system and case."""
     figure, axes = new_figure((8.5, 4.2), margins=(0.7, 2.6, 0.6, 0.25))
     ax = axes[0, 0]
     for i, r in enumerate(results):

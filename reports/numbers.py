@@ -15,13 +15,7 @@ from bench.usual import BUSY
 def noted(
     table: pd.DataFrame, data_of: Mapping[str, str] | None = None, people_of: Mapping[str, int] | None = None
 ) -> pd.DataFrame:
-    """A table of systems with footnotes in a column ``note``, also on too few subjects; the same where there are none.
-
-    Args:
-        table: a table, with ``system`` (and ``other``, or ``choice``) and the corpus in ``data``, or else ``group``.
-        data_of: corpus by group.
-        people_of: number of subjects by group.
-    """
+    """A table of systems with footnotes in a column ``note``, also on too few subjects; as it is without any."""
     names = [name for name in ("system", "other", "choice") if name in table]
     if not names or "note" in table:
         return table

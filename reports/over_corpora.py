@@ -61,9 +61,6 @@ def ranking(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
     """Systems by their mean rank within each person, equal ones share theirs; None unless two are on two corpora.
 
     Ranked are the corpora with the most results, systems that have all of them times people.
-
-    Args:
-        tables: accuracies in percent [systems, people] by corpus.
     """
     tables = {data: table.dropna().round(9) for data, table in tables.items()}
     sets = [names for n in range(2, len(tables) + 1) for names in combinations(tables, n)]

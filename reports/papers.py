@@ -153,9 +153,6 @@ def _interval(run: Result, prefix: str, metric: str) -> tuple[float, float]:
 def published_section(beside: pd.DataFrame) -> dict[str, object]:
     """Every published number beside ours; numbers on corpora that nothing is tracked on wait behind a switch.
 
-    Args:
-        beside: table of `against`.
-
     Returns:
         The table; the verdicts, each with how often it was given; how many rest on few subjects; whether HAART is here.
     """

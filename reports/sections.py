@@ -34,12 +34,7 @@ def sections(results: Sequence[Result], folder: Path) -> list[Section]:
 
 
 def unmeasured(results: Sequence[Result], arguments: str) -> list[tuple[str, str]]:
-    """Commands that would measure what no result has, each with its summary.
-
-    Args:
-        results: results of all kinds.
-        arguments: arguments of a run, as tracked, which the commands repeat.
-    """
+    """Commands that would measure what no result has, each with its summary."""
     held = {view.key for view, _ in shown(results)}
     words = repeated(arguments, impersonal=True)
     return [(typed(name, words), one.summary) for name, one in makers().items() if one.makes not in held]

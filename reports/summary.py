@@ -280,15 +280,7 @@ def labels(groups: Mapping[str, Sequence[Result]]) -> list[str]:
 def summary_of(
     name: str, results: Sequence[Result], every: Sequence[Result], budgets: Mapping[str, float], against: str = ""
 ) -> Summary:
-    """Tests and choice of a group; figures are not drawn yet.
-
-    Args:
-        name: captures and protocol in words.
-        results: results of the group.
-        every: results of all kinds.
-        budgets: budget of each cost.
-        against: the system to compare with; empty for the best one.
-    """
+    """Tests and choice of a group; figures are not drawn yet."""
     subjects, rows = tested(results, against)
     first = results[0]
     lossy = [c for c in circumstance_views() if any(cost.losses for cost in c.costs)]
