@@ -67,7 +67,7 @@ def folder(tmp_path_factory, empty_store):
         tracked_run(store, "ta2015_rf[trees=9]", made_up(3, seed=1), official_split="false", **challenge)
         tracked_run(store, "gaus2015_rf", made_up(8), failed=2, **challenge)
         tracked_run(store, HOSTILE, made_up(7), subset="variant == 'rough'")
-        apart = {"synthetic": "true"}  # in no group that has a verdict
+        apart = {"data": "made", "synthetic": "true"}  # in no group that has a verdict
         keep(store, stressed("svm", 0.6, {"noise": 0.1, "shift": 0.234}, {"half_margin.shift": 2.25}, **apart))
         keep(store, streamed("svm", metrics={"accuracy_at_500_ms": 0.5}, **apart))
         page.write_report(store, Path("report"), {"flash": 50.0})
