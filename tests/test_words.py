@@ -13,8 +13,8 @@ FORBIDDEN = re.compile(
     re.IGNORECASE,
 )
 ALLOWED = re.compile(  # MLflow's tags and addresses, cells of CSV files, names of files, methods of classes
-    r"touchbench\.cell|#/experiments/|(correct|fill) the cell|within a cell|instants\.csv|bench\.api\.plans"
-    r"|bench\.outcomes\.chosen|told apart|optional[ -]methods|attributes and methods|the method and the precision"
+    r"touchbench\.cell|#/experiments/|(correct|fill) the cell|within a cell|instants\.csv|bench\.commands\.run\.plans"
+    r"|bench\.outcomes\.choice|told apart|optional[ -]methods|attributes and methods|the method and the precision"
 )
 REPLACED = {"single slices", "single slices under faults"}  # stored names that are printed as others
 TERMS = (
