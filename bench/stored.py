@@ -10,11 +10,11 @@ from bench.arguments import KEYS, values_of
 from bench.errors import InputError
 from bench.outcomes.frame import frame, grouped, tables
 from bench.outcomes.runs import SELECTING, asked_of, every_result, of_captures, selected, stored, wanted
-from bench.outcomes.store import connect
 from bench.reports.comparison import comparison, published
 from bench.reports.latex import columns_of, papers, side_by_side
 from bench.reports.latex import latex as compared_in_latex
 from bench.reports.pair import Compared, compared
+from bench.store import connect
 from bench.words import items
 
 ON = ("data", "where", "target", "protocol")

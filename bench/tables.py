@@ -6,8 +6,8 @@ shows no parquet.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 import pandas as pd
 
@@ -22,31 +22,29 @@ def file_of(name: str) -> str:
     return f"{name}.parquet"
 
 
-def write_table(table: pd.DataFrame, path: Path) -> None:
+def write_table(table: pd.DataFrame, path: Path | BinaryIO) -> None:
     """Write a table as parquet."""
     uniform(table).to_parquet(path, index=False)
 
 
-def read_table(find: Callable[[str], Path | None], name: str, of: str = "this run") -> pd.DataFrame | None:
-    """A stored table, None where there is none of its name.
+def read_table(file: Path | BinaryIO, name: str, of: str = "this run") -> pd.DataFrame:
+    """A stored table.
 
     Args:
-        find: path of a file by its name, None where there is none.
+        file: its file.
         name: name of the table.
         of: the run in words, for messages.
 
     Raises:
         InputError: the file is damaged.
     """
-    if not (path := find(file_of(name))):
-        return None
     try:
         from pyarrow import parquet
 
-        with parquet.ParquetFile(path) as file:  # pandas takes twice as long
-            return file.read(use_threads=False, use_pandas_metadata=True).to_pandas(use_threads=False)
+        with parquet.ParquetFile(file) as opened:  # pandas takes twice as long
+            return opened.read(use_threads=False, use_pandas_metadata=True).to_pandas(use_threads=False)
     except Exception as e:  # pandas and pyarrow raise a dozen types for damaged files
-        raise InputError(f"{name} of {of} cannot be read, {path} is damaged; {AGAIN}") from e
+        raise InputError(f"{name} of {of} cannot be read, {file} is damaged; {AGAIN}") from e
 
 
 def uniform(table: pd.DataFrame) -> pd.DataFrame:

@@ -17,7 +17,6 @@ from bench.errors import InputError, nearest
 from bench.measures import costs
 from bench.outcomes.frame import grouped
 from bench.outcomes.runs import every_result, of_captures, wanted
-from bench.outcomes.store import Store
 from bench.reports import over_corpora
 from bench.reports.chart import cost_chart, marks
 from bench.reports.comparison import comparison, published, runs_section
@@ -34,6 +33,7 @@ from bench.reports.sections import briefs, joined, sections, sheets, unmeasured
 from bench.reports.summary import GROUPS, Chart, Summary, labels, largest_groups, summary_of
 from bench.result import Result
 from bench.scratch import owner, sweep
+from bench.store import Store
 from bench.table import write_sheet
 
 PEOPLE = "People"  # heading

@@ -16,8 +16,8 @@ from hypothesis import HealthCheck, settings
 from bench import measures, registry
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import open_folder, write_folder
-from bench.outcomes.store import connect, create
 from bench.registry import classes
+from bench.store import connect, create
 from bench.work.workers import Here
 
 # The command in a process of its own. What a shell starts in the background ignores Ctrl-C, and so do its children.
@@ -87,7 +87,7 @@ def prepared_store(request, monkeypatch):
     """New stores are copies of an empty one, but for tests that are marked ``real_store``."""
     if not request.node.get_closest_marker("real_store"):
         copied = lambda path: shutil.copy(request.getfixturevalue("empty_store"), path)  # noqa: E731
-        monkeypatch.setattr("bench.outcomes.store.create", copied)
+        monkeypatch.setattr("bench.store.create", copied)
 
 
 @pytest.fixture(autouse=True)
@@ -151,7 +151,7 @@ def runs(kind):
 
 def predictions(store, run, name="predictions"):
     """A table of a run."""
-    return pd.read_parquet(store.fetched(run.info.run_id, f"{name}.parquet"))
+    return pd.read_parquet(store.path(run.info.run_id, run.info.artifact_uri, f"{name}.parquet"))
 
 
 SMALL = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "jobs=1"]

@@ -23,8 +23,8 @@ from bench.corpora.read.limits import flaw
 from bench.corpora.recordings import BACKGROUND, GAP
 from bench.outcomes.reactions import NOTHING
 from bench.outcomes.runs import every_result
-from bench.outcomes.store import connect
 from bench.protocols.subjects import natural_order
+from bench.store import connect
 from tests.net.build import inside
 from tests.net.masks import MASKED
 

@@ -129,7 +129,7 @@ def _stored(baseline: list[Measured]) -> list[Measured]:
     """The newest complete results of the store that may be held against the baseline, whatever code made them."""
     from bench.outcomes import gate
     from bench.outcomes.runs import stored
-    from bench.outcomes.store import connect
+    from bench.store import connect
 
     same = {tuple(then.names[k] for k in gate.SAME) for then in baseline}
     complete = [r for r in stored(connect()) if r.complete and tuple(r[k] for k in gate.SAME) in same]

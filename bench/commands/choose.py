@@ -94,7 +94,7 @@ def chosen(values: Values) -> Chosen:
     from bench.outcomes import choice as choices
     from bench.outcomes.runs import asked_of, every_result
     from bench.outcomes.scene import read_scene
-    from bench.outcomes.store import connect
+    from bench.store import connect
 
     if dotted := [k for k in values if "." in k and not k.startswith("protocol.")]:
         raise InputError(f"{dotted[0]}= runs a system, and bench choose reads stored runs; leave {dotted[0]}= out")

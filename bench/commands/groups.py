@@ -16,9 +16,9 @@ from bench.options import BATCH, STORED
 from bench.outcomes.candidates import eligible
 from bench.outcomes.groups import Grouping, groupings, reactions
 from bench.outcomes.runs import asked_of, choosing, stored, without_runs
-from bench.outcomes.store import connect
 from bench.progress import warn
 from bench.result import Result
+from bench.store import connect
 from bench.table import Table, rows_of
 from bench.words import Values
 

@@ -38,8 +38,8 @@ def command(arguments: list[str]) -> int:
     """Write the verdict on the tracked runs as a page, with its tables and figures."""
     from bench.commands.printing import then
     from bench.outcomes.runs import asked_of
-    from bench.outcomes.store import connect
     from bench.reports.latex import columns_of
+    from bench.store import connect
 
     values = parse(arguments, keys("report"))
     given = settings("report", values)

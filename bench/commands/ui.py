@@ -21,7 +21,7 @@ from bench.progress import warn
 from bench.registry import run_views
 
 if TYPE_CHECKING:
-    from bench.outcomes.store import Store
+    from bench.store import Store
 
 COMMAND = Command(
     COMPARE,
@@ -47,13 +47,12 @@ VIEW = {
     "selectedColumns": [*COLUMNS],
     "columnOrder": [NAME, *COLUMNS],
     "columnWidths": {NAME: WIDE, **COLUMNS},
-    "searchFilter": "tags.`touchbench.cell` LIKE '%'",  # runs without their folds
 }
 
 
 def command(arguments: list[str]) -> int:
     """Run MLflow's own server on this folder's store, for this machine only; its exit code."""
-    from bench.outcomes.store import connect, store_uri
+    from bench.store import connect, store_uri
 
     port = settings("ui", parse(arguments, keys("ui")))["port"]
     if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
@@ -88,15 +87,13 @@ def command(arguments: list[str]) -> int:
 
 def drawn(store: Store) -> Iterator[str]:
     """Draw the figures of runs that have none, newest first; the id of each run."""
-    from bench.outcomes.runs import result_of
-
     kinds = run_views()
     for run in sorted(store.of_kind(*kinds), key=lambda run: -run.info.start_time):
         run_id, artifacts = run.info.run_id, run.info.artifact_uri
         yield run_id
         if not run.data.metrics or any(name.endswith((".svg", ".png")) for name in store.names(run_id, artifacts)):
             continue
-        result = result_of(store, run)
+        result = store.result(run)
         with tempfile.TemporaryDirectory() as folder:
             try:
                 kinds[result.kind].figure(result, Path(folder))

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, Never, TypeVar
-
-import pandas as pd
+from pathlib import Path
+from typing import Any, Never, TypeVar
 
 from bench.amounts import convert
 from bench.comparable import COMPARABLE, SAME_SYSTEM
 from bench.errors import InputError
-from bench.outcomes.store import Store, Stored
 from bench.progress import warn
 from bench.registry import KEYS as PARTS
 from bench.registry import names, run_views, views
-from bench.result import Result, Tables
-from bench.tables import AGAIN, read_table
+from bench.result import Result
+from bench.store import Store
 from bench.words import Values, items, labelled, typed
-
-if TYPE_CHECKING:
-    from mlflow.entities import Run
 
 ROOMS = {key: room for room, key in PARTS.items() if room != "corpora"}  # of the key of a part
 COLUMNS = {"where": "subset", "shots": "protocol.shots", "run": "run_id"}  # names in a result of other keys
@@ -35,41 +29,6 @@ Row = TypeVar("Row", bound=Mapping[str, Any])  # a result, or what has the same 
 
 class NothingTracked(InputError):
     """No run of a kind is there."""
-
-
-def result_of(store: Store, run: Run | Stored) -> Result:
-    """A run of MLflow as a result; its tables are read when they are asked for."""
-    data, info = run.data, run.info
-    about = data.params | data.tags | {"run_id": info.run_id, "status": info.status, "started": info.start_time}
-    about |= {f"{part}_name": data.params.get(part, "") for part in ROOMS} | {"artifacts": info.artifact_uri}
-
-    return Result(
-        about, data.metrics, stored_tables(store, info.run_id, info.artifact_uri, about.get("system", "this system"))
-    )
-
-
-def stored_tables(store: Store, run_id: str, artifacts: str, system: str, names: Sequence[str] | None = None) -> Tables:
-    """The tables of a stored run, none of which is in memory; each is read when it is asked for.
-
-    Args:
-        store: store of the run.
-        run_id: id of the run.
-        artifacts: their address.
-        system: its name, for messages.
-        names: names of the tables; by default the store is asked.
-    """
-    this = f"{system} (run {run_id})"
-
-    def read(name: str) -> pd.DataFrame | None:
-        return read_table(lambda file: store.path(run_id, artifacts, file), name, this)
-
-    def listed() -> Sequence[str]:
-        if names is not None:
-            return names
-        files = map(PurePosixPath, store.names(run_id, artifacts))
-        return [*dict.fromkeys(file.stem for file in files if file.suffix in (".csv", ".parquet"))]
-
-    return Tables({}, read, f"{this} is missing in the store; {AGAIN}", listed)
 
 
 def choosing(results: Sequence[Result], **more: str) -> str:
@@ -93,7 +52,7 @@ def every_result(store: Store) -> list[Result]:
     """Every scored run of all kinds, oldest first: the newest of equal ones, complete ones first."""
     scores = {tag: view.score for tag, view in run_views().items()}
     tracked = {name for view in views().values() for name in view.tracked}
-    results = [result_of(store, run) for run in store.of_kind(*scores)]
+    results = [store.result(run) for run in store.of_kind(*scores)]
     scored = [r for r in results if scores[r.kind] in r.metrics]
     newest = {
         tuple(str(r.get(name)) for name in (*SAME, *tracked)): r

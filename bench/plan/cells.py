@@ -171,11 +171,6 @@ class Cell:
         return self.study.key if self.study else "cell"
 
     @property
-    def fold_kind(self) -> str:
-        """Tag of the folds of its runs."""
-        return f"{self.kind}_fold" if self.study else "fold"
-
-    @property
     def command(self) -> str:
         """The command that makes its run."""
         if self.study:

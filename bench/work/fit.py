@@ -15,11 +15,11 @@ from bench import contract
 from bench.corpora.recordings import certain
 from bench.errors import InputError
 from bench.machine import this_machine
-from bench.outcomes.store import connect, only_one, reached
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
 from bench.progress import console, warn
 from bench.scratch import made_whole, new_folder
+from bench.store import connect, only_one, reached, store_uri
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.replay import Replay, Stopping, learned, unlearnable
 from bench.work.results import FoldResult, costs
@@ -113,12 +113,13 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: An
     with only_one(key):
         for cut_off in store.runs(f"tags.`touchbench.cell` = '{key}' and attributes.status = 'RUNNING'"):
             store.delete(cut_off.info.run_id)
-        run_id = store.create(f"fit {cell.system()} | {cell.data} | all captures", tags)
+        run_id = store.create(f"fit {cell.system()} | {cell.data} | all captures", tags).info.run_id
         machine = this_machine()._asdict()
         learned_to_watch = {} if watcher is None else watching.params
         params = params_of(cell, corpus, threads) | machine | {"captures": len(corpus)} | learned_to_watch
         store.log(run_id, metrics, params)
         log_captures(store, run_id, cell, corpus, "training")
+        mlflow.set_tracking_uri(store_uri())
         with own_code() as code, quiet(), reached(), mlflow.start_run(run_id=run_id):
             model["code_paths"] = [code]
             saved = mlflow.pyfunc.log_model(name="model", **model)

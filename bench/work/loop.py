@@ -11,16 +11,16 @@ from bench.corpora.duplicates import named
 from bench.corpora.read.limits import briefly
 from bench.corpora.recordings import as_touches, is_recorded
 from bench.errors import ClusterError, InputError
-from bench.outcomes.store import Store, connect, only_one
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, planned, usable_cores
 from bench.progress import console, warn
 from bench.registry import check_loaded, imported
 from bench.result import Result
+from bench.store import Store, connect, only_one
 from bench.work.backend import HERE, Backend
 from bench.work.bar import Bar
 from bench.work.curves import COLUMNS
-from bench.work.tracking import TrackedRun, key_of
+from bench.work.tracking import key_of, tracked
 from bench.work.workers import Here, Processes, Workers
 
 
@@ -58,7 +58,7 @@ def columns_of(cell: Cell) -> frozenset[str]:
 
 
 def execute(plans: Sequence[Plan], backend: Backend = HERE) -> list[Result]:
-    """Run missing folds, plan after plan; stored ones are scored again from their tables.
+    """Run missing folds, plan after plan; a run that is finished is read from the store.
 
     Args:
         plans: plans from `prepared`.
@@ -98,7 +98,7 @@ def _run(store: Store, plan: Plan, workers: Workers, bar: Bar) -> Result:
     """Find or make the run of a plan, have its missing folds done, and measure it."""
     key, cell = key_of(plan), plan.cell
     with only_one(key):
-        run = TrackedRun(store, plan, key)
+        run = tracked(store, plan, key)
         missing = run.missing
         if not missing:
             line = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(plan.folds)} folds are already stored"
@@ -112,8 +112,8 @@ def _run(store: Store, plan: Plan, workers: Workers, bar: Bar) -> Result:
             run.interrupt()
             raise
         result = run.close()
-        if affected := next((r for r in run.results() if r.batch_effects), None):
-            warn(f"warning: {cell.system()}: fold {affected.name}: {affected.batch_effects[0]}")
+        if why := result.get("touchbench.batch_effect"):
+            warn(f"warning: {cell.system()}: {why}")
         bar.end()
         return result
 

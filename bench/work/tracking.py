@@ -1,34 +1,55 @@
-"""A plan's run in the store, resumed if it exists, with one child for each fold."""
+"""A plan's run in the store, resumed if it exists.
+
+A finished fold is one file of the run, ``folds/N.zip`` by its place in the protocol, and its scores are numbers of the
+run at this step. A file that was cut off while it was written is no zip file, so that a fold is whole or
+missing. When all folds are done, their tables become those of the run, and their files go. A fold that fails leaves
+``folds/N.txt``.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import tempfile
-import time
-from dataclasses import replace
-from functools import cached_property
+import zlib
+from dataclasses import dataclass, field, replace
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 from bench.machine import Machine
-from bench.outcomes.runs import ROOMS, stored_tables
-from bench.outcomes.store import Store
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan
-from bench.result import FAILED, Failure, Result, Tables
+from bench.result import FAILED, Failure, Result
 from bench.source import git_revision, versions
-from bench.tables import AGAIN, FOR_PEOPLE, file_of, read_table, uniform, write_table
+from bench.store import OF_FOLDS, PARTS, Store
+from bench.tables import FOR_PEOPLE, file_of, read_table, uniform, write_table
 from bench.work.evaluation import run_of
-from bench.work.results import FoldResult
+from bench.work.results import FoldResult, costs
 
 if TYPE_CHECKING:
     from mlflow.entities import Run
+
+PLAIN = (
+    "name",
+    "metrics",
+    "predict_ms",
+    "decide_ms",
+    "history",
+    "chosen",
+    "batch_effects",
+    "failed",
+    "times",
+    "scored",
+)
+FOLDS = "folds"  # folder of a run with its folds, until they are its tables
 
 
 def key_of(plan: Plan) -> str:
@@ -73,122 +94,54 @@ def log_captures(store: Store, run_id: str, cell: Cell, corpus: Corpus, context:
     store.log_captures(run_id, cell.data, corpus.digest, source, len(corpus), frames, context)
 
 
+@dataclass(eq=False)
 class TrackedRun:
-    """The parent run of a plan.
-
-    Args:
-        store: store of the run.
-        plan: plan of the run.
-        key: its `key_of`.
+    """The run of a plan in the store.
 
     Attributes:
+        store: store of the run.
         plan: plan of the run.
-        key: key that identifies the run.
-        run_id: id of the parent run.
-        tags: tags of the run.
+        run_id: id of the run.
+        artifacts: address of its artifacts.
+        started: when it was made.
         params: parameters of the run.
-        finished: True if an earlier command finished it.
-        done: finished folds by name, as they were stored.
-        errors: failure of each failed fold, by fold name.
+        tags: tags of the run.
+        whole: the result of a run that an earlier command finished.
         machine: machine of its first fold, named by the run as a whole; None before that.
-        places: address of the artifacts of each finished fold, by fold name.
-        others: machine of each finished fold that was done elsewhere, by fold name.
+        done: finished folds by name, as they were stored.
+        machines: machine of each finished fold, by fold name.
+        errors: failure of each fold that failed, as a whole or in a circumstance, by both in words.
+        reasons: the same by fold name, in a line.
     """
 
-    def __init__(self, store: Store, plan: Plan, key: str) -> None:
-        self.store, self.plan, self.key = store, plan, key
-        cell = plan.cell
-        self.tags = tags_of(cell, plan.corpus) | plan.facts
-        self.tags |= {"protocol": str(cell.protocol), "protocol_label": plan.label}
-        self.tags |= {"touchbench.kind": cell.kind, "touchbench.cell": key}
-        self.tags |= {"touchbench.command": cell.command}
-        if not cell.has_objects:  # an object cannot be typed
-            self.tags["touchbench.arguments"] = json.dumps(cell.arguments())
-        stored = store.find(key, cell.kind)
-        if stored and stored.info.status != "FINISHED" and not (stored.inputs and stored.inputs.dataset_inputs):
-            store.delete(stored.info.run_id)  # cut off while it was made
-            stored = None
-        self.params: dict[str, str] = dict(stored.data.params) if stored else {}
-        self.run_id = stored.info.run_id if stored else self._create(key)
-        self.started = stored.info.start_time if stored else int(time.time() * 1000)
-        self.finished = stored is not None and stored.info.status == "FINISHED"
-        if stored and FAILED in stored.data.tags:
-            self.tags[FAILED] = ""
-        self.machine = Machine(self.params["cpu"], self.params.get("simd", "")) if "cpu" in self.params else None
-        self.done: dict[str, FoldResult] = {}
-        self.places: dict[str, str] = {}
-        self.others: dict[str, Machine] = {}
-        self.errors: dict[str, Failure] = {}
-        for child in store.folds(self.run_id) if stored else []:
-            if child.info.status == "FINISHED":
-                result = self._load(child)
-                self.done[result.name] = result
-                self.places[result.name] = child.info.artifact_uri
-                if "cpu" in child.data.params:
-                    self.others[result.name] = Machine(child.data.params["cpu"], child.data.params["simd"])
-            else:  # failed, or cut off while it was written: it is run again
-                store.delete(child.info.run_id)
-        vars(self).pop("_predictions", None)  # the folds have them
-        self.finished = self.finished and not self.missing
-        if not self.finished:
-            store.begin(self.run_id)
+    store: Store
+    plan: Plan
+    run_id: str
+    artifacts: str
+    started: int
+    params: dict[str, str]
+    tags: dict[str, str]
+    whole: Result | None = None
+    machine: Machine | None = None
+    done: dict[str, FoldResult] = field(default_factory=dict)
+    machines: dict[str, Machine] = field(default_factory=dict)
+    errors: dict[str, Failure] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
 
     @property
     def missing(self) -> list[Fold]:
         """Folds that were neither stored before nor done by now, in the order of the protocol."""
+        if self.whole:
+            return []
         return [fold for fold in self.plan.folds if fold.name not in self.done and fold.name not in self.errors]
 
     @property
-    def complete(self) -> bool:
-        """True if every fold is stored, or has failed."""
-        return not self.missing
-
-    def _create(self, key: str) -> str:
-        cell, corpus = self.plan.cell, self.plan.corpus
-        kind = "synthetic " if corpus.synthetic else ""
-        note = (
-            f"{cell.system()} on {kind}corpus {cell.data} ({len(corpus)} captures, {len(set(corpus.subjects))} subjects"
-            f"{', ' + cell.where if cell.where else ''}), {self.plan.label}"
-        )
-        tags = {"mlflow.note.content": note, "mlflow.source.name": "bench"}
-        run_id = self.store.create(f"{cell.command} {cell.title()}", tags | self.tags)
-        params = params_of(cell, corpus, self.plan.threads) | {"protocol": cell.protocol.name}
-        params |= {f"protocol.{k}": v for k, v in (cell.protocol.parameters | cell.protocol.changed()).items()}
-        for one in cell.producers:
-            params |= one.params()
-        self.params = {name: str(value) for name, value in params.items()}
-        self.store.log(run_id, params=params)
-        log_captures(self.store, run_id, cell, corpus, "evaluation")
-        return run_id
-
-    def _load(self, child: Run) -> FoldResult:
-        folder = self.store.fetched(child.info.run_id, "fold")
-        timing = json.loads((folder / "timing.json").read_text())
-        fold = child.data.tags["touchbench.fold"]
-        this = f"{self.tags['system']} (run {self.run_id}, fold {fold})"
-        find = lambda name: folder / name if (folder / name).exists() else None  # noqa: E731
-        tables = Tables({}, lambda name: read_table(find, name, this), f"{this} is missing in the store; {AGAIN}")
-        return FoldResult(
-            fold,
-            self._predictions[fold] if find(file_of("predictions")) is None else tables["predictions"],
-            {k: v for k, v in child.data.metrics.items() if k in timing["metrics"]},
-            timing["predict_ms"],
-            timing["decide_ms"],
-            chosen=timing["chosen"],
-            trials=tables.get("trials"),
-            batch_effects=timing["batch_effects"],
-            tables={name: tables[name] for name in timing["tables"]},
-            times=timing["times"],
-        )
-
-    @cached_property
-    def _predictions(self) -> dict[str, pd.DataFrame]:
-        """Predictions of the folds of a run that was finished: they are stored once, with the run."""
-        tables = stored_tables(self.store, self.run_id, self.store.artifacts(self.run_id), self.tags["system"])
-        return {str(fold): rows.reset_index(drop=True) for fold, rows in tables["predictions"].groupby("fold")}
+    def stored(self) -> int:
+        """The number of finished folds."""
+        return len(self.plan.folds) if self.whole else len(self.done)
 
     def add(self, result: FoldResult, machine: Machine | None) -> None:
-        """Store one fold: its run is there, complete, or it is not there.
+        """Store one fold, whole or not at all.
 
         Args:
             result: result of the fold.
@@ -198,60 +151,26 @@ class TrackedRun:
             self.machine = machine
             self.params |= machine._asdict()
             self.store.log(self.run_id, params=machine._asdict())
-        tags = {
-            "mlflow.parentRunId": self.run_id,
-            "touchbench.kind": self.plan.cell.fold_kind,
-            "touchbench.fold": result.name,
-        }
-        if not result.error:
-            result = replace(
-                result,
-                predictions=uniform(result.table),
-                tables={name: uniform(table) for name, table in result.tables.items()},
-                trials=None if result.trials is None else uniform(result.trials),
-                chosen={str(name): _plain(value) for name, value in result.chosen.items()},
-            )
-        params: dict[str, object] = machine._asdict() if machine and machine != self.machine else {}
-        metrics: dict[str, float] = {}
-        with tempfile.TemporaryDirectory() as temporary:
-            folder = Path(temporary)
+        place = [fold.name for fold in self.plan.folds].index(result.name)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{place}.txt"
+            if result.error or result.failed:
+                path.write_text(result.error or "\n".join(result.failed.values()))
+                self.store.keep(self.run_id, path, FOLDS)
+                name = ", ".join([result.name, *(f"{key}=" for key in result.failed)])
+                self.reasons[result.name] = result.reason
+                self.errors[name] = Failure(result.reason, self.store.where(self.artifacts, f"{FOLDS}/{path.name}"))
             if result.error:
-                (folder / "traceback.txt").write_text(result.error)
-            else:
-                write_table(result.table, folder / file_of("predictions"))
-                for name, table in result.tables.items():
-                    write_table(table, folder / file_of(name))
-                names = ("predict_ms", "decide_ms", "chosen", "batch_effects", "times")
-                timing = {name: getattr(result, name) for name in names}
-                timing |= {"metrics": list(result.metrics), "tables": list(result.tables)}
-                (folder / "timing.json").write_text(json.dumps(timing, default=_plain))
-                params |= {f"chosen.{k}": v for k, v in result.chosen.items()}
-                metrics = result.scored
-                if result.failed:
-                    (folder / "traceback.txt").write_text("\n".join(result.failed.values()))
-            if result.trials is not None:  # a system may tell what it chose and not among what
-                write_table(result.trials, folder / file_of("trials"))
-            status = "FAILED" if result.error or result.failed else "FINISHED"
-            history = [] if result.error else result.history
-            address = self.store.add(result.name, tags, status, folder, "fold", metrics, params, history)
-        if result.error or result.failed:
-            name = ", ".join([result.name, *(f"{key}=" for key in result.failed)])
-            self.errors[name] = Failure(result.reason, self.store.where(address, "fold/traceback.txt"))
-        if result.error:
-            return
+                return
+            result = _uniform(result)
+            _write(result, machine, path.with_suffix(".zip"))
+            scored = set(result.scored) - set(costs([result]))
+            numbers = {OF_FOLDS + name: result.scored[name] for name in result.scored if name in scored}
+            self.store.log(self.run_id, numbers, step=place)
+            self.store.keep(self.run_id, path.with_suffix(".zip"), FOLDS)
         self.done[result.name] = result
-        self.places[result.name] = address
-        if machine and machine != self.machine:
-            self.others[result.name] = machine
-
-    def _machines(self) -> dict[str, str]:
-        """Tags that say so where the folds are of several machines; they hide the parameters of these names."""
-        if self.machine is None or not self.others:
-            return {}
-        several = (
-            {self.machine, *self.others.values()} if len(self.others) < len(self.done) else {*self.others.values()}
-        )
-        return {name: "; ".join(sorted({getattr(m, name) for m in several})) for name in Machine._fields}
+        if machine:
+            self.machines[result.name] = machine
 
     def results(self) -> list[FoldResult]:
         """The finished folds in the order of the protocol."""
@@ -259,42 +178,173 @@ class TrackedRun:
 
     def close(self) -> Result:
         """Measure the run from its folds, and end it; the result reads its tables from the store."""
+        if self.whole:
+            return self.whole
         results, folds = self.results(), len(self.plan.folds)
         self.tags |= _batch_effects(results)
         if failed := dict.fromkeys(key for r in results for key in r.failed):
             self.tags[FAILED] = ", ".join(failed)
-        about = self._about("FINISHED" if len(results) == folds else "FAILED")
+        status = "FINISHED" if len(results) == folds else "FAILED"
+        about = self._about(status)
         result = run_of(self.plan, about, results) if results else Result(about, {}, {})
         added = {name: text for name, text in result.about.items() if name not in about}
-        counts = {"folds": len(results), "folds_failed": folds - len(results)}
-        tables = {name: result.tables[name] for name in result.tables} | _choices(results)
-        result = Result(result.about, result.metrics | counts, tables, self.errors)
-        if results and not self.finished:  # else nothing was run, and nothing is written
-            self.store.log(self.run_id, result.metrics, tags=added | self.tags | self._machines())
-            with tempfile.TemporaryDirectory() as folder:
-                for name, table in tables.items():
-                    write_table(table, Path(folder) / file_of(name))
-                    if name in FOR_PEOPLE:
-                        table.to_csv(Path(folder) / f"{name}.csv", index=False)
-                self.store.keep(self.run_id, Path(folder))
-            once = sum(len(r.table) for r in results) == len(tables.get("predictions", ()))
-            if once and result["status"] == "FINISHED":
-                for address in self.places.values():
-                    self.store.drop(address, f"fold/{file_of('predictions')}")
-        lazy = stored_tables(self.store, self.run_id, self.store.artifacts(self.run_id), result.system, [*tables])
-        if not self.finished:
-            self.store.end(self.run_id, result["status"])
-        return Result(result.about, result.metrics, lazy, self.errors)
-
-    def _about(self, status: str) -> dict[str, Any]:
-        """What a result of the run is of, as the store has it."""
-        about = self.params | self.tags | self._machines()
-        about |= {f"{part}_name": self.params.get(part, "") for part in ROOMS}
-        return about | {"run_id": self.run_id, "status": status, "started": self.started}
+        tables = {name: result.tables[name] for name in result.tables} | _choices(results) | {FOLDS: self._table()}
+        numbers = result.metrics | {"folds": len(results), "folds_failed": folds - len(results)}
+        self.store.log(self.run_id, numbers, tags=added | self.tags | self._machines())
+        with tempfile.TemporaryDirectory() as folder:
+            for name, table in tables.items():
+                write_table(table, Path(folder) / file_of(name))
+                if name in FOR_PEOPLE:
+                    table.to_csv(Path(folder) / f"{name}.csv", index=False)
+            self.store.keep(self.run_id, Path(folder))
+        self.store.end(self.run_id, status)
+        if status == "FINISHED" and not failed:
+            self.store.drop(self.artifacts, FOLDS)
+        lazy = self.store.tables(self.run_id, self.artifacts, result.system, [*tables])
+        return Result(result.about, numbers, lazy, self.errors)
 
     def interrupt(self) -> None:
         """Mark the run as killed; stored folds stay and are found again."""
         self.store.end(self.run_id, "KILLED")
+
+    def _about(self, status: str) -> dict[str, Any]:
+        """What a result of the run is of, as the store has it."""
+        about = self.params | self.tags | self._machines()
+        about |= {f"{part}_name": self.params.get(part, "") for part in PARTS}
+        return about | {"run_id": self.run_id, "status": status, "started": self.started, "artifacts": self.artifacts}
+
+    def _machines(self) -> dict[str, str]:
+        """Tags that say so where the folds are of several machines; they hide the parameters of these names."""
+        several = {*self.machines.values()}
+        if self.machine is None or several <= {self.machine}:
+            return {}
+        return {name: "; ".join(sorted({getattr(m, name) for m in several})) for name in Machine._fields}
+
+    def _table(self) -> pd.DataFrame:
+        """A row for each fold: whether it went well, its seconds and numbers, its machine, or why it failed."""
+        rows: list[dict[str, object]] = []
+        for fold in self.plan.folds:
+            well = fold.name in self.done and fold.name not in self.reasons
+            row: dict[str, object] = {"fold": fold.name, "status": "FINISHED" if well else "FAILED"}
+            if result := self.done.get(fold.name):
+                row |= {"seconds": result.seconds} | result.scored
+                row |= self.machines[fold.name]._asdict() if fold.name in self.machines else {}
+            rows.append(row | {"error": self.reasons.get(fold.name, "")})
+        return uniform(pd.DataFrame(rows))
+
+
+def tracked(store: Store, plan: Plan, key: str) -> TrackedRun:
+    """The run of a key with the folds that it has, which goes on from there; a new one if there is none.
+
+    Args:
+        store: store of the run.
+        plan: plan of the run.
+        key: its `key_of`.
+    """
+    cell = plan.cell
+    tags = tags_of(cell, plan.corpus) | plan.facts
+    tags |= {"protocol": str(cell.protocol), "protocol_label": plan.label}
+    tags |= {"touchbench.kind": cell.kind, "touchbench.cell": key}
+    tags |= {"touchbench.command": cell.command}
+    if not cell.has_objects:  # an object cannot be typed
+        tags["touchbench.arguments"] = json.dumps(cell.arguments())
+    run = store.find(key, cell.kind)
+    if run and not (run.inputs and run.inputs.dataset_inputs):
+        store.delete(run.info.run_id)  # cut off while it was made
+        run = None
+    params = dict(run.data.params) if run else _params(plan)
+    made = run or _created(store, plan, tags, params)
+    found = TrackedRun(store, plan, made.info.run_id, made.info.artifact_uri, made.info.start_time, params, tags)
+    if "cpu" in params:
+        found.machine = Machine(params["cpu"], params.get("simd", ""))
+    files = store.names(found.run_id, found.artifacts, FOLDS) if run else []
+    if run and run.info.status == "FINISHED" and not run.data.tags.get(FAILED):
+        found.whole = store.result(run)
+        if files:  # its command was cut off at the very end
+            store.drop(found.artifacts, FOLDS)
+        return found
+    if run:
+        tags |= {FAILED: ""} if FAILED in run.data.tags else {}
+        for name in files:
+            path = store.path(found.run_id, found.artifacts, f"{FOLDS}/{name}")
+            result, machine = _read(path) if path and path.suffix == ".zip" else (None, None)
+            if result and not result.failed:
+                found.done[result.name] = result
+                found.machines |= {result.name: machine} if machine else {}
+    if found.missing:
+        store.begin(found.run_id)
+    return found
+
+
+def _params(plan: Plan) -> dict[str, str]:
+    """Parameters of a new run."""
+    protocol = plan.cell.protocol
+    params = params_of(plan.cell, plan.corpus, plan.threads) | {"protocol": protocol.name}
+    params |= {f"protocol.{k}": v for k, v in (protocol.parameters | protocol.changed()).items()}
+    for one in plan.cell.producers:
+        params |= one.params()
+    return {name: str(value) for name, value in params.items()}
+
+
+def _created(store: Store, plan: Plan, tags: dict[str, str], params: dict[str, str]) -> Run:
+    """A new run; its captures come last, and tell that it has all the rest."""
+    cell, corpus = plan.cell, plan.corpus
+    kind = "synthetic " if corpus.synthetic else ""
+    note = (
+        f"{cell.system()} on {kind}corpus {cell.data} ({len(corpus)} captures, {len(set(corpus.subjects))} subjects"
+        f"{', ' + cell.where if cell.where else ''}), {plan.label}"
+    )
+    about = {"mlflow.note.content": note, "mlflow.source.name": "bench"}
+    run = store.create(f"{cell.command} {cell.title()}", about | tags, params)
+    log_captures(store, run.info.run_id, cell, corpus, "evaluation")
+    return run
+
+
+def _uniform(result: FoldResult) -> FoldResult:
+    """A fold as it is read back."""
+    return replace(
+        result,
+        predictions=uniform(result.table),
+        tables={name: uniform(table) for name, table in result.tables.items()},
+        trials=None if result.trials is None else uniform(result.trials),
+        chosen={str(name): _plain(value) for name, value in result.chosen.items()},
+    )
+
+
+def _write(result: FoldResult, machine: Machine | None, path: Path) -> None:
+    """Write a finished fold as a file."""
+    about = {name: getattr(result, name) for name in (*PLAIN, "seconds")}
+    about |= {"machine": machine, "tables": [*result.tables]}
+    tables = {"predictions": result.table} | {f"tables/{name}": table for name, table in result.tables.items()}
+    if result.trials is not None:  # a system may tell what it chose and not among what
+        tables["trials"] = result.trials
+    with ZipFile(path, "w") as file:
+        file.writestr("fold.json", json.dumps(about, default=_plain))
+        for name, table in tables.items():
+            write_table(table, buffer := BytesIO())
+            file.writestr(file_of(name), buffer.getvalue())
+
+
+def _read(path: Path) -> tuple[FoldResult | None, Machine | None]:
+    """A finished fold and its machine; None of a file that was cut off or is damaged."""
+
+    def table(name: str) -> pd.DataFrame:
+        return read_table(BytesIO(file.read(file_of(name))), name)
+
+    try:
+        with ZipFile(path) as file:
+            about = json.loads(file.read("fold.json"))
+            machine, names = about.pop("machine"), about.pop("tables")
+            trials = table("trials") if file_of("trials") in file.namelist() else None
+            result = FoldResult(
+                **about,
+                predictions=table("predictions"),
+                trials=trials,
+                tables={name: table(f"tables/{name}") for name in names},
+            )
+            return result, Machine(*machine) if machine else None
+    except (BadZipFile, zlib.error, KeyError, ValueError, OSError, InputError):
+        return None, None
 
 
 def _plain(value: object) -> object:
@@ -306,16 +356,18 @@ def _plain(value: object) -> object:
 
 def _batch_effects(results: list[FoldResult]) -> dict[str, str]:
     """Tags that say whether predictions depend on the captures predicted together, and on which capture it showed."""
-    effects = [f"fold {r.name}, {r.batch_effects[0]}" for r in results if r.batch_effects]
+    effects = [f"fold {r.name}: {r.batch_effects[0]}" for r in results if r.batch_effects]
     why = {"touchbench.batch_effect": effects[0]} if effects else {}
     return {"touchbench.depends_on_batch": str(bool(effects)).lower()} | why
 
 
 def _choices(results: list[FoldResult]) -> dict[str, pd.DataFrame]:
-    """What was chosen on each training part, and what among, as far as systems tell."""
+    """What was chosen on each training part, and what among, and numbers by epoch, as far as systems tell."""
     tables: dict[str, pd.DataFrame] = {}
     if any(r.chosen for r in results):
         tables["chosen"] = uniform(pd.DataFrame([{"fold": r.name} | r.chosen for r in results], dtype=object))
     if trials := [r.trials.assign(fold=r.name) for r in results if r.trials is not None]:
         tables["trials"] = uniform(pd.concat(trials, ignore_index=True))
+    if rows := [{"fold": r.name, "epoch": i} | row for r in results for i, row in enumerate(r.history, 1)]:
+        tables["history"] = pd.DataFrame(rows)
     return tables

@@ -1,1 +1,1 @@
-"""Networks: one training loop, windows, checkpoints, and one file per paper."""
+"""Networks: one training loop, windows, and one file per paper."""

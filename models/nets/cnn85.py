@@ -145,15 +145,6 @@ class SelectiveSGD(Optimiser):
         torch._foreach_add_([self.momentum[i] for i in decayed], [self.parameters[i] for i in decayed], alpha=-1e-4)
         torch._foreach_add_(self.parameters, self.momentum, alpha=self.rate / (1 - 0.9**self.steps))
 
-    def state_dict(self) -> dict:
-        """Momentum, steps and rates."""
-        return {"momentum": self.momentum, "steps": self.steps, "rate": self.rate, "rates": list(self.rates)}
-
-    def load_state_dict(self, state: dict) -> None:
-        """Go on from such a state."""
-        self.momentum, self.steps = state["momentum"], state["steps"]
-        self.rate, self.rates = state["rate"], tuple(state["rates"])
-
     @torch.no_grad()
     def _restore(self, weights: list[torch.Tensor], momentum: list[torch.Tensor], steps: int) -> None:
         torch._foreach_copy_(self.parameters, weights)

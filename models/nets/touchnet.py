@@ -244,12 +244,3 @@ class OneCycle(Optimiser):
         super().step()
         if self.cycle.last_epoch < self.cycle.total_steps - 1:
             self.cycle.step()
-
-    def state_dict(self) -> dict:
-        """State of the optimiser and of the cycle."""
-        return {"optimiser": super().state_dict(), "cycle": self.cycle.state_dict()}
-
-    def load_state_dict(self, state: dict) -> None:
-        """Go on from such a state."""
-        super().load_state_dict(state["optimiser"])
-        self.cycle.load_state_dict(state["cycle"])

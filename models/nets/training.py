@@ -7,9 +7,7 @@ it (benchmarks/bench_training.py).
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +15,6 @@ import torch
 from torch import nn
 
 from bench.corpora.corpus import Corpus, storage
-from bench.models.nets.checkpoint import Checkpoint
-from bench.progress import tell
 
 
 class Windows:
@@ -140,14 +136,6 @@ class Optimiser:
         """Move the parameters along their gradients."""
         self.inner.step()
 
-    def state_dict(self) -> dict:
-        """State for the next step, besides the parameters."""
-        return self.inner.state_dict()
-
-    def load_state_dict(self, state: dict) -> None:
-        """Go on from such a state."""
-        self.inner.load_state_dict(state)
-
 
 @dataclass(frozen=True)
 class Schedule:
@@ -176,7 +164,6 @@ def train(
     schedule: Schedule,
     forward: Forward | None = None,
     judge: Callable[[], float] | None = None,
-    kept: Checkpoint | None = None,
 ) -> list[dict[str, float]]:
     """Minimise cross-entropy over shuffled batches; the incomplete last batch of an epoch is left out.
 
@@ -189,8 +176,6 @@ def train(
         forward: a faster way to compute ``net(x)`` (`WindowNet.logits`).
         judge: accuracy of the network on captures it is not trained on; the epoch with the highest, the first of equal
             ones, is the one that is kept.
-        kept: file for the state after each epoch, read again after a kill; on a processor the result is then the same
-            bit for bit. A finished training is not repeated.
 
     Returns:
         Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a judge.
@@ -198,37 +183,31 @@ def train(
     Raises:
         FloatingPointError: the loss is not finite any more, and no epoch was judged before.
     """
-    kept = kept or Checkpoint(None)
-    state = _State(net, optimiser, schedule.seed)
-    if state.resume(kept):
-        return state.history
+    order, history = np.random.default_rng(schedule.seed), []
+    best: tuple[float, dict] | None = None  # accuracy and weights of the best epoch that was judged
     step = _step(net, samples, target, optimiser, schedule.smoothing, forward or net)
-    report = _reporter(schedule, len(state.history))
-    for epoch in range(len(state.history), schedule.epochs):
+    for epoch in range(schedule.epochs):
         net.train()
-        batches = _shuffled(len(samples), schedule.batch, state.order)
+        batches = _shuffled(len(samples), schedule.batch, order)
         optimiser.before_epoch(epoch, batches, step)
-        losses = []
-        for rows in batches:
-            losses.append(step(rows))
-            report(epoch, len(losses) / len(batches), losses[-1])
-        state.history.append({"loss": float(np.mean(losses)), "rate": optimiser.rate})
-        if not np.isfinite(state.history[-1]["loss"]):
-            if state.best:
+        losses = [step(rows) for rows in batches]
+        history.append({"loss": float(np.mean(losses)), "rate": optimiser.rate})
+        if not np.isfinite(history[-1]["loss"]):
+            if best:
                 break
             raise FloatingPointError(
                 f"training diverged: the loss of epoch {epoch + 1} is not finite at a learning rate of "
                 f"{optimiser.rate:g}; give a lower one"
             )
         if judge:
-            state.judged(judge())
-        if schedule.patience and _stands_still([row["loss"] for row in state.history], schedule.patience):
+            accuracy = history[-1]["held_accuracy"] = judge()
+            if best is None or accuracy > best[0]:
+                best = accuracy, {name: value.clone() for name, value in net.state_dict().items()}
+        if schedule.patience and _stands_still([row["loss"] for row in history], schedule.patience):
             break
-        kept.write(state.state_dict())
-    if state.best:
-        net.load_state_dict(state.best[1])
-    kept.done({"net": net.state_dict(), "history": state.history})
-    return state.history
+    if best:
+        net.load_state_dict(best[1])
+    return history
 
 
 def _shuffled(samples: int, batch: int, order: np.random.Generator) -> np.ndarray:
@@ -257,82 +236,11 @@ def _step(
     return step
 
 
-def _reporter(schedule: Schedule, begun: int) -> Callable[[int, float, float], None]:
-    """A function that reports an epoch, the share of it that is done, and the last loss; ``begun`` were done before."""
-    began = time.monotonic()
-    limit = f"{schedule.epochs} at most" if schedule.patience else f"{schedule.epochs}"
-
-    def report(epoch: int, share: float, loss: float) -> None:
-        done = epoch + share
-        left = (time.monotonic() - began) * (schedule.epochs - done) / (done - begun)
-        tell(f"epoch {epoch + 1} of {limit}, loss {loss:.3g}", left)
-
-    return report
-
-
 def _stands_still(losses: list[float], patience: int) -> bool:
     if len(losses) < 2 * patience:
         return False
     # Medians: a recurrent network on long sequences now and then falls back for an epoch.
     return np.median(losses[-patience:]) > 0.999 * np.median(losses[-2 * patience : -patience])
-
-
-class _State:
-    """All that the next epoch depends on.
-
-    Attributes:
-        order: of the shuffles.
-        history: of the epochs so far.
-        best: accuracy and weights of the best epoch that was judged.
-    """
-
-    def __init__(self, net: nn.Module, optimiser: Optimiser, seed: int) -> None:
-        self.net = net
-        self.optimiser = optimiser
-        self.order = np.random.default_rng(seed)
-        self.history: list[dict[str, float]] = []
-        self.best: tuple[float, dict] | None = None
-
-    def judged(self, accuracy: float) -> None:
-        """Note the accuracy of the last epoch, and keep its weights if it is the best."""
-        self.history[-1]["held_accuracy"] = accuracy
-        if self.best is None or accuracy > self.best[0]:
-            self.best = accuracy, {name: value.clone() for name, value in self.net.state_dict().items()}
-
-    def state_dict(self) -> dict:
-        """What `torch.save` can write."""
-        return {
-            "net": self.net.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "order": self.order.bit_generator.state,
-            "random": torch.get_rng_state(),
-            "history": self.history,
-            "best": self.best,
-        }
-
-    def load_state_dict(self, state: dict) -> None:
-        """Go on from such a state; that of a training that is done has weights and history alone."""
-        self.net.load_state_dict(state["net"])
-        if "optimiser" in state:
-            self.optimiser.load_state_dict(state["optimiser"])
-            self.order.bit_generator.state = state["order"]
-            torch.set_rng_state(state["random"])
-            self.best = state["best"]
-        self.history = state["history"]
-
-    def resume(self, kept: Checkpoint) -> bool:
-        """Go on from what was kept, if there is anything; whether that was a training that is done."""
-        state = kept.read()
-        if state is None:
-            return False
-        fresh = deepcopy(self.state_dict())
-        try:
-            self.load_state_dict(state)
-            return "optimiser" not in state
-        except (AttributeError, KeyError, RuntimeError, TypeError, ValueError):  # a file of another kind
-            self.load_state_dict(fresh)
-            kept.begin_anew()
-            return False
 
 
 def moved(batch: object, device: torch.device) -> object:

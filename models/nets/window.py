@@ -19,7 +19,6 @@ from torch import nn
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.memory import ensure
-from bench.models.nets.checkpoint import checkpoint
 from bench.models.nets.last_layer import relearnt
 from bench.models.nets.training import (
     Optimiser,
@@ -65,8 +64,6 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         classes_: class names.
         net_: the trained network.
         history_: reports of the training loop, per epoch.
-        fit_seconds_: seconds of the clock and of the processor, those before a kill included; only if training was
-            resumed.
         activations_: numbers in memory while it decides on one window, or takes one step of a sequence (`activations`).
     """
 
@@ -198,7 +195,6 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         self.check_training(X, y)
         held = self._held_out(X)
         self.window_ = self.length(X.rate_hz)
-        kept = checkpoint(self, X, y)
         samples = self.training_samples(X[~held])
         one = moved(samples.one(), torch.device(self.device))
         with torch.random.fork_rng(devices=[]):
@@ -212,10 +208,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
             before = self.prepare(net, samples)
             schedule = Schedule(self.passes(samples), self.batch, self.seed, self.patience, self.smoothing)
             optimiser, forward = self.optimiser(net, samples), partial(self.logits, net)
-            self.history_ = before + train(net, samples, target, optimiser, schedule, forward, judge, kept)
-        vars(self).pop("fit_seconds_", None)
-        if kept.resumed:
-            self.fit_seconds_ = kept.seconds()
+            self.history_ = before + train(net, samples, target, optimiser, schedule, forward, judge)
         self.activations_ = activations(net, one)
         return self
 

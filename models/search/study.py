@@ -19,7 +19,6 @@ from filelock import FileLock
 from bench.corpora.corpus import Corpus
 from bench.models.search.identity import study_name
 from bench.models.search.space import Range, Space, Trial, distribution, suggested
-from bench.progress import tell
 from bench.scratch import home
 
 WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial is not followed further
@@ -136,10 +135,6 @@ class Study:
                         file.write(json.dumps(self._packed(tried)) + "\n")
                         file.flush()
                         os.fsync(file.fileno())
-                best = max((t.accuracy for t in self.tried if t.state == "complete"), default=float("nan"))
-                of = f" of {self.most:g}" if np.isfinite(self.most) else ""
-                words = f"{len(self.tried)} trials{of}, best {100 * best:.1f} % of left-out training people"
-                tell(words, max(self.left, 0) if np.isfinite(self.budget) else None)
 
     def drawn(self, fixed: Trial, *numbers: int, each: bool = False) -> Trial:
         """The sampler's suggestion after the trials so far.

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.outcomes.store import connect
 from bench.reports.page import write_report
+from bench.store import connect
 from tests.reports.store import made_up, stressed, tracked_run
 
 pytestmark = pytest.mark.live

@@ -119,7 +119,7 @@ def test_the_ui_serves_the_runs_under_the_address_it_prints(tmp_path):
         import mlflow
 
         runs = mlflow.MlflowClient(place).search_runs([address.split("/experiments/")[1].split("/")[0]])
-    assert {r.info.run_name for r in runs} >= {"run bayes · jung54 | synth | loso", "1", "2"}
+    assert [r.info.run_name for r in runs] == ["run bayes · jung54 | synth | loso"]
     assert not answers(f"{place}/health")  # ended with the command
 
 
@@ -182,7 +182,7 @@ def test_several_commands_write_to_one_server_at_once(tmp_path, monkeypatch):
 
             client = mlflow.MlflowClient(place)
             runs = client.search_runs([client.get_experiment_by_name("touchbench").experiment_id])
-            assert len(runs) == 3 + 3 * 3 and {r.info.status for r in runs} == {"FINISHED"}
-            kinds = [r.data.tags["touchbench.kind"] for r in runs]
-            assert {k: kinds.count(k) for k in kinds} == {"cell": 3, "fold": 9}
+            assert len(runs) == 3 and {r.info.status for r in runs} == {"FINISHED"}
+            assert {len(client.get_metric_history(r.info.run_id, "fold/accuracy")) for r in runs} == {3}
+            assert {a.path for r in runs for a in client.list_artifacts(r.info.run_id)} >= {"folds.parquet"}
             assert not Path("mlflow.db").exists()

@@ -26,7 +26,7 @@ from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
 from bench.outcomes.events import FALSE_ALARM, matched
 from bench.outcomes.runs import every_result
-from bench.outcomes.store import connect
+from bench.store import connect
 from tests.conftest import SMALL, runs
 
 MINE = """

@@ -15,10 +15,10 @@ from bench.endless.detectors.named import detectors
 from bench.endless.fault_page import rows_under
 from bench.endless.kind import Continuous
 from bench.endless.stress import disturbed, whole_faults
-from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import Fold
-from tests.conftest import runs
+from bench.store import connect
+from tests.conftest import predictions, runs
 from tests.results import result as result_of
 
 SCORES = ("touches_found", "first_correct", "end_correct", "false_alarms_per_hour", "refused")
@@ -128,10 +128,10 @@ def test_the_command_prints_what_it_stores_and_finds_it_again(capsys):
     printed = " ".join(capsys.readouterr().out.split())
     (run,) = runs("watch")[1]
     metrics = run.data.metrics
-    cases = pd.read_parquet(connect().fetched(run.info.run_id, "scores_under_faults.parquet")).set_index("severity")
+    cases = predictions(connect(), run, "scores_under_faults").set_index("severity")
     assert cases["touches_found"][0] == pytest.approx(metrics["touches_found"])
-    reports = pd.read_parquet(connect().fetched(run.info.run_id, "reports_under_faults.parquet"))
-    truth = pd.read_parquet(connect().fetched(run.info.run_id, "touches.parquet"))
+    reports = predictions(connect(), run, "reports_under_faults")
+    truth = predictions(connect(), run, "touches")
     reports = reports[(reports["kind"] == "report") & (reports["severity"] == 2)]
     found = [
         ((reports["subject"] == t.subject) & reports["reported"].between(t.start, t.end + 10)).any()  # 0.5 s

@@ -11,7 +11,7 @@ from bench.cli import main
 from bench.endless.teaching import Watching
 from bench.errors import InputError
 from bench.in_c.write import files_of
-from bench.outcomes.store import connect
+from bench.store import connect
 from bench.work.saved import FORMAT, load
 from tests.conftest import runs
 from tests.endless.test_background import PEOPLE, stored

@@ -21,12 +21,12 @@ from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
 from bench.outcomes.candidates import candidates
-from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import Fold
+from bench.store import connect
 from bench.work.fit import save_adapted
 from bench.work.saved import Recogniser, load
-from tests.conftest import SMALL, random_corpus, runs
+from tests.conftest import SMALL, predictions, random_corpus, runs
 from tests.results import watched as seen
 
 
@@ -146,11 +146,11 @@ def test_the_command_stores_what_it_prints_and_goes_on(capsys):
     printed = capsys.readouterr().out
     assert "3 subjects: too few for an interval" in " ".join(printed.split()) and "3/3" in printed
     (run,) = runs("watch")[1]
-    touches = pd.read_parquet(connect().fetched(run.info.run_id, "touches.parquet"))
+    touches = predictions(connect(), run, "touches")
     metrics = run.data.metrics
     assert len(touches) == metrics["touches"] == 42  # 14 gestures of 3 people
     assert touches["found"].mean() == pytest.approx(metrics["touches_found"])
-    reports = pd.read_parquet(connect().fetched(run.info.run_id, "reports.parquet"))
+    reports = predictions(connect(), run, "reports")
     label = reports.drop_duplicates("touch", keep="last")
     label = label[label["touch"] >= 0].set_index("touch")["label"]
     right = sum(touches["gesture"][i] == name for i, name in label.items())

@@ -1,33 +1,15 @@
-"""The training loop, its optimisers, and trainings that go on after an interruption, on networks of a layer or two."""
+"""The training loop and its optimisers, on networks of a layer or two."""
 
 import numpy as np
 import pytest
 import torch
-from sklearn.base import clone
 from torch import nn
 
-from bench.corpora.library import open_corpus
-from bench.models.adapters import FromTorch
-from bench.models.nets import checkpoint
-from bench.models.nets.checkpoint import Checkpoint
-from bench.models.nets.cnn85 import CNN85, RATES, SelectiveSGD
-from bench.models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
-from bench.models.nets.touchnet import OneCycle, TouchNet
+from bench.models.nets.cnn85 import RATES, SelectiveSGD
 from bench.models.nets.training import Optimiser, Schedule, Windows, train
-from bench.models.nets.zhou2016 import Zhou2016GMLSTM
-from bench.scratch import home
 from tests.conftest import random_corpus
 
 PAPER = RATES["paper"]
-OPTIMISERS = {
-    "adam": lambda net: Optimiser(torch.optim.Adam(net.parameters(), 1e-3)),
-    "selective": lambda net: SelectiveSGD(net, PAPER),
-    "cycle": lambda net: OneCycle(torch.optim.AdamW(net.parameters(), 1e-2), 1e-2, 100),
-}
-
-
-class Killed(BaseException):
-    """What no code handles."""
 
 
 def still(net):
@@ -40,38 +22,9 @@ def windows():
     return Windows(random_corpus(subjects=1), 5, 5)
 
 
-@pytest.fixture(scope="module")
-def stored(tmp_path_factory):
-    """Twelve captures that have a digest, as those of corpora in the data folder."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setenv("TOUCHBENCH_HOME", str(tmp_path_factory.mktemp("home")))
-        return open_corpus("synth", {"subjects": 3, "repetitions": 1, "variants": ("normal",)})[::4]
-
-
-@pytest.fixture
-def always(monkeypatch):
-    """Every epoch is kept."""
-    monkeypatch.setattr(checkpoint, "OFTEN_S", 0.0)
-    monkeypatch.setattr(checkpoint, "SHARE", 0.0)
-
-
 def dropping(units=8):
     torch.manual_seed(0)
     return nn.Sequential(nn.Flatten(), nn.Linear(320, units), nn.ReLU(), nn.Dropout(0.5), nn.Linear(units, 2))
-
-
-def counted(monkeypatch, last=None):
-    """The epochs that are trained from now on; after the last one, the process is killed."""
-    write, epochs = Checkpoint.write, []
-
-    def counting(self, state):
-        write(self, state)
-        epochs.append(len(state["history"]))
-        if len(epochs) == last:
-            raise Killed
-
-    monkeypatch.setattr(Checkpoint, "write", counting)
-    return epochs
 
 
 def test_an_epoch_is_a_new_order_without_the_incomplete_batch_with_dropout(windows, monkeypatch):
@@ -184,115 +137,3 @@ def test_the_search_keeps_the_rate_with_the_lowest_last_loss_and_discards_the_tr
     assert valley.sgd.rate == 0.123  # between the searches it stays
     valley.sgd.before_epoch(10, batches, valley.step)
     assert valley.sgd.rate == best
-
-
-@pytest.mark.parametrize("kind", OPTIMISERS)
-@pytest.mark.parametrize("last", [1, 11])
-def test_an_interrupted_training_ends_in_the_same_network(kind, last, windows, tmp_path, always, monkeypatch):
-    target, accuracies = np.arange(len(windows)) % 2, [0.1, 0.4, *[0.3] * 10]
-
-    def trained(kept, first):
-        net, judged = dropping(), iter(accuracies[first:])
-        torch.manual_seed(1 + first)  # what is drawn in between makes no difference
-        history = train(
-            net, windows, target, OPTIMISERS[kind](net), Schedule(12, 8, 0), judge=lambda: next(judged), kept=kept
-        )
-        return history, [p.tolist() for p in net.parameters()]
-
-    path = tmp_path / "state.pt"
-    with monkeypatch.context() as patched, pytest.raises(Killed):
-        counted(patched, last)
-        trained(Checkpoint(path), 0)
-    epochs, again = counted(monkeypatch), Checkpoint(path)
-    assert trained(again, last) == trained(None, 0)
-    assert again.resumed and epochs[0] == last + 1 and not path.exists()
-
-
-def test_a_file_of_another_kind_costs_only_the_resuming(windows, tmp_path, always, monkeypatch):
-    target, path = np.arange(len(windows)) % 2, tmp_path / "state.pt"
-
-    def trained():
-        net, kept = dropping(), Checkpoint(path)
-        train(net, windows, target, OPTIMISERS["adam"](net), Schedule(3, 8, 0), kept=kept)
-        return [p.tolist() for p in net.parameters()], kept.resumed
-
-    expected, _ = trained()
-    with monkeypatch.context() as patched, pytest.raises(Killed):
-        counted(patched, 2)
-        trained()
-    content = path.read_bytes()
-    state = torch.load(path, weights_only=True)["state"]
-    wider = {"net": dropping(9).state_dict()}
-    broken = (state | wider, {"history": state["history"]} | wider, state | {"order": {"bit_generator": "none"}}, [1])
-    for wrong in (content[:5000], b"", *broken):
-        if isinstance(wrong, bytes):
-            path.write_bytes(wrong)
-        else:
-            torch.save({"state": wrong, "seconds": (1.0, 1.0)}, path)
-        assert trained() == (expected, False)
-
-
-def small(frames, rows, cols, classes):
-    return nn.Sequential(nn.Flatten(), nn.LazyLinear(classes))
-
-
-def test_a_state_has_the_name_of_all_that_the_training_depends_on(stored, monkeypatch):
-    name = lambda model, X=stored, y=stored.gestures: checkpoint.checkpoint(model, X, y).path  # noqa: E731
-    paths = [
-        name(Hughes2017CNN()),
-        name(Hughes2017CNN(seed=1)),
-        name(Hughes2017CNN(rate=1e-3)),
-        name(Hughes2017CNN(), stored[:9], stored.gestures[:9]),
-        name(Hughes2017CNN(), stored, np.roll(stored.gestures, 1)),
-        name(FromTorch(small)),
-    ]
-    assert len(set(paths)) == len(paths) and paths[0] == name(Hughes2017CNN()) and None not in paths
-    assert paths[0].parent == home() / "training"
-    monkeypatch.setattr(checkpoint, "identity", lambda part: ["changed code"])
-    assert name(Hughes2017CNN()) != paths[0]
-    assert name(Hughes2017CNN(), stored.detached()) is None  # captures in memory
-    assert name(FromTorch(lambda *sizes: small(*sizes))) is None
-
-
-SYSTEMS = [
-    CNN85(frames=20, width=0.1, epochs=12, batch=16),  # which searches its rate again in the eleventh epoch
-    Hughes2017CNNRNN(epochs=3, batch=8),
-    Hughes2017AERNN(epochs=3, pretraining=1),
-    FromTorch(small, frames=20, epochs=3),
-    TouchNet(seconds=0.2, width=4, updates=30, batch=16),
-]
-
-
-@pytest.mark.parametrize(
-    "system",
-    [Zhou2016GMLSTM(frames=40, epochs=3, batch=8), *(pytest.param(s, marks=pytest.mark.nightly) for s in SYSTEMS)],
-    ids=lambda system: type(system).__name__,
-)
-def test_a_system_goes_on_and_a_long_training_is_not_done_twice(system, stored, always, monkeypatch):
-    with monkeypatch.context() as patched:
-        every = counted(patched)
-        unbroken = clone(system).fit(stored, stored.gestures)
-    assert not hasattr(unbroken, "fit_seconds_") and not [*(home() / "training").glob("*")]
-    with monkeypatch.context() as patched, pytest.raises(Killed):
-        counted(patched, len(every) - 1)
-        clone(system).fit(stored, stored.gestures)
-    monkeypatch.setattr(checkpoint, "LONG_S", 0.0)
-    epochs = counted(monkeypatch)
-    for trained in (1, 1):  # the last epoch, then none
-        model = clone(system).fit(stored, stored.gestures)
-        assert len(epochs) == trained and model.fit_seconds_[0] > 0 and model.history_ == unbroken.history_
-        assert np.array_equal(model.predict_proba(stored), unbroken.predict_proba(stored))
-    clone(system).set_params(seed=1).fit(stored, stored.gestures)
-    assert len(epochs) == 1 + len(every)
-
-
-def test_a_folder_that_cannot_be_written_or_is_full_costs_only_the_resuming(windows, tmp_path, always, monkeypatch):
-    def full(*_):
-        raise RuntimeError("unexpected pos 12864 vs 12808")
-
-    (tmp_path / "file").write_text("stands in the way", encoding="utf-8")
-    for path, save in ((tmp_path / "file" / "state.pt", torch.save), (tmp_path / "state.pt", full)):
-        monkeypatch.setattr(torch, "save", save)
-        net, kept = dropping(), Checkpoint(path)
-        assert len(train(net, windows, np.zeros(len(windows)), still(net), Schedule(2, 8, 0), kept=kept)) == 2
-    assert [p.name for p in tmp_path.iterdir()] == ["file"]

@@ -141,7 +141,7 @@ def inside(folder: Path, template: Path | None = None) -> Iterator[None]:
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
         patch.chdir(folder)
         if template:
-            patch.setattr("bench.outcomes.store.create", lambda path: shutil.copy(template, path))
+            patch.setattr("bench.store.create", lambda path: shutil.copy(template, path))
         patch.setattr("bench.work.loop.Processes", Here)
         patch.setattr("bench.commands.printing.WIDTH", 250)  # room for all columns, however long times are
         yield

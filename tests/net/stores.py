@@ -1,8 +1,12 @@
 """Compare all that two MLflow stores hold: ``python -m tests.net.stores BEFORE AFTER`` prints every difference.
 
 BEFORE and AFTER are folders with ``mlflow.db``, or tracking URIs. Runs are paired by what they are runs of, folds by
-name, tables by name without suffix. Numbers must be equal to the last digit, PNG files to the last byte. Times, memory,
+name, tables by name without suffix. Numbers must be equal to the last digit, SVG files to the last byte. Times, memory,
 versions, machine, ids and keys are left out. Exit code 1 if anything differs or is on one side alone.
+
+Folds are rows of a run's table of folds; before, each was a run of its own. A store of that kind may be BEFORE: status
+and numbers of its folds, also by epoch, are compared as well. What such folds had besides (tables that the run has,
+too, parameters ``chosen.*``) is left out.
 """
 
 from __future__ import annotations
@@ -30,9 +34,11 @@ APART = re.compile(  # numbers, parameters, tags and columns that differ from ru
     r"(fit|fit_cpu|adapt|search|refit|fault|fault_cpu)_seconds|(predict|decide|replay)_ms_p\d+|predict_ms|decide_ms|seconds"
     r"|(capture_)?decision_ms|decisions_per_second|reference_ms|predict_relative|peak_rss_bytes"
     r"|front"  # trials that no other beats in accuracy and time
-    r"|version\..*|chip\.toolchain|git|cpu|simd|threads|touchbench\.cell|mlflow\.(parentRunId|user|source\..*|log-model.*)"
+    r"|version\..*|touchbench\.format|chip\.toolchain|git|cpu|simd|threads|touchbench\.cell|mlflow\.(parentRunId|user|source\..*|log-model.*)"
 )
 TABLES, TEXTS = (".csv", ".parquet"), (".json", ".md", ".txt", ".tex")
+NOT_NUMBERS = ("fold", "status", "error", "cpu", "simd")  # of a row of the table of folds
+OF_FOLDS = re.compile("folds?/|(folds|history).parquet")  # files that are compared fold by fold, or are temporary
 
 
 @dataclass
@@ -102,7 +108,7 @@ class Side:
         """Numbers of a run; one with steps is the list of all."""
         numbers: dict[str, object] = {}
         for metric in run.data._metric_objs:
-            if not APART.fullmatch(metric.key):
+            if not APART.fullmatch(metric.key) and not metric.key.startswith("fold/"):  # which its table of folds has
                 numbers[metric.key] = metric.value
                 if metric.step:
                     history = self.client.get_metric_history(run.info.run_id, metric.key)
@@ -120,10 +126,34 @@ class Side:
             root = Path(self.client.download_artifacts(run.info.run_id, "", str(fetched)))
         return {str(path.relative_to(root)): path for path in sorted(root.rglob("*")) if path.is_file()}
 
+    def folds(self, run: Any) -> dict[str, dict[str, object]]:
+        """Status and numbers of the folds of a run by name, those by epoch as a list."""
+        folds: dict[str, dict[str, object]] = {}
+        for child in self.children[run.info.run_id]:
+            numbers = {k: v for k, v in self.numbers(child).items() if not (isinstance(v, float) and math.isnan(v))}
+            folds[child.data.tags["touchbench.fold"]] = {"status": child.info.status, **numbers}
+        if folds:
+            return folds
+        with tempfile.TemporaryDirectory() as folder:
+            files = self.files(run, Path(folder))
+            if "folds.parquet" not in files:
+                return {}
+            for row in pd.read_parquet(files["folds.parquet"]).to_dict("records"):
+                numbers = {k: v for k, v in row.items() if k not in NOT_NUMBERS and not APART.fullmatch(k)}
+                numbers = {k: v for k, v in numbers.items() if not pd.isna(v)}
+                folds[row["fold"]] = {"status": row["status"], **numbers}
+            if "history.parquet" in files:
+                epochs = pd.read_parquet(files["history.parquet"])
+                for fold, rows in epochs.groupby("fold"):
+                    for name in (n for n in rows if n not in ("fold", "epoch")):
+                        known = rows[rows[name].notna()]
+                        folds[fold][name] = [*zip(known["epoch"], known[name], strict=True)]
+        return folds
+
 
 def kind_of(side: Side, run: Any) -> tuple[str, ...]:
     """What a run is a run of, without its options."""
-    return tuple(side.text(run.data.tags.get(name, "")) for name in SAME_RUN)
+    return tuple(side.text(run.data.tags.get(name, "")).replace(", over=", ", smallest=") for name in SAME_RUN)
 
 
 def options_of(run: Any) -> tuple[tuple[str, str], ...]:
@@ -159,12 +189,12 @@ def compare(before: str, after: str) -> Found:
     for run, twin in pairs:
         where = named(one, run)
         _compare_runs(found, where, (one, run), (other, twin))
-        folds = [
-            {f.data.tags.get("touchbench.fold", ""): f for f in s.children[r.info.run_id]}
-            for s, r in ((one, run), (other, twin))
-        ]
+        folds = one.folds(run), other.folds(twin)
         for name in found.both("fold", where, *folds):
-            _compare_runs(found, f"{where}, fold {name}", (one, folds[0][name]), (other, folds[1][name]))
+            at, sides = f"{where}, fold {name}", (folds[0][name], folds[1][name])
+            found.counts["folds"] += 1
+            for key in found.both("number", at, *sides):
+                found.equal("numbers", f"{at}: {key}", sides[0][key], sides[1][key])
     return found
 
 
@@ -189,7 +219,7 @@ def _compare_runs(found: Found, where: str, before: tuple[Side, Any], after: tup
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "a").mkdir(), (Path(folder) / "b").mkdir()
         files = one.files(run, Path(folder) / "a"), other.files(twin, Path(folder) / "b")
-        stems = [{_stem(name): path for name, path in side.items()} for side in files]
+        stems = [{_stem(name): path for name, path in side.items() if not OF_FOLDS.match(name)} for side in files]
         for name in found.both("file", where, *stems):
             paths = stems[0][name], stems[1][name]
             if paths[0].suffix in TABLES:

@@ -24,7 +24,7 @@ from filelock import FileLock
 from mlflow import MlflowClient
 
 import bench
-from bench.outcomes import store
+from bench import store
 from tests.conftest import BENCH, predictions, runs
 
 pytestmark = [pytest.mark.nightly, pytest.mark.real_store]
@@ -114,7 +114,7 @@ class Place:
         client = MlflowClient(f"sqlite:///{self.root / 'work' / 'mlflow.db'}")
         for run in client.search_runs([e.experiment_id for e in client.search_experiments()], max_results=1000):
             tags = {k: v for k, v in run.data.tags.items() if not k.startswith("mlflow.")}
-            name = f"{tags.get('touchbench.kind')} {tags.get('touchbench.fold')} {run.info.run_name}"
+            name = f"{tags.get('touchbench.kind')} {run.info.run_name}"
             while f"{name}: status" in found:  # there should be one
                 name += " again"
             metrics = {k: v for k, v in run.data.metrics.items() if not MEASURED.fullmatch(k)}
@@ -201,7 +201,7 @@ def started(folder, *command, **how):
 
 @pytest.mark.real_store
 def test_a_kill_at_any_moment_of_its_creation_leaves_none_or_a_good_one(tmp_path):
-    code = "from bench.outcomes.store import create; from pathlib import Path; import mlflow.store.db.utils; "
+    code = "from bench.store import create; from pathlib import Path; import mlflow.store.db.utils; "
     code += "print('now', flush=True); create(Path('mlflow.db'))"
     begun = time.monotonic()
     subprocess.run([sys.executable, "-c", code.replace("mlflow.db'", "whole.db'")], check=True, capture_output=True)

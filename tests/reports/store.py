@@ -3,7 +3,6 @@
 import tempfile
 from pathlib import Path
 
-from bench import scores
 from bench.tables import file_of, write_table
 from tests import results
 from tests.results import WATCHED, made_up, with_hits
@@ -15,34 +14,24 @@ PARTS = {"model_name": "model", "protocol_name": "protocol"}  # names are parame
 OF_THE_STORE = ("run_id", "started", "status", "features_name")
 
 
-def keep(store, result, history=None):
-    """Store a result; the id of its run.
-
-    Args:
-        store: store of the run.
-        result: the result.
-        history: loss of each epoch, of every fold; None to store no folds, which nothing but the loop reads.
-    """
+def keep(store, result):
+    """Store a result; the id of its run."""
     params = {k for k in result.about if k in PARAMS or ("." in k and not k.startswith("touchbench."))}
     tags = {k: v for k, v in result.about.items() if k not in {*params, *PARTS, *OF_THE_STORE}}
-    run = store.create(result["system"], tags)
+    run = store.create(result["system"], tags).info.run_id
     store.log(run, result.metrics, {k: result[k] for k in params} | {v: result[k] for k, v in PARTS.items()})
     with tempfile.TemporaryDirectory() as folder:
         for name in result.tables:
             write_table(result.tables[name], Path(folder) / file_of(name))
         store.keep(run, Path(folder))
-    for name, part in () if history is None else result.tables["predictions"].groupby("fold", sort=False):
-        child = store.create(name, {"mlflow.parentRunId": run, "touchbench.kind": "fold", "touchbench.fold": name})
-        store.log(child, scores.accuracies(part), history=[{"loss": value} for value in history])
-        store.end(child, "FINISHED")
     store.end(run, result["status"])
     return run
 
 
-def tracked_run(store, system, predictions, failed=0, cost=1.0, history=None, **about):
+def tracked_run(store, system, predictions, failed=0, cost=1.0, **about):
     """Store a run of ``bench run``, or of another kind with such predictions."""
     kind = about.pop("touchbench.kind", "cell")
-    return keep(store, results.evaluated(system, predictions, failed, cost, kind, **about), history)
+    return keep(store, results.evaluated(system, predictions, failed, cost, kind, **about))
 
 
 def stressed(store, system, accuracy, losses, more=(), **about):

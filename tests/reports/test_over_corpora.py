@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from bench.outcomes.frame import grouped
-from bench.outcomes.store import connect
 from bench.reports import page
 from bench.reports.over_corpora import ranking, rankings
+from bench.store import connect
 from tests.reports.store import keep
 from tests.results import evaluated, with_hits
 

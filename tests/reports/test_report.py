@@ -19,7 +19,6 @@ from bench.errors import InputError
 from bench.measures import costs
 from bench.outcomes.frame import grouped
 from bench.outcomes.runs import stored
-from bench.outcomes.store import connect
 from bench.registry import views
 from bench.reports import page
 from bench.reports.chart import marks
@@ -27,6 +26,7 @@ from bench.reports.comparison import comparison, published, shown
 from bench.reports.pair import compared
 from bench.reports.sections import unmeasured
 from bench.reports.summary import summary_of
+from bench.store import connect
 from tests.reports.store import keep, tracked_run
 from tests.results import WATCHED, evaluated, made_up, result, streamed, stressed, watched, with_hits
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from shutil import copytree
+from shutil import copy, copytree, rmtree
 from tempfile import mkdtemp
 from types import SimpleNamespace
 from typing import ClassVar
@@ -15,78 +15,59 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 
 from bench.circumstances.base import Study, option
 from bench.result import Result
+from bench.store import Store
 from bench.work.results import FoldResult, table_of
 
 
-class Memory:
-    """As `bench.outcomes.store.Store`, as far as the loop uses it."""
+class Memory(Store):
+    """A store without MLflow."""
 
     def __init__(self):
-        self.runs, self.ids = {}, count()
+        self.kept, self.ids = {}, count()
 
-    def create(self, name, tags):
+    def create(self, name, tags, params=None):
         run_id = str(next(self.ids))
-        data = SimpleNamespace(tags=dict(tags), params={}, metrics={})
-        folder = Path(mkdtemp())
+        data = SimpleNamespace(tags=dict(tags), params=dict(params or {}), metrics={}, steps={})
         info = SimpleNamespace(run_id=run_id, status="RUNNING", run_name=name, start_time=int(run_id))
-        info.artifact_uri = str(folder)
-        self.runs[run_id] = SimpleNamespace(info=info, data=data, inputs=None, folder=folder)
-        return run_id
+        info.artifact_uri = mkdtemp()
+        self.kept[run_id] = SimpleNamespace(info=info, data=data, inputs=None, folder=Path(info.artifact_uri))
+        return self.kept[run_id]
 
-    def add(self, name, tags, status, folder, where, metrics=None, params=None, history=None):
-        run_id = self.create(name, tags)
-        self.log(run_id, metrics, params, history)
-        self.keep(run_id, folder, where)
-        self.end(run_id, status)
-        return self.artifacts(run_id)
-
-    def drop(self, address, name):
-        (Path(address) / name).unlink()
-
-    def log(self, run_id, metrics=None, params=None, history=None, tags=None):
-        data = self.runs[run_id].data
+    def log(self, run_id, metrics=None, params=None, tags=None, step=0):
+        data = self.kept[run_id].data
         data.metrics.update(metrics or {})
         data.params.update({k: str(v) for k, v in (params or {}).items()})
         data.tags.update(tags or {})
+        data.steps.setdefault(step, {}).update(metrics or {})
 
     def log_captures(self, run_id, *_):
-        self.runs[run_id].inputs = SimpleNamespace(dataset_inputs=[1])
+        self.kept[run_id].inputs = SimpleNamespace(dataset_inputs=[1])
 
     def keep(self, run_id, path, where=""):
-        copytree(path, self.runs[run_id].folder / where, dirs_exist_ok=True)
+        folder = self.kept[run_id].folder / where
+        folder.mkdir(exist_ok=True)
+        copytree(path, folder, dirs_exist_ok=True) if path.is_dir() else copy(path, folder)
 
-    def fetched(self, run_id, name):
-        return self.runs[run_id].folder / name
-
-    def artifacts(self, run_id):
-        return str(self.runs[run_id].folder)
-
-    def path(self, run_id, artifacts, name):
-        return path if (path := Path(artifacts) / name).exists() else None
-
-    def where(self, address, name):
-        return str(Path(address) / name)
+    def drop(self, address, name):
+        rmtree(Path(address) / name, ignore_errors=True)
 
     def begin(self, run_id):
         self.end(run_id, "RUNNING")
 
     def end(self, run_id, status):
-        self.runs[run_id].info.status = status
+        self.kept[run_id].info.status = status
 
     def delete(self, run_id):
-        del self.runs[run_id]
+        del self.kept[run_id]
 
     def find(self, key, kind="cell"):
-        return next((r for r in self.parents(kind) if r.data.tags["touchbench.cell"] == key), None)
+        return next((r for r in self.of_kind(kind) if r.data.tags["touchbench.cell"] == key), None)
 
-    def folds(self, run_id):
-        return [r for r in self.runs.values() if r.data.tags.get("mlflow.parentRunId") == run_id]
-
-    def parents(self, kind):
-        return [r for r in self.runs.values() if r.data.tags["touchbench.kind"] == kind]
+    def of_kind(self, kind):
+        return [r for r in self.kept.values() if r.data.tags["touchbench.kind"] == kind]
 
     def statuses(self, kind="echo"):
-        return [r.info.status for r in self.parents(kind)]
+        return [r.info.status for r in self.of_kind(kind)]
 
 
 DONE = []  # (number, fold) in the order in which they were done

@@ -149,7 +149,7 @@ def test_a_prediction_that_depends_on_the_batch_is_tagged(tmp_path, monkeypatch,
     store, path = Memory(), tmp_path / "my.py"
     path.write_text("from tests.work.test_blind import Centred as Batch, Mean as One\n")
     execute(prepared(cells({"model": f"{path}:Batch,{path}:One"}), 1))
-    tags = [run.data.tags for run in store.parents("cell")]
+    tags = [run.data.tags for run in store.of_kind("cell")]
     assert [tag["touchbench.depends_on_batch"] for tag in tags] == ["true", "false"]
     assert "capture" in tags[0]["touchbench.batch_effect"] and "touchbench.batch_effect" not in tags[1]
 

@@ -21,12 +21,12 @@ from bench.corpora.faults import FAULTS, as_shares, damaged, usual_faults
 from bench.errors import InputError
 from bench.outcomes.reactions import Reactions, by_capture
 from bench.outcomes.runs import every_result, plain
-from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, Plan, folds_of
 from bench.registry import views
 from bench.reports.views.base import View
 from bench.result import Result
+from bench.store import connect
 from bench.work.curves import COLUMNS, unharmed
 from bench.work.evaluation import folded, run_of
 from bench.work.fitted import labelled

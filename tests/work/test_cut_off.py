@@ -9,16 +9,15 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
-from bench.errors import InputError
-from bench.outcomes.store import connect
 from bench.plan.cells import cells
 from bench.plan.plan import planned
-from bench.tables import read_table
+from bench.store import connect
+from bench.tables import file_of, read_table
 from bench.work import loop
 from bench.work.loop import execute
 from bench.work.tracking import TrackedRun
 from tests.conftest import runs
-from tests.work.fakes import Echo, Memory
+from tests.work.fakes import DONE, Echo, Memory
 
 SMALL = ["model=bayes", "features=jung28", "data.subjects=3", "data.variants=normal", "data.repetitions=1"]
 
@@ -50,15 +49,14 @@ def command():
     return execute([plan.of(replace(plan.cell, study=Echo())) for plan in plans])
 
 
-@pytest.mark.parametrize("step", ["log", "log_captures", "begin", "keep", "end"])
+@pytest.mark.parametrize("step", ["log", "log_captures", "begin", "keep", "end", "drop"])
 def test_a_run_that_was_only_begun_is_made_again_with_all_it_needs(step, store, monkeypatch):
     """Killed at each step of the store in turn."""
     killed_in(monkeypatch, store, step, command)
     (outcome,) = command()
-    (run,) = store.parents("echo")
+    (run,) = store.of_kind("echo")
     assert run.info.status == "FINISHED" and run.data.params["model"] == "bayes" and run.inputs.dataset_inputs
-    folds = store.folds(run.info.run_id)
-    assert len(folds) == 3 and outcome.folds == "3/3" and {f.info.status for f in folds} == {"FINISHED"}
+    assert len(outcome.tables["folds"]) == 3 and outcome.folds == "3/3" and not (run.folder / "folds").exists()
 
 
 def test_trials_of_a_finished_fold_are_read_back_to_the_last_bit(store, monkeypatch):
@@ -68,18 +66,20 @@ def test_trials_of_a_finished_fold_are_read_back_to_the_last_bit(store, monkeypa
         patched.setattr(TrackedRun, "add", lambda self, result, *by: add(self, replace(result, trials=among), *by))
         killed_in(patched, TrackedRun, "close", command)
     command()
-    (run,) = store.parents("echo")
-    table = pd.read_csv(store.fetched(run.info.run_id, "trials.csv"), float_precision="round_trip")
+    (run,) = store.of_kind("echo")
+    table = pd.read_csv(run.folder / "trials.csv", float_precision="round_trip")
     assert table["accuracy"].tolist() == among["accuracy"].tolist() * 3
 
 
-def test_a_damaged_table_of_a_fold_is_named(store, monkeypatch):
+@pytest.mark.parametrize("harm", [lambda b: b[:-20], lambda b: b[: len(b) // 2] + b"x" + b[len(b) // 2 + 1 :]])
+def test_a_fold_that_is_cut_off_or_damaged_is_done_again(harm, store, monkeypatch):
     killed_in(monkeypatch, TrackedRun, "close", command)
-    fold = store.folds(store.parents("echo")[0].info.run_id)[0]
-    path = store.fetched(fold.info.run_id, "fold") / "predictions.parquet"
-    path.write_bytes(path.read_bytes()[:-20])
-    with pytest.raises(InputError, match=f"predictions of .*fold {fold.data.tags['touchbench.fold']}. .*is damaged"):
-        command()
+    (run,) = store.of_kind("echo")
+    path = run.folder / "folds" / "1.zip"
+    path.write_bytes(harm(path.read_bytes()))
+    DONE.clear()
+    (outcome,) = command()
+    assert DONE == [(0, "2")] and outcome.folds == "3/3" and len(outcome.tables["predictions"]) == 3 * 14
 
 
 def test_trials_and_choices_of_any_type_are_the_same_in_memory_and_after_a_resume(store, monkeypatch):
@@ -95,13 +95,13 @@ def test_trials_and_choices_of_any_type_are_the_same_in_memory_and_after_a_resum
                 killed_in(patched, TrackedRun, "close", command)
             (result,) = command()
         tables.append([result.tables[name] for name in ("trials", "chosen")])
-        (run,) = store.parents("echo")
+        (run,) = store.of_kind("echo")
         for name, table in zip(("trials", "chosen"), tables[-1], strict=True):
-            stored = read_table(lambda file, run=run: store.fetched(run.info.run_id, file), name)
+            stored = read_table(run.folder / file_of(name), name)
             pd.testing.assert_frame_equal(stored, table, check_dtype=False)
-            lines = store.fetched(run.info.run_id, f"{name}.csv").read_text().splitlines()
+            lines = (run.folder / f"{name}.csv").read_text().splitlines()
             assert lines == table.to_csv(index=False).splitlines()
-        store.runs.clear()
+        store.kept.clear()
     for one, other in zip(*tables, strict=True):
         pd.testing.assert_frame_equal(one, other, check_dtype=False)
     trials, chosen = tables[0]

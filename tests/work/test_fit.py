@@ -50,7 +50,7 @@ def shipped(tmp_path_factory, empty_store):
         patch.setenv("TOUCHBENCH_HOME", str(folder / "home"))
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
         patch.chdir(folder)
-        patch.setattr("bench.outcomes.store.create", lambda path: shutil.copy(empty_store, path))
+        patch.setattr("bench.store.create", lambda path: shutil.copy(empty_store, path))
         (cell,) = cells(CELL)
         fitted = fit(cell, Path("saved"))
         (run,) = runs("fit")[1]

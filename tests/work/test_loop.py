@@ -79,9 +79,21 @@ def test_outcomes_come_in_the_order_of_the_plans_and_folds_in_that_of_the_protoc
 def test_a_result_reads_its_tables_from_the_store(store, plan):
     for _ in range(2):  # computed, and found again
         (outcome,) = execute(todo(plan, 0))
-        shorter = pd.read_parquet(path := store.runs[outcome["run_id"]].folder / "predictions.parquet").iloc[1:]
+        shorter = pd.read_parquet(path := store.kept[outcome["run_id"]].folder / "predictions.parquet").iloc[1:]
         shorter.to_parquet(path, index=False)
-        assert [*outcome.tables] == ["predictions"] and len(outcome.tables["predictions"]) == len(shorter)
+        assert {*outcome.tables} == {"predictions", "folds"} and len(outcome.tables["predictions"]) == len(shorter)
+
+
+def test_folds_of_a_finished_run_are_its_tables_and_steps_of_its_numbers(store, plan, monkeypatch):
+    monkeypatch.setattr(Echo, "fold_metrics", lambda self, result, rate_hz: {"score": int(result.name) / 3})
+    (first,) = execute(todo(plan, 0))
+    (again,) = execute(todo(plan, 0))
+    (run,) = store.of_kind("echo")
+    assert len(DONE) == 4 and again["run_id"] == first["run_id"] and again.metrics == first.metrics
+    assert [run.data.steps[i]["fold/score"] for i in range(4)] == [1 / 3, 2 / 3, 1, 4 / 3] and "fold/score" not in again
+    folds = again.tables["folds"]
+    assert folds["fold"].tolist() == [*"1234"] and folds["score"].tolist() == [1 / 3, 2 / 3, 1, 4 / 3]
+    assert {*folds["status"]} == {"FINISHED"} and {*folds["error"]} == {""} and not (run.folder / "folds").exists()
 
 
 @pytest.mark.parametrize(("how", "error"), [(KeyboardInterrupt, Interrupted), (ClusterError, ClusterError)])
@@ -109,6 +121,8 @@ def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
     assert [r.name for r in MEASURED[0]] == ["1", "4"] and not outcome.complete and set(outcome.errors) == {"2", "3"}
     assert "ValueError: not finite" in Path(outcome.errors["3"].where).read_text()
     assert store.statuses() == ["FAILED"] and outcome.folds == "2/4"
+    assert outcome.tables["folds"]["status"].tolist() == ["FINISHED", "FAILED", "FAILED", "FINISHED"]
+    assert outcome.tables["folds"]["error"].tolist() == ["", "SystemExit: enough", "ValueError: not finite", ""]
     err = capsys.readouterr().err
     assert "fold 2 failed: SystemExit: enough" in err and "fold 3 failed: ValueError: not finite\n" in err
     assert failures([outcome]) == 1
@@ -202,6 +216,11 @@ def test_a_run_is_tracked_whole(capsys):
     assert (table["fold"] == table["subject"]).all() and {"variant", "true", "p_grab", "frames"} <= set(table)
     right = table.filter(like="p_").idxmax(axis=1).str[2:] == table["true"]
     assert svm.data.metrics["accuracy"] == pytest.approx(right.mean())
+    steps = store.client.get_metric_history(svm.info.run_id, "fold/accuracy")
+    assert [m.step for m in steps] == [0, 1, 2, 3]
+    assert [m.value for m in steps] == (right.groupby(table["fold"]).mean()).tolist()
+    history = predictions(store, cnn, "history")
+    assert history["epoch"].tolist() == [1, 2] * 4 and history["loss"].notna().all()
     assert main(["run", "model=svm", *SMALL]) == 0  # the same again computes nothing
     assert "already stored" in capsys.readouterr().err and len(runs("cell")[1]) == 2
     assert runs("cell")[1][0].data.metrics == svm.data.metrics

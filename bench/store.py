@@ -1,0 +1,363 @@
+"""MLflow's store through MLflow's own client: the one module that knows it. Only the main process uses it.
+
+A cell of a command is one run of MLflow. Tags by which it is found again: ``touchbench.kind`` (such as ``cell`` or
+``fit``) and ``touchbench.cell``, the key of the run. ``touchbench.format`` says how a run is stored.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import logging
+import os
+import re
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+from urllib.parse import unquote, urlparse
+
+from filelock import FileLock, Timeout
+
+from bench.errors import InputError, StoreError
+from bench.progress import warn
+from bench.registry import KEYS
+from bench.result import Result, Tables
+from bench.scratch import home, owner, sweep
+from bench.tables import AGAIN, file_of, read_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from mlflow import MlflowClient
+    from mlflow.entities import Run
+
+EXPERIMENT = "touchbench"
+FORMAT = "3"  # version of stored runs; others are left out
+PAGE = 5000  # runs of one request
+OF_FOLDS = "fold/"  # numbers of a run whose steps are its folds
+PARTS = {key for room, key in KEYS.items() if room != "corpora"}  # whose names are parameters
+RETRIES = "5"  # of a request to a server: they wait 0, 4, 8, 16 and 32 seconds
+
+
+@contextmanager
+def reached() -> Iterator[None]:
+    """Report a failure of MLflow, its file, its server or the disk in one line; MLflow waits for a locked file."""
+    try:
+        yield
+    except Exception as e:
+        from mlflow.exceptions import MlflowException
+        from requests.exceptions import RequestException
+        from sqlalchemy.exc import SQLAlchemyError
+
+        if not isinstance(e, (MlflowException, RequestException, SQLAlchemyError, OSError)):
+            raise
+        raise StoreError(
+            f"the MLflow store {_shown(store_uri())} failed: {_first_line(e)}; stored results are kept; repeat the "
+            "command when the store works again"
+        ) from e
+
+
+def _first_line(error: BaseException) -> str:
+    lines = [line for line in str(error).splitlines() if line.strip() and "Query-invoked autoflush" not in line]
+    return (lines or [type(error).__name__])[0].strip()[-150:]  # what MLflow cites ends with the cause
+
+
+def _shown(uri: str) -> str:
+    """An address without its password, as messages end in logs."""
+    return re.sub("(//[^/:@]*):[^/]*@", r"\1:***@", uri)
+
+
+def store_uri() -> str:
+    """Address of the store: ``MLFLOW_TRACKING_URI``, or MLflow's SQLite file in the working folder."""
+    return os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{Path.cwd() / 'mlflow.db'}"
+
+
+class Store:
+    """Runs in MLflow, of touchbench's experiment.
+
+    Args:
+        client: MLflow's client.
+        experiment_id: id of the MLflow experiment.
+    """
+
+    def __init__(self, client: MlflowClient, experiment_id: str) -> None:
+        self.client, self.experiment_id = client, experiment_id
+
+    @reached()
+    def runs(self, condition: str = "") -> list[Run]:
+        """Every run that passes MLflow's filter, newest first; runs of another format are left out."""
+        stored: list[Run] = []
+        token, collects = None, gc.isenabled()
+        gc.disable()  # MLflow makes a hundred objects for each run, and looking for cycles takes most of the time
+        try:
+            while page := self.client.search_runs([self.experiment_id], condition, max_results=PAGE, page_token=token):
+                stored += page
+                if not (token := page.token):
+                    break
+        finally:
+            if collects:
+                gc.enable()
+        kept = [run for run in stored if run.data.tags.get("touchbench.format") == FORMAT]
+        if len(kept) < len(stored):
+            warn("runs that another version of touchbench has stored are left out; run their commands again")
+        return kept
+
+    def of_kind(self, *kinds: str) -> list[Run]:
+        """The runs of some kinds, newest first."""
+        return [run for run in self.runs() if run.data.tags["touchbench.kind"] in kinds]
+
+    def find(self, key: str, kind: str) -> Run | None:
+        """The run of a key and a kind, None where there is none."""
+        return next(iter(self.runs(f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'")), None)
+
+    @reached()
+    def run(self, run_id: str) -> Run:
+        """A run by its id."""
+        return self.client.get_run(run_id)
+
+    def result(self, run: Run) -> Result:
+        """A run as a result; its tables are read when they are asked for."""
+        data, info = run.data, run.info
+        about = data.params | data.tags | {f"{part}_name": data.params.get(part, "") for part in PARTS}
+        about |= {"run_id": info.run_id, "status": info.status, "started": info.start_time}
+        numbers = {name: value for name, value in data.metrics.items() if not name.startswith(OF_FOLDS)}
+        system = about.get("system", "this system")
+        return Result(
+            about | {"artifacts": info.artifact_uri}, numbers, self.tables(info.run_id, info.artifact_uri, system)
+        )
+
+    def tables(self, run_id: str, artifacts: str, system: str, names: Sequence[str] | None = None) -> Tables:
+        """The tables of a run, of these names or of all that there are; each is read when it is asked for."""
+        this = f"{system} (run {run_id})"
+
+        def read(name: str) -> pd.DataFrame | None:
+            path = self.path(run_id, artifacts, file_of(name))
+            return None if path is None else read_table(path, name, this)
+
+        def listed() -> Sequence[str]:
+            if names is not None:
+                return names
+            files = map(PurePosixPath, self.names(run_id, artifacts))
+            return [file.stem for file in files if file.name == file_of(file.stem)]
+
+        return Tables({}, read, f"{this} is missing in the store; {AGAIN}", listed)
+
+    @reached()
+    def path(self, run_id: str, artifacts: str, name: str) -> Path | None:
+        """A run's artifact as a local file, None if there is none: where it lies, or fetched from another machine."""
+        if (folder := _local(artifacts)) is not None:
+            return folder / name if (folder / name).is_file() else None
+        from mlflow.exceptions import MlflowException
+        from requests.exceptions import ConnectionError as Unreachable
+
+        try:
+            return Path(self.client.download_artifacts(run_id, name))
+        except (OSError, MlflowException) as e:
+            if isinstance(e, Unreachable) or "API request to" in str(e):  # which says nothing of the artifact
+                raise
+            return None
+
+    @reached()
+    def names(self, run_id: str, artifacts: str, where: str = "") -> list[str]:
+        """Names of a run's artifacts, or of those in one of its folders, sorted."""
+        if (folder := _local(artifacts)) is not None:
+            return sorted(path.name for path in (folder / where).iterdir()) if (folder / where).is_dir() else []
+        return sorted(PurePosixPath(item.path).name for item in self.client.list_artifacts(run_id, where or None))
+
+    def where(self, address: str, name: str) -> str:
+        """Location of an artifact for people: its path if it is on this machine, else in words."""
+        folder = _local(address)
+        return f"{name} of run {address.split('/')[-2]} in bench ui" if folder is None else str(folder / name)
+
+    @reached()
+    def create(self, name: str, tags: Mapping[str, str], params: Mapping[str, object] | None = None) -> Run:
+        """A new run."""
+        tags = {**tags, "mlflow.runName": name, "touchbench.format": FORMAT}
+        run = self.client.create_run(self.experiment_id, run_name=name, tags=tags)
+        if params:
+            self.log(run.info.run_id, params=params)
+        return run
+
+    @reached()
+    def log(
+        self,
+        run_id: str,
+        metrics: Mapping[str, float] | None = None,
+        params: Mapping[str, object] | None = None,
+        tags: Mapping[str, str] | None = None,
+        step: int = 0,
+    ) -> None:
+        """Numbers, parameters and tags of a run."""
+        from mlflow.entities import Metric, Param, RunTag
+
+        now = int(time.time() * 1000)
+        self.client.log_batch(
+            run_id,
+            [Metric(key, float(value), now, step) for key, value in (metrics or {}).items()],
+            [Param(key, str(value)) for key, value in (params or {}).items()],
+            [RunTag(key, value) for key, value in (tags or {}).items()],
+        )
+
+    @reached()
+    def log_captures(
+        self, run_id: str, name: str, digest: str, source: str, captures: int, frames: int, context: str
+    ) -> None:
+        """The captures that a run saw (``context``: training, evaluation), as MLflow's dataset."""
+        from mlflow.entities import Dataset, DatasetInput, InputTag
+        from mlflow.exceptions import MlflowException
+
+        profile = json.dumps({"num_rows": captures, "num_elements": frames})
+        dataset = Dataset(name, digest[:36], "local", json.dumps({"uri": source}), profile=profile)
+        inputs = [DatasetInput(dataset, [InputTag("mlflow.data.context", context)])]
+        for pause in (0.2, 0.5, 1.0, 2.0):
+            with suppress(
+                MlflowException
+            ):  # another run has made the same dataset at this moment; the next try finds it
+                return self.client.log_inputs(run_id, inputs)
+            time.sleep(pause)
+        return self.client.log_inputs(run_id, inputs)
+
+    @reached()
+    def keep(self, run_id: str, path: Path, where: str = "") -> None:
+        """Store a file, or the files of a folder, with a run."""
+        (self.client.log_artifacts if path.is_dir() else self.client.log_artifact)(run_id, str(path), where or None)
+
+    @reached()
+    def drop(self, address: str, name: str) -> None:
+        """Delete an artifact, or a folder of them, where the place that keeps it can."""
+        from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
+
+        with suppress(NotImplementedError):
+            get_artifact_repository(address, store_uri()).delete_artifacts(name)
+
+    @reached()
+    def keep_view(self, name: str, view: Mapping[str, object]) -> str:
+        """Store a view of MLflow's page (its button *Share*: columns, widths, order); the query of its address."""
+        self.client.set_experiment_tag(self.experiment_id, f"mlflow.sharedViewState.{name}", json.dumps(view))
+        return f"viewStateShareKey={name}"
+
+    @reached()
+    def begin(self, run_id: str) -> None:
+        """Mark a run that goes on."""
+        self.client.update_run(run_id, status="RUNNING")
+
+    @reached()
+    def end(self, run_id: str, status: str) -> None:
+        """End a run: FINISHED, FAILED or KILLED."""
+        self.client.set_terminated(run_id, status)
+
+    @reached()
+    def delete(self, run_id: str) -> None:
+        """Take a run out of all lists."""
+        self.client.delete_run(run_id)
+
+
+def _local(address: str) -> Path | None:
+    """The folder of an address of artifacts, None if it is not on this machine."""
+    uri = urlparse(address)
+    if uri.scheme == "file":
+        return Path(unquote(uri.path))
+    return Path(address) if len(uri.scheme) <= 1 else None  # a drive letter is no scheme
+
+
+def _file(uri: str) -> Path | None:
+    return Path(urlparse(uri).path.removeprefix("/")) if uri.startswith("sqlite:///") else None
+
+
+def exists() -> bool:
+    """Return True if there is a store, or its server may have one; creates none."""
+    path = _file(store_uri()) or _local(store_uri())
+    return path is None or path.exists()
+
+
+def connect(writes: bool = False) -> Store:
+    """The store, created if it is not there; one that cannot be written is opened for reading, unless it must be."""
+    uri, path = store_uri(), _file(store_uri())
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+    os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
+    retries = os.environ.get("MLFLOW_HTTP_REQUEST_MAX_RETRIES")
+    os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or "2"  # a wrong address is no reason to wait long
+    if fixed := path is not None and not _is_writable(path, writes):
+        # SQLite leaves such a file and its folder alone; MLflow makes folders of a plain sqlite:///file:
+        uri = f"sqlite+pysqlite:///{path.absolute().as_uri()}?mode=ro&uri=true"
+    from mlflow import MlflowClient
+    from mlflow.exceptions import MlflowException
+    from sqlalchemy.exc import SQLAlchemyError
+
+    # Several processes that create the tables at the same moment break the file for good.
+    lock = path.with_name(path.name + ".lock") if path else lock_folder() / "tracking.lock"
+    with nullcontext() if fixed else FileLock(lock):
+        logging.getLogger("mlflow.store.db").setLevel(logging.CRITICAL)  # what fails is said by `reached`
+        try:
+            if path is not None and not fixed:
+                sweep(path.parent, f".{path.name}.")
+                if not path.exists() or not path.stat().st_size:
+                    create(path)
+            client = MlflowClient(uri)
+            return Store(client, _experiment(client))
+        except (MlflowException, SQLAlchemyError, StoreError, ImportError, UnicodeError) as e:  # a driver, a name
+            cause = _first_line(e.__cause__ or e)
+            raise InputError(f"MLflow store {_shown(store_uri())} cannot be used: {cause}") from e
+        finally:
+            os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or RETRIES
+
+
+@reached()
+def _experiment(client: MlflowClient) -> str:
+    experiment = client.get_experiment_by_name(EXPERIMENT)
+    return experiment.experiment_id if experiment else client.create_experiment(EXPERIMENT)
+
+
+def create(path: Path) -> None:
+    """Make MLflow's SQLite file with its tables, beside its name and renamed: a kill leaves none or a good one."""
+    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
+
+    with tempfile.TemporaryDirectory(prefix=f".{path.name}.{owner()}", dir=path.parent) as folder:
+        beside = Path(folder) / path.name
+        SqlAlchemyStore(f"sqlite:///{beside}", "./mlruns").engine.dispose()
+        beside.replace(path)
+
+
+def _is_writable(path: Path, must: bool) -> bool:
+    """Return True if SQLite can write a file and beside it; SQLite would try for minutes before it gave up."""
+    head, refused = b"", None
+    try:
+        if path.exists():
+            with path.open("rb") as f:
+                head = f.read(16)
+            with path.open("r+b"):
+                pass
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as e:
+        refused = e
+    if head and head != b"SQLite format 3\0":
+        raise InputError(f"{path} is not an MLflow store; move it away or set MLFLOW_TRACKING_URI")
+    if refused and (must or not head):
+        raise InputError(
+            f"the MLflow store {path} cannot be {'written' if must else 'read'} ({refused.strerror}); change the "
+            "folder or set MLFLOW_TRACKING_URI"
+        ) from refused
+    return refused is None
+
+
+@contextmanager
+def only_one(key: str) -> Iterator[None]:
+    """Hold a run against a second process that would run the same folds."""
+    try:
+        with FileLock(lock_folder() / f"{key}.lock", timeout=0):
+            yield
+    except Timeout as e:
+        raise InputError("another process is evaluating this system; wait for it and repeat the command") from e
+
+
+def lock_folder() -> Path:
+    """Folder of the locks."""
+    folder = home() / "locks"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise InputError(f"{folder} cannot be written ({e}); set TOUCHBENCH_HOME to a folder that can") from e
+    return folder
