@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-INTERVAL = 5  # fewest people for an interval over people, a forecast for new people, and drawings of people
+INTERVAL = 5  # fewest people for an interval over people and a forecast for new people
 TEST = 6  # fewest people for a p value: with five, no two-sided sign or Wilcoxon test can reach p < 0.05
 
 
