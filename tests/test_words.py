@@ -47,7 +47,8 @@ def texts():
     """Place and text of everything that users read."""
     yield "bench --help", overview()
     yield from ((f"bench {name} --help", help_of(name)) for name in commands())
-    for path in [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("tests/net/golden/[rs][tu]*/*.txt")]:
+    pages = [path for path in ROOT.glob("docs/*.md") if path.name != "architecture.md"]  # which is for contributors
+    for path in [ROOT / "README.md", *pages, *ROOT.glob("tests/net/golden/[rs][tu]*/*.txt")]:
         yield path.name, path.read_text()
     for path in [*ROOT.glob("reports/templates/*.jinja"), *ROOT.glob("bench/*/templates/*.jinja")]:
         yield path.name, re.sub(r"\{[{%].*?[}%]\}|<.*?>", "", path.read_text(), flags=re.DOTALL)
