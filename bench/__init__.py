@@ -42,9 +42,9 @@ def __getattr__(name: str) -> object:
     if name in _PLACES:
         return getattr(importlib.import_module(_PLACES[name]), name)
     if not name.startswith("_") and name in _makers():  # a package's command that makes runs
-        from bench.commands.run import made
+        from bench.commands.run import maker
 
-        return lambda **values: made(name, values)
+        return maker(name)
     raise AttributeError(f"module 'bench' has no attribute {name!r}")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,15 +38,14 @@ RUN = Command(
     START,
     "evaluate systems under a protocol and store the runs",
     "Evaluates every combination of the given values; commas separate values. A dotted key sets a "
-    "parameter of that part. Each combination is one MLflow run with a child run per fold. under=, after=, "
-    "form= and train_subjects= let each fitted system label the test captures again: under faults, after "
-    "some of the touch, in C, or fitted on fewer subjects. An interrupted command continues where it "
-    "stopped.",
+    "parameter of that part. Each combination is one MLflow run with a child run per fold. under=, after= and "
+    "train_subjects= let each fitted system label the test captures again: under faults, after some of the touch, or "
+    "fitted on fewer subjects. An interrupted command continues where it stopped.",
     "bench run protocol=loso model=cnn85\n"
     f"bench run data=haart {SMALL}\n"
     "bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54\n"
     "bench run data=cost model=svm model.C=8,32,128 model.gamma=0.125\n"
-    "bench run data=haart model=lda features=touch under=noise,dead_taxels after=250ms,1s form=c\n"
+    "bench run data=haart model=lda features=touch under=noise,dead_taxels after=250ms,1s\n"
     "bench run data=synth data.subjects=12 data.repetitions=2",
     makes="run",
     options=STEPS,
@@ -122,6 +121,16 @@ def made(name: str, values: Values) -> pd.DataFrame:
 
     typed = values_of(values, keys(name))
     return frame(execute(planned(name, typed)[0], backend_of(typed)))
+
+
+def maker(name: str) -> Callable[..., pd.DataFrame]:
+    """The function of a package's command that makes runs."""
+
+    def make(**values: object) -> pd.DataFrame:
+        return made(name, values)
+
+    make.__name__, make.__doc__ = name, f"{makers()[name].text}\n\nTakes the keys of the command, as `run` does."
+    return make
 
 
 def command(name: str, arguments: list[str]) -> int:

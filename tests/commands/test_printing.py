@@ -8,16 +8,17 @@ import pytest
 from rich.console import Console
 
 from bench import measures
-from bench.arguments import parse
+from bench.arguments import backend_of, parse
 from bench.cli import main
 from bench.commands import printing
-from bench.commands.run import made
+from bench.commands.run import planned
 from bench.comparable import BATCH, MARKED
 from bench.measures import Measure
 from bench.options import keys
 from bench.registry import views
 from bench.table import Table
 from bench.words import quoted
+from bench.work.loop import execute
 from tests.conftest import SMALL, predictions, runs
 from tests.results import evaluated, result, with_hits
 
@@ -100,7 +101,7 @@ def test_run_marks_the_best_and_warns_of_one_label_and_what_it_prints_next_can_b
 
 def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys):
     values = parse([*SMALL, "model=bayes,lda,tree", "features=jung28"], keys("run"))
-    results = made("run", values).runs
+    results = execute(planned("run", values)[0], backend_of(values))
     top = max(results, key=lambda r: r["subject_accuracy_mean"])
     top.about[BATCH] = "true"
     assert printing.show(results, [(views()["run"], results)]) == 0
