@@ -17,13 +17,12 @@ import sys
 import sysconfig
 from collections.abc import Callable, Iterable
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from bench.errors import InputError, nearest
 
-ROOMS = {room: f"bench.{room}" for room in ("corpora", "features", "models", "protocols", "circumstances", "commands")}
 LIGHT = ("circumstances", "commands")  # whose parts load nothing heavy, so that help knows them all
 ADDED: dict[str, dict[str, str]] = {  # what the folders that become packages of their own add, as their entry points
     "circumstances": {"form": "bench.in_c.circumstance:InC", "watch": "bench.endless.kind:Continuous"},
@@ -53,31 +52,22 @@ def _installed() -> Any:
     return entry_points()  # of all groups at once, as each look takes a while
 
 
-@cache
-def plugged(group: str) -> tuple[EntryPoint, ...]:
-    """What installed packages add to ``touchbench.<group>``."""
-    return tuple(_installed().select(group=f"touchbench.{group}"))
-
-
 def forget() -> None:
     """Look for installed packages again."""
-    for found in (_installed, plugged, names, _loaded, views):
+    for found in (_installed, names, _loaded, views):
         found.cache_clear()
 
 
 @cache
 def _own(room: str) -> dict[str, str]:
     """The built-in parts of a room, those of a package that lists them in ``PARTS``."""
-    package = ROOMS.get(room, room if "." in room else "")
-    parts = importlib.import_module(package).PARTS if package else {}
-    return parts | ADDED.get(room, {})
+    return importlib.import_module(room if "." in room else f"bench.{room}").PARTS | ADDED.get(room, {})
 
 
 @cache
 def names(room: str) -> dict[str, str]:
     """Every registered part of a room and the ``module:object`` that makes it; nothing of it is imported."""
-    plugins = {e.name: e.value for e in plugged(room)}
-    return plugins | _own(room)
+    return {e.name: e.value for e in _installed().select(group=f"touchbench.{room}")} | _own(room)
 
 
 def load(room: str, name: str) -> Callable:
@@ -139,9 +129,9 @@ def _loaded(room: str) -> tuple[dict[str, Any], list[str]]:
     own, loaded, lines = _own(room), {}, []
     for name in [*own, *(name for name in names(room) if name not in own)]:
         try:
-            loaded[name] = part(room, name)
+            loaded[name] = _plugged(names(room)[name], name, room)
             if room == "circumstances" and name not in own:
-                _part(loaded[name].view, name, room)
+                _plugged(loaded[name].view, name, room)
         except InputError as e:
             loaded.pop(name, None)
             if name in own:
@@ -150,12 +140,8 @@ def _loaded(room: str) -> tuple[dict[str, Any], list[str]]:
     return loaded, lines
 
 
-def part(room: str, name: str) -> Any:
-    """One part of a room."""
-    return _part(names(room)[name], name, room)
-
-
-def _part(place: str, name: str, room: str) -> Any:
+def _plugged(place: str, name: str, room: str) -> Any:
+    """What an entry point names, or one line that says why it cannot be loaded."""
     try:
         return imported(place)
     except Exception as e:  # a module of somebody else's may raise anything
