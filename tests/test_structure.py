@@ -20,7 +20,7 @@ PACKAGES = ("bench", "features", "models", "protocols", "reports")
 GROUND = "bench.amounts bench.errors bench.few bench.machine bench.memory bench.paired bench.pareto bench.progress "
 GROUND += "bench.registry bench.resampling bench.scratch bench.source bench.timing bench.usual bench.work.backend"
 VALUES = "bench.candidate bench.comparable bench.described bench.measures bench.result bench.sentences bench.table "
-VALUES += "bench.option bench.tables bench.words"
+VALUES += "bench.option bench.store bench.tables bench.words"
 ROOMS = {
     "ground": (GROUND, ""),
     "values": (VALUES, "ground"),
@@ -42,9 +42,18 @@ ROOMS = {
 AWAY = {"C": "bench.in_c", "endless": "bench.endless"}
 FRONT = "bench bench.stored bench.cli bench.commands"  # may import every room
 EXCEPTIONS = {  # importing module, imported room: reason
-    **{(f"bench.work.{name}", "outcomes"): "the store" for name in ("fit", "loop", "saved", "tracking")},
     ("bench.in_c.tables", "endless"): "the rules of a watcher as C, of systems that have one",
 }
+PRODUCING = (
+    "bench.circumstances",
+    "bench.corpora",
+    "bench.features",
+    "bench.models",
+    "bench.plan",
+    "bench.protocols",
+    "bench.work",
+)
+READING = ("bench.outcomes", "bench.reports")
 HEAVY = {"numpy", "pandas", "scipy", "sklearn", "torch", "mlflow", "matplotlib", "rich"}
 LIGHT = ["bench.measures", "bench.table", "bench.result", "bench.options", "bench.cli"]
 EVERY = "import bench.registry as r; r.classes('circumstances'), r.views(); "
@@ -158,6 +167,17 @@ def test_rooms_import_only_those_below_them(graph):
             elif key[1] in AWAY or (not free and key[1] not in ROOMS[room][1].split()):
                 wrong.append(f"{name} ({room}) imports {target} ({key[1]})")
     assert wrong == [] and used == {*EXCEPTIONS}
+
+
+def test_the_producing_half_reaches_nothing_of_the_reading_half(graph):
+    """Through any number of files; what both need knows neither half."""
+    found, todo = set(), [name for name in graph if name.startswith(PRODUCING)]
+    assert len(todo) > 100
+    while todo:
+        if (name := todo.pop()) not in found:
+            found.add(name)
+            todo += graph[name]
+    assert sorted(name for name in found if name.startswith(READING)) == []
 
 
 @pytest.mark.parametrize("name", [*LIGHT, EVERY])
