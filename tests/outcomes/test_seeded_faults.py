@@ -5,7 +5,6 @@ from functools import cache, partial
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 from sklearn.base import BaseEstimator, TransformerMixin
 
 from bench import scores
@@ -15,8 +14,6 @@ from bench.features.jung54 import Jung54
 from bench.models.classic.bayes import bayes
 from bench.models.classic.rf import rf
 from bench.models.classic.svm import svm
-from bench.models.nets.cnn85 import CNN85
-from bench.models.nets.training import Windows
 from bench.outcomes.baseline import Measured
 from bench.outcomes.gate import compare
 from bench.protocols.subjects import LOSO
@@ -83,23 +80,6 @@ def shuffled(labels, seed, share):
     return labels
 
 
-class FrontPadded(Windows):
-    def batch(self, rows):
-        whole = super().batch(rows)
-        return torch.stack([w.roll(self.frames - int(n), 0) for w, n in zip(whole, self.seen[rows], strict=True)])
-
-
-class WronglyPadded(CNN85):
-    def samples(self, corpus):
-        return FrontPadded(corpus, self.frames, self.frames)
-
-    training_samples = samples
-
-
-def small_net(kind):
-    return lambda fold, train, labels, test: kind(frames=120, epochs=4, batch=20).fit(train, labels)
-
-
 def run_of(fit, captures, seed="none", system="svm"):
     """Leave-one-subject-out with a copy of a system, as a baseline holds it.
 
@@ -125,13 +105,11 @@ def forest(seed, trees=20):
 
 @cache
 def sound():
-    """What a gate of four systems would hold."""
-    nets = generate(subjects=3, repetitions=2, variants=("normal",))
+    """What a gate of three systems would hold."""
     return {
         "svm": run_of(copy_of(svm), corpus(), system="svm"),
         "bayes": run_of(copy_of(bayes), corpus(), system="bayes"),
         "rf": forest(0),
-        "cnn": run_of(small_net(CNN85), nets, "0", "cnn"),
     }
 
 
@@ -157,16 +135,11 @@ def test_a_faulty_copy_is_caught(fault):
         assert alarms(run_of(copy_of(partial(rf, trees=20, seed=0), fault), corpus(), "0", "rf"))
 
 
-def test_wrong_padding_is_caught():
-    nets = generate(subjects=3, repetitions=2, variants=("normal",))
-    assert alarms(run_of(small_net(WronglyPadded), nets, "0", "cnn"))
-
-
 def test_accuracy_alone_finds_a_loss_that_is_large():
     faulty = run_of(copy_of(partial(rf, trees=20, seed=1), "shuffled", share=0.7), corpus(), "1", "rf")
     assert alarms(faulty) == ("worse",)
 
 
-def test_ten_seeds_of_a_forest_raise_no_alarm():
-    for seed in range(1, 11):
+def test_other_seeds_of_a_forest_raise_no_alarm():
+    for seed in range(1, 5):
         assert alarms(forest(seed)) == ()
