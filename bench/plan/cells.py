@@ -39,7 +39,7 @@ class Part(Generic[Made]):
     """A protocol, feature set or model, with every parameter it takes.
 
     Attributes:
-        room: one of `bench.registry.ROOMS`.
+        room: a group of entry points, or a package that lists its parts.
         name: registered name or ``file.py:Name``; for an object, its displayed text.
         parameters: parameters by name.
         instance: object from Python, if there is one.
