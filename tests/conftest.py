@@ -118,6 +118,7 @@ def shorten_measurements(patch):
         patch.setattr(f"bench.{name}.TIMED_CAPTURES", 3)
     patch.setattr("bench.timing.AROUND", 1)
     patch.setattr("bench.timing.REPEATS", 1)
+    patch.setattr("bench.work.fold.AGAIN", 4)
     patch.setattr("bench.work.fold.ALONE", 2)
 
 

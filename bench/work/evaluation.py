@@ -55,7 +55,7 @@ def folded(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
 def evaluated(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> tuple[contract.System, FoldResult]:
     """The fitted system of a fold, the last of several draws; predictions of the test captures, and their costs."""
     parts, effects = [], []
-    share = -(-fold_of.ALONE // sum(map(len, fold.known.draws))) if fold.known else None
+    share = -(-fold_of.AGAIN // sum(map(len, fold.known.draws))) if fold.known else None
     with computing(threads):
         for one in met(cell, corpus, fold):
             parts.append(decisions(one.estimator, corpus, one.name, one.tested))

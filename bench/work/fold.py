@@ -20,7 +20,8 @@ from bench.errors import PredictionError
 from bench.models.sizes import sizes
 from bench.timing import Times, timed, timed_once
 
-ALONE = 8  # test captures of a fold that are predicted alone, too: for some systems each costs as much as all together
+AGAIN = 32  # test captures of a fold that are predicted again, in a batch and an order of their own
+ALONE = 8  # of these, predicted alone as well: for some systems one capture takes as long as all together
 TOLERANCE = 1e-3  # of a probability: float32 rounds otherwise in a batch of another size
 TIMED_CAPTURES = 5
 WARM_UP = 1
@@ -139,32 +140,35 @@ def batch_effects(
 ) -> list[str]:
     """Test captures whose prediction depends on the captures that are predicted together with them.
 
-    Some test captures are copied out of the corpus, so that no cache knows them, and predicted alone and together in
-    reverse order. Their windows and labels must be those of the fold, their probabilities within 0.001.
+    Some test captures are copied out of the corpus, so that no cache knows them, and predicted together in reverse
+    order, without the others, and some of them alone. Their windows and labels must be those of the fold, their
+    probabilities within 0.001.
 
     Args:
         estimator: fitted.
         corpus: the captures that the fold is of.
         test: positions of the test captures.
         predictions: table of `decisions` of all of them; made anew if not given.
-        most: captures that are predicted again; None for `ALONE`.
+        most: captures that are predicted again; None for `AGAIN`.
 
     Returns:
         One sentence per capture; none if every prediction depends on its own capture alone.
     """
     if predictions is None:
         predictions = decisions(estimator, corpus, "", test)
-    chosen, names = some_of(test, most or ALONE)[::-1], _names(estimator)
+    chosen, names = some_of(test, most or AGAIN)[::-1], _names(estimator)
+    alone = {*some_of(chosen, ALONE).tolist()}
     together = _decided(estimator, corpus[chosen].detached())
     expected = Decided.from_table(predictions, predictions[[f"p_{name}" for name in names]].to_numpy())
-    ones = [corpus[[position]].detached() for position in chosen]
     effects = []
-    for place, one in enumerate(ones):
-        alone, capture = _decided(estimator, one), corpus.index[chosen[place]]
-        rows = expected.of(capture)
-        for how, again in (("alone", alone), ("in another order", together.of(place))):
-            if effect := _difference(rows, again, names):
-                if _difference(alone, _decided(estimator, one), names):
+    for place, position in enumerate(chosen):
+        one, capture = corpus[[position]].detached(), corpus.index[position]
+        rows, again = expected.of(capture), {"in another order": together.of(place)}
+        if position in alone:
+            again = {"alone": _decided(estimator, one), **again}
+        for how, other in again.items():
+            if effect := _difference(rows, other, names):
+                if _difference(_decided(estimator, one), _decided(estimator, one), names):
                     effects.append(f"capture {capture} is predicted differently each time")
                 else:
                     before, now = effect
