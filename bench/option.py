@@ -28,8 +28,8 @@ class Option:
         help: text of the help; ``{models}`` stands for the names of a room, whose parts the key names.
         values: allowed values, if they can be listed.
         joint: separator of several values.
-        commands: of a key that a package adds, the commands that take it; ``makers`` are those that make runs.
-        uses: of such a key, the class that does what it asks, ``module:object``.
+        commands: those that take a key that a package adds; ``makers`` are those that make runs.
+        uses: class that does what such a key asks, ``module:object``.
     """
 
     key: str

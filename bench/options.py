@@ -29,9 +29,9 @@ class Command:
         examples: lines that can be typed.
         usage: arguments behind its name; a line for each form.
         options: its keys; packages and circumstances add others.
-        budgets: which budgets are keys, too: ``all``, or those of ``captures``.
-        module: of a package's command, the module that has a function of its name; it takes the arguments.
-        makes: of a command that makes runs, key of the circumstance or study that it shows; ``run`` for captures.
+        budgets: budgets that are keys, too: ``all``, or those of ``captures``.
+        module: module of a package's command, with a function of its name that takes the arguments.
+        makes: key of the circumstance or study that a command which makes runs shows; ``run`` for captures.
         keys: its options of circumstances; empty for all, or those of its study.
         given: options that it gives where they are not typed.
         out: folder of ``out=``, with its help; empty if it writes nothing.

@@ -35,7 +35,7 @@ class Producer(Options):
 
     Attributes:
         key: its key of ``bench run``; of a study, its command and the tag of its runs.
-        view: what is shown of it, as ``module:Name``; imported only when something is shown.
+        view: entry of the reading half that shows it, as ``module:Name``; imported only when something is shown.
         tracked: names of its options as parameters of a run.
         columns: further columns of its tables; a corpus cannot have them.
         study: True if it does whole folds.

@@ -137,7 +137,7 @@ class Cell:
     Attributes:
         circumstances: those in which the test captures are labelled again, in the order of the registry; each a
             `bench.circumstances.base.Circumstance`.
-        study: what does the folds, of runs on other data than single captures; a `bench.circumstances.base.Study`.
+        study: maker of the folds of runs on other data than single captures; a `bench.circumstances.base.Study`.
     """
 
     data: str
