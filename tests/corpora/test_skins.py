@@ -32,15 +32,6 @@ def test_fewer_values_by_hand():
     assert np.array_equal(weights(3, 3), np.eye(3))
 
 
-@given(st.integers(1, 40), st.floats(0.05, 8))
-def test_frames_are_resampled_as_the_weights_say(count, times):
-    frames = np.random.default_rng(count).random((count, 2, 3))
-    other = resampled(frames, 1.0, times)
-    expected = np.einsum("ij,jkl->ikl", weights(count, len(other)), frames)
-    assert len(other) == max(1, round(count * times))
-    np.testing.assert_allclose(other, expected, atol=1e-5)
-
-
 def test_a_rate_and_a_grid_by_hand():
     frames = np.arange(4 * 2 * 4, dtype=np.uint16).reshape(4, 2, 4)
     halved = resampled(frames, 100.0, 50.0)
@@ -77,18 +68,6 @@ def test_both_are_brought_to_the_coarser_of_each():
     assert both.captures["skin"].tolist() == [OWN] * len(kept) + [SOURCE] * 4
     np.testing.assert_allclose(both[len(kept)], source[0] * target.full_scale, rtol=1e-6)
     np.testing.assert_allclose(both[0], brought(target[kept[:1]], 40.0, (4, 5), target.full_scale)[0])
-
-
-@pytest.mark.parametrize(
-    ("kind", "full_scale"), [("uint16", 1023.0), ("float32", 1023.0), ("uint16", 4095.0), ("shares", 1.0)]
-)
-def test_a_recording_is_found_in_the_other_corpus_in_other_numbers(kind, full_scale):
-    target, other = random_corpus(subjects=2), list(random_corpus(subjects=2, seed=5))
-    other[5] = target[7]
-    arrays = [(a / 1023).astype(np.float32) if kind == "shares" else a.astype(kind) for a in other]
-    source = Corpus.from_captures(arrays, target.captures, 50.0, name="other", full_scale=full_scale)
-    with pytest.raises(InputError, match="protocol=transfer: .*: 1, .*capture 7 .*subject 1.* capture 5 "):
-        joined(target, source, {})
 
 
 def study(name, people=("1", "2"), classes=("pat", "rub"), shape=(4, 5), rate_hz=40.0, **columns):
