@@ -31,6 +31,7 @@ class Command:
         options: its keys; packages and circumstances add others.
         budgets: budgets that are keys, too: ``all``, or those of ``captures``.
         module: module of a package's command, with a function of its name that takes the arguments.
+        follows: of a package's command, lines to type next after other commands, with ``{}`` for the saved model.
         makes: key of the circumstance or study that a command which makes runs shows; ``run`` for captures.
         keys: its options of circumstances; empty for all, or those of its study.
         given: options that it gives where they are not typed.
@@ -45,6 +46,7 @@ class Command:
     options: tuple[Option, ...] = ()
     budgets: str = ""
     module: str = ""
+    follows: Mapping[str, str] = field(default_factory=dict)
     makes: str = ""
     keys: tuple[str, ...] = ()
     given: Mapping[str, str] = field(default_factory=dict)
@@ -76,6 +78,11 @@ TRUSTED = "Loading a model runs its code: use only models that you or someone yo
 def commands() -> dict[str, Command]:
     """All commands by name, in the order of the overview; those of packages last."""
     return {name: one for name, one in classes("commands").items() if isinstance(one, Command)}
+
+
+def following(name: str, model: str) -> list[str]:
+    """What commands of packages offer to type after a command that has saved or used a model."""
+    return [one.follows[name].format(model) for one in commands().values() if name in one.follows]
 
 
 def makers() -> dict[str, Command]:

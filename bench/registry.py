@@ -25,7 +25,7 @@ from bench.errors import InputError, nearest
 
 LIGHT = ("circumstances", "commands")  # whose parts load nothing heavy, so that help knows them all
 ADDED: dict[str, dict[str, str]] = {  # what the folders that become packages of their own add, as their entry points
-    "circumstances": {"form": "bench.in_c.circumstance:InC", "watch": "bench.endless.kind:Continuous"},
+    "circumstances": {"watch": "bench.endless.kind:Continuous"},
     "commands": {
         "watch": "bench.endless.room:WATCHES",
         "live": "bench.endless.room:LIVE",
@@ -33,8 +33,6 @@ ADDED: dict[str, dict[str, str]] = {  # what the folders that become packages of
         "detector": "bench.endless.room:FINDS",
         "false_alarms": "bench.endless.room:ALARMS",
         "background": "bench.endless.room:IDLE",
-        "export": "bench.in_c.room:EXPORT",
-        "clock": "bench.in_c.room:CLOCK",
     },
 }
 CAPTURES = "bench.reports.views.captures:Captures"  # what is shown of captures

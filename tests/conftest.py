@@ -4,6 +4,8 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import cache
+from importlib.metadata import EntryPoints
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small networks are slower on two threads than on one
 
@@ -36,6 +38,14 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
 def pytest_configure(config):
+    """Hide add-ons that are installed: what they print and test is in their own tests."""
+    every = registry._installed.__wrapped__
+    own = lambda: EntryPoints(e for e in every() if not (e.dist and e.dist.name.startswith("touchbench-")))  # noqa: E731
+    registry._installed = cache(own)
+    without_numba(config)
+
+
+def without_numba(config):
     """numba compiles for half a minute; with the few kernels of these tests, Python is faster."""
     if "not live" in config.option.markexpr and "not nightly" in config.option.markexpr:
         os.environ.setdefault("NUMBA_DISABLE_JIT", "1")

@@ -39,10 +39,9 @@ ROOMS = {
     "work": ("bench.work bench.circumstances", "ground values numbers corpora features contract models plan"),
 }
 # These may be taken away: no other room imports one, and each may import all others.
-AWAY = {"C": "bench.in_c", "endless": "bench.endless"}
+AWAY = {"endless": "bench.endless"}
 FRONT = "bench bench.stored bench.cli bench.commands"  # may import every room
 EXCEPTIONS = {  # importing module, imported room: reason
-    ("bench.in_c.tables", "endless"): "the rules of a watcher as C, of systems that have one",
 }
 PRODUCING = (
     "bench.circumstances",

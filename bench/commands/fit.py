@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bench.arguments import parse, parse_words, settings, values_of
 from bench.errors import InputError
 from bench.option import Option
-from bench.options import DATA, FEATURES, MODEL, SEED, START, TARGET, WHERE, Command, keys, used
+from bench.options import DATA, FEATURES, MODEL, SEED, START, TARGET, WHERE, Command, following, keys, used
 from bench.words import Values, quoted
 
 if TYPE_CHECKING:
@@ -67,11 +67,9 @@ def command(arguments: list[str]) -> int:
     if stopping is not None and not stopping.saves:
         print(f"{NO_SAVING}: the model classifies whole captures")
     address = quoted(str(out or fitted.uri))
-    watcher = fitted.recogniser.watcher
     if fitted.detector:
         print(fitted.detector)
-    without = watcher is not None and watcher.in_c(fitted.recogniser.classes, fitted.recogniser.rate_hz) is None
-    then(f"bench predict {address} new.csv", *([] if without else [f"bench export {address} out=in_c"]))
+    then(f"bench predict {address} new.csv", *following("fit", address))
     return 0
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bench.arguments import parse_words, settings
 from bench.errors import InputError
 from bench.option import Option
-from bench.options import SHIP, TRUSTED, Command, keys
+from bench.options import SHIP, TRUSTED, Command, following, keys
 from bench.words import Values, quoted
 
 if TYPE_CHECKING:
@@ -48,7 +48,8 @@ def command(arguments: list[str]) -> int:
         write_sheet(table, beside, "%.6g")
     counts = ", ".join(f"{count} {label}" for label, count in table["label"].value_counts().items())
     print(f"{out}: {len(table)} captures classified: {counts}")
-    then(f"sensor | bench live {quoted(model)}")
+    if lines := following("predict", quoted(model)):
+        then(*lines)
     return 0
 
 

@@ -52,6 +52,7 @@ LIVE = Command(
     "sensor | bench live models:/m-0123456789abcdef",
     "MODEL [events=no] [hop_ms=125]",
     module="bench.endless.command",
+    follows={"predict": "sensor | bench live {}"},
     options=(
         Option("hop_ms", "number", 125, "classification of captures: milliseconds between decisions"),
         Option("events", "yes", True, "no: classify captures instead of watching an endless stream"),

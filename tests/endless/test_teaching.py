@@ -10,11 +10,12 @@ import bench
 from bench.cli import main
 from bench.endless.teaching import Watching
 from bench.errors import InputError
-from bench.in_c.write import files_of
 from bench.store import connect
+from touchbench_chip.write import files_of
 from bench.work.saved import FORMAT, load
 from tests.conftest import runs
 from tests.endless.test_background import PEOPLE, stored
+from touchbench_chip.write import files_of
 
 GIVEN = {"detector": "frames", "detector.wait": 0.5, "false_alarms": 40}
 

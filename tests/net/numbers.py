@@ -1,7 +1,7 @@
 """Numbers that no change of structure may change; ``pytest tests/net/test_numbers.py --golden`` stores them.
 
 Each case of a group gives a table: the probabilities of a system, a digest of each column of a feature set, of each
-severity of a fault, of the tables of a run, of the C of a system. It is stored in ``numbers/GROUP/CASE.csv``. On a
+severity of a fault, of the tables of a run. It is stored in ``numbers/GROUP/CASE.csv``. On a
 processor and with libraries like those in ``numbers/made_on.json`` all must be equal to the last digit. Elsewhere
 numbers may differ by `ELSEWHERE`, and digests are not compared. What is not public is used in `probabilities` and
 `damaged` alone.
@@ -10,6 +10,7 @@ numbers may differ by `ELSEWHERE`, and digests are not compared. What is not pub
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
@@ -23,7 +24,6 @@ import pandas as pd
 
 import bench
 from bench import contract, registry
-from bench.cli import main
 from bench.corpora import faults
 from bench.corpora.corpus import Corpus
 from bench.machine import simd
@@ -123,15 +123,6 @@ def tables(name: str) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["table", "column", "rows", "mean", "digest"])
 
 
-def in_c(bits: str) -> pd.DataFrame:
-    """Digest of each C file of a fitted system, at a number of bits per weight."""
-    on = {name: value for name, value in ON.items() if name != "jobs"}
-    bench.fit(model="lda", **on, out="fitted", stopping=False)
-    assert main(["export", "fitted", "out=c", f"bits={bits}"]) == 0
-    files = sorted(path for path in Path("c").iterdir() if path.suffix in (".c", ".h"))
-    return pd.DataFrame([(p.name, digest_of(p.read_text())) for p in files], columns=["file", "digest"])
-
-
 def digest(values: np.ndarray) -> str:
     """Digest of numbers; -0 is 0."""
     return hashlib.sha256(np.ascontiguousarray(values + 0).tobytes()).hexdigest()[:12]
@@ -147,14 +138,13 @@ GROUPS: dict[str, Callable[[str], pd.DataFrame]] = {
     "features": columns,
     "faults": damaged,
     "runs": tables,
-    "c": in_c,
 }
 
 
 def cases() -> list[tuple[str, str]]:
     """Groups and names of all that has numbers."""
     names = {"models": registry.names("models"), "features": registry.names("features")}
-    names |= {"faults": faults.all_faults(), "runs": RUNS, "c": ("32", "8")}
+    names |= {"faults": faults.all_faults(), "runs": RUNS}
     return [(group, name) for group in GROUPS for name in names[group]]
 
 
@@ -171,6 +161,11 @@ def read(path: Path) -> pd.DataFrame:
 def here() -> dict[str, str]:
     """What the last digit may depend on."""
     return {"simd": simd(), **{name: version(name) for name in LIBRARIES}}
+
+
+def made_on() -> dict[str, str]:
+    """What the stored numbers were made on."""
+    return json.loads((FOLDER / "made_on.json").read_text())
 
 
 def differences(before: pd.DataFrame, after: pd.DataFrame, exact: bool) -> Iterator[str]:

@@ -10,13 +10,11 @@ import pytest
 
 import bench
 from bench.options import commands
-from tests.in_c.compiled import lacking
 from tests.net import masks
-from tests.net.build import CHIP, RUNS, build, step
+from tests.net.build import RUNS, step
 from tests.net.commands import BUILT, FILES, LINES, ON, SCENES, STEPS, WRONG
 
 GOLDEN = Path(__file__).parent / "golden"
-TOOLS = lacking("arm-none-eabi-gcc", "qemu-system-arm")
 FORMS = {".csv": masks.csv_of, ".html": masks.page_of}
 
 
@@ -86,13 +84,6 @@ def test_mistakes_are_refused_in_the_same_words(work, golden):
     for name in sorted({*file_of.values()}):
         text = "".join(step(command) for command in WRONG if file_of[command[0]] == name)
         golden(f"refusals/{name}.txt", masks.lines_of(text, golden.folders))
-
-
-@pytest.mark.skipif(bool(TOOLS), reason=TOOLS)
-def test_systems_as_c_print_what_they_printed(work, golden):
-    build(work, CHIP)
-    text = (work / "printed/chip.txt").read_text() + step(["choose", "data=three", *ON[1:], "by=cycles"])
-    golden("chip.txt", masks.chip_of(text, golden.folders))
 
 
 def test_the_api_returns_what_it_returned(work, golden):

@@ -11,7 +11,7 @@ from tests.net import numbers
 
 SLOW = ("jung2017_svm_rbf", "ta2015_svm", "reflex")
 MADE_ON = numbers.FOLDER / "made_on.json"
-EXACT = numbers.here() == json.loads(MADE_ON.read_text())
+EXACT = numbers.here() == numbers.made_on()
 
 CASES = [
     pytest.param(*case, id="-".join(case), marks=[pytest.mark.nightly] * (case[1] in SLOW)) for case in numbers.cases()

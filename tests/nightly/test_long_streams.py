@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.in_c.compiled import lacking
-from tests.in_c.test_watch import Watched, check_equal, check_silence, events_of, recordings, reports, watching
+from addons.chip.tests.compiled import lacking
+from addons.chip.tests.test_watch import Watched, check_equal, check_silence, events_of, recordings, reports, watching
 
 pytestmark = [pytest.mark.nightly, pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))]
 

@@ -16,8 +16,6 @@ import pytest
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
-from bench.errors import InputError
-from bench.in_c.write import files_of
 from bench.plan.cells import cells
 from bench.work.fit import fit
 from bench.work.replay import STATE, Calibration, Replay, Stopping, Waiting, learned
@@ -211,7 +209,7 @@ def test_a_saved_system_runs_elsewhere_on_the_code_that_it_was_trained_with(tmp_
     assert printed.split(",") == labels and "saved/code" in file
 
 
-def test_a_saved_system_that_abstains_gives_an_empty_label_without_confidence_and_has_no_c():
+def test_a_saved_system_that_abstains_gives_an_empty_label_without_confidence():
     system = Shy().fit(CORPUS[TRAIN], CORPUS.gestures[TRAIN])
     gone = np.isnan(system.predict_proba(CORPUS[TEST])[:, 0])
     stopping = Stopping(Calibration(100.0, 200.0, 2.0, 3.0), Waiting((0.1,) * len(STATE)), 0.5)
@@ -219,5 +217,3 @@ def test_a_saved_system_that_abstains_gives_an_empty_label_without_confidence_an
     table = recogniser.label(CORPUS[TEST])
     assert table["label"].eq("").tolist() == table["confidence"].eq(0).tolist() == gone.tolist()
     assert recogniser.decision(CORPUS[TEST[gone][:1]], "pat")[:2] == ("", 0.0)
-    with pytest.raises(InputError, match="abstains has no C"):
-        files_of(recogniser, 32, "a test")

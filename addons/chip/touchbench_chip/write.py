@@ -11,9 +11,9 @@ import numpy as np
 
 from bench.corpora.steps import PASSES
 from bench.features import touch
-from bench.in_c.classifiers import number
-from bench.in_c.tables import Chip, chip_of
 from bench.registry import place_of
+from touchbench_chip.classifiers import number
+from touchbench_chip.tables import Chip, chip_of
 
 if TYPE_CHECKING:
     from bench.work.saved import Recogniser

@@ -13,10 +13,10 @@ from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
-from bench.in_c.classifiers import HAVE, Decider, decider, has_c, number
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
 from bench.usual import SATURATED
+from touchbench_chip.classifiers import HAVE, Decider, decider, has_c, number
 
 if TYPE_CHECKING:
     from bench.endless.detectors.base import InC, Point
@@ -61,7 +61,7 @@ def check(estimator: Any) -> bool:
         return True
     system, steps = _opened(estimator, "system")
     if not isinstance(system, Pipeline):
-        from bench.in_c import network  # PyTorch, which other systems do without
+        from touchbench_chip import network  # PyTorch, which other systems do without
 
         network.check(system)
         return False
@@ -96,7 +96,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
         if early:
             deciders["decide_early"] = decider(early[0], width, bits)
     else:
-        from bench.in_c import network  # PyTorch, which other systems do without
+        from touchbench_chip import network  # PyTorch, which other systems do without
 
         network.check(system)
         name, longest = "convolved", LONGEST_TOUCH

@@ -16,8 +16,6 @@ from bench.corpora.synth import generate
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.touch import TouchFeatures
-from bench.in_c.tables import chip_of
-from bench.in_c.write import files_of
 from bench.models.classic.bayes import bayes
 from bench.models.classic.lda import lda
 from bench.models.classic.perceptron import Perceptron
@@ -32,6 +30,8 @@ from bench.models.reflex import Reflex
 from bench.models.sizes import sizes
 from bench.work.replay import Replay, learned
 from bench.work.saved import Recogniser
+from touchbench_chip.tables import chip_of
+from touchbench_chip.write import files_of
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-O1")
 LIBRARY = """#include "touch.c"

@@ -9,9 +9,9 @@ import torch
 
 from bench.contract import System
 from bench.errors import InputError
-from bench.in_c.classifiers import HAVE, SINGLE, Decider
 from bench.models.nets.hughes2017 import Hughes2017CNN
 from bench.models.quantised import rounded
+from touchbench_chip.classifiers import HAVE, SINGLE, Decider
 
 
 def check(system: System) -> None:

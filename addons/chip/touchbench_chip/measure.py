@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.in_c.write import CODE
+from touchbench_chip.write import CODE
 
 PROGRAMS = ("cc", "make", "arm-none-eabi-gcc", "qemu-system-arm")
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC")

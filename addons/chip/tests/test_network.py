@@ -10,14 +10,14 @@ import pytest
 import torch
 from torch.nn import functional
 
+from addons.chip.tests.compiled import Library, fitted, lacking
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.in_c.tables import check, chip_of
 from bench.models.nets.cnn85 import CNN85
 from bench.models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, in_bits
 from bench.models.quantised import rounded
 from bench.models.recipe import Recipe
-from tests.in_c.compiled import Library, fitted, lacking
+from touchbench_chip.tables import check, chip_of
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
 LENGTHS = (1, 5, 9, 10, 11, 26, 27, 28, 36, 44, 45, 46, 60, 75, 101)

@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from addons.chip.tests.compiled import STRICT, fitted, lacking, written
 from bench.corpora.corpus import Corpus
 from bench.endless.live import frames_of
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.models.classic.rf import rf
-from tests.in_c.compiled import STRICT, fitted, lacking, written
 
 FRAME, BLANK, REFUSED = "frame", "blank", "refused"
 MOST = 4 * 32  # bytes of a line of four values

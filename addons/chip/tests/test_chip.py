@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from addons.chip.tests.compiled import lacking
 from bench import scores
 from bench.cli import main
 from bench.commands.printing import runs_table
 from bench.errors import InputError
-from bench.in_c import fold as onchip
-from bench.in_c import measure as compiled
-from bench.in_c import network
-from bench.in_c.circumstance import InC
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work.tracking import key_of
 from tests.conftest import predictions, runs
-from tests.in_c.compiled import lacking
 from tests.results import result
+from touchbench_chip import fold as onchip
+from touchbench_chip import measure as compiled
+from touchbench_chip import network
+from touchbench_chip.circumstance import InC
 
 SMALL = ["features=jung28", "data.subjects=3", "data.repetitions=1", "data.variants=normal"]
 COSTS = {"flash_bytes": 9e3, "code_bytes": 2e3, "table_bytes": 5e3, "ram_bytes": 3e3, "program_ram_bytes": 11e3}

@@ -13,9 +13,6 @@ from bench import scores
 from bench.corpora.library import recordings
 from bench.corpora.recordings import certain, is_recorded, parts_of, recorded
 from bench.errors import InputError
-from bench.in_c.measure import compiled, lacking, measured, measured_watching
-from bench.in_c.tables import check
-from bench.in_c.write import files_of
 from bench.options import used
 from bench.words import labelled
 from bench.work.fitted import Fitted
@@ -23,6 +20,9 @@ from bench.work.fold import computing
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
 from bench.work.results import FoldResult
 from bench.work.saved import Recogniser
+from touchbench_chip.measure import compiled, lacking, measured, measured_watching
+from touchbench_chip.tables import check
+from touchbench_chip.write import files_of
 
 if TYPE_CHECKING:
     from bench.plan.plan import Plan

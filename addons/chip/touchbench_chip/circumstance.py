@@ -33,7 +33,7 @@ class InC(Circumstance):
     """The C that a fitted system is exported as labels the test captures."""
 
     key: ClassVar[str] = "form"
-    view: ClassVar[str] = "bench.in_c.view:InC"
+    view: ClassVar[str] = "touchbench_chip.view:InC"
     tracked: ClassVar[tuple[str, ...]] = ("chip.bits", "chip.toolchain")
     word: ClassVar[str] = "form"
     columns: ClassVar[frozenset[str]] = frozenset({"python"})
@@ -59,7 +59,7 @@ class InC(Circumstance):
 
     def params(self) -> dict[str, object]:
         """Bits and compilers."""
-        from bench.in_c.measure import toolchain
+        from touchbench_chip.measure import toolchain
 
         params = {"chip.bits": int(self.bits), "chip.toolchain": "; ".join(toolchain())}
         return params | ({"chip.detector": self.part.typed()} if watchers() else {})
@@ -70,21 +70,21 @@ class InC(Circumstance):
 
     def identity(self) -> object:
         """Bits, the C that is the same for all systems, the compilers, and the detector with its code."""
-        from bench.in_c.measure import toolchain
-        from bench.in_c.write import digest
+        from touchbench_chip.measure import toolchain
+        from touchbench_chip.write import digest
 
         return [self.bits, digest(), toolchain(), self.part.identity() if watchers() else ""]
 
     @property
     def part(self) -> Part[Any]:
         """The detector, with all parameters."""
-        from bench.in_c.fold import watching
+        from touchbench_chip.fold import watching
 
         return watching(self.detector).part
 
     def code(self) -> list[Code]:
         """What those who write the C import late: of networks, and of systems that watch."""
-        return [*super().code(), "bench.in_c.network", *watchers()]
+        return [*super().code(), "touchbench_chip.network", *watchers()]
 
     def refuse(self, plan: Plan) -> None:
         """Refuse a system that has no C, and a machine without the programs.
@@ -92,25 +92,25 @@ class InC(Circumstance):
         Raises:
             InputError: either.
         """
-        from bench.in_c.fold import refuse
+        from touchbench_chip.fold import refuse
 
         refuse(plan, self.detector)
 
     def warnings(self, plan: Plan) -> list[str]:
         """Warn where no watcher can be learned."""
-        from bench.in_c.fold import warnings
+        from touchbench_chip.fold import warnings
 
         return warnings(plan)
 
     def fold(self, at: Fitted) -> FoldResult:
         """Labels of the test captures by the C; bytes and instructions."""
-        from bench.in_c.fold import fold
+        from touchbench_chip.fold import fold
 
         return fold(at, int(self.bits), self.detector)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy in C, and labels that are others than in Python."""
-        from bench.in_c.fold import compared
+        from touchbench_chip.fold import compared
 
         return compared(result.tables[C])
 
@@ -118,7 +118,7 @@ class InC(Circumstance):
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
     ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
         """Accuracy in C over all folds, and captures that it labels otherwise than Python."""
-        from bench.in_c.fold import compared, scored
+        from touchbench_chip.fold import compared, scored
 
         return scored(tables[C], rate_hz) | compared(tables[C]), {}
 

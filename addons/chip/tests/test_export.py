@@ -12,19 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.cli import main
-from bench.corpora.corpus import Corpus
-from bench.errors import InputError
-from bench.features.jung28 import Jung28
-from bench.features.touch import TouchFeatures
-from bench.in_c.classifiers import decider
-from bench.in_c.tables import check
-from bench.models.classic.lda import lda
-from bench.models.classic.rf import et, rf
-from bench.models.recipe import Recipe
-from bench.models.reflex import Reflex
-from bench.work.saved import quiet
-from tests.in_c.compiled import (
+from addons.chip.tests.compiled import (
     SYSTEMS,
     Library,
     check_agreement,
@@ -35,6 +23,18 @@ from tests.in_c.compiled import (
     touched,
     written,
 )
+from bench.cli import main
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.features.jung28 import Jung28
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import lda
+from bench.models.classic.rf import et, rf
+from bench.models.recipe import Recipe
+from bench.models.reflex import Reflex
+from bench.work.saved import quiet
+from touchbench_chip.classifiers import decider
+from touchbench_chip.tables import check
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
 ARM = ("arm-none-eabi-gcc", "qemu-system-arm", "make")

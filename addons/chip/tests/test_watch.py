@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from addons.chip.tests.compiled import STRICT, fitted, lacking, written
 from bench.corpora import synth, synth_recordings
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.faults import as_readings, as_shares, noise
@@ -27,11 +28,10 @@ from bench.endless.detectors.ticks import frames_of_tick, ticked
 from bench.endless.disturbed import KINDS, disturbed
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
-from bench.in_c import measure
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
-from tests.in_c.compiled import STRICT, fitted, lacking, written
+from touchbench_chip import measure
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
 EVENT = [("label", np.int32), ("confidence", np.float32), ("reported", np.uint32), ("end", np.uint32)]

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.in_c.circumstance import C
 from bench.measures import TEXT, Measure, in_thousands, over_people, percent, text
 from bench.reports.views.base import View
 from bench.table import Table
+from touchbench_chip.circumstance import C
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,4 +1,4 @@
-"""The command ``bench export``: a saved system as C99."""
+"""The command ``bench export``: a saved system as C99; and the key ``clock=`` of ``bench choose``."""
 
 from __future__ import annotations
 
@@ -6,11 +6,34 @@ import shlex
 from pathlib import Path
 
 from bench.arguments import parse_words, settings
-from bench.commands.printing import then
 from bench.errors import InputError
-from bench.options import keys
-from bench.scratch import made_whole, new_folder
-from bench.work.stopping import NO_SAVING
+from bench.option import Option
+from bench.options import START, TRUSTED, Command, keys
+
+CLOCK = Option(
+    "clock",
+    "MHz",
+    None,
+    "clock rate of the chip, such as 64MHz; adds its cycles to decision times",
+    commands="choose",
+)
+EXPORT = Command(
+    START,
+    "write a saved model as C99 for a microcontroller",
+    "Writes touch.h, touch.c, tables.h and a Makefile. The C needs no heap and no library except math.h. make and "
+    "make check build for this machine, make chip for a Cortex-M4F (FLASH=256K RAM=32K). make flash and make count "
+    "print bytes, instructions and stack. C exists for reflex and hughes2017_cnn. It also exists for lda, softmax, "
+    "bayes, svm, tree, rf, et and xgb with jung28, or with touch and model.window=. "
+    f"{TRUSTED}",
+    "bench fit data=haart model=reflex out=rec\nbench export rec out=rec_c bits=8\nmake -C rec_c check",
+    "MODEL out=FOLDER [key=value ...]",
+    module="touchbench_chip.command",
+    follows={"fit": "bench export {} out=in_c"},
+    options=(
+        Option("bits", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
+        Option("out", "text", "", "folder for the C files; new or empty"),
+    ),
+)
 
 
 def export(arguments: list[str]) -> int:
@@ -19,12 +42,16 @@ def export(arguments: list[str]) -> int:
     Raises:
         InputError: something in the arguments cannot be used, the system has no C, or the folder cannot be written.
     """
+    from bench.commands.printing import then
+    from bench.scratch import made_whole, new_folder
+    from bench.work.saved import load
+    from bench.work.stopping import NO_SAVING
+    from touchbench_chip.write import files_of
+
     words, values = parse_words(arguments, keys("export"), 1)
     if not words or "out" not in values:
         raise InputError("give a model and out=, the folder for the C files: bench export MODEL out=FOLDER")
     bits, out = int(settings("export", values)["bits"]), new_folder(Path(values["out"]))
-    from bench.in_c.write import files_of
-    from bench.work.saved import load
 
     model = load(words[0])
     grid, kind = "x".join(map(str, model.grid)), "synthetic " if model.synthetic else ""

@@ -1,0 +1,71 @@
+"""What ``bench export``, ``form=c`` and their keys print, and the C of a system, as golden files (``--golden``)."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import bench
+from addons.chip.tests.compiled import lacking
+from bench.cli import main
+from tests.net import masks, numbers
+from tests.net.build import THREE, step
+from tests.net.commands import LDA, ON
+
+GOLDEN = Path(__file__).parent / "golden"
+TOOLS = lacking("arm-none-eabi-gcc", "qemu-system-arm")
+WRONG = [
+    ["export", "nowhere", "out=c"],
+    ["export", "rec"],
+    ["export", "rec", "out=c", "bits=7"],
+    ["run", *THREE, "model=tree", "features=jung28", "form=c", "bits=4"],
+    ["choose", "clock=64"],
+]
+
+
+@pytest.fixture
+def golden(request, net_store, tmp_path):
+    """Compare a text with the golden file of a name, or write it."""
+    folders = (tmp_path / "net", net_store, tmp_path)
+
+    def compared(name, text, form=masks.lines_of):
+        path, text = GOLDEN / name, form(text, folders)
+        if request.config.getoption("golden"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+        assert text == path.read_text()
+
+    return compared
+
+
+def test_help_and_refusals_are_what_they_were(in_net, golden):
+    golden("help.txt", step(["export", "--help"]))
+    golden("refusals.txt", "".join(map(step, WRONG)))
+
+
+def test_an_exported_system_is_what_it_was(in_net, golden):
+    assert "exit code" not in step(["fit", *LDA, "stopping=no", "out=rec"])
+    golden("export.txt", step(["export", "rec", "out=rec_c"]))
+    golden("touch.h", Path("rec_c/touch.h").read_text())
+
+
+@pytest.mark.skipif(bool(TOOLS), reason=TOOLS)
+def test_systems_as_c_print_what_they_printed(in_net, golden):
+    ran = step(["run", *THREE, "model=bayes", "features=jung28", "form=c", "bits=32,8"])
+    golden("chip.txt", ran + step(["choose", "data=three", *ON[1:], "by=cycles"]), masks.chip_of)
+
+
+@pytest.mark.parametrize("bits", ["32", "8"])
+def test_the_c_of_a_system_has_the_numbers_that_it_had(bits, request):
+    stored = GOLDEN / "c" / f"{bits}.csv"
+    bench.fit(model="lda", **{k: v for k, v in numbers.ON.items() if k != "jobs"}, out="fitted", stopping=False)
+    assert main(["export", "fitted", "out=c", f"bits={bits}"]) == 0
+    files = sorted(path for path in Path("c").iterdir() if path.suffix in (".c", ".h"))
+    rows = [(path.name, numbers.digest_of(path.read_text())) for path in files]
+    pd.DataFrame(rows, columns=["file", "digest"]).to_csv("found.csv", index=False)
+    if request.config.getoption("golden"):
+        stored.write_text(Path("found.csv").read_text())
+    if numbers.here() == numbers.made_on():
+        assert Path("found.csv").read_text() == stored.read_text()
+    else:
+        assert [name for name, _ in rows] == [*pd.read_csv(stored)["file"]]
