@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 from functools import cache
-from importlib.metadata import EntryPoints
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small networks are slower on two threads than on one
 
@@ -39,9 +38,10 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 def pytest_configure(config):
     """Hide add-ons that are installed: what they print and test is in their own tests."""
-    every = registry._installed.__wrapped__
-    own = lambda: EntryPoints(e for e in every() if not (e.dist and e.dist.name.startswith("touchbench-")))  # noqa: E731
-    registry._installed = cache(own)
+    every = registry.plugged.__wrapped__
+    hidden = lambda e: e.dist is not None and e.dist.name.startswith("touchbench-")  # noqa: E731
+    registry.plugged = cache(lambda group: tuple(e for e in every(group) if not hidden(e)))
+    registry.forget()
     without_numba(config)
 
 
