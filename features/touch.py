@@ -82,7 +82,7 @@ class TouchFeatures(FeatureSet):
         """A ring of signals, two frames, and of each taxel mean, squares about it and largest of two halves.
 
         That is enough for windows of which each begins in the middle of the one before. Sorting a signal, keeping
-        that of the centre, spectra and sorting the taxels take room besides (`bench.in_c`).
+        that of the centre, spectra and sorting the taxels take room besides.
         """
         return frames * (len(SIGNALS) + 3) + 9 * taxels + 5 * POINTS // 2
 

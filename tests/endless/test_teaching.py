@@ -11,7 +11,6 @@ from bench.cli import main
 from bench.endless.teaching import Watching
 from bench.errors import InputError
 from bench.store import connect
-from touchbench_chip.write import files_of
 from bench.work.saved import FORMAT, load
 from tests.conftest import runs
 from tests.endless.test_background import PEOPLE, stored
