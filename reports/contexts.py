@@ -1,13 +1,17 @@
-"""Comparable results in words, for the page: the newest of each system, the largest groups first."""
+"""Comparable results in words, the newest of each system, the largest groups first; footnotes and lists of names."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import pandas as pd
+
 from bench import few
-from bench.comparable import Row, context_of, seed_number, shared
+from bench.comparable import Row, context_of, notes_on, seed_number, shared
+from bench.measures import known
 from bench.outcomes.frame import grouped
 from bench.result import Result
+from bench.usual import BUSY
 from bench.work.curves import clean_accuracy
 
 CONTEXTS = 3  # captures-and-protocol groups that are drawn
@@ -58,3 +62,35 @@ def scarce(results: Sequence[Result]) -> list[str]:
 def context_words(run: Row, same: Mapping[str, tuple[str, str]] | None = None) -> str:
     """Corpus and protocol of a run in words, and the shared parameters that differ from their usual values."""
     return ", ".join([*context_of(run), *shared(run, same or {})])
+
+
+def noted(
+    table: pd.DataFrame, data_of: Mapping[str, str] | None = None, people_of: Mapping[str, int] | None = None
+) -> pd.DataFrame:
+    """A table of systems with footnotes in a column ``note``, also on too few subjects; as it is without any."""
+    names = [name for name in ("system", "other", "choice") if name in table]
+    if not names or "note" in table:
+        return table
+    group = table.get("group", pd.Series(index=table.index, dtype=object))
+    data = table["data"] if "data" in table else group.map(data_of or {})
+    people = table["subjects"] if "subjects" in table else group.map(people_of or {})
+    notes = []
+    for *systems, on, n in zip(*(table[name] for name in names), data, people, strict=True):
+        words = [f"{few.too_few(int(n))}."] if n < few.TEST else []  # False where it is unknown
+        notes.append(" ".join(dict.fromkeys([*words, *(w for s in systems for w in notes_on(str(s), str(on)))])))
+    return table.assign(note=notes) if any(notes) else table
+
+
+def busy(row: Row) -> list[str]:
+    """The footnote of a run that was made on a busy machine."""
+    if (known(row.get("slowdown")) or 1) <= BUSY:
+        return []
+    return ["Times were measured beside other programs and are converted to those of the quiet machine."]
+
+
+def listed(names: Sequence[str], most: int = 4) -> str:
+    """Names in a sentence; of many the first, and how many more there are."""
+    kept = [*names[:most]]
+    if len(names) > most:
+        kept.append(f"{len(names) - most} other{'s' * (len(names) > most + 1)}")
+    return kept[0] if len(kept) == 1 else f"{', '.join(kept[:-1])} and {kept[-1]}"

@@ -16,7 +16,7 @@ from bench.described import definitions
 from bench.errors import InputError, nearest
 from bench.measures import Interval, Measure, columns, framed, percent, run_columns, text
 from bench.outcomes.frame import by_subject
-from bench.reports.numbers import busy
+from bench.reports.contexts import busy
 from bench.result import Result
 from bench.sentences import sentences
 from bench.table import Table, rows_of

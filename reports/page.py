@@ -19,16 +19,15 @@ from bench.outcomes.frame import grouped
 from bench.outcomes.runs import every_result, of_captures, wanted
 from bench.reports import over_corpora
 from bench.reports.chart import cost_chart, marks
-from bench.reports.comparison import comparison, published, runs_section
+from bench.reports.comparison import comparison, provenance, provenance_section, published, runs_section
+from bench.reports.contexts import listed, noted
 from bench.reports.details import pictures
 from bench.reports.figures import save
 from bench.reports.latex import latex, papers, sheet, side_by_side
 from bench.reports.layout import markdown, page
-from bench.reports.numbers import listed, noted
 from bench.reports.papers import against as beside_papers
 from bench.reports.papers import published_section
 from bench.reports.part import Part, Section
-from bench.reports.provenance import provenance, provenance_section
 from bench.reports.sections import briefs, joined, sections, sheets, unmeasured
 from bench.reports.summary import GROUPS, Chart, Summary, labels, largest_groups, summary_of
 from bench.result import Result

@@ -19,8 +19,8 @@ from bench.measures import NONE, Measure, known, text
 from bench.outcomes import statistics
 from bench.outcomes.frame import subject_accuracy
 from bench.reports.comparison import SAME
+from bench.reports.contexts import listed
 from bench.reports.details import macro_interval
-from bench.reports.numbers import listed
 from bench.result import Result
 from bench.table import Table, rows_of
 

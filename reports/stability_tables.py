@@ -13,8 +13,8 @@ from bench.comparable import notes_on
 from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.reports import fault_curves as figures
+from bench.reports.contexts import noted
 from bench.reports.layout import markdown
-from bench.reports.numbers import noted
 from bench.result import Result
 from bench.sentences import sentences
 from bench.table import Table, of_text, rows_of, write_sheet

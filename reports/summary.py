@@ -23,8 +23,8 @@ from bench.outcomes.frame import by_subject
 from bench.outcomes.scene import EVERY
 from bench.paired import interval
 from bench.registry import circumstance_views
+from bench.reports.contexts import listed
 from bench.reports.figures import Picture
-from bench.reports.numbers import listed
 from bench.result import Result
 from bench.scores import captures
 from bench.sentences import sentences

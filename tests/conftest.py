@@ -117,7 +117,7 @@ def brief_measurements(request, monkeypatch):
 
 def never_busy(patch):
     """No output says that this machine was busy."""
-    for printed in ("bench.commands.printing", "bench.reports.numbers"):
+    for printed in ("bench.commands.printing", "bench.reports.contexts"):
         patch.setattr(f"{printed}.BUSY", float("inf"))
 
 

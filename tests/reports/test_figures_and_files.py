@@ -12,8 +12,8 @@ from bench.corpora.survey import survey
 from bench.measures import costs
 from bench.pareto import staircase
 from bench.reports import chart, corpus_page, details, figures
+from bench.reports.comparison import command
 from bench.reports.layout import inline_svg
-from bench.reports.provenance import command
 from bench.table import write_sheet
 from tests.conftest import random_corpus
 from tests.reports.store import made_up
