@@ -8,7 +8,8 @@ from bench.work.results import FoldResult
 def test_a_log_has_a_line_for_each_fold_and_the_failures(capsys):
     with Bar(2) as bar:
         for title in ("svm", "rf"):
-            bar.begin(title, 3, 1)
+            bar.begin(title, 3, ["1", "fold02"])
+            assert bar.run.fields["now"] == "fold 1" and bar.run.completed == 1
             bar.end_fold(FoldResult("1", seconds=200.4, failed={"after": "Traceback\nValueError: no replay"}))
             bar.end_fold(FoldResult("fold02", error="Traceback\nValueError: too few", seconds=3.0))
             bar.end()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -28,6 +30,7 @@ class Bar(Progress):
 
     def __init__(self, runs: int) -> None:
         self.runs, self.begun = runs, 0
+        self.missing: list[str] = []
         super().__init__(
             TextColumn("{task.description}", markup=False),
             BarColumn(),
@@ -35,6 +38,7 @@ class Bar(Progress):
             TextColumn("folds"),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
+            TextColumn("{task.fields[now]}", markup=False),
             console=progress.console,
             transient=True,
             speed_estimate_period=ALWAYS,
@@ -45,16 +49,22 @@ class Bar(Progress):
         """The run that goes on."""
         return self.tasks[0]
 
-    def begin(self, title: str, folds: int, stored: int) -> None:
-        """Add the bar of a run, of which some folds are stored already."""
+    def begin(self, title: str, folds: int, missing: Sequence[str]) -> None:
+        """Add the bar of a run, of which some folds are missing; they are done in this order."""
         self.begun += 1
         title = f"run {self.begun} of {self.runs}: {title}" if self.runs > 1 else title
-        self.add_task(title, total=folds, completed=stored)
+        self.missing = [*missing]
+        self.add_task(title, total=folds, completed=folds - len(missing), now=self._now())
+
+    def _now(self) -> str:
+        """The fold that is under way, or the first of several."""
+        return named(self.missing[0]) if self.missing else ""
 
     def end_fold(self, result: FoldResult) -> None:
         """Count a fold that is stored; where no bar is seen before the end (a log), print a line."""
         run = self.run
-        self.advance(run.id)
+        self.missing.remove(result.name)
+        self.update(run.id, advance=1, now=self._now())
         if result.error:
             self.console.print(f"{named(result.name)} failed: {result.reason}", style="red", markup=False)
         for name, error in result.failed.items():
@@ -69,6 +79,7 @@ class Bar(Progress):
 
     def end(self) -> None:
         """Print the bar of a run that has ended for good."""
+        self.update(self.run.id, now="")
         self.console.print(self.make_tasks_table([self.run]))
         self.remove_task(self.run.id)
 

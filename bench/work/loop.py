@@ -103,7 +103,7 @@ def _run(store: Store, plan: Plan, workers: Workers, bar: Bar) -> Result:
         if not missing:
             line = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(plan.folds)} folds are already stored"
             console.print(line, markup=False, soft_wrap=True)
-        bar.begin(cell.title(), len(plan.folds), len(plan.folds) - len(missing))
+        bar.begin(cell.title(), len(plan.folds), [fold.name for fold in missing])
         try:
             for result, machine in workers.folds(plan, missing) if missing else ():
                 run.add(result, machine)
