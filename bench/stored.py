@@ -38,7 +38,7 @@ def runs(cases: bool = False, **values: object) -> pd.DataFrame:
         InputError: nothing is stored for them.
     """
     asked = asked_of(values_of(values, SELECTING))
-    return frame(wanted(every_result(connect()), asked), cases)
+    return frame(wanted(every_result(connect(), asked), asked), cases)
 
 
 def predictions(runs: pd.DataFrame | None = None, table: str = "predictions", **values: object) -> pd.DataFrame:
@@ -59,7 +59,7 @@ def predictions(runs: pd.DataFrame | None = None, table: str = "predictions", **
     asked = asked_of(values_of(values, SELECTING))
     if runs is not None:
         asked["run"] = [*runs["run_id"]]
-    return tables(wanted(every_result(connect()), asked), table)
+    return tables(wanted(every_result(connect(), asked), asked), table)
 
 
 def compare(system: str | Mapping[str, object], other: str | Mapping[str, object], **values: object) -> Compared:

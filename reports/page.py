@@ -62,7 +62,7 @@ def write_report(
     Raises:
         InputError: no scored run is selected, or none of ``against``, or the folder cannot be written.
     """
-    results = wanted(every_result(store), asked or {})
+    results = wanted(every_result(store, asked), asked or {})
     runs = of_captures(results)
     systems = sorted({r.system for r in runs if r.complete and r.alone})
     if against and against not in systems:

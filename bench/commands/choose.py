@@ -105,7 +105,7 @@ def chosen(values: Values) -> Chosen:
     notes = scene.board.sentences(values) if scene and scene.board else []
     asked = asked_of(values)
     return choices.choose(
-        every_result(connect()), asked, given["by"], limits_of(given), scene=scene, notes=notes, **how
+        every_result(connect(), asked), asked, given["by"], limits_of(given), scene=scene, notes=notes, **how
     )
 
 

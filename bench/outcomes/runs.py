@@ -48,11 +48,16 @@ def different(results: Sequence[Result], key: str) -> bool:
     return len({str(r.get(key)) for r in results}) > 1
 
 
-def every_result(store: Store) -> list[Result]:
-    """Every scored run of all kinds, oldest first: the newest of equal ones, complete ones first."""
+def every_result(store: Store, asked: Mapping[str, Sequence[object]] | None = None) -> list[Result]:
+    """Every scored run of all kinds, oldest first: the newest of equal ones, complete ones first.
+
+    If one corpus is asked for, and has runs, others are left out.
+    """
+    data = [str(value) for value in (asked or {}).get("data", ())]
     scores = {tag: view.score for tag, view in run_views().items()}
     tracked = {name for view in views().values() for name in view.tracked}
-    results = [store.result(run) for run in store.of_kind(*scores)]
+    runs = store.of_kind(*scores, data=data[0]) if len(data) == 1 else []
+    results = [store.result(run) for run in runs or store.of_kind(*scores)]
     scored = [r for r in results if scores[r.kind] in r.metrics]
     newest = {
         tuple(str(r.get(name)) for name in (*SAME, *tracked)): r

@@ -63,7 +63,7 @@ class Memory(Store):
     def find(self, key, kind="cell"):
         return next((r for r in self.of_kind(kind) if r.data.tags["touchbench.cell"] == key), None)
 
-    def of_kind(self, kind):
+    def of_kind(self, kind, data=""):
         return [r for r in self.kept.values() if r.data.tags["touchbench.kind"] == kind]
 
     def statuses(self, kind="echo"):
