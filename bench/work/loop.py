@@ -105,9 +105,9 @@ def _run(store: Store, plan: Plan, workers: Workers, bar: Bar) -> Result:
             console.print(line, markup=False, soft_wrap=True)
         bar.begin(cell.title(), len(plan.folds), [fold.name for fold in missing])
         try:
-            for result, machine in workers.folds(plan, missing) if missing else ():
-                run.add(result, machine)
-                bar.end_fold(result)
+            for done, machine in workers.folds(plan, missing) if missing else ():
+                run.add(done, machine)
+                bar.end_fold(done)
         except (KeyboardInterrupt, ClusterError):
             run.interrupt()
             raise
