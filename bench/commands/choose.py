@@ -135,12 +135,12 @@ def table_of(result: Chosen) -> Table:
     shown += [cost for cost in costs().values() if cost.key in asked and cost not in shown]
 
     def column(cost: Measure) -> Measure:
-        spare = 0 if cost.key == result.by or cost.key in result.budgets else cost.spare or 3
+        kept = cost.key in (result.by, *result.budgets) or cost.line[0] != "budget"
 
         def amount(row: Row) -> str:
             return cost.amount(row[cost.key]) + "*" * (bool(row["linked"]) and cost.key in ("flash", "ram"))
 
-        return Measure(cost.key, cost.title, amount, spare=spare)
+        return Measure(cost.key, cost.title, amount, spare=0 if kept else cost.spare or 3)
 
     def loss(row: Row) -> str | None:
         return points(row["loss"], row["error"]) if row["loss"] == row["loss"] else None
