@@ -42,6 +42,12 @@ def test_people_can_read_all_of_it():
     assert "notes/" not in menu and all(f" {name}\n" in menu for name in DOCS)
 
 
+def test_the_test_line_installs_every_add_on():
+    (line,) = (line for line in README.splitlines() if "-m pytest" in line)
+    folders = [path.parent.name for path in (ROOT / "addons").glob("*/pyproject.toml")]
+    assert [name for name in folders if f" -e addons/{name} " not in line] == []
+
+
 def test_every_command_is_introduced_and_every_command_line_is_taken():
     """Commands of README and docs, with `NAME=` and `...` as they write them, go through the parser."""
     texts = [README, *DOCS.values(), *(path.read_text() for path in (ROOT / "docs" / "notes").glob("*.md"))]
