@@ -23,23 +23,14 @@ SAME_SYSTEM = ("protocol", "system", "seed")  # besides, what makes two runs rep
 
 
 def notes_on(system: str, data: str) -> list[str]:
-    """The footnotes of a system that a table names.
-
-    Args:
-        system: system name as in tables.
-        data: name of the corpus.
-    """
+    """The footnotes of a system that a table names."""
     ours = re.search(r"(?<![\w.])(reflex|rocket|touch|touchnet)(?![\w.])", system) is not None
     designed = ours and any(part.split("-")[0] == "haart" for part in data.split("+"))
     return [DESIGNED] * designed + [MAYBE_TWICE] * ("+" in data) + [MARKED] * system.endswith(MARK)
 
 
 def comparable(run: Row) -> tuple[str, ...]:
-    """Tags that must agree for two runs to be compared: captures and protocol.
-
-    Args:
-        run: tags and parameters of the run.
-    """
+    """Tags that must agree for two runs to be compared: captures and protocol."""
     return alike(run, ())
 
 
@@ -49,12 +40,7 @@ def alike(run: Row, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def shared(run: Row, same: Mapping[str, tuple[str, str]]) -> list[str]:
-    """Further parameters that must agree, in words; those with their usual value are left out.
-
-    Args:
-        run: tags and parameters of the run.
-        same: words of each parameter with ``{}`` for its value, and its usual value.
-    """
+    """Further parameters that must agree, in words; those with their usual value are left out."""
     values = {name: str(run.get(name, "")) for name in same}
     return [words.format(values[name]) for name, (words, usual) in same.items() if values[name] not in ("", usual)]
 
@@ -104,11 +90,7 @@ class Facts:
 
 
 def facts_of(run: Row) -> Facts:
-    """The facts of a run as they were tracked.
-
-    Args:
-        run: a row of `bench.outcomes.runs.tracked`.
-    """
+    """The facts of a run as they were tracked."""
     ratio = run["test_over_train"]
     official = {"true": True, "false": False}.get(run["official_split"])
     return Facts(run["mixes_subjects"] == "true", float(ratio) if ratio else None, official)

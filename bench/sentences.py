@@ -20,12 +20,7 @@ if TYPE_CHECKING:
 
 
 def environment(*folders: Traversable | Path, html: bool = False) -> Environment:
-    """The templates of folders; a name that has no value is an error.
-
-    Args:
-        folders: folders of templates.
-        html: True if values are escaped.
-    """
+    """The templates of folders; a name that has no value is an error."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined  # commands without sentences need not wait for it
 
     env = Environment(
@@ -53,14 +48,7 @@ def shortened(texts: Sequence[str], count: int) -> str:
 
 
 def sentences(package: str, template: str, block: str, **values: object) -> list[str]:
-    """The paragraphs of a block of a template, a line each: an empty line ends one.
-
-    Args:
-        package: name of the package that has the template.
-        template: name of the file, without ``.jinja``.
-        block: name of the block.
-        values: values of the names in it.
-    """
+    """The paragraphs of a block of a template, a line each: an empty line ends one."""
     found = _kept(package).get_template(f"{template}.jinja")
     text = "".join(found.blocks[block](found.new_context(values)))
     parts = (" ".join(part.split()) for part in re.split(r"\n\s*\n", text))

@@ -169,13 +169,7 @@ class Table:
 
 
 def of_text(frame: pd.DataFrame, code: Collection[str] = (), **more: Any) -> Table:
-    """A table of text as it is.
-
-    Args:
-        frame: text by heading.
-        code: headings of columns that hold commands.
-        more: further attributes of `Table`.
-    """
+    """A table of text as it is."""
     columns = [Measure(str(name), form=CODE if name in code else TEXT) for name in frame]
     rows = [dict(zip(map(str, frame), row, strict=True)) for row in frame.values.tolist()]
     return Table(columns, rows, **more)

@@ -24,18 +24,12 @@ Grouping = tuple[tuple[str, ...], ...]  # names of the gestures of each group
 def groupings(predictions: pd.DataFrame) -> pd.DataFrame:
     """Accuracy against the number of groups, each person's groups chosen on the predictions for the others.
 
-    Args:
-        predictions: table of `bench.scores`, of one or more seeds (then with a column ``seed``).
-
     Returns:
         A row for each number of ``groups``, from one per gesture down to 2: ``grouping`` (chosen on all subjects, as
         names), ``accuracy`` (mean over subjects, in percent, each with the groups chosen without that subject) with
         its 95 % t-interval over subjects (``low``, ``high``), ``largest`` (accuracy of always naming the group
         that is largest among the others, in percent), ``same`` (subjects without whom the same grouping is chosen) and
         ``subjects``.
-
-    Raises:
-        InputError: there is only one subject.
     """
     classes = scores.classes_of(predictions)
     columns = [scores.PREFIX + c for c in classes]

@@ -67,11 +67,7 @@ def every_result(store: Store, asked: Mapping[str, Sequence[object]] | None = No
 
 
 def stored(store: Store) -> list[Result]:
-    """The results of `plain` of the first kind, of captures.
-
-    Raises:
-        NothingTracked: there is none.
-    """
+    """The results of `plain` of the first kind, of captures."""
     return of_captures(every_result(store)) or _none_stored()
 
 
@@ -98,11 +94,7 @@ def plain(results: Iterable[Result]) -> list[Result]:
 
 
 def asked_of(values: Values) -> dict[str, list]:
-    """The typed keys that select stored runs, with their values, as `selected` takes them.
-
-    Raises:
-        InputError: a parameter of a model or feature set, which selects nothing, or a value that cannot be used.
-    """
+    """The typed keys that select stored runs, with their values, as `selected` takes them."""
     for key in values:
         if "." in key and not key.startswith("protocol."):
             raise InputError(f"{key}= is a parameter of new runs; leave it out to select stored runs")
@@ -113,11 +105,7 @@ def asked_of(values: Values) -> dict[str, list]:
 
 
 def wanted(results: Sequence[Result], asked: Mapping[str, Iterable[object]]) -> list[Result]:
-    """The selected results, with a warning for each value without a run.
-
-    Raises:
-        NothingTracked: none is selected.
-    """
+    """The selected results, with a warning for each value without a run."""
     if not results:
         _none_stored()
     for part in without_runs([results], asked):
@@ -133,11 +121,6 @@ def selected(results: Sequence[Row], asked: Mapping[str, Iterable[object]]) -> l
     """The results that have one of the values of each key.
 
     A part of a file goes by ``file.py:Name`` from wherever it is asked for, and by the name that tables show.
-
-    Args:
-        results: results.
-        asked: values of ``data``, ``where``, ``target``, ``protocol``, ``features``, ``model``, ``run``, or of a name
-            in them. With ``latest``, of each model and feature set only the runs with the newest parameters are kept.
     """
     kept = [*results]
     for key, values in asked.items():

@@ -62,22 +62,12 @@ def curve(labels: pd.DataFrame, key: str) -> pd.DataFrame:
 
 
 def loss(table: pd.DataFrame) -> dict[str, float]:
-    """Mean loss over the levels of each case.
-
-    Args:
-        table: table of `curve`.
-    """
+    """Mean loss over the levels of each case."""
     return {str(case): float(part.mean()) for case, part in table.groupby("case", sort=False)["loss"]}
 
 
 def joined(results: Sequence[Result], name: str, make: Callable[[Result], pd.DataFrame] | None = None) -> pd.DataFrame:
-    """A table of the results that have it, below each other, with data, subset, protocol, system and seed.
-
-    Args:
-        results: results.
-        name: name of the table.
-        make: makes it of a result; None for the stored one.
-    """
+    """A table of the results that have it, below each other, with data, subset, protocol, system and seed."""
     parts = []
     for r in results:
         about = dict(zip(("data", "subset", "protocol"), r.context, strict=True)) | {

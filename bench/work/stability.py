@@ -38,11 +38,6 @@ def sliced(
 
     Each circumstance is tested as if it were the only one. ``failing_slices.<key>`` counts the groups of captures as
     they are, and those in the circumstance; ``failing_slices`` counts all.
-
-    Args:
-        labels: table of the run (`bench.work.curves`).
-        words: a word for each case of the circumstances in which groups of captures are tested, too, by their keys.
-        target: columns that define the class.
     """
     labels = labels.assign(hit=labels["true"] == labels["predicted"], subject=labels["subject"].astype(str))
     units = unharmed(labels)
@@ -71,12 +66,7 @@ def chance_of(units: pd.DataFrame) -> float:
 
 
 def fault_tables(labels: pd.DataFrame, key: str) -> dict[str, pd.DataFrame]:
-    """Tables ``faults`` (accuracy under each at each severity) and ``margins`` (`half_margins`).
-
-    Args:
-        labels: table of the run.
-        key: circumstance of the faults.
-    """
+    """Tables ``faults`` (accuracy under each at each severity) and ``margins`` (`half_margins`)."""
     table = curve(labels, key).rename(columns={"case": "fault", "level": "severity"}).astype({"severity": int})
     units = unharmed(labels)
     names = ["fault", "severity", "amount", "captures", "accuracy", "low", "high", "loss", "broken", "mended"]
@@ -154,11 +144,7 @@ def as_they_are(labels: pd.DataFrame) -> pd.DataFrame:
 
 
 def trained_on(clean: pd.DataFrame) -> pd.Series:
-    """Number of training subjects behind each label; whole training sets of different size count as their mean.
-
-    Args:
-        clean: labels of clean captures.
-    """
+    """Number of training subjects behind each label; whole training sets of different size count as their mean."""
     numbers, most = (
         each.astype(float)
         for each in (clean["train_subjects"], clean.groupby("fold")["train_subjects"].transform("max"))
@@ -293,11 +279,7 @@ def families(tests: pd.DataFrame) -> pd.Series:
 
 
 def flipped(difference: np.ndarray) -> np.ndarray:
-    """One-sided sign-flip p-values: share of random signs with a sum at or below the observed one.
-
-    Args:
-        difference: one row per test, one column per subject, 0 where a subject has none.
-    """
+    """One-sided sign-flip p-values: share of random signs with a sum at or below the observed one."""
     tests, subjects = difference.shape
     if subjects <= EXACT_SUBJECTS:
         signs = 1 - 2 * ((np.arange(2**subjects)[:, None] >> np.arange(subjects)) & 1).astype(float)

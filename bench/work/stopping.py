@@ -34,10 +34,6 @@ def stopped(table: pd.DataFrame, threshold: float) -> pd.DataFrame:
 def learn_stopping(table: pd.DataFrame, rate_hz: float) -> tuple[float, pd.DataFrame]:
     """The threshold that saves most time without loss on training subjects.
 
-    Args:
-        table: replay of training captures by systems that their subjects had no part in, with ``settled``.
-        rate_hz: frames per second.
-
     Returns:
         The threshold with the smallest mean observed time whose accuracy, as a mean over subjects, is not below that of
         whole captures by more than one standard error of the difference; and what each threshold of the series gives.
@@ -137,14 +133,7 @@ def fold_numbers(tables: Mapping[str, pd.DataFrame], rate_hz: float) -> dict[str
 def replay_numbers(
     tables: Mapping[str, pd.DataFrame], times: Iterable[float], spent_p95: float, rate_hz: float
 ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
-    """Numbers and curves of a replay: accuracy by instant, and of adaptive stopping where it was learned.
-
-    Args:
-        tables: ``replay`` and, where stopping was learned, ``rules``.
-        times: milliseconds at which accuracy is tracked.
-        spent_p95: milliseconds of a decision.
-        rate_hz: frames per second.
-    """
+    """Numbers and curves of a replay: accuracy by instant, and of adaptive stopping where it was learned."""
     table = tables["replay"]
     instants = by_instant(table, rate_hz)
     end = instants.iloc[-1]
