@@ -20,9 +20,8 @@ from bench.registry import circumstance_views, run_views
 Row = Mapping[str, Any]  # of a run or of a table: values by name; nan or None for what is unknown
 NONE = "-"  # printed for an unknown value
 OUTPUTS = ("terminal", "page", "latex", "csv")
-SECTIONS = ("budget", "faults", "people", "stream")  # of a scene file, with budgets
 TEXT, CODE = "text", "code"  # forms of what is no number
-BOTH = ("captures", "recordings")  # what runs are on
+EVERY = ("captures", "studies")  # what runs are on
 
 
 class Interval(NamedTuple):
@@ -71,7 +70,7 @@ class Measure:
         axis: label of its axis in figures; empty for the noun and the unit.
         unknown: reason why it may be unknown.
         section: section of its budget in a scene file; with another key than this one, ``section.key``.
-        on: runs that have it: on captures, on recordings, or both.
+        on: runs that have it: those on ``captures``, of all ``studies``, or of those that it names.
         command: command that measures it, with its arguments; empty for any. ``{faults}`` are those that count.
         among: its amount for some people [candidates], of a cost that depends on which are counted; from
             `bench.outcomes.candidates.People`.
@@ -95,7 +94,7 @@ class Measure:
     axis: str = ""
     unknown: str = "it was not measured"
     section: str = "budget"
-    on: tuple[str, ...] = BOTH
+    on: tuple[str, ...] = EVERY
     command: str = ""
     among: Callable[[Any], Any] | None = None
 
@@ -381,9 +380,10 @@ def costs() -> dict[str, Measure]:
     return every
 
 
-def costs_of(recordings: bool) -> dict[str, Measure]:
-    """The costs of runs on recordings, or of all others."""
-    return {k: c for k, c in costs().items() if BOTH[recordings] in c.on}
+def costs_of(study: str) -> dict[str, Measure]:
+    """The costs of the runs of a study, or of those on captures."""
+    named = {study, "studies"} if study else {"captures"}
+    return {k: c for k, c in costs().items() if named & {*c.on}}
 
 
 def budgets() -> dict[str, Measure]:

@@ -24,17 +24,6 @@ from typing import Any
 from bench.errors import InputError, nearest
 
 LIGHT = ("circumstances", "commands")  # whose parts load nothing heavy, so that help knows them all
-ADDED: dict[str, dict[str, str]] = {  # what the folders that become packages of their own add, as their entry points
-    "circumstances": {"watch": "bench.endless.kind:Continuous"},
-    "commands": {
-        "watch": "bench.endless.room:WATCHES",
-        "live": "bench.endless.room:LIVE",
-        "fit watch": "bench.endless.room:WATCH",
-        "detector": "bench.endless.room:FINDS",
-        "false_alarms": "bench.endless.room:ALARMS",
-        "background": "bench.endless.room:IDLE",
-    },
-}
 CAPTURES = "bench.reports.views.captures:Captures"  # what is shown of captures
 FILE_MODULE = "touchbench_file_"  # what modules of files are called
 KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}  # of parts of a cell
@@ -59,7 +48,7 @@ def forget() -> None:
 @cache
 def _own(room: str) -> dict[str, str]:
     """The built-in parts of a room, those of a package that lists them in ``PARTS``."""
-    return importlib.import_module(room if "." in room else f"bench.{room}").PARTS | ADDED.get(room, {})
+    return importlib.import_module(room if "." in room else f"bench.{room}").PARTS
 
 
 @cache

@@ -4,7 +4,5 @@ LABELS = "labels"  # table with the labels of all circumstances that need no mor
 CLEAN = "none"  # the fault of captures without one
 ALL = "all"  # names of all faults
 SEVERITIES = 5  # of each fault
-FALSE_ALARMS = 5.0  # per hour of background, which bench watch accepts on training subjects unless told otherwise
-NO_TOUCH = "notouch"  # class of background, where captures have it and no other is named
 BUSY = 1.3  # wall time of the reference workload, by its time on the quiet machine, from which on a machine is busy
 SATURATED = 10  # one of so many taxels at full scale saturates a frame; not tuned

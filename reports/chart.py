@@ -64,7 +64,7 @@ def drawn(choice: Choice) -> pd.DataFrame:
     """The most accurate candidates, with all that are on a front or chosen."""
     table = choice.table
     accuracy = table["accuracy"].to_numpy()
-    burdens = {name: costs()[name].burden(table[name].to_numpy(float)) for name in costs_of(recordings=False)}
+    burdens = {name: costs()[name].burden(table[name].to_numpy(float)) for name in costs_of("")}
     best = {i for burden in burdens.values() for i in table.index[staircase(accuracy, burden)]}
     best |= {choice.chosen, *table.sort_values("accuracy", ascending=False).index[:MOST]}
     return table[table.index.isin(best)]

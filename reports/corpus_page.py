@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.streams import PRESSURES
 from bench.corpora.survey import DURATIONS, PRESSURE, Survey
 from bench.reports.figures import SYNTHETIC, Picture, new_figure, plain, save, short
 from bench.reports.layout import page
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-    from bench.corpora.recordings import Recordings
-    from bench.corpora.streams import StreamSurvey
 
 FILMED = 8  # frames of a strip
 DRAWN = 24  # gestures of a figure
@@ -38,7 +35,6 @@ def write(
     corpus: Corpus,
     found: Survey,
     folder: Path,
-    recordings: tuple[Recordings, StreamSurvey] | None = None,
 ) -> list[Path]:
     """Write figures and a page that holds them all.
 
@@ -46,7 +42,6 @@ def write(
         corpus: the captures.
         found: `bench.corpora.survey.survey` of them.
         folder: destination folder; it is made.
-        recordings: the recordings that the captures were cut from, and the survey of them.
 
     Returns:
         The files.
@@ -54,14 +49,8 @@ def write(
     folder.mkdir(parents=True, exist_ok=True)
     group = corpus.name + (" (synthetic)" if corpus.synthetic else "")
     pictures = [pressure_figure(found, group, folder), film_figure(corpus, found, group, folder)]
-    sections, what = _sections(found), "Captures"
-    if recordings is not None:
-        from bench.reports.stream_page import pictures as of_streams
-
-        pictures, what = [*of_streams(*recordings, group, folder), *pictures], "Recordings"
-        sections = [*_of_recordings(recordings[1]), *sections]
-    index = folder / INDEX
-    title = f"{what} of {group}"
+    sections, index = _sections(found), folder / INDEX
+    title = f"Captures of {group}"
     values: dict[str, object] = {"survey": found, "sections": sections, "pictures": pictures}
     values["synthetic"] = f"Synthetic: {SYNTHETIC}." if corpus.synthetic else ""
     index.write_text(page("corpus.jinja", title, **values), encoding="utf-8")
@@ -83,16 +72,6 @@ def _sections(found: Survey) -> list[tuple[str, str, Table | None]]:
     for heading, words, table in parts:
         sections.append(_section(heading, words, table))
     return sections
-
-
-def _of_recordings(found: StreamSurvey) -> list[tuple[str, str, Table | None]]:
-    """The same of recordings."""
-    return [
-        _section("Recordings", f"{PRESSURES}, in percent.", found.recordings),
-        _section("Touches", "Seconds of the touches of each gesture.", found.events),
-        ("Between touches", f"{found.gap_line()}.", None),
-        _section("Background with the pressure of touches", f"{found.stretch_line()}; in seconds.", found.stretches),
-    ]
 
 
 def _section(heading: str, words: str, table: pd.DataFrame) -> tuple[str, str, Table | None]:

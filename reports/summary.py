@@ -142,7 +142,7 @@ class Summary:
         """Costs that are known of a candidate, or have a budget; a tenth of ten people is the worst person."""
         if self.choice is None:
             return []
-        table, shared = self.choice.table, costs_of(recordings=False)
+        table, shared = self.choice.table, costs_of("")
         seen = {name for name in shared if (table[name].notna() if shared[name].linear else table[name] > 0).any()}
         if table["worst_tenth"].equals(table["worst_person"]):
             seen -= {"worst_tenth"}

@@ -17,7 +17,6 @@ from hypothesis import HealthCheck, settings
 from bench import measures, registry
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import open_folder, write_folder
-from bench.registry import classes
 from bench.store import connect, create
 from bench.work.workers import Here
 
@@ -54,7 +53,7 @@ def without_numba(config):
 # Files that take longest begin first, so that none of them is alone at the end; the longest of all is first.
 LONG = (
     "test_readme.py test_package.py test_server.py test_net.py test_api.py test_report.py test_export.py "
-    "test_watch.py test_chip.py test_systems.py"
+    "test_watch.py test_c.py test_chip.py test_systems.py"
 ).split()
 
 
@@ -123,8 +122,7 @@ def never_busy(patch):
 
 def shorten_measurements(patch):
     """Time 3 captures once instead of 5 twice, and predict 2 alone instead of 8: most of the time of a small fold."""
-    watch = ["endless.watch"] if "watch" in classes("circumstances") else []  # a room that can be taken away
-    for name in ("work.fold", "work.replay", *watch):
+    for name in ("work.fold", "work.replay"):
         patch.setattr(f"bench.{name}.TIMED_CAPTURES", 3)
     patch.setattr("bench.timing.AROUND", 1)
     patch.setattr("bench.timing.REPEATS", 1)

@@ -39,8 +39,6 @@ BAD = [  # arguments, and what the line names
     (["run", "after=each", "hop_ms=1"], "hop_ms=1"),
     *(([name, "data.subjects=4", "out=file/x"], "file/x") for name in ("stress",)),
     (["run", "after=each", "stopping=yes", "data.subjects=2"], "one subject"),
-    (["live", "nothing"], "nothing"),
-    (["live", "nothing", "data=haart"], "'data'"),
     (["report", "max_ram=3ms"], "max_ram=3ms"),
     (["fit", "stopping=maybe"], "stopping=maybe"),
     (["predict", "rec"], "MODEL FILE"),
@@ -101,7 +99,7 @@ def test_the_ui_opens_a_view_with_columns_that_runs_have(in_net, monkeypatch, ca
     view = json.loads(store.client.get_experiment(store.experiment_id).tags[f"mlflow.sharedViewState.{key}"])
     shown = store.runs()
     kinds = {run.info.run_name.split()[0] for run in shown}
-    assert kinds == {"run", "tune", "watch"}
+    assert kinds == {"run", "tune"}
     run = next(run for run in shown if run.info.run_name.startswith("run "))
     for column in view["selectedColumns"]:
         kind, name = re.fullmatch("(metrics|params)[.]`(.+)`", column).groups()
@@ -114,11 +112,10 @@ def test_figures_of_runs_are_drawn_once(in_net, monkeypatch):
     monkeypatch.setattr(figure, lambda self, path, **_: drawings.append(Path(path).write_text("<svg/>")))
     store = connect()
     for _ in range(2):
-        runs = store.of_kind("cell", "watch")
+        runs = store.of_kind("cell")
         assert {*drawn(store)} == {run.info.run_id for run in runs}
         names = [(r.info.run_name.split()[0], {*store.names(r.info.run_id, r.info.artifact_uri)}) for r in runs]
         assert all("confusion.svg" in files for kind, files in names if kind in ("run", "tune"))
-        assert all("watching.svg" in files for kind, files in names if kind == "watch")
     assert len(drawings) == sum(file.endswith(".svg") for _, files in names for file in files)
 
 

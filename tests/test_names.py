@@ -2,8 +2,7 @@
 
 The new names sort as the old ones do, also where whole numbers come first, as they do for folds: the order of classes
 decides ties. No word names a gesture and a subject, so that tables can be compared under the old names.
-Random numbers of a subject's sensor depend on the subject's name. So the fault here is one of single captures, and the
-broken sensors that a detector learns are the same for all.
+Random numbers of a subject's sensor depend on the subject's name. So the fault here is one of single captures.
 """
 
 import csv
@@ -20,7 +19,6 @@ import bench
 from bench.cli import main
 from bench.corpora.library import import_corpus
 from bench.corpora.read.limits import flaw
-from bench.corpora.recordings import BACKGROUND, GAP
 from bench.outcomes.reactions import NOTHING
 from bench.outcomes.runs import every_result
 from bench.protocols.subjects import natural_order
@@ -52,21 +50,18 @@ def streams():
 
 
 def write(gestures, people):
-    """The same captures, and recordings, under these names."""
+    """The same captures under these names."""
     channels = [f"ch{i}" for i in range(GRID)]
-    with open("captures.csv", "w", newline="") as c, open("day.csv", "w", newline="") as d:
-        captures, day = csv.writer(c), csv.writer(d)
+    with open("captures.csv", "w", newline="") as c:
+        captures = csv.writer(c)
         captures.writerow(["subject", "gesture", "frame", *channels])
-        day.writerow(["subject", "label", *channels])
         for person, frames, labels in streams():
             for part, label in zip(frames, labels, strict=True):
                 for i, row in enumerate(part.tolist()):
-                    day.writerow([people[person], "" if label is None else gestures[label], *row])
                     if label is not None:
                         captures.writerow([people[person], gestures[label], i, *row])
     scene = f"[reactions]\nboth = {json.dumps(gestures[:2], ensure_ascii=False)}\n[costs]\nboth = {{ nothing = 0.5 }}\n"
     Path("scene.toml").write_text(f"{scene}silence = 0.7\n")
-    Path("stream.toml").write_text(f"{scene}silence = 0.7\n[stream]\nfalse_alarms = 100000\n")
 
 
 def numbers(table, back):
@@ -90,7 +85,7 @@ def numbers_of_file(path):
 
 
 def measured(gestures, people):
-    """What run, stress, watch, choose, groups, results and report give under these names."""
+    """What run, stress, choose, groups, results and report give under these names."""
     back = dict(zip(people, PEOPLE, strict=True)) | dict(zip(gestures, GESTURES, strict=True))
     write(gestures, people)
     return found(back)
@@ -98,16 +93,13 @@ def measured(gestures, people):
 
 def found(back):
     import_corpus("table", Path("captures.csv"), {"name": "arm", "grid": "4x4", "rate_hz": str(RATE)})
-    import_corpus("recording", Path("day.csv"), {"name": "day", "grid": "4x4", "rate_hz": str(RATE)})
     system = {"model": ["lda", "tree"], "features": "touch", "jobs": 1}
     tables = {"run": bench.run(data="arm", **system), "stress": bench.stress(data="arm", faults="noise", **system)}
     tables |= {
-        "watch": bench.watch(data="day", **system),
         "runs": bench.runs(),
         "groups": bench.groups(data="arm"),
     }
-    for data, scene in (("arm", "scene"), ("day", "stream")):
-        tables[scene] = bench.choose(data=data, scene=f"{scene}.toml", by="flash").choice.table
+    tables["scene"] = bench.choose(data="arm", scene="scene.toml", by="flash").choice.table
     every = {name: numbers(table, back) for name, table in tables.items()}
     for i, result in enumerate(every_result(connect())):
         every |= {(i, name): value for name, value in result.metrics.items() if not MASKED.fullmatch(name)}
@@ -119,7 +111,7 @@ def found(back):
 
 
 def usable(word):
-    return not flaw(word) and word == word.strip() and word not in {*BACKGROUND, GAP, NOTHING}
+    return not flaw(word) and word == word.strip() and word != NOTHING
 
 
 words = st.sampled_from(HARD) | st.text("aé,\"' 0.", min_size=1, max_size=4).filter(usable)

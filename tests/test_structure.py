@@ -39,7 +39,7 @@ ROOMS = {
     "work": ("bench.work bench.circumstances", "ground values numbers corpora features contract models plan"),
 }
 # These may be taken away: no other room imports one, and each may import all others.
-AWAY = {"endless": "bench.endless"}
+AWAY: dict[str, str] = {}
 FRONT = "bench bench.stored bench.cli bench.commands"  # may import every room
 EXCEPTIONS = {  # importing module, imported room: reason
 }
@@ -61,7 +61,7 @@ EVERY = "import bench.registry as r; r.classes('circumstances'), r.views(); "
 TABULAR = {"read_parquet", "to_parquet", "read_csv", "to_csv"}  # pandas' readers and writers
 TABLES = {  # modules that call one, beside bench.tables, and their files, none of which is a table of a run
     "bench.commands.predict": "the user's captures with labels, printed",
-    "bench.corpora.folder": "captures and events",
+    "bench.corpora.folder": "captures",
     "bench.corpora.read.csv_text": "files to import",
     "bench.corpora.read.cuddlebot": "files to import",
     "bench.table": "what is shown, for the user",

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from bench.errors import InputError
-from bench.measures import CODE, SECTIONS, Interval, Measure, costs, in_thousands, percent, run_columns, text, three
-from bench.outcomes.scene import OTHER
+from bench.measures import CODE, Interval, Measure, costs, in_thousands, percent, run_columns, text, three
 from bench.resampling import drawn, ratio_interval, weights
 from bench.result import SMALL, Failure, Result, Tables
 from bench.table import Table, of_text
@@ -46,13 +45,12 @@ def test_a_measure_reads_and_writes_a_value(measure, cell, words):
 def test_costs_have_their_budgets_units_and_lines():
     every = costs()
     of_captures = ["flash", "ram", "predict", "decision", "fault_loss", "worst_fault", "cycles"]
-    assert list(every) == [*of_captures, "worst_person", "worst_tenth", "false_alarms", "latency"]
+    assert list(every) == [*of_captures, "worst_person", "worst_tenth"]
     assert every["flash"].typed("1MiB") == pytest.approx(1048.576) and every["flash"].cell({"flash_bytes": 2500}) == 2.5
-    assert every["latency"].cell({"latency_s_p50": 0.25}) == 250 and every["latency"].typed("1s") == 1000
     assert every["cycles"].cell({"chip_most_instructions": 1_224_240}) == 1224.24
     run = {"flash_bytes": 2500, "ram_bytes": 512, "predict_ms_p50": 1.5, "predict_ms_p95": 9, "capture_ms": 300}
-    run |= {"observed_ms": 100, "peak_rss_bytes": 7, "chip_most_instructions": 1_224_240, "latency_s_p50": 0.25}
-    amounts = {"flash": 2.5, "ram": 0.512, "predict": 1.5, "decision": 300, "cycles": 1224.24, "latency": 250}
+    run |= {"observed_ms": 100, "peak_rss_bytes": 7, "chip_most_instructions": 1_224_240}
+    amounts = {"flash": 2.5, "ram": 0.512, "predict": 1.5, "decision": 300, "cycles": 1224.24}
     assert {name: cost.cell(run) for name, cost in every.items() if cost.among is None} == amounts
     least = {"worst_person", "worst_tenth"}
     assert {c.budget for c in every.values()} == {f"{'min' if name in least else 'max'}_{name}" for name in every}
@@ -60,7 +58,7 @@ def test_costs_have_their_budgets_units_and_lines():
         every["worst_person"].typed("101")
     assert every["worst_person"].line == ("people", "worst_person") and every["ram"].line == ("budget", "ram")
     assert every["fault_loss"].typed("0") == 0
-    for key, given_amount in (("flash", "3ms"), ("ram", "0kB"), ("latency", "1"), ("false_alarms", "0")):
+    for key, given_amount in (("flash", "3ms"), ("ram", "0kB")):
         with pytest.raises(InputError, match=f"max_{key}="):
             every[key].typed(given_amount)
     assert every["flash"].amount(64) == "64 kB" and every["flash"].amount(1234.5) == "1234 kB"
@@ -77,7 +75,6 @@ def test_costs_have_their_budgets_units_and_lines():
 def test_a_cost_fills_in_its_words():
     plain = Measure("battery_life", unit="h")
     assert (plain.noun, plain.words, plain.axis) == ("battery life", "of battery life", "battery life (h)")
-    assert {*OTHER} == {*SECTIONS}
 
 
 def test_columns_of_runs_by_hand():

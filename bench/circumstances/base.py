@@ -159,13 +159,13 @@ class Study(Producer):
         """Its options, as they are tracked."""
         return {f"{self.key}.{name}": getattr(self, name) for name in self.fields()}
 
-    def ready(self, cell: Cell) -> Cell:
-        """The cell as the study takes it.
+    def captures(self, cell: Cell) -> Corpus | None:
+        """What it is done on; None for the captures of the cell.
 
         Raises:
-            InputError: it cannot be used.
+            InputError: they cannot be opened or chosen.
         """
-        return cell
+        return None
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Do one fold, in a worker process; an exception is recorded as the fold's failure.

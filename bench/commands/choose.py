@@ -10,7 +10,6 @@ from bench.errors import InputError
 from bench.measures import Measure, Row, costs, costs_of, text
 from bench.option import Option
 from bench.options import BATCH, START, STORED, Command, keys, makers
-from bench.usual import FALSE_ALARMS
 from bench.words import Values, typed
 
 if TYPE_CHECKING:
@@ -24,12 +23,10 @@ COMMAND = Command(
     "accurate one. This is the standard error of the paired difference over subjects. If no system fits the "
     "budgets, it prints the lowest cost for each budget; exit code 1. why=yes prints all reasons. Runs with failed "
     "folds, and older runs on other captures, are left out. 1 kB is 1000 bytes, 1 KiB is 1024. Sizes exclude code, "
-    "except where a run linked the system in C, which also counts instructions. max_false_alarms= and max_latency= "
-    "compare runs on recordings instead, by the share of touches whose label is correct at the end. groups=yes "
+    "except where a run linked the system in C, which also counts instructions. groups=yes "
     "merges gestures into fewer and fewer groups, the most confused first, and prints the accuracy with each number of "
     "groups; those of each subject are chosen on the other subjects.",
-    "bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB\n"
-    f"bench choose data=haart protocol=loso max_false_alarms={FALSE_ALARMS:g} max_latency=1s",
+    "bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB",
     options=(
         *STORED,
         Option("scene", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
@@ -57,11 +54,10 @@ def choose(**values: object) -> Chosen:
     Args:
         values: the runs to choose among, as `results` selects them;
             ``by`` (the cost to keep low, default ``flash``); budgets ``max_flash``, ``max_ram``, ``max_predict``,
-            ``max_decision``, ``max_cycles``; ``max_false_alarms`` (per hour of background) and ``max_latency``
-            (median, such as ``"1s"``), which compare runs of `watch` alone; ``clock`` of the target, such as
-            ``64MHz``, at which measured cycles count for ``max_decision``; ``margin`` (tolerated loss of accuracy in
-            points); ``unit`` (``capture`` or ``window``); ``batch`` (``yes`` to include systems whose labels depend on
-            the batch); ``shots`` (labelled captures of a new person).
+            ``max_decision``, ``max_cycles``; ``clock`` of the target, such as ``64MHz``, at which measured cycles count
+            for ``max_decision``; ``margin`` (tolerated loss of accuracy in points); ``unit`` (``capture`` or
+            ``window``); ``batch`` (``yes`` to include systems whose labels depend on the batch); ``shots`` (labelled
+            captures of a new person).
 
     Raises:
         InputError: something in the values cannot be used, or nothing is tracked for them.
@@ -130,7 +126,7 @@ def table_of(result: Chosen) -> Table:
     limits = [f"{costs()[k].title} {costs()[k].limit} {costs()[k].amount(v)}" for k, v in result.budgets.items()]
     score = "score" if result.scene.reactions.weighted else "accuracy"
     asked = {result.by, *result.budgets, *(k for k, c in costs().items() if c.losses and result.scene.faults)}
-    shown = [cost for cost in costs_of(result.watched).values() if not (cost.losses or cost.line[0] == "people")]
+    shown = [cost for cost in costs_of(result.study).values() if not (cost.losses or cost.line[0] == "people")]
     shown.sort(key=lambda cost: "captures" in cost.on)
     shown += [cost for cost in costs().values() if cost.key in asked and cost not in shown]
 

@@ -9,48 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from bench.commands.printing import output, say, then, unwritable, writable
+from bench.commands.printing import say, then, unwritable, writable
+from bench.comparable import several
 from bench.corpora.corpus import Corpus
-from bench.corpora.library import import_corpus, imported, open_corpus, overview, stored_value, verify
+from bench.corpora.library import ASIDE, import_corpus, imported, left_out, open_corpus, overview, stored_value, verify
 from bench.corpora.read.cost import write
 from bench.corpora.read.limits import briefly
-from bench.corpora.recordings import Recordings, as_touches, is_recorded, parts_of
-from bench.corpora.streams import PRESSURES, StreamSurvey, survey_recordings
 from bench.corpora.survey import Survey, survey
 from bench.errors import InputError
-from bench.measures import Measure, text
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
 from bench.scratch import home
-from bench.table import Table, rows_of
-from bench.words import DEFAULTS, SMALL
-
-EVENTS = (  # columns of the events of recordings
-    text("gesture"),
-    Measure("events", form=".0f"),
-    Measure("subjects", form=".0f"),
-    Measure("shortest", "shortest s", form=".2f"),
-    Measure("median", "median s", form=".2f"),
-    Measure("longest", "longest s", form=".2f"),
-)
-NUMBERS = {  # columns of recordings
-    "minutes": Measure("minutes", form=".2f"),
-    "background": Measure("background", form=".2f"),
-    "doubtful": Measure("doubtful", form=".2f"),
-    "events": Measure("events", form=".0f"),
-    "idle": Measure("idle", form=".3g"),
-    "touch": Measure("touch", form=".3g"),
-    "above": Measure("above", "above %", form=".1f"),
-}
-STRETCHES = (  # columns of background with the pressure of touches
-    text("subject"),
-    text("recording"),
-    Measure("start", "from s", form=".2f"),
-    Measure("end", "to s", form=".2f"),
-    Measure("pressure", form=".3g"),
-    Measure("touch", form=".3g"),
-)
-LISTED = 12  # stretches that are printed
+from bench.words import SMALL
 
 
 def listed() -> int:
@@ -62,9 +32,8 @@ def listed() -> int:
             print(f"{row['data']}\n  {row['damaged']}")
             continue
         kind = "synthetic " if row["synthetic"] else ""
-        unit, events = ("captures", "") if row["events"] is None else ("recordings", f"{row['events']} events, ")
         print(
-            f"{row['data']}\n  {row['captures']} {kind}{unit}, {row['subjects']} subjects, {events}"
+            f"{row['data']}\n  {row['captures']} {kind}captures, {row['subjects']} subjects, "
             f"{row['gestures']} gestures, {row['frames']} frames of {row['grid']} at {row['rate_hz']:g} Hz\n"
             f"  columns: {row['columns']}\n"
             f"  digest:  {row['digest']}\n  source:  {row['source']}\n  licence: {row['licence']}"
@@ -75,70 +44,31 @@ def listed() -> int:
 
 
 def show(name: str, values: dict[str, str], given: dict[str, Any]) -> int:
-    """Print what a corpus or recordings hold, and draw them."""
+    """Print what a corpus holds, and draw it."""
     where, target, out = given["where"], given["target"], given["out"]
     parameters: dict[str, object] = {key: value for key, value in values.items() if key not in given}
     found = looked(name, where, target, Path(out), parameters)
-    if isinstance(found, StreamSurvey):
-        print_recordings(found, name)
-    else:
-        print(found)
-    if warnings := [] if name == "synth" else _corpus(stored_value(name)).info["warnings"]:
+    print(found)
+    if name in imported() and (line := left_out(open_corpus(name, {}))):
+        print(f"\n{line}")
+    if warnings := [] if name == "synth" else stored_value(name).info["warnings"]:
         print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
     print(f"\nfigures and a page that shows them; open: {Path(out, 'index.html').resolve().as_uri()}")
-    of_recordings = isinstance(found, StreamSurvey)
-    then(f"bench watch data={name}" if of_recordings else f"bench run data={name} protocol=loso {SMALL}")
+    then(f"bench run data={name} protocol=loso {SMALL}")
     return 0
 
 
-def print_recordings(found: StreamSurvey, name: str) -> None:
-    """Print the recordings, the events of each gesture, gaps, background like touches, and odd taxels."""
-    out = output()
-    table = found.recordings if found.recordings["doubtful"].any() else found.recordings.drop(columns="doubtful")
-    conditions = [name for name in table if name not in ("subject", "recording", *NUMBERS)]
-    columns = [
-        NUMBERS[str(name)]
-        if name in NUMBERS
-        else text(str(name), spare=len(conditions) - conditions.index(name) if name in conditions else 0)
-        for name in table
-    ]
-    synthetic = "synthetic " if found.captures.synthetic else ""
-    title = f"{name}: {len(table)} {synthetic}recordings; {PRESSURES}"
-    Table(columns, rows_of(table), title).print(out)
-    if len(found.events):
-        Table(EVENTS, rows_of(found.events), "Events").print(out)
-    say(found.gap_line())
-    if len(found.stretches):
-        Table(STRETCHES, rows_of(found.stretches.head(LISTED)), found.stretch_line()).print(out)
-        if len(found.stretches) > LISTED:
-            say(f"the longest {LISTED}; the page shows more")
-    else:
-        say(found.stretch_line())
-    say(*found.taxel_lines())
-
-
-def looked(
-    name: str, where: str, target: str, out: Path | None, parameters: dict[str, object]
-) -> Survey | StreamSurvey:
-    """Survey the captures of a corpus, or recordings, and draw them if a folder is given."""
+def looked(name: str, where: str, target: str, out: Path | None, parameters: dict[str, object]) -> Survey:
+    """Survey the captures of a corpus, and draw them if a folder is given."""
     from bench.reports.corpus_page import write as draw
 
     variant = one_variant(name, parameters)
-    value = stored_value(name) if name in imported() else None
-    streams = None
-    if isinstance(value, Recordings):
-        if target != DEFAULTS["target"]:
-            raise InputError(f"target={target}: {name} holds recordings, whose labels are gestures; leave it out")
-        corpus, value = parts_of(value, where), value[value.chosen(where)] if where else value
-        streams = survey_recordings(value, corpus)
-        result, recordings = streams.captures, (value, streams)
-    else:
-        corpus, recordings = captures_of(name, variant, where, target), None
-        result = survey(corpus)
+    corpus = captures_of(name, variant, where, target)
+    result = survey(corpus)
     if out is not None:
         with unwritable(writable(out)):
-            draw(corpus, result, out, recordings)
-    return streams or result
+            draw(corpus, result, out)
+    return result
 
 
 def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
@@ -157,47 +87,35 @@ def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
 def read(kind: str, source: Path, values: dict[str, str]) -> int:
     """Import a corpus; print its warnings, the corpus it replaces, and its contents."""
     before = _stored(values.get("name", kind))
-    value = import_corpus(kind, source, values)
-    corpus = _corpus(value)
+    corpus = import_corpus(kind, source, values)
     if corpus.info["warnings"]:
         print(f"warning: {briefly(corpus.info['warnings'], f'bench data show {corpus.name}')}", file=sys.stderr)
-    if before and _corpus(before).digest != corpus.digest:
-        print(f"{corpus.name}: replaces {len(before)} {_unit(before)}, digest {_corpus(before).digest[:16]}")
-    if isinstance(value, Recordings):
-        events, background = value.events, value.background_frames().sum()
-        gestures, lengths = events["gesture"].to_numpy(), (events["end"] - events["start"]).to_numpy()
-        minutes = f"{background / corpus.rate_hz / 60:.3g} of {len(corpus.frames) / corpus.rate_hz / 60:.3g} minutes"
-        doubt = int((value.doubtful["end"] - value.doubtful["start"]).sum()) / corpus.rate_hz / 60
-        more = f"{len(events)} events, {minutes} are background, " + f"{doubt:.3g} are doubtful, " * bool(doubt)
-    else:
-        gestures, lengths, more = corpus.gestures, corpus.lengths, ""
+    if before and before.digest != corpus.digest:
+        print(f"{corpus.name}: replaces {len(before)} captures, digest {before.digest[:16]}")
     print(
-        f"{corpus.name}: {len(corpus)} {'synthetic ' if corpus.synthetic else ''}{_unit(value)}, "
-        f"{len(set(corpus.subjects))} subjects, {more}{len(set(gestures))} gestures, {len(corpus.frames)} frames of "
+        f"{corpus.name}: {len(corpus)} {'synthetic ' if corpus.synthetic else ''}captures, "
+        f"{len(set(corpus.subjects))} subjects, {len(set(corpus.gestures))} gestures, {len(corpus.frames)} frames of "
         f"{corpus.grid[0]}x{corpus.grid[1]} at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}"
     )
-    if len(lengths):
+    for gesture in corpus.info.get(ASIDE, []):
+        aside = corpus.gestures == gesture
+        minutes = [frames.sum() / corpus.rate_hz / 60 for frames in (corpus.lengths[aside], corpus.lengths)]
+        if aside.any():
+            count = several(int(aside.sum()), "capture")
+            print(f"{gesture}: {count} without a gesture, {minutes[0]:.3g} of {minutes[1]:.3g} minutes")
+    if len(lengths := corpus.lengths[~np.isin(corpus.gestures, corpus.info.get(ASIDE, []))]):
         usual = f"{float(np.median(lengths)) / corpus.rate_hz:.2g} s"
-        what = "event" if isinstance(value, Recordings) else "capture"
-        print(f"the median {what} lasts {usual}; if that looks wrong, rate_hz and all reported times are wrong")
+        print(f"the median capture lasts {usual}; if that looks wrong, rate_hz and all reported times are wrong")
     then(f"bench data show {corpus.name}")
     return 0
 
 
-def _stored(name: str) -> Corpus | Recordings | None:
+def _stored(name: str) -> Corpus | None:
     """What is stored under a name, if it can be read."""
     try:
         return stored_value(name) if name in imported() else None
     except InputError:
         return None
-
-
-def _corpus(value: Corpus | Recordings) -> Corpus:
-    return value.corpus if isinstance(value, Recordings) else value
-
-
-def _unit(value: Corpus | Recordings) -> str:
-    return "recordings" if isinstance(value, Recordings) else "captures"
 
 
 def check(name: str) -> int:
@@ -218,8 +136,8 @@ def export(name: str, target: Path, values: dict[str, str]) -> int:
     """Write a corpus in the format of CoST.csv."""
     corpus = open_corpus(name, one_variant(name, {key: value for key, value in values.items() if key != "format"}))
     write(corpus, target)
-    if is_recorded(corpus):
-        say(as_touches(corpus))
+    if line := left_out(corpus):
+        say(line)
     kind = "synthetic " if corpus.synthetic else ""
     size = f"{len(corpus)} {kind}captures, {len(corpus.frames)} rows"
     print(f"{target}: {size} at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}")

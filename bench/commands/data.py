@@ -15,18 +15,17 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bench.corpora.corpus import Corpus
-    from bench.corpora.streams import StreamSurvey
     from bench.corpora.survey import Survey
 
 ACTIONS = ("import", "show", "verify", "export")
 IMPORT = (  # the format has others
     Option("name", "text", "", "name of the corpus; an earlier corpus of this name is replaced"),
-    Option("grid", "text", "", "table or recording: rows and columns of the skin, such as 8x8"),
-    Option("rate_hz", "number", None, "table or recording: frame rate in Hz"),
-    Option("full_scale", "number", 1023, "table or recording: largest possible reading"),
+    Option("grid", "text", "", "table: rows and columns of the skin, such as 8x8"),
+    Option("rate_hz", "number", None, "table: frame rate in Hz"),
+    Option("full_scale", "number", 1023, "table: largest possible reading"),
 )
 SHOW = (
-    Option("where", "text", DEFAULTS["where"], "captures, or whole recordings, to show"),
+    Option("where", "text", DEFAULTS["where"], "captures to show"),
     Option("target", "text", DEFAULTS["target"], "columns whose classes are also counted"),
     Option("out", "text", "look", "folder for figures and index.html, which shows them"),
 )
@@ -38,18 +37,15 @@ COMMAND = Command(
     "Social Touch, HAART (zip or folder), CuddleBot (folder or archive) or a table. align=, frames= and crop= "
     "change captures of any format. A CSV or parquet table has the columns subject, gesture, "
     "frame, conditions and channels. A .npz table has frames, offsets, subject and gesture. A column synthetic "
-    "marks generated captures. A recording is continuous touch: a CSV or parquet file with one row per frame. It "
-    "has channels and a column label (empty or None without touch, ? where it is doubtful); columns recording and "
-    "subject are optional. "
+    "marks generated captures. "
     "show prints counts, gaps, durations, pressure, broken taxels, seams and equal captures. verify reads every "
     "stored file again; exit code 1 if one has changed. show and export take parameters of synth, such as "
     "subjects=4.",
     "bench data import cost CoST.csv\n"
     'bench data import haart "HAART DataSet.zip" align=yes\n'
     "bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023\n"
-    "bench data import recording day.csv name=day grid=10x10 rate_hz=54\n"
     "bench data export synth out.csv subjects=31 repetitions=6",
-    "\nimport cost|cuddlebot|haart|table|recording FILE [key=value ...]\nshow NAME [key=value ...]\nverify NAME\n"
+    "\nimport cost|cuddlebot|haart|table FILE [key=value ...]\nshow NAME [key=value ...]\nverify NAME\n"
     "export NAME FILE",
     options=(*IMPORT, *SHOW, *EXPORT),
 )
@@ -82,19 +78,18 @@ def look(
     out: str | Path | None = None,
     target: str = "gesture",
     **parameters: object,
-) -> Survey | StreamSurvey:
+) -> Survey:
     """Survey a corpus, as ``bench data show`` does; the result prints as the same sentences.
 
     Args:
         data: an imported corpus, or ``synth``.
-        where: captures, or recordings, to look at, a condition on their columns.
+        where: captures to look at, a condition on their columns.
         out: folder for figures and a page that holds them; None draws nothing.
         target: columns that make the class to predict, such as ``variant``; its classes are counted.
         parameters: parameters of ``synth``.
 
     Returns:
-        Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``; of
-        recordings ``recordings``, ``events`` and ``stretches``, and these tables as ``captures``.
+        Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
 
     Raises:
         InputError: it is not here, a value cannot be used, or the folder cannot be written.
@@ -118,7 +113,7 @@ def extract(**values: object) -> pd.DataFrame:
     import pandas as pd
 
     from bench import contract
-    from bench.corpora.recordings import as_touches, is_recorded
+    from bench.corpora.library import left_out
     from bench.plan.cells import cells
     from bench.plan.plan import captures_of
     from bench.progress import warn
@@ -133,8 +128,8 @@ def extract(**values: object) -> pd.DataFrame:
     columns = features.fit(captures, captures.gestures).transform(captures)
     if both := sorted({*captures.captures.columns} & {*columns.columns}):
         raise InputError(f"{captures.name} has a column {both[0]!r}, also a feature; rename it and import again")
-    if is_recorded(captures):
-        warn(as_touches(captures))
+    if line := left_out(captures):
+        warn(line)
     return pd.concat([captures.captures, columns], axis=1)
 
 

@@ -67,31 +67,28 @@ def command(arguments: list[str]) -> int:
     if stopping is not None and not stopping.saves:
         print(f"{NO_SAVING}: the model classifies whole captures")
     address = quoted(str(out or fitted.uri))
-    if fitted.detector:
-        print(fitted.detector)
+    if fitted.told:
+        print(fitted.told)
     then(f"bench predict {address} new.csv", *following("fit", address))
     return 0
 
 
 def trained(values: Values) -> tuple[Fitted, Path | None]:
     """Fit and save the system of some values; also return the folder of ``out=``."""
-    from bench.corpora.library import holds_recordings
     from bench.plan.cells import cells
     from bench.work.fit import fit
 
-    given, watching = settings("fit", values), None
-    for key, learner in used("fit").items():
+    given, learner = settings("fit", values), None
+    for key, one in used("fit").items():
         if given[key]:
-            watching = learner(values)
-        elif unused := [other for other in values if other.partition(".")[0] in learner.keys]:
-            raise InputError(f"{key}=no: nothing watches, so {unused[0]}= has no effect; remove one of them")
+            learner = one(values)
+        elif unused := [other for other in values if other.partition(".")[0] in one.keys]:
+            raise InputError(f"{key}=no: {unused[0]}= has no effect without; remove one of them")
     cell, *more = cells({k: v for k, v in values.items() if k.partition(".")[0] not in given})
     if more:
         raise InputError("bench fit saves one system; give one value of each key")
     out = Path(given["out"]) if given["out"] else None
-    if holds_recordings(cell.data):
-        cell = cell.of_recordings()
-    return fit(cell, out, given["stopping"], watching), out
+    return fit(cell, out, given["stopping"], learner), out
 
 
 def adapted(words: list[str], values: dict[str, str]) -> int:

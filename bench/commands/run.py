@@ -161,7 +161,7 @@ def planned(name: str, values: Values) -> tuple[list, str]:
     every = classes("circumstances")
     if (study := every.get(one.makes)) and study.study:
         studies = study.of(given)
-        todo = [replace(s.ready(cell), study=s) for cell in cells(of_cells) for s in studies]
+        todo = [replace(cell, study=s) for cell in cells(of_cells) for s in studies]
     else:
         several = circumstances(given)
         todo = [replace(cell, circumstances=each) for cell in cells(of_cells) for each in several]

@@ -7,6 +7,5 @@ PARTS = {
     "cost": "bench.corpora.read.cost:read",
     "cuddlebot": "bench.corpora.read.cuddlebot:read",
     "haart": "bench.corpora.read.haart:read",
-    "recording": "bench.corpora.read.recording:read",
     "table": "bench.corpora.read.table:read",
 }

@@ -42,7 +42,7 @@ class Fault:
         unit: text after an amount in a table, such as ``% of the taxels``.
         amounts: amounts at severities 1 to 5.
         sensor: True for one draw per subject (a fault of the sensor), False for one draw per capture.
-        shortens: True if frames are lost, so that labels of frames have no place: not for recordings.
+        shortens: True if frames are lost, so that labels of frames have no place.
         later: True if ``all`` leaves it out on captures, so that a mean over all faults stays the same number.
     """
 

@@ -1,7 +1,6 @@
 """Stored corpora: a folder each in the user's data folder, checked and mapped when it is opened.
 
-``frames.npy``, ``lengths.npy`` and ``captures.parquet`` hold the corpus; recordings have ``events.parquet`` besides,
-which ``corpus.json`` lists. ``corpus.json`` holds the rest, and under
+``frames.npy``, ``lengths.npy`` and ``captures.parquet`` hold the corpus. ``corpus.json`` holds the rest, and under
 ``info.stored`` size and SHA-256 of each file and a checksum of itself; it never changes. ``seal.json`` holds size,
 times and inode of ``frames.npy`` when its SHA-256 was last verified.
 
@@ -26,13 +25,11 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus, unblinded
 from bench.corpora.read.limits import plain
-from bench.corpora.recordings import Recordings
 from bench.errors import InputError
 from bench.scratch import home, owner
 
 SMALL = ("lengths.npy", "captures.parquet")
 FILES = ("frames.npy", *SMALL)
-EVENTS = "events.parquet"  # of recordings
 FIELDS = ("name", "digest", "rate_hz", "full_scale", "info")  # in corpus.json
 _seen: set[tuple] = set()  # frames verified in folders that cannot be written, and so have no seal
 
@@ -105,40 +102,31 @@ def _reduced(corpus: Corpus) -> str | tuple:
 copyreg.pickle(Corpus, _reduced)
 
 
-def content_digest(value: Corpus | Recordings) -> str:
-    """SHA-256 over frames, lengths, captures, rate and scale of a whole corpus, and over the events of recordings."""
-    corpus, events = _parts(value)
+def content_digest(corpus: Corpus) -> str:
+    """SHA-256 over frames, lengths, captures, rate and scale of a whole corpus."""
     h = hashlib.sha256()
     numbers = [n.item() if isinstance(n, np.generic) else n for n in (corpus.rate_hz, corpus.full_scale)]
     h.update(repr((corpus.frames.shape, corpus.frames.dtype.str, *numbers)).encode())
     h.update(np.ascontiguousarray(corpus.frames).data)
     h.update(np.ascontiguousarray(corpus.lengths, dtype=np.int64).data)
     h.update(corpus.captures.to_csv(index=False).encode())
-    if events is not None:
-        h.update(b"\0events\0" + events.to_csv(index=False).encode())
     return h.hexdigest()
 
 
-def _parts(value: Corpus | Recordings) -> tuple[Corpus, pd.DataFrame | None]:
-    """The corpus, and the events and doubtful stretches of recordings."""
-    return (value.corpus, value.labelled) if isinstance(value, Recordings) else (value, None)
-
-
-def write_folder(value: Corpus | Recordings, folder: Path, digest: str = "") -> None:
-    """Store a whole corpus, or recordings, as a folder, written beside its name and renamed.
+def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
+    """Store a whole corpus as a folder, written beside its name and renamed.
 
     A folder that is there already stays if it holds the same corpus unharmed; else it is replaced.
 
     Args:
-        value: corpus or recordings to store.
+        corpus: corpus to store.
         folder: destination.
         digest: its `content_digest`, if that is known.
 
     Raises:
         OSError: the folder cannot be written.
     """
-    digest = digest or content_digest(value)
-    corpus, events = _parts(value)
+    digest = digest or content_digest(corpus)
     folder.parent.mkdir(parents=True, exist_ok=True)
     if _holds(folder, digest):
         return
@@ -148,12 +136,8 @@ def write_folder(value: Corpus | Recordings, folder: Path, digest: str = "") -> 
         np.save(new / "frames.npy", np.ascontiguousarray(corpus.frames))
         np.save(new / "lengths.npy", np.asarray(corpus.lengths, dtype=np.int64))
         corpus.captures.to_parquet(new / "captures.parquet", index=False)
-        names = list(FILES)
-        if events is not None:
-            events.to_parquet(new / EVENTS, index=False)
-            names.append(EVENTS)
         fields = {name: getattr(corpus, name) for name in FIELDS} | {"digest": digest}
-        stored = {"folder": folder.name, "files": {name: _size_and_hash(new / name) for name in names}}
+        stored = {"folder": folder.name, "files": {name: _size_and_hash(new / name) for name in FILES}}
         fields, stored = json.loads(json.dumps([fields, stored], default=np.generic.item))
         fields["info"]["stored"] = stored | {"sum": _sum(fields, stored)}
         (new / "corpus.json").write_text(json.dumps(fields, indent=1))
@@ -169,20 +153,7 @@ def write_folder(value: Corpus | Recordings, folder: Path, digest: str = "") -> 
 
 
 def open_folder(folder: Path, key: str = "") -> Corpus:
-    """Map a stored corpus, or that of stored recordings, if it is what was stored.
-
-    Args:
-        folder: folder of the corpus.
-        key: the name of the folder that it was written for, if that matters.
-
-    Raises:
-        InputError: the folder does not hold a complete corpus, unchanged.
-    """
-    return _parts(open_stored(folder, key))[0]
-
-
-def open_stored(folder: Path, key: str = "") -> Corpus | Recordings:
-    """As `open_folder`, but recordings with their events.
+    """Map a stored corpus, if it is what was stored.
 
     Args:
         folder: folder of the corpus.
@@ -193,18 +164,15 @@ def open_stored(folder: Path, key: str = "") -> Corpus | Recordings:
     """
     try:
         fields, stored = _fields(folder, key)
-        has_events = EVENTS in stored["files"]
-        for name in (*SMALL, EVENTS) if has_events else SMALL:
+        for name in SMALL:
             _compare(folder / name, *stored["files"][name])
         _check_frames(folder, *stored["files"]["frames.npy"])
         frames = np.load(folder / "frames.npy", mmap_mode="r", allow_pickle=False).view(np.ndarray)
         lengths = np.load(folder / "lengths.npy", allow_pickle=False)
         captures = pd.read_parquet(folder / "captures.parquet")
-        events = pd.read_parquet(folder / EVENTS) if has_events else None
     except (Damaged, OSError, ValueError) as e:
         raise InputError(f"{plain(folder, 150)} was changed or damaged ({plain(e)}); import it again") from e
-    corpus = Corpus(frames, np.cumsum(lengths) - lengths, lengths, captures, path=folder, **fields)
-    return corpus if events is None else Recordings.of(corpus, events)
+    return Corpus(frames, np.cumsum(lengths) - lengths, lengths, captures, path=folder, **fields)
 
 
 def verified(folder: Path, key: str = "") -> dict[str, str]:

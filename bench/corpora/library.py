@@ -12,26 +12,27 @@ import json
 import os
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from types import ModuleType
+from typing import Any
 
+import numpy as np
 from filelock import FileLock, Timeout
 
 from bench.corpora import cuts, duplicates
 from bench.corpora.corpus import Corpus
-from bench.corpora.folder import Damaged, content_digest, open_stored, small_file, verified, write_folder
+from bench.corpora.folder import Damaged, content_digest, open_folder, small_file, verified, write_folder
 from bench.corpora.read.limits import plain
-from bench.corpora.recordings import Recordings, touches_in
 from bench.errors import InputError, nearest
 from bench.registry import load
 from bench.scratch import home, remove, replacing
 
-Stored = TypeVar("Stored", Corpus, Recordings)
+ASIDE = "aside"  # in the corpus's info: classes of captures without a gesture, which runs on captures leave out
+UNTAUGHT = "untaught"  # classes that teach nothing, and so may be tested without training
 NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 
 
-def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus | Recordings:
+def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     """Read a file of a known format and store it.
 
     Args:
@@ -58,24 +59,18 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus | 
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.parent / f".{name}.lock", timeout=0):
-            value = _read(reader, source, arguments)
-            if changes and isinstance(value, Recordings):
-                raise InputError(f"{next(iter(changes))}=: recordings are imported whole; leave it out")
-            if not isinstance(value, Recordings) and changes:
-                unchanged = content_digest(value)
-                value = cuts.cut(value, kind, changes)
-                value = value.changed(info=value.info | {"unchanged": unchanged})
-            corpus = value.corpus if isinstance(value, Recordings) else value
+            corpus = _read(reader, source, arguments)
+            if changes and corpus.info.get(ASIDE):
+                raise InputError(f"{next(iter(changes))}=: {kind} is imported whole; leave it out")
+            if changes:
+                unchanged = content_digest(corpus)
+                corpus = cuts.cut(corpus, kind, changes)
+                corpus = corpus.changed(info=corpus.info | {"unchanged": unchanged})
             warnings = [*duplicates.warning(corpus), *corpus.info.get("warnings", [])]
             corpus = corpus.changed(name=name, info=corpus.info | {"format": kind, "warnings": warnings})
-            if isinstance(value, Recordings):
-                value = replace(value, corpus=corpus)
-                value.check()
-            else:
-                value = corpus
-            digest = content_digest(value)
+            digest = content_digest(corpus)
             stored = folder / digest[:16]
-            write_folder(value, stored, digest)
+            write_folder(corpus, stored, digest)
             pointer = folder / "current"
             if os.path.lexists(pointer) and (pointer.is_symlink() or not pointer.is_file()):
                 remove(pointer)
@@ -91,7 +86,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus | 
     finally:
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
-    return open_stored(stored)
+    return open_folder(stored)
 
 
 def _unwritable(folder: Path, error: OSError) -> InputError:
@@ -102,59 +97,59 @@ def _unwritable(folder: Path, error: OSError) -> InputError:
 def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
     """Open an imported corpus or several as one, or generate and open the synthetic one.
 
-    Recordings are cut at their labels (`bench.corpora.recordings.touches_in`).
+    Captures without a gesture are left out (`gestures_of`).
 
     Args:
         name: name of a corpus, or several joined by ``+``.
         parameters: parameters of ``synth``.
 
     Raises:
-        InputError: there is no such corpus, it is no longer what was imported, it has no touch, or corpora do not go
+        InputError: there is no such corpus, it is no longer what was imported, it has no gesture, or corpora do not go
             together (`bench.corpora.skins.together`).
     """
     if "+" in name:
         return _together(name)
     if name == "synth":
         return _synthetic(parameters)
-    value = stored_value(name)
-    return touches_in(value) if isinstance(value, Recordings) else value
+    return gestures_of(stored_value(name))
 
 
-def recordings(name: str, parameters: dict[str, object] | None = None) -> Recordings:
-    """Open imported recordings, or generate and open the synthetic ones.
-
-    Args:
-        name: name of imported recordings, or ``synth``.
-        parameters: parameters of ``synth``.
+def gestures_of(corpus: Corpus) -> Corpus:
+    """The captures with a gesture, of all that a format has stored.
 
     Raises:
-        InputError: there are no such recordings, the name is that of a corpus of captures, or they are no longer what
-            was imported.
+        InputError: there are none.
     """
-    if name == "synth":
-        return _synthetic_recordings(parameters or {})
-    value = stored_value(name)
-    if not isinstance(value, Recordings):
-        raise InputError(f"{name} holds captures, not recordings; use bench run data={name}")
-    return value
+    if not (aside := corpus.info.get(ASIDE)):
+        return corpus
+    captures = corpus[~np.isin(corpus.gestures, aside)]
+    if not len(captures):
+        raise InputError(f"data={corpus.name}: all captures are {' or '.join(aside)}; label some with a gesture")
+    return captures
 
 
-def stored_value(name: str) -> Corpus | Recordings:
-    """Open what is imported under a name: a corpus of captures, or recordings.
+def left_out(corpus: Corpus) -> str:
+    """A line on what `gestures_of` has left out; empty for nothing."""
+    if not (aside := corpus.info.get(ASIDE)):
+        return ""
+    return f"{corpus.name}: its {len(corpus)} captures with a gesture are used; {' and '.join(aside)} are left out"
+
+
+def stored_value(name: str) -> Corpus:
+    """Open all that is imported under a name, also captures without a gesture.
 
     Raises:
         InputError: nothing was imported under this name, or it is no longer what was imported.
     """
     try:
         folder = _folder(name)
-        value = open_stored(folder, folder.name)
-        corpus = value.corpus if isinstance(value, Recordings) else value
+        corpus = open_folder(folder, folder.name)
         if corpus.name != name:
             raise Damaged(f"it is {corpus.name[:40]}")
     except Damaged as e:
         folder = home() / "corpora" / name
         raise InputError(f"{plain(folder, 150)} was changed or damaged ({e}); import it again") from e
-    return value
+    return corpus
 
 
 def _folder(name: str) -> Path:
@@ -206,28 +201,22 @@ def imported() -> list[str]:
     return sorted(p.parent.name for p in (home() / "corpora").glob("*/current") if re.fullmatch(NAME, p.parent.name))
 
 
-def holds_recordings(name: str) -> bool:
-    """Return True for imported recordings."""
-    return name in imported() and isinstance(stored_value(name), Recordings)
-
-
 def overview() -> list[dict[str, object]]:
     """Summary of each imported corpus, or its defect under ``damaged``."""
     rows: list[dict[str, object]] = []
     for name in imported():
         try:
-            value = stored_value(name)
+            corpus = stored_value(name)
         except InputError as e:
             rows.append({"data": name, "damaged": str(e)})
             continue
-        corpus, events = (value.corpus, value.events) if isinstance(value, Recordings) else (value, None)
-        gestures = corpus.gestures if events is None else events["gesture"]
+        aside = corpus.info.get(ASIDE, [])
+        gestures = corpus.gestures[~np.isin(corpus.gestures, aside)]
         rows.append(
             {
                 "data": name,
-                "events": None if events is None else len(events),
                 "synthetic": corpus.synthetic,
-                "captures": len(corpus),
+                "captures": len(gestures),
                 "subjects": len(set(corpus.subjects)),
                 "gestures": len(set(gestures)),
                 "frames": len(corpus.frames),
@@ -242,7 +231,7 @@ def overview() -> list[dict[str, object]]:
     return rows
 
 
-def _read(reader: Callable, source: Path, arguments: dict[str, object]) -> Corpus | Recordings:
+def _read(reader: Callable, source: Path, arguments: dict[str, object]) -> Corpus:
     """The contents of a file; its own errors are none of the data folder's."""
     try:
         return reader(source, **arguments)
@@ -272,21 +261,25 @@ def _reader_arguments(kind: str, reader: Callable, options: dict[str, str], sour
 
 
 def _synthetic(parameters: dict[str, Any]) -> Corpus:
-    """The generated corpus, stored under all that it depends on."""
     from bench.corpora import synth
 
-    code = Path(synth.__file__).read_bytes()
-    key = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode() + code).hexdigest()[:16]
-    return _made(home() / "corpora" / "synth" / key, lambda: synth.generate(**parameters))
+    return generated(synth.generate, parameters, synth)
 
 
-def _synthetic_recordings(parameters: dict[str, Any]) -> Recordings:
-    """The generated recordings, stored under all that they depend on."""
-    from bench.corpora import synth, synth_recordings
+def generated(make: Callable[..., Corpus], parameters: dict[str, Any], *code: ModuleType) -> Corpus:
+    """A generated corpus, stored under all that it depends on.
 
-    code = Path(synth.__file__).read_bytes() + Path(synth_recordings.__file__).read_bytes()
-    key = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode() + code).hexdigest()[:16]
-    return _made(home() / "corpora" / "synth" / key, lambda: synth_recordings.generate(**parameters))
+    Args:
+        make: generates it from the parameters.
+        parameters: typed ones.
+        code: modules of the generator.
+
+    Raises:
+        InputError: it cannot be made or stored.
+    """
+    source = b"".join(Path(str(module.__file__)).read_bytes() for module in code)
+    key = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode() + source).hexdigest()[:16]
+    return _made(home() / "corpora" / "synth" / key, lambda: make(**parameters))
 
 
 def open_joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
@@ -315,30 +308,26 @@ def _together(name: str) -> Corpus:
     names = name.split("+")
     if len(set(names)) < len(names) or {"", "synth"} & {*names}:
         raise InputError(f"data={name[:100]}: join the names of imported corpora by +, each once")
-    corpora = []
-    for value in map(stored_value, names):
-        if isinstance(value, Recordings):
-            raise InputError(
-                f"data={name[:100]}: {value.corpus.name} holds recordings, which cannot be joined; give it alone"
-            )
-        corpora.append(value)
+    corpora = [stored_value(each) for each in names]
+    if partly := [corpus.name for corpus in corpora if corpus.info.get(ASIDE)]:
+        raise InputError(f"data={name[:100]}: {partly[0]} has captures without a gesture; give it alone")
     code = Path(skins.__file__).read_bytes()
     key = hashlib.sha256(json.dumps([[c.digest, c.name] for c in corpora]).encode() + code).hexdigest()[:16]
     return _made(home() / "corpora" / ".joined" / key, lambda: skins.together(corpora))
 
 
-def _made(folder: Path, make: Callable[[], Stored]) -> Stored:
-    """A stored corpus, or recordings, that touchbench can make itself; made and stored if missing or damaged.
+def _made(folder: Path, make: Callable[[], Corpus]) -> Corpus:
+    """A stored corpus that touchbench can make itself; made and stored if missing or damaged.
 
     Raises:
         InputError: it cannot be made or stored.
     """
     try:
-        return cast(Stored, open_stored(folder, folder.name))
+        return open_folder(folder, folder.name)
     except InputError:
-        value = make()
+        corpus = make()
     try:
-        write_folder(value, folder)
+        write_folder(corpus, folder)
     except OSError as e:
         raise _unwritable(folder, e) from e
-    return cast(Stored, open_stored(folder, folder.name))
+    return open_folder(folder, folder.name)

@@ -37,7 +37,7 @@ class People:
     Attributes:
         scores: in percent [candidates, subjects].
         losses: points lost in each case [candidates, cases, subjects]; NaN where not stored.
-        counts: false alarms and hours of background [2, candidates, subjects and people without touches].
+        counts: events, and hours in which they count [2, candidates, people]; also of people without a score.
     """
 
     scores: np.ndarray
@@ -57,9 +57,9 @@ class People:
         return self.losses.mean(axis=2) if self.losses.shape[1] else np.full((len(self.scores), 1), np.nan)
 
     def rate(self) -> np.ndarray:
-        """False alarms per hour of background [candidates]."""
-        alarms, hours = self.counts.sum(axis=2) if len(self.counts) else np.full((2, len(self.scores)), np.nan)
-        return np.divide(alarms, hours, out=np.full(len(hours), np.nan), where=hours > 0)
+        """Events per hour [candidates]."""
+        events, hours = self.counts.sum(axis=2) if len(self.counts) else np.full((2, len(self.scores)), np.nan)
+        return np.divide(events, hours, out=np.full(len(hours), np.nan), where=hours > 0)
 
     def cost(self, name: str) -> np.ndarray | None:
         """A cost that depends on which people are counted [candidates]; None for any other."""
@@ -101,15 +101,15 @@ def candidates(
     *,
     clock: float | None = None,
     batch: bool = False,
-    recordings: bool = False,
+    study: str = "",
     losses: Losses | None = None,
 ) -> Candidates:
     """Every way in which a system labels, as the kinds of run give them; the seeds of a system are averaged."""
     wish = wish or Wish(PLAIN)
-    kinds = {tag: view for tag, view in run_views().items() if view.recordings == recordings}
+    kinds = {tag: view for tag, view in run_views().items() if (tag if view.apart else "") == study}
     every = [r for r in results if r.kind in kinds and kinds[r.kind].offers(r, wish)]
     command = next(iter(kinds.values())).key
-    if not recordings:
+    if not study:
         command += "".join(f" protocol=personal protocol.shots={number}" for number in asked.get("shots", []))
     chosen, notes = eligible(every, asked, batch, command)
     ways = _ways(chosen, wish, kinds)
@@ -118,7 +118,7 @@ def candidates(
     lent: dict[str, dict[str, float]] = {}
     for r in chosen:
         lent.setdefault(str(r["system"]), {}).update(kinds[r.kind].lends(r))
-    mine = costs_of(recordings)
+    mine = costs_of(study)
     fixed = [name for name, cost in mine.items() if cost.among is None]
     table = pd.DataFrame([_row(seeds, lent[str(seeds[0][1]["system"])], fixed) for seeds in ways])
     same = table.duplicated(["system", "unit"], keep=False)  # such as early decisions with two hops

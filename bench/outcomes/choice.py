@@ -16,7 +16,7 @@ from bench import few
 from bench.candidate import Losses, Wish
 from bench.comparable import MARKED, MIXED, Row, notes_on, several
 from bench.errors import InputError
-from bench.measures import costs
+from bench.measures import costs, costs_of
 from bench.outcomes.candidates import Candidates, People, candidates, missing
 from bench.outcomes.runs import without_runs
 from bench.outcomes.scene import EVERY, Scene
@@ -200,7 +200,7 @@ def expected(
 ) -> np.ndarray | None:
     """Score in percent of each person with the system that is chosen without this person; NaN where none is.
 
-    Scores, losses under faults, worst people and false alarms are computed again from the people that are left.
+    Scores, losses under faults, worst people and rates of events are computed again from the people that are left.
     Latency and decision time are medians of all people and do not change.
 
     Returns:
@@ -345,9 +345,9 @@ class Chosen:
         return None if chosen is None else str(self.choice.table.loc[chosen, "system"])
 
     @property
-    def watched(self) -> bool:
-        """True for a choice among runs on recordings."""
-        return bool(self.kind.recordings)
+    def study(self) -> str:
+        """The study whose runs it is among; empty for runs on captures."""
+        return self.kind.tag if self.kind.apart else ""
 
     @property
     def kind(self) -> Any:
@@ -363,7 +363,7 @@ class Chosen:
         """The choice, its reason and what to expect, or the binding budgets and a remedy; all with ``why``."""
         brief, every = self._sentences(False)[:BRIEF], self._sentences(True)
         more = 0 if self.why else sum(line not in brief for line in every)
-        command = None if self.choice.chosen is not None else f"{_command(self.watched)} {SMALL}"
+        command = None if self.choice.chosen is not None else f"{_command(self.study)} {SMALL}"
         return [*(every if self.why else brief), *said("rest", more=more, command=command)]
 
     def _sentences(self, every: bool) -> list[str]:
@@ -428,18 +428,18 @@ def choose(
     asked_costs = [costs()[name] for name in (by, *limits)]
     if scene.faults is None and any(cost.losses for cost in asked_costs):
         scene = replace(scene, faults=Losses(EVERY))
-    watched = any("captures" not in cost.on for cost in asked_costs)
-    if watched:
-        _check_watched(by, unit, limits, clock)
+    study = next((cost.on[0] for cost in asked_costs if "captures" not in cost.on), "")
+    if study:
+        _check_study(study, by, unit, limits, clock)
     if scene.faults is not None and unit == "window":
         raise InputError("unit=window: losses under faults are of whole captures; leave it or the faults out")
     if shots is not None:
-        asked = _with_shots(shots, asked, watched)
+        asked = _with_shots(shots, asked, study)
     for part in without_runs([results], asked):
         warn(f"warning: {part}: no run is stored")
     most = limits.get("decision", np.inf if by == "decision" else None)
     wish = Wish(scene.reactions, most, unit == "window")
-    among = candidates(results, asked, wish, clock=clock, batch=batch, recordings=watched, losses=scene.faults)
+    among = candidates(results, asked, wish, clock=clock, batch=batch, study=study, losses=scene.faults)
     processors = sorted(set(among.table["cpu"]))
     if "predict" in {by, *limits} and len(processors) > 1:
         warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
@@ -449,15 +449,15 @@ def choose(
     return Chosen(choice, among, by, limits, margin, clock, scene, others, lacking, [*notes], why)
 
 
-def _with_shots(shots: int, asked: Mapping[str, list[str]], watched: bool) -> Mapping[str, list[str]]:
+def _with_shots(shots: int, asked: Mapping[str, list[str]], study: str) -> Mapping[str, list[str]]:
     """The runs with labelled captures of a new person."""
     if shots < 0:
         raise InputError(f"shots={shots}: give 0 or more")
     asked = {"protocol": ["personal"], **asked, "shots": [str(shots)]}
     if wrong := {*asked["protocol"]} - {"personal", "transfer"}:
         raise InputError(f"protocol={min(wrong)}: it has no shots; leave protocol= or shots out")
-    if watched:
-        raise InputError(f"shots={shots}: bench {_command(True)} has no captures of a new person; leave shots out")
+    if study:
+        raise InputError(f"shots={shots}: bench {_command(study)} has no captures of a new person; leave shots out")
     return asked
 
 
@@ -473,19 +473,19 @@ def _lacking(among: Candidates, asked: list[str], scene: Scene) -> dict[str, lis
     }
 
 
-def _command(recordings: bool) -> str:
-    """The command that makes runs on captures, or on recordings."""
-    return next(view.key for view in run_views().values() if view.recordings == recordings)
+def _command(study: str) -> str:
+    """The command that makes runs of a study, or on captures."""
+    return next(view.key for tag, view in run_views().items() if (tag if view.apart else "") == study)
 
 
-def _check_watched(by: str, unit: str, limits: Mapping[str, float], clock: float | None) -> None:
-    """Refuse keys that runs on recordings cannot be compared by."""
-    given = next((costs()[k].budget for k in limits if "captures" not in costs()[k].on), "by")
-    unwatched = [name for name, cost in costs().items() if "recordings" not in cost.on]
-    wrong = [f"by={by}"] * (by in unwatched) + [f"{costs()[k].budget}=" for k in unwatched if k in limits]
+def _check_study(study: str, by: str, unit: str, limits: Mapping[str, float], clock: float | None) -> None:
+    """Refuse keys that runs of a study cannot be compared by."""
+    given = next((costs()[k].budget for k in limits if study in costs()[k].on), "by")
+    unknown = [name for name in costs() if name not in costs_of(study)]
+    wrong = [f"by={by}"] * (by in unknown) + [f"{costs()[k].budget}=" for k in unknown if k in limits]
     wrong += [f"unit={unit}"] * (unit == "window") + ["clock="] * (clock is not None)
     if wrong:
-        command = _command(True)
+        command = _command(study)
         raise InputError(
             f"{wrong[0]}: runs of bench {command}, which {given}= compares, have no such value; leave it out"
         )

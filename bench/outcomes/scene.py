@@ -23,7 +23,6 @@ OTHER = {  # lines of each section that are no budgets: a key, and that of `benc
     "budget": {"clock": "clock", "board": "", "share": ""},
     "faults": {"names": "", "severity": ""},
     "people": {"shots": "shots"},
-    "stream": {},
 }
 EVERY = tuple(FAULTS.split())
 DEEPEST = 3  # levels of a scene: section, line, list or table
@@ -86,7 +85,11 @@ def boards() -> dict[str, Board]:
 
 def lines() -> dict[str, dict[str, Measure]]:
     """The budgets that each section can have, by their keys there."""
-    return {name: {cost.line[1]: cost for cost in costs().values() if cost.line[0] == name} for name in OTHER}
+    sections: dict[str, dict[str, Measure]] = {name: {} for name in OTHER}
+    for cost in costs().values():
+        section, key = cost.line
+        sections.setdefault(section, {})[key] = cost
+    return sections
 
 
 def read_scene(name: str) -> Scene:
@@ -124,22 +127,26 @@ def _check_size(value: object, where: str = "", depth: int = 0) -> None:
 
 def scene_of(table: Mapping[str, object]) -> Scene:
     """A scene from the content of its file."""
-    _check("", table, {*KEYS, *OTHER, "unlisted", "reactions", "costs"})
-    sections, limits = {name: _section(table, name) for name in OTHER}, lines()
+    limits = lines()
+    _check("", table, {*KEYS, *limits, "unlisted", "reactions", "costs"})
+    sections = {name: _section(table, name) for name in limits}
     for name, given in sections.items():
-        _check(f"[{name}] ", given, {*limits[name], *OTHER[name]})
+        _check(f"[{name}] ", given, {*limits[name], *OTHER.get(name, ())})
     values = {k: _text(k, table[k]) for k in KEYS if k in table}
     for name, given in sections.items():
-        values |= {key: _text(f"[{name}] {k}", given[k]) for k, key in OTHER[name].items() if key and k in given}
+        values |= {
+            key: _text(f"[{name}] {k}", given[k]) for k, key in OTHER.get(name, {}).items() if key and k in given
+        }
         values |= {c.budget: _text(f"[{name}] {k}", given[k]) for k, c in limits[name].items() if k in given}
     for name, given in sections.items():
         for k in given:
-            _check_amount(f"[{name}] {k} = {given[k]}", limits[name].get(k), OTHER[name].get(k, ""), values)
-    unmeasured = [k for k, cost in limits["budget"].items() if "recordings" not in cost.on] + ["clock"]
-    if unwatched := [k for k in unmeasured if k in sections["budget"] and sections["stream"]]:
-        raise InputError(f"[budget] {unwatched[0]}: runs on recordings do not measure it; leave it or [stream] out")
-    if "shots" in sections["people"] and sections["stream"]:
-        raise InputError("[people] shots: runs on recordings have none; leave shots or [stream] out")
+            _check_amount(f"[{name}] {k} = {given[k]}", limits[name].get(k), OTHER.get(name, {}).get(k, ""), values)
+    if apart := [name for name in limits if name not in OTHER and sections[name]]:  # budgets of a study
+        unmeasured = [k for k, cost in limits["budget"].items() if "studies" not in cost.on] + ["clock"]
+        if lacking := [k for k in unmeasured if k in sections["budget"]]:
+            raise InputError(f"[budget] {lacking[0]}: runs of [{apart[0]}] do not measure it; leave one of them out")
+        if "shots" in sections["people"]:
+            raise InputError(f"[people] shots: runs of [{apart[0]}] have none; leave one of them out")
     board = _of_board(sections["budget"])
     more = {} if board is None else board.budgets("decision" in sections["budget"])
     return Scene(more | values, _reactions(table), _faults(sections["faults"]), board)

@@ -7,7 +7,7 @@ import inspect
 import itertools
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -148,7 +148,6 @@ class Cell:
     features: Part[contract.Features] | None
     model: Part[contract.System]
     tuning: Tuning | None = None
-    recordings: bool = False
     circumstances: tuple[Any, ...] = ()
     study: Any = None
 
@@ -253,10 +252,6 @@ class Cell:
             "code": source_digest(*code),
             "versions": versions(self.packages()),
         }
-
-    def of_recordings(self) -> Cell:
-        """The cell, marked: its data holds recordings, which are used whole."""
-        return replace(self, recordings=True)
 
     def arguments(self) -> dict[str, str]:
         """The arguments that make this cell, as typed; defaults are left out."""

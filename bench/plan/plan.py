@@ -16,8 +16,7 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import repeated, seen_before, without
-from bench.corpora.library import open_corpus, recordings
-from bench.corpora.recordings import DOUBT, parts_of
+from bench.corpora.library import UNTAUGHT, open_corpus
 from bench.errors import InputError
 from bench.plan import splits
 from bench.plan.cells import Cell
@@ -149,7 +148,7 @@ def planned(cells: list[Cell], jobs: int | None) -> list[Plan]:
 
 def _captures_and_protocol(cell: Cell) -> tuple:
     """What the captures and folds of a cell depend on."""
-    part, of_data = cell.protocol, (cell.data, repr(cell.data_parameters), cell.where, cell.target, cell.recordings)
+    part, of_data = cell.protocol, (cell.data, repr(cell.data_parameters), cell.where, cell.target, cell.kind)
     return *of_data, repr(part), part.module, id(part.instance)
 
 
@@ -189,8 +188,8 @@ def corpus_of(cell: Cell) -> Corpus:
     Raises:
         InputError: they cannot be opened, chosen, joined, or told apart by the target.
     """
-    if cell.recordings:
-        return parts_of(recordings(cell.data, cell.data_parameters), cell.where)
+    if cell.study and (own := cell.study.captures(cell)) is not None:
+        return own
     corpus = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
     corpus = splits.captures(cell.splitter, corpus)
     if len(set(corpus.gestures)) < 2:
@@ -224,15 +223,15 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
         pairs = cell.splitter.split(corpus, gestures, subjects)
         folds = [Fold("", _positions(train), _positions(test), next(calibrations)) for train, test in pairs]
     mixed = mixes_subjects(corpus, folds)
-    if cell.recordings:  # doubtful stretches teach nothing
-        taught = gestures != DOUBT
+    if untaught := corpus.info.get(UNTAUGHT, []):
+        taught = ~np.isin(gestures, untaught)
         folds = [Fold("", fold.train[taught[fold.train]], fold.test, fold.known) for fold in folds]
     codes, names = pd.factorize(gestures)
     for i, fold in enumerate(folds, 1):
         tested = pd.unique(subjects[fold.test])
         fold.name = tested[0] if len(tested) == 1 and not mixed else f"fold{i:02d}"
         trained, needed = (np.bincount(codes[side], minlength=len(names)) > 0 for side in (fold.train, fold.test))
-        if lacking := sorted({*names[needed & ~trained]} - ({DOUBT} if cell.recordings else set())):
+        if lacking := sorted({*names[needed & ~trained]} - {*untaught}):
             leave = "" if "+" in corpus.target else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
             raise InputError(
                 f"protocol={cell.protocol}: fold {fold.name} tests {corpus.target} {lacking[0]} but has no training "

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench import contract
-from bench.corpora.recordings import certain
 from bench.errors import InputError
 from bench.machine import this_machine
 from bench.plan.cells import Cell
@@ -43,7 +42,7 @@ class Fitted:
         uri: address of the saved model in the store.
         run_id: id of its run.
         captures: number of training captures.
-        detector: sentence on what finds touches in a stream; empty without.
+        told: sentence on what else is saved; empty without.
     """
 
     cell: Cell
@@ -51,7 +50,7 @@ class Fitted:
     uri: str
     run_id: str
     captures: int
-    detector: str = ""
+    told: str = ""
 
     def __str__(self) -> str:
         kind = "synthetic " if self.recogniser.synthetic else ""
@@ -63,14 +62,14 @@ class Fitted:
     __repr__ = __str__
 
 
-def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: Any = None) -> Fitted:
+def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any = None) -> Fitted:
     """Train on all captures of a cell, and save.
 
     Args:
         cell: cell to train; its protocol is ignored.
         stopping: True to learn, from three more fits that leave subjects out, the calibration and the stopping rule; a
             warning appears if there are too few captures for it.
-        watching: learns the post-processing for endless streams; None for none.
+        learner: learns what else is saved with the system, as an added key of ``bench fit`` asks; None for nothing.
         out: a folder that is new or empty, to save the model there too.
 
     Raises:
@@ -79,7 +78,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: An
     if out is not None:
         new_folder(out)
     checked(cell)
-    estimator, corpus = cell.estimator(), certain(corpus_of(cell))
+    estimator, corpus = cell.estimator(), corpus_of(cell) if learner is None else learner.captures(cell)
     if conditions := contract.conditions(estimator):
         raise InputError(
             f"model={cell.model}: it predicts with {', '.join(conditions)}, which a saved model does not get; "
@@ -94,7 +93,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: An
         with computing(threads):
             learned_stopping = _stopping(cell, corpus) if stopping else None
             metrics = fitted(estimator, corpus)
-            watcher = None if watching is None else _watcher(watching, cell, estimator, corpus)
+            more = None if learner is None else _more(learner, cell, estimator, corpus)
     with computing(1):
         milliseconds = latency(estimator, corpus, int(corpus.lengths.max()))[:2]
     metrics = costs([FoldResult("", None, metrics | footprint(estimator, corpus), *milliseconds)])
@@ -103,11 +102,11 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: An
 
     from bench.work.saved import Recogniser, by_value, own_code, quiet
 
-    recogniser = Recogniser(estimator, corpus, learned_stopping, watcher)
+    recogniser = Recogniser(estimator, corpus, learned_stopping, more)
     plugins = [part.name for part in (cell.model, cell.features) if part]
     model = recogniser.model(plugins, corpus[0][:EXAMPLE_FRAMES], cell.packages())
     by_value()
-    how = f" {watching.params}" if watching else ""
+    how = f" {learner.params}" if learner else ""
     key = hashlib.sha256(f"{key_of(plan)} fit{how}".encode()).hexdigest()[:20]
     tags = tags_of(cell, corpus) | {"touchbench.kind": "fit", "touchbench.cell": key}
     with only_one(key):
@@ -115,8 +114,8 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: An
             store.delete(cut_off.info.run_id)
         run_id = store.create(f"fit {cell.system()} | {cell.data} | all captures", tags).info.run_id
         machine = this_machine()._asdict()
-        learned_to_watch = {} if watcher is None else watching.params
-        params = params_of(cell, corpus, threads) | machine | {"captures": len(corpus)} | learned_to_watch
+        params = params_of(cell, corpus, threads) | machine | {"captures": len(corpus)}
+        params |= {} if more is None else learner.params
         store.log(run_id, metrics, params)
         log_captures(store, run_id, cell, corpus, "training")
         mlflow.set_tracking_uri(store_uri())
@@ -126,18 +125,18 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, watching: An
             if out is not None:  # last, so that what is killed before can be repeated: the folder is not there yet
                 with made_whole(out) as beside:
                     mlflow.pyfunc.save_model(str(beside), **model)
-    detector = "" if watcher is None else watching.sentence
-    return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus), detector)
+    told = "" if more is None else learner.sentence
+    return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus), told)
 
 
-def _watcher(watching: Any, cell: Cell, estimator: contract.System, corpus: Corpus) -> Any:
-    """The post-processing for endless streams; None, with a warning, where the captures cannot teach it."""
+def _more(learner: Any, cell: Cell, estimator: contract.System, corpus: Corpus) -> Any:
+    """What else is saved with the system; None, with a warning, where the captures cannot teach it."""
     try:
         if len(set(corpus.subjects)) < 2:
             raise InputError("only one subject trains")
-        return watching.learned(cell.estimator, estimator, corpus)
+        return learner.learned(cell.estimator, estimator, corpus)
     except InputError as e:
-        warn(f"warning: the model cannot watch an endless stream: {e}")
+        warn(f"warning: the model {learner.without}: {e}")
         return None
 
 

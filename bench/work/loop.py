@@ -8,8 +8,8 @@ from dataclasses import replace
 from bench import contract
 from bench.corpora.corpus import reserved
 from bench.corpora.duplicates import named
+from bench.corpora.library import left_out
 from bench.corpora.read.limits import briefly
-from bench.corpora.recordings import as_touches, is_recorded
 from bench.errors import ClusterError, InputError
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, planned, usable_cores
@@ -123,8 +123,8 @@ def warnings(plan: Plan) -> list[str]:
     cell, corpus = plan.cell, plan.corpus
     damage = corpus.info.get("warnings", [])
     lines = [f"warning: {cell.data}: {briefly(damage, f'bench data show {cell.data}')}"] if damage else []
-    if is_recorded(corpus) and not cell.recordings:
-        lines.append(as_touches(corpus))
+    if (line := left_out(corpus)) and not cell.study:
+        lines.append(line)
     if plan.mixes_subjects:
         lines.append(
             f"warning: protocol={cell.protocol} trains and tests on the same subjects; expect lower accuracy for a new "

@@ -41,7 +41,7 @@ class View:
             usual value, which needs no words.
         noun: words for what its levels count, such as "captures of each class".
         chooses: True if its cases are candidates of a choice.
-        recordings: True for runs on recordings alone.
+        apart: True for runs of a study that are chosen among alone.
         unit: words for what is labelled.
         other: words for runs that another value of `alike` keeps apart.
         meaning: meaning of the score in a sentence.
@@ -56,7 +56,7 @@ class View:
     alike: ClassVar[Mapping[str, tuple[str, str]]] = {}
     noun: ClassVar[str] = ""
     chooses: ClassVar[bool] = True
-    recordings: ClassVar[bool] = False
+    apart: ClassVar[bool] = False
     unit: ClassVar[str] = ""
     other: ClassVar[str] = ""
     meaning: ClassVar[str] = ""
@@ -148,7 +148,7 @@ class View:
         return None
 
     def gestures(self, result: Result) -> tuple[str, ...]:
-        """All gestures of the captures or recordings of a run."""
+        """All gestures of the captures of a run."""
         from bench.scores import classes_of
 
         tables = (result.tables.get(name) for name in ("predictions", *result.tables))

@@ -27,7 +27,7 @@ TABLE = ["grid=8x8", "rate_hz=45", "full_scale=1023"]
 RATE = ["rate_hz=45.0"]
 PEOPLES = ("people.csv", "three.csv")  # exported captures that become those of people
 PROGRESS = re.compile(r" after [\d.]+ s, \d+ of \d+ folds|━")
-QUIET_FRAMES = 20  # behind each capture; in a recording four times as many
+QUIET_FRAMES = 20  # behind each capture
 SYNTH = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "data.rate_hz=45.0", "jobs=1"]
 PEOPLE, THREE = (["data=people", "jobs=1"], ["data=three", "jobs=1"])
 SYSTEMS = '''"""Systems for special cases."""
@@ -97,7 +97,6 @@ RUNS = {  # commands that fill the store, by the name of what they print
         ["data", "export", "synth", "three.csv", "subjects=3", "repetitions=1", "variants=normal", "seed=7", *RATE],
         ["data", "import", "table", "people.csv", "name=people", *TABLE],
         ["data", "import", "table", "three.csv", "name=three", *TABLE],
-        ["data", "import", "recording", "day-three.csv", "name=day", *TABLE],
     ],
     "run": [
         ["run", *PEOPLE, "model=tree,bayes", "features=jung28"],
@@ -123,10 +122,6 @@ RUNS = {  # commands that fill the store, by the name of what they print
     "replay": [
         ["run", *THREE, "model=tree,bayes", "features=jung28", "after=each", "stopping=yes", "hop_ms=1200"],
         ["run", *THREE, "model=tree", "features=jung28", "after=each", "stopping=yes", "start=middle"],
-    ],
-    "watch": [
-        ["watch", "data=day", "jobs=1", "model=tree,bayes", "features=jung28"],
-        ["watch", *THREE, "model=lda", "features=touch", "model.window=0.5", "unknown=tap", "false_alarms=9"],
     ],
 }
 FILED = {"runs": "artifact_uri", "experiments": "artifact_location"}  # columns of MLflow's tables that name folders
@@ -185,21 +180,18 @@ def step(command: list[str]) -> str:
 
 
 def _like_people(path: Path) -> None:
-    """Keep some gestures, by name, and no mark of generated captures; write the same as recordings, too."""
+    """Keep some gestures, by name, and no mark of generated captures."""
     table = pd.read_csv(path, skipinitialspace=True)
     table = table[table["gesture"].isin(GESTURES)].drop(columns="synthetic")
     table["gesture"], table["variant"] = table["gesture"].map(GESTURES), table["variant"].map(VARIANTS)
     channels, rng = [name for name in table if name.startswith("ch")], np.random.default_rng(0)
-    captures, recordings = [], []
+    captures = []
     for _, capture in table.groupby(["subject", "variant", "gesture"], sort=False):
-        quiet = capture.iloc[[0] * 5 * QUIET_FRAMES].copy()
+        quiet = capture.iloc[[0] * 5 * QUIET_FRAMES].copy()  # more than are used: what is drawn depends on it
         quiet[channels] = rng.integers(0, 4, (len(quiet), len(channels)))
         captures.append(pd.concat([capture, quiet[:QUIET_FRAMES]]))
         captures[-1]["frame"] = np.arange(1, len(captures[-1]) + 1)
-        recordings += [capture.assign(label=capture["gesture"]), quiet[QUIET_FRAMES:].assign(label="")]
     pd.concat(captures).to_csv(path, index=False)
-    columns = ["subject", "label", *channels]
-    pd.concat(recordings)[columns].to_csv(path.with_name(f"day-{path.name}"), index=False)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from tests.net.build import PEOPLE, RATE, SYNTH, TABLE, THREE
 
 ON = ["data=people", "where=all", "target=gesture", "protocol=loso"]
-DAY = ["data=day"]
 NEW = ["data=people", "protocol=personal"]
 SCENES = {
     "robot.toml": """
@@ -29,7 +28,6 @@ worst_person = 5
 worst_tenth = 5
 """,
     "new.toml": 'margin = 10\n[people]\nshots = 1\n[reactions]\ncalm = ["stroke", "rub"]\n',
-    "stream.toml": '[stream]\nfalse_alarms = 20\nlatency = "3s"\n[reactions]\ncalm = ["stroke", "rub"]\n',
 }
 LDA = [*SYNTH[:-1], "model=lda", "features=touch", "model.window=0.5"]
 TREE = ["model=tree", "features=jung28"]
@@ -54,18 +52,10 @@ STEPS = {  # each list in a copy of the store
         ["choose", "data=synth"],
         ["choose", *ON, "model=svm"],
     ],
-    "choose_watched": [
-        ["choose", *DAY, "max_false_alarms=500", "max_latency=2s", "why=yes"],
-        ["choose", *DAY, "by=latency"],
-        ["choose", *DAY, "by=false_alarms", "max_flash=25kB", "why=yes"],
-        ["choose", *DAY, "max_latency=1ms"],
-        ["choose", "data=three", "max_false_alarms=900", "by=ram"],
-    ],
     "choose_scenes": [
         ["choose", *ON, "scene=robot.toml"],
         ["choose", *ON, "scene=robot.toml", "why=yes"],
         ["choose", "data=people", "scene=new.toml", "why=yes"],
-        ["choose", *DAY, "scene=stream.toml", "why=yes"],
         ["choose", "data=synth", "scene=toy"],
     ],
     "groups": [
@@ -84,7 +74,6 @@ STEPS = {  # each list in a copy of the store
     "data": [
         ["data"],
         ["data", "show", "people", "where=subject != '4'", "target=variant"],
-        ["data", "show", "day", "out=look-day"],
         ["data", "export", "synth", "o.csv", "subjects=1", "repetitions=1", "variants=normal", *RATE],
         ["data", "import", "table", "o.csv", "name=mine", *TABLE],
         ["data", "verify", "people"],
@@ -99,7 +88,7 @@ FILES = {  # golden files of what commands write, by the step that writes them
     "report": ["report/comparison.csv", "report/pairs.csv", "report/provenance.csv", "report/ranking.csv"]
     + ["report/statistics.csv", "report/comparison.md", "report/comparison.tex"]
     + ["report/index.html", "report/streaming.csv", "report/stopping.csv", "report/paper.csv", "report/paper.tex"],
-    "data": ["look/index.html", "look-day/index.html"],
+    "data": ["look/index.html"],
     "check": ["check.xml"],
     "fit": ["p.csv"],
 }
@@ -115,8 +104,6 @@ LINES = {  # of scene files, each a mistake, by its name
     "d": "[budget]\nshare = 0.5",
     "e": '[faults]\nnames = ["nois"]',
     "f": "[faults]\nseverity = 9",
-    "g": "[people]\nshots = 1\n[stream]\nfalse_alarms = 5",
-    "h": '[stream]\nlatency = "1"',
     "i": "[people]\nworst_person = 101",
     "j": '[reactions]\ncalm = ["rub"]\nalert = ["rub"]',
     "k": "[costs]\ncalm = 3",
@@ -125,7 +112,6 @@ LINES = {  # of scene files, each a mistake, by its name
     "n": "budget = 3",
     "o": "by = ",
     "p": '[reactions]\ncalm = ["purr"]',
-    "q": '[budget]\ndecision = "1s"\n[stream]\nfalse_alarms = 5',
     "r": "[costs]\nsilence = -1",
 }
 WRONG = [  # commands that are refused
@@ -151,7 +137,6 @@ WRONG = [  # commands that are refused
     ["run", *PEOPLE, "protocol=transfer"],
     ["run", *PEOPLE, "protocol=personal", "protocol.shots=-1"],
     ["run", *PEOPLE, "model.repair=hope"],
-    ["run", "data=day+people"],
     ["tune", *PEOPLE, "model=lda", "model.window=x"],
     ["tune", *PEOPLE, *TREE, "model.level=1,9", "trials=0"],
     ["tune", *PEOPLE, *TREE, "inner=0"],
@@ -160,11 +145,6 @@ WRONG = [  # commands that are refused
     ["stress", *PEOPLE, *TREE, "train_subjects=9", "faults=none"],
     ["run", *PEOPLE, *TREE, "after=each", "hop_ms=-1"],
     ["run", *PEOPLE, *TREE, "after=each", "start=end"],
-    ["live"],
-    ["watch", *DAY, *TREE, "background=quiet"],
-    ["watch", *DAY, *TREE, "unknown=purr"],
-    ["watch", *DAY, *TREE, "where=subject == '1'"],
-    ["watch", *PEOPLE, *TREE, "false_alarms=0"],
     ["choose", "max_flash=64"],
     ["choose", "max_ram=lots"],
     ["choose", "by=price"],
@@ -175,9 +155,6 @@ WRONG = [  # commands that are refused
     ["choose", "max_flsh=64kB"],
     ["choose", *NEW, "shots=-1"],
     ["choose", "data=people", "protocol=loso", "shots=1"],
-    ["choose", *DAY, "max_latency=1s", "unit=window"],
-    ["choose", *DAY, "max_latency=1s", "max_decision=1s"],
-    ["choose", *DAY, "max_false_alarms=-1"],
     ["choose", *ON, "unit=window", "by=fault_loss"],
     ["tune", *PEOPLE, *TREE, "smallest=depth"],
     ["tune", *PEOPLE, *TREE, "smallest=level", "trials=5"],
@@ -185,7 +162,6 @@ WRONG = [  # commands that are refused
     *(["choose", *ON, f"scene={name}.toml"] for name in LINES),
     ["choose", "groups=yes", "data=people", "protocol=losso"],
     ["report", "max_flash=64"],
-    ["report", "max_latency=1s"],
     ["report", "paper=f1"],
     ["report", "paper=flash"],
     ["report", "data=peple"],

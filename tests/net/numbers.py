@@ -34,7 +34,6 @@ ELSEWHERE = {"rtol": 1e-4, "atol": 1e-6}  # networks sum in another order with o
 TOUCHES = "gesture in ('pat', 'rub', 'stroke', 'tap')"
 CAPTURES = {"data__subjects": 3, "data__variants": ("normal",), "data__repetitions": 1, "data__rate_hz": 45.0}
 ON = {"data": "synth", "where": TOUCHES, "features": "jung28", "jobs": 1, **CAPTURES}
-STREAMS = {name: value for name, value in ON.items() if name != "where"}
 QUICK: dict[str, dict[str, object]] = {  # systems with little to learn; networks learn for one epoch
     "rf": {"trees": 10},
     "et": {"trees": 10},
@@ -101,8 +100,6 @@ RUNS: dict[str, Callable[[], pd.DataFrame]] = {
     "tune": lambda: bench.tune(model="tree", model__level=[1, 9], inner="2", **ON),
     "stress": lambda: bench.run(model="bayes", under=["noise", "dead_taxels"], train_subjects=[1], **ON),
     "stream": lambda: bench.run(model="bayes", after=["250ms", "500ms"], stopping=True, **ON),
-    "watch_frames": lambda: bench.watch(model="bayes", detector="frames", **STREAMS),
-    "watch_threshold": lambda: bench.watch(model="bayes", detector="threshold", **STREAMS),
 }
 
 

@@ -18,7 +18,7 @@ from bench.outcomes.runs import (
 from bench.result import COUNTS, SMALL
 from bench.tables import file_of, write_table
 from tests.reports.store import keep
-from tests.results import evaluated, in_c, made_up, result, streamed, stressed, watched
+from tests.results import evaluated, in_c, made_up, result, streamed, stressed
 
 
 def artifact(result, name):
@@ -29,7 +29,6 @@ def artifact(result, name):
 def test_a_result_is_stored_and_read_as_it_was(store):
     made = [
         evaluated("svm · jung54", made_up(3, windows=2), **{"touchbench.conditions": "cover"}),
-        watched("svm", [0.5, 1.0], alarms=2.0, latency=0.5),
         stressed("svm", 0.7, {"noise": 0.1}),
         streamed("svm"),
         in_c("svm"),
@@ -59,7 +58,7 @@ def test_the_newest_of_equal_runs_counts_and_complete_ones_first(store):
 
 
 def test_without_runs_on_captures_the_command_is_told(store):
-    keep(store, watched("svm", [0.5, 1.0], alarms=2.0, latency=0.5))
+    keep(store, evaluated("svm", made_up(3), kind="fit"))
     with pytest.raises(NothingTracked, match="bench run model=svm"):
         stored(store)
 
@@ -141,7 +140,7 @@ def test_keys_select_runs_and_latest_the_newest_parameters(store):
     tuned = keep(store, evaluated("tuned svm", made_up(3), model_name="svm", **{"touchbench.command": "tune"}))
     kfold = keep(store, evaluated("svm[C=1] · jung54", made_up(3), model_name="svm", protocol="kfold"))
     failed = keep(store, evaluated("svm[C=9] · jung54", made_up(3), model_name="svm", failed=1))
-    other = keep(store, watched("svm[C=1]", [0.5, 1.0], alarms=2.0, latency=0.5, model_name="svm"))
+    other = keep(store, evaluated("svm[C=1]", made_up(3), model_name="svm", data="haart", corpus_digest="e" * 64))
     every = every_result(store)
 
     def ids(**values):

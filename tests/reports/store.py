@@ -5,9 +5,9 @@ from pathlib import Path
 
 from bench.tables import file_of, write_table
 from tests import results
-from tests.results import WATCHED, made_up, with_hits
+from tests.results import made_up, with_hits
 
-__all__ = ["WATCHED", "keep", "made_up", "streamed", "stressed", "tracked_run", "watched", "with_hits"]
+__all__ = ["keep", "made_up", "streamed", "stressed", "tracked_run", "with_hits"]
 
 PARAMS = ("corpus_digest", "git", "cpu", "threads", "faults")
 PARTS = {"model_name": "model", "protocol_name": "protocol"}  # names are parameters, words with their values tags
@@ -37,11 +37,6 @@ def tracked_run(store, system, predictions, failed=0, cost=1.0, **about):
 def stressed(store, system, accuracy, losses, more=(), **about):
     """Store a run of ``bench stress``."""
     return keep(store, results.stressed(system, accuracy, losses, more, **about))
-
-
-def watched(store, system, end_correct, alarms, latency, flash=4000.0, **about):
-    """Store a run of ``bench watch``."""
-    return keep(store, results.watched(system, end_correct, alarms, latency, flash, **about))
 
 
 def streamed(store, system, start="onset", hop="None", **metrics):

@@ -13,7 +13,6 @@ from addons.chip.tests.compiled import lacking
 from bench import scores
 from bench.cli import main
 from bench.commands.printing import runs_table
-from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work.tracking import key_of
@@ -72,45 +71,6 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, capsys)
     titles = re.findall(r"<title>(bayes · jung28.*?)</title>", page)
     counted = [title for title in titles if " 60 k;" in title]  # thousand instructions
     assert len(counted) == 1 and counted[0].startswith("bayes · jung28 (in C, 8 bits): ")
-
-
-@pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
-def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, capsys):
-    words = ["run", "form=c", "model=lda", "bits=8", "features=touch", "model.window=1", "data.variants=normal"]
-    assert main([*words, "data.subjects=3", "data.repetitions=1"]) == 0
-    assert "not measured: background=quiet: no capture of synth begins or ends with 0.25 s" in capsys.readouterr().err
-    monkeypatch.setattr("bench.endless.teaching.usual", lambda corpus, background: "press")
-    assert main([*words, "data.subjects=2", "data.repetitions=1"]) == 0
-    assert "not measured: a fold trains on one subject" in capsys.readouterr().err
-    assert main([*words, "data.subjects=3", "data.repetitions=2", "detector=frames"]) == 0
-    printed = capsys.readouterr()
-    assert "not measured" not in printed.err
-    table = printed.out.partition("touch_watch")[2].replace("│", " ")
-    assert " ".join(table.split()).count("8 31.0 15.0 420 110,000 260,000 1,200,000") == 1
-    *unmeasured, measured = runs("cell")[1]
-    assert {name: measured.data.metrics[name] for name in WATCHED} == WATCHED
-    assert measured.data.metrics["chip_watch_defined"] == 13  # gestures without press, the background
-    assert not any(name in run.data.metrics for run in unmeasured for name in WATCHED)
-
-
-def test_detectors_are_named_with_their_parameters():
-    each = InC.of({"form": "c", "bits": "8", "detector": "frames", "detector.wait": "0.5,0.7"})
-    assert [(one.bits, one.detector) for one in each] == [("8", "frames[wait=0.5]"), ("8", "frames")]
-    assert each[0].changed() == {"form": "c", "bits": "8", "detector": "frames", "detector.wait": "0.5"}
-    assert InC.of({"form": "c"})[0].detector == ""
-    with pytest.raises(InputError, match="wiat"):
-        InC.of({"form": "c", "detector": "frames", "detector.wiat": "0.5"})
-
-
-@pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
-def test_with_other_code_of_a_detector_costs_are_measured_again(tmp_path):
-    files = [tmp_path / name / "my.py" for name in ("before", "after", "copy")]
-    for file, levels in zip(files, (3, 4, 3), strict=True):
-        file.parent.mkdir()
-        text = "from bench.endless.detectors.threshold import Threshold\nclass Mine(Threshold): levels = range({})\n"
-        file.write_text(text.format(levels))
-    before, after, copy = (InC.of({"form": "c", "detector": f"{file}:Mine"})[0].identity() for file in files)
-    assert repr(before) != repr(after) and repr(before) == repr(copy)
 
 
 def test_what_cannot_be_is_refused_before_anything_runs(monkeypatch, capsys):

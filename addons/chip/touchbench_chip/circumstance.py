@@ -73,7 +73,8 @@ class InC(Circumstance):
         from touchbench_chip.measure import toolchain
         from touchbench_chip.write import digest
 
-        return [self.bits, digest(), toolchain(), self.part.identity() if watchers() else ""]
+        watching = [self.part.identity(), watchers()[0].c_digest()] if watchers() else []
+        return [self.bits, digest(), toolchain(), *watching]
 
     @property
     def part(self) -> Part[Any]:
@@ -84,7 +85,8 @@ class InC(Circumstance):
 
     def code(self) -> list[Code]:
         """What those who write the C import late: of networks, and of systems that watch."""
-        return [*super().code(), "touchbench_chip.network", *watchers()]
+        watching = [*watchers(), *self.part.code()] if watchers() else []
+        return [*super().code(), "touchbench_chip.network", *watching]
 
     def refuse(self, plan: Plan) -> None:
         """Refuse a system that has no C, and a machine without the programs.

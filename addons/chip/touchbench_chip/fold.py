@@ -10,8 +10,6 @@ import numpy as np
 import pandas as pd
 
 from bench import scores
-from bench.corpora.library import recordings
-from bench.corpora.recordings import certain, is_recorded, parts_of, recorded
 from bench.errors import InputError
 from bench.options import used
 from bench.words import labelled
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
 
 # As large as what `bench fit` teaches, which takes three more fits; it changes no probability.
 UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)), 1.0)
-WATCHED_S = 60.0  # of a recording that is watched in the emulator
 
 
 def refuse(plan: Plan, detector: str) -> None:
@@ -97,14 +94,10 @@ def _watching(at: Fitted, recogniser: Recogniser, bits: int, detector: str) -> d
     All training subjects teach the watcher, because the choice of the detector depends on them. Of recordings, their
     background does, too, and it also watches the beginning of one of a test subject.
     """
-    train, recording = at.train, None
-    if is_recorded(at.corpus):
-        every = parts_of(recordings(at.cell.data, at.cell.data_parameters), at.cell.where)
-        tested = np.isin(every.subjects, at.corpus.subjects[at.fold.test])
-        train, whole = certain(every[~tested]), recorded(every[tested]).corpus
-        recording = whole[0][: round(WATCHED_S * whole.rate_hz)]
+    learner = watching(detector)
+    train, recording = learner.sides(at.cell, at.corpus, at.fold)
     try:
-        recogniser.watcher = watching(detector).learned(at.cell.estimator, recogniser.estimator, train)
+        recogniser.watcher = learner.learned(at.cell.estimator, recogniser.estimator, train)
     except InputError:
         return {}
     with tempfile.TemporaryDirectory() as name:

@@ -19,7 +19,6 @@ from bench.usual import SATURATED
 from touchbench_chip.classifiers import HAVE, Decider, decider, has_c, number
 
 if TYPE_CHECKING:
-    from bench.endless.detectors.base import InC, Point
     from bench.work.replay import Stopping
     from bench.work.saved import Recogniser
 
@@ -47,8 +46,8 @@ class Chip:
     features: str
     classes: list[str]
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
-    points: tuple[Point, ...] = ()
-    watch: InC | None = None
+    points: tuple[tuple[float, float, float], ...] = ()
+    watch: Any = None
 
 
 def check(estimator: Any) -> bool:
@@ -105,7 +104,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
         width = deciders["decide"].arrays["hidden"].shape[1]
     defines = _sizes(recogniser, width, longest) | _steps(steps, recogniser.rate_hz) | sizes
     defines |= _stopping(recogniser.stopping) | {"WATCH": 0, "STEPPED": 0}
-    points: tuple[Point, ...] = ()
+    points: tuple[tuple[float, float, float], ...] = ()
     watch = None
     if name == "touch" and (watcher := recogniser.watcher) is not None:
         watch = watcher.in_c(recogniser.classes, recogniser.rate_hz)
@@ -232,7 +231,7 @@ def is_fraction(step: Step) -> bool:
     return isinstance(step, Scale) or (isinstance(step, Repair) and step.kinds != ("offset",))
 
 
-def _watching(watch: InC, recogniser: Recogniser, sizes: dict[str, Any], step: float) -> dict[str, Any]:
+def _watching(watch: Any, recogniser: Recogniser, sizes: dict[str, Any], step: float) -> dict[str, Any]:
     """Constants of a watcher, and of its frames, which share the ring of signals with captures.
 
     Args:

@@ -1,0 +1,12 @@
+"""Fixtures of the tests of streams: few measurements of watching."""
+
+import pytest
+
+from addons.chip.tests.test_chip import costs  # noqa: F401
+from tests.reports.test_report import quick  # noqa: F401
+
+
+@pytest.fixture(autouse=True)
+def few_decisions(monkeypatch):
+    """Folds time and repeat few decisions."""
+    monkeypatch.setattr("touchbench_streams.watch.TIMED_CAPTURES", 3)

@@ -1,0 +1,383 @@
+"""Exported C watches an endless stream: its events are those of Python."""
+
+import ctypes
+import io
+import subprocess
+import sys
+from copy import copy
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from addons.chip.tests.compiled import STRICT, fitted, lacking, written
+from bench.corpora import synth
+from bench.corpora.corpus import Corpus, storage
+from bench.corpora.faults import as_readings, as_shares, noise
+from bench.errors import InputError
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import lda
+from bench.models.recipe import Recipe
+from bench.models.reflex import Reflex
+from touchbench_chip import measure
+from touchbench_streams import live, synth_recordings
+from touchbench_streams.composer import composed
+from touchbench_streams.detectors import names
+from touchbench_streams.detectors.base import UNKNOWN
+from touchbench_streams.detectors.frames import Frames
+from touchbench_streams.detectors.threshold import Threshold
+from touchbench_streams.detectors.ticks import frames_of_tick, ticked
+from touchbench_streams.disturbed import KINDS, disturbed
+from touchbench_streams.recordings import Recordings
+
+pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
+EVENT = [("label", np.int32), ("confidence", np.float32), ("reported", np.uint32), ("end", np.uint32)]
+NEWS = np.dtype([*EVENT, ("news", np.int32), ("seen", np.uint32)])
+REPORTED, CHANGED, ENDED = 1, 2, 3
+LIBRARY = """#include "touch.c"
+static touch_watch_t w;
+typedef struct { touch_event_t event; int news; uint32_t seen; } news_t;
+void start(unsigned seen) { touch_watch_init(&w); w.seen = seen; }
+int stream(const float *frames, int n, news_t *news)
+{
+    int count = 0;
+    for (int i = 0; i < n; i++, count += news[count].news != 0) {
+        news[count].news = touch_watch(&w, frames + (long)i * TAXELS, &news[count].event);
+        news[count].seen = w.seen;
+        if (news[count].news < 0)
+            return -1;
+    }
+    return count;
+}
+int set(int point) { return touch_set_threshold(&w, point); }
+int status(touch_counts_t *counts) { return touch_status(&w, counts); }
+"""
+
+
+class Watched:
+    """The C of a watcher; called with frames, it gives the news of them, a row each."""
+
+    def __init__(self, recogniser, folder, bits=32):
+        self.folder = written(recogniser, folder, bits)
+        (folder / "library.c").write_text(LIBRARY)
+        call = ["gcc", *STRICT, "-shared", "-fPIC", "library.c", "-lm", "-o", "library.so"]
+        subprocess.run(call, cwd=folder, check=True, capture_output=True, text=True)
+        self.code = ctypes.CDLL(str(folder / "library.so"))
+
+    def start(self, seen=0):
+        """Begin, as if after so many frames."""
+        self.code.start(ctypes.c_uint(seen))
+        return self
+
+    def __call__(self, frames):
+        values = np.ascontiguousarray(frames.reshape(len(frames), -1), dtype=np.float32)
+        news = np.zeros(len(frames) // 2 + 1, NEWS)
+        values, place = (a.ctypes.data_as(ctypes.c_void_p) for a in (values, news))
+        count = self.code.stream(values, len(frames), place)
+        assert count >= 0
+        return news[:count]
+
+
+def events_of(news, classes):
+    """Events that are over, from the first news of each to its end: as the result of `TickWatcher.reports`."""
+    ended = np.flatnonzero(news["news"] == ENDED)
+    begun = np.append(0, ended[:-1] + 1)[: len(ended)]  # the first news of an event may be its end
+    words = np.append(classes, UNKNOWN)
+    assert (news["news"][np.setdiff1d(begun, ended)] == REPORTED).all()
+    columns = {name: news[name][ended].astype(np.int64) for name in ("reported", "end")}
+    columns |= {"first": words[news["label"][begun]], "label": words[news["label"][ended]]}
+    return pd.DataFrame(columns | {"confidence": news["confidence"][ended]})
+
+
+@cache
+def recordings(rate_hz=135.0, whole=False):
+    """Generated captures, and recordings composed of some of them and of generated idle time.
+
+    Readings have fractions, unless they are whole: where sums of whole numbers are alike, rounding decides what turns,
+    in Python as in C.
+    """
+    corpus = synth.generate(subjects=3, variants=("normal",), rate_hz=rate_hz)
+    streams = synth_recordings.generate(subjects=3, variants=("normal",), rate_hz=rate_hz)
+    idle = [streams.corpus[i][: streams.events.query("recording == @i")["start"].min()] for i in range(3)]
+    conditions = corpus.captures.drop_duplicates("subject")
+    quiet = Corpus.from_captures(idle, conditions, corpus.rate_hz, full_scale=corpus.full_scale)
+    streams = composed(corpus, quiet, seed=0)
+    if whole:
+        return synth.generate(subjects=6, rate_hz=rate_hz), streams
+    frames, rng = storage(streams.corpus)[0].astype(np.float32), np.random.default_rng(0)
+    frames += rng.random(frames.shape, np.float32) * (frames < corpus.full_scale)
+    return synth.generate(subjects=6, rate_hz=rate_hz), replace(streams, corpus=streams.corpus.changed(frames=frames))
+
+
+DETECTORS = {"frames": Frames(), "frames at 8 Hz": Frames(), "threshold": Threshold()}
+IN_STEPS = {"frames at 8 Hz": 8.0, "threshold": 100.0}  # whole numbers, at rates where rounding decides on few turns
+
+
+def streams_of(name):
+    """The recordings that a watcher of `watching` learned from."""
+    return of(name)[1]
+
+
+def of(name):
+    return recordings(IN_STEPS[name], whole=True) if name in IN_STEPS else recordings()
+
+
+@cache
+def watching(name):
+    """A fitted system and its watcher, which rejects a few touches."""
+    corpus, streams = of(name)
+    make = {
+        "reflex": lambda: Reflex(units=6, copies=1),
+        **dict.fromkeys(IN_STEPS, lambda: Recipe(lda(TouchFeatures()), window=0.4)),
+    }.get(name, lambda: Recipe(lda(TouchFeatures()), window=1.0, repair=("stuck", "dead")))
+    recogniser = fitted(make(), corpus if name != "reflex" else corpus[: len(corpus) // 3])
+    detector = DETECTORS.get(name, Frames())
+    recogniser.watcher = detector.learn(make, recogniser.estimator, corpus, streams, 5.0)[0]
+    if name == "threshold":
+        recogniser.watcher.reject = 0.7
+    return recogniser
+
+
+HOP = 15  # frames at 135 Hz, or fewer
+WHOLE = 0.15  # largest difference of a confidence where sums of whole numbers are alike, so rounding decides on turns
+
+
+def check_equal(events, expected, wrong=0.0, most=0.02):
+    """The same events, and nearly the same confidences: what is counted of a signal may differ by one in rounding.
+
+    A share of them may have other labels, or times that are a hop apart, for that reason.
+    """
+    expected = expected.reset_index(drop=True)
+    times, labels = ["reported", "end"], ["first", "label"]
+    assert len(events) == len(expected)
+    if not len(expected):
+        return
+    late = np.abs(events[times].to_numpy(np.int64) - expected[times].to_numpy(np.int64))
+    assert (late > 0).any(axis=1).mean() <= wrong and late.max() <= HOP * bool(wrong)
+    assert (events[labels].astype(str) != expected[labels].astype(str)).any(axis=1).mean() <= wrong
+    apart = np.abs(events["confidence"].to_numpy() - expected["confidence"].to_numpy())
+    assert np.quantile(apart, 0.8) < 1e-3 and (wrong or apart.max() < most)
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_events_are_those_of_python(name, tmp_path):
+    recogniser, streams = watching(name), streams_of(name)
+    expected = recogniser.watcher.reports(streams.corpus)
+    watched, in_8_bits = Watched(recogniser, tmp_path / "32"), Watched(recogniser, tmp_path / "8", bits=8)
+    labels = 0
+    for i in range(len(streams)):
+        mine = expected[expected["recording"] == i]
+        news = watched.start()(streams.corpus[i])
+        events = events_of(news, recogniser.classes)
+        lasting = mine["end"] > len(streams.corpus[i]) - recogniser.rate_hz / 8  # to the last tick
+        assert len(events) == (~lasting).sum() >= len(mine) - 1
+        mine = mine[: len(events)]
+        check_equal(events, mine, most=WHOLE if name in IN_STEPS else 0.02)
+        few = events_of(in_8_bits.start()(streams.corpus[i]), recogniser.classes)
+        assert few["reported"].tolist() == mine["reported"].tolist()
+        changes = news[news["news"] == CHANGED]
+        assert (changes["end"] == 0).all() and (changes["reported"] < changes["seen"]).all()
+        labels += len(changes)
+    assert len(expected) > 30 and labels > 0
+    assert ("sum_t sum[64]" in (tmp_path / "32" / "touch.h").read_text()) is (name in IN_STEPS)
+    assert (UNKNOWN in set(expected["label"])) is (name == "threshold")
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_a_disturbed_sensor_has_the_events_of_python(kind, tmp_path):
+    recogniser, streams = watching("frames"), streams_of("frames")
+    detector = recogniser.watcher.detector
+    which, calm = KINDS.index(kind), copy(detector)
+    # whatever is worth more in training, each of the classifiers decides here
+    other = replace(detector).fit(*learnt_from(disturbed(streams.corpus, kind), streams))
+    detector = copy(detector)
+    detector.disturbed_ = ((which, other, 0.5),)
+    recogniser = copy(recogniser)
+    recogniser.watcher = copy(recogniser.watcher)
+    recogniser.watcher.detector = detector
+    shaken = disturbed(streams.corpus, kind)
+    expected = recogniser.watcher.reports(shaken)
+    watched = Watched(recogniser, tmp_path)
+    for i in range(len(streams)):
+        events = events_of(watched.start()(shaken[i]), recogniser.classes)
+        mine = expected[expected["recording"] == i]
+        assert len(mine) - len(events) in (0, 1)  # one may last to the end
+        check_equal(events, mine[: len(events)], wrong=0.05)
+    recogniser.watcher.detector = calm
+    assert len(expected) > 10 and not expected.equals(recogniser.watcher.reports(shaken))
+
+
+def learnt_from(corpus, streams):
+    """Signals and ticks of recordings, as `frames` learns from them."""
+    detector = Frames()
+    ticks = ticked(Recordings(corpus, streams.events), frames_of_tick(detector.tick, corpus.rate_hz))
+    return [detector.signals_of(ticks.corpus[i]) for i in range(len(ticks))], ticks
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_names_from_several_parts_of_a_touch_are_those_of_python(name, tmp_path, monkeypatch):
+    recogniser, frames = watching(name), streams_of(name).corpus[0]
+    whole = reports(recogniser, frames)
+    monkeypatch.setattr(names, "LONGEST_S", 0.75)
+    expected = reports(recogniser, frames)
+    events = events_of(Watched(recogniser, tmp_path).start()(frames), recogniser.classes)
+    check_equal(events, expected, most=WHOLE if name in IN_STEPS else 0.02)
+    assert (expected["end"] - expected["reported"]).max() > 1.5 * recogniser.rate_hz
+    assert (np.abs(whole["confidence"] - expected["confidence"]) > 0.01).any()
+
+
+def reports(recogniser, frames):
+    """Events of one recording in Python."""
+    captures = pd.DataFrame({"subject": ["1"], "gesture": [""]})
+    corpus = Corpus.from_captures([frames], captures, recogniser.rate_hz, full_scale=recogniser.full_scale)
+    return recogniser.watcher.reports(corpus).drop(columns="recording")
+
+
+@pytest.mark.parametrize("name", ["frames", "frames at 8 Hz"])
+@pytest.mark.parametrize("gap_s", [0.4, 0.8])
+def test_interrupted_touches_are_those_of_python(gap_s, name, tmp_path):
+    """A recording that begins with a touch, touches with a gap in the middle, and a higher threshold."""
+    recogniser, streams = watching(name), streams_of(name)
+    watchers = recogniser.watcher, replace(recogniser.watcher, level=recogniser.watcher.level + 8)
+    counts = []
+    for watcher, place in zip(watchers, ("learned", "strict"), strict=True):
+        other = copy(recogniser)
+        other.watcher = watcher
+        watched, events_c, events_py = Watched(other, tmp_path / place), [], []
+        for i in range(len(streams)):
+            frames, gap = streams.corpus[i].copy(), round(gap_s * recogniser.rate_hz)
+            events = streams.events.query("recording == @i")
+            for middle in ((events["start"] + events["end"]) // 2).tolist():
+                frames[middle : middle + gap] = frames[:gap]
+            frames = frames[events["start"].min() :]
+            events_py.append(reports(other, frames))
+            events_c.append(events_of(watched.start()(frames), recogniser.classes))
+            events_py[-1] = events_py[-1][events_py[-1]["end"] < len(frames)]  # it ends before a touch does
+            assert len(events_c[-1]) == len(events_py[-1])
+        # a count of one more is a larger share of a few frames
+        check_equal(
+            pd.concat(events_c, ignore_index=True), pd.concat(events_py), most=WHOLE if name in IN_STEPS else 0.02
+        )
+        counts.append(len(pd.concat(events_py)))
+    assert counts[0] != counts[1] and min(counts) > 18
+
+
+@pytest.mark.parametrize("name", ["frames", "threshold"])
+def test_each_operating_point_gives_the_events_of_python(name, tmp_path):
+    recogniser, frames = copy(watching(name)), streams_of(name).corpus[0]
+    watcher = recogniser.watcher
+    threshold = watcher.level
+    assert threshold in [level for level, _, _ in watcher.points]
+    extremes = {"frames": (99.0, threshold - 1), "threshold": (99.0, threshold * 2)}[name]
+    points = ((extremes[0], 0.0, 0.0), (threshold, 0.5, 1.0), (extremes[1], 60.0, 1.0))
+    recogniser.watcher = learned_one = replace(watcher, points=points)
+    in_c, counts = Watched(recogniser, tmp_path), []
+    for i, (_, rate, found) in enumerate(points):
+        assert f"{i}: {rate:.3g} false alarms per hour, {100 * found:.1f} % found" in (tmp_path / "touch.h").read_text()
+        in_c.start()
+        assert in_c.code.set(i) == 0
+        recogniser.watcher = learned_one.at(i)
+        expected = reports(recogniser, frames)
+        check_equal(events_of(in_c(frames), recogniser.classes), expected, most=WHOLE if name in IN_STEPS else 0.02)
+        counts.append(len(expected))
+    assert len(set(counts)) > 1
+    assert in_c.code.set(-1) == in_c.code.set(len(points)) == -1
+
+
+def test_a_constant_of_a_detector_that_the_c_has_is_refused(tmp_path):
+    recogniser = copy(watching("frames"))
+    inner = recogniser.watcher.in_c(recogniser.classes, recogniser.rate_hz)
+    clashing = replace(inner, constants=(*inner.constants, ("Most frames.", {"LONGEST": 9})))
+    recogniser.watcher = SimpleNamespace(in_c=lambda *given: clashing, points=())
+    with pytest.raises(InputError, match="LONGEST"):
+        written(recogniser, tmp_path)
+
+
+def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and_in_c(tmp_path):
+    recogniser, streams = copy(watching("frames")), streams_of("frames")
+    watcher = recogniser.watcher = copy(recogniser.watcher)
+    watcher.detector = copy(watcher.detector)
+    watcher.detector.disturbed_ = ()  # no classifier for noise
+    corpus, rng = streams.corpus, np.random.default_rng(0)
+    noisy = [as_readings(corpus, noise(one, 4.0, rng)) for one in as_shares(corpus, np.arange(len(corpus)))]
+    noisy = Corpus.from_captures(noisy, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale)
+    calm, expected = (watcher.refused(one, watcher.evidence(one)) for one in (corpus, noisy))
+    assert calm.sum() < 0.1 * len(corpus.frames) and expected.sum() > 0.6 * len(corpus.frames)
+    watched, counts = Watched(recogniser, tmp_path), (ctypes.c_uint32 * 3)()
+    for i in range(len(noisy)):
+        watched.start()(noisy[i])
+        watched.code.status(counts)
+        assert counts[1] == pytest.approx(expected[i] - counts[2], rel=0.02)
+    live = watcher.stream(noisy.grid, noisy.rate_hz, noisy.full_scale)
+    told = [(live.push(frame.astype(np.float32)), live.status)[1] for frame in noisy[0][:3000]]
+    first = noisy[[0]].changed(lengths=np.array([3000]), digest="", path=None)
+    assert len(told) - told.count("ok") == watcher.refused(first, watcher.evidence(first))[0] > 0
+
+
+@pytest.mark.skipif(bool(lacking("make")), reason=lacking("make"))
+@pytest.mark.parametrize("name", DETECTORS)
+def test_the_program_prints_what_bench_stream_prints_and_nothing_is_undefined(name, tmp_path, monkeypatch, capsys):
+    recogniser, streams = watching(name), streams_of(name)
+    written(recogniser, tmp_path)
+    frames = streams.corpus[0][:8000]
+    lines = "\n".join(" ".join(f"{v:.3f}" for v in frame.ravel()) for frame in frames) + "\n"
+    call = ["gcc", *STRICT, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "touch.c", "main.c", "-lm"]
+    subprocess.run([*call, "-o", "checked"], cwd=tmp_path, check=True, capture_output=True)
+
+    def printed(text):
+        return subprocess.run([tmp_path / "checked", "-w"], input=text, capture_output=True, text=True, check=False)
+
+    done = printed(lines)
+    assert (done.returncode, done.stderr) == (0, "")
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(lines.encode())))
+        assert live.watched(recogniser, recogniser.watcher) == 0
+    outputs = done.stdout, capsys.readouterr().out
+    mine, theirs = ([line.split(",") for line in out.splitlines()] for out in outputs)
+    assert [row[:3] for row in mine] == [row[:3] for row in theirs] and {"reported", "ended"} < {row[1] for row in mine}
+    np.testing.assert_allclose(*([float(row[3]) for row in rows[1:]] for rows in (mine, theirs)), atol=0.02)
+    assert len(mine) > 4 and printed("\n" + lines.replace("\n", "\n \n", 9)).stdout == done.stdout  # blank lines
+    done = printed("0 1\n")
+    assert (
+        done.returncode == 2
+        and done.stderr == "line 1: send 64 decimal numbers, all with commas or all with blanks between them\n"
+    )
+
+
+def test_what_is_no_frame_changes_nothing(tmp_path):
+    recogniser, streams = watching("threshold"), streams_of("threshold")
+    watched, frames = Watched(recogniser, tmp_path), streams.corpus[0].astype(np.float32)
+    expected = watched.start()(frames)
+    watched.start()
+    first = watched(frames[:1000])
+    for odd in (np.nan, np.inf, -1, 1023.5):
+        wrong = frames[:1].copy()
+        wrong[0, 7, 7] = odd
+        assert (
+            watched.code.stream(
+                wrong.ctypes.data_as(ctypes.c_void_p), 1, np.zeros(2, NEWS).ctypes.data_as(ctypes.c_void_p)
+            )
+            == -1
+        )
+    np.testing.assert_array_equal(np.append(first, watched(frames[1000:])), expected)
+
+
+@pytest.mark.live
+@pytest.mark.skipif(bool(measure.lacking()), reason=", ".join(measure.lacking()))
+@pytest.mark.parametrize("name", ["frames at 8 Hz", pytest.param("reflex", marks=pytest.mark.nightly)])
+def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
+    recogniser, frames = watching(name), streams_of(name).corpus[0][:700]
+    folder = written(recogniser, tmp_path, 8)
+    captures, counted = measure.measured(folder), measure.measured_watching(folder, frames)
+    assert 0 < counted["chip_watch_ram_bytes"] - captures["chip_ram_bytes"] < 8192
+    assert abs(counted["chip_watch_flash_bytes"] - captures["chip_flash_bytes"]) < 16384
+    assert 50 < counted["chip_watch_stack_bytes"] < 2000 and 50 < captures["chip_stack_bytes"] < 2000
+    idle, mean, most = (counted[f"chip_watch_{of}_instructions"] for of in ("idle", "frame", "most"))
+    assert 1e4 < idle < mean < most < 1e7
+    assert idle / 3 < counted["chip_watch_recorded_instructions"] < most
+    assert counted["chip_watch_recorded_instructions"] < counted["chip_watch_recorded_most_instructions"]
+    expected = (reports(recogniser, frames)["reported"] <= len(frames)).sum()
+    assert counted["chip_watch_recorded_reports"] == expected > 3

@@ -1,0 +1,322 @@
+"""Detectors that decide tick by tick: nothing looks ahead, times are learned, reports cost, anybody can add one."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import bench
+from bench.corpora.corpus import Corpus
+from bench.corpora.faults import FAULTS, as_readings
+from bench.errors import InputError
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import lda
+from bench.outcomes.runs import every_result
+from bench.store import connect
+from tests.conftest import SMALL, runs
+from touchbench_streams.detectors.frames import CALM, Frames, Hysteresis, Levels, Times, disturbance, features
+from touchbench_streams.detectors.named import detectors
+from touchbench_streams.detectors.names import BEGUN_S, SHIFTS_S, learned_names, of_all, touches
+from touchbench_streams.detectors.spans import spans_of
+from touchbench_streams.detectors.threshold import Threshold, TwoInARow
+from touchbench_streams.detectors.ticks import Detector, left_out, signs_of, worth
+from touchbench_streams.events import FALSE_ALARM, matched
+from touchbench_streams.page import watch_section
+from touchbench_streams.recordings import Recordings, captures_in, event_table
+from touchbench_streams.synth_recordings import generate
+
+MINE = """
+from touchbench_streams.detectors.spans import spans_of
+from touchbench_streams.detectors.threshold import Threshold
+
+
+class Mine(Threshold):
+    pass
+"""
+
+
+@pytest.fixture(scope="module")
+def recordings():
+    """Three generated people with one touch of each gesture, at 30 frames a second."""
+    return generate(subjects=3, variants=("normal",), rate_hz=30.0)
+
+
+def of_one(lengths, events, rate_hz=8.0):
+    """Recordings without pressure, with some events."""
+    table = pd.DataFrame({"subject": "1", "gesture": [""] * len(lengths)})
+    frames = [np.zeros((length, 2, 2), np.uint16) for length in lengths]
+    return Recordings(Corpus.from_captures(frames, table, rate_hz), event_table(events))
+
+
+@pytest.mark.parametrize("detector", [Frames(), Threshold()])
+def test_a_later_frame_changes_no_report_and_no_first_label(detector, recordings):
+    train = recordings[np.arange(2)]
+    captures = captures_in(train)
+    make = lambda: lda(TouchFeatures())  # noqa: E731
+    watcher, _ = detector.learn(make, make().fit(captures, captures.gestures), captures, train, 60.0)
+    named, replaced = (s[-1].coef_.size + s[-1].intercept_.size for s in (watcher.names, watcher.system))
+    assert watcher.numbers == watcher.detector.numbers + named - replaced
+    whole = recordings[[2]].corpus
+    reports = watcher.reports(whole)
+    assert len(reports) >= 5
+    for row in (1, len(reports) // 2, len(reports) - 1):
+        seen = int(reports["reported"][row])
+        cut = watcher.reports(whole.changed(lengths=np.array([seen]), digest="", path=None))
+        same = ["recording", "reported", "first"]
+        pd.testing.assert_frame_equal(cut[same], reports.loc[:row, same])
+    (evidence,) = watcher.evidence(whole)
+    fitted = watcher.detector
+    signals = fitted.signals()
+    each = np.stack(
+        [
+            signals.step(f)
+            for f in whole[0][: len(evidence) * watcher.count]
+            .reshape(-1, watcher.count, *whole.grid)
+            .mean(axis=1, dtype=np.float64)
+            .astype(np.float32)
+        ]
+    )
+    for tick in (0, 5, 100, len(each) - 1):  # from the last ticks alone: memory does not grow
+        ring = each[max(0, tick + 1 - fitted.memory) : tick + 1]
+        np.testing.assert_allclose(fitted.evidence(ring)[-1], evidence[tick], rtol=1e-5, atol=1e-5)
+
+
+def test_times_come_from_the_labels():
+    quick = [(0, 10 * k, 10 * k + (1 if k < 3 else 8), "pat") for k in range(10)]  # gaps of 9 and 2 ticks
+    assert Times.of(of_one([200], quick), 0.25, 1.0) == Times(wait=1, hold=1, fade=8)
+    slow = [(0, 60 * k, 60 * k + 20, "pat") for k in range(3)]
+    assert Times.of(of_one([200], slow), 0.25, 1.0) == Times(wait=2, hold=8, fade=8)
+    assert Times.of(of_one([200], slow), 5.0, 1.0).wait == 15  # three quarters of a touch
+
+
+def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
+    odds = [-5, 3, 3, 3, -1, 3, 3, -5, 3, -5, 3]  # the tick before the last dip is too short
+    evidence = np.stack([odds, np.zeros(len(odds))], axis=1)
+    signs = signs_of(Hysteresis(1.0, 1.5, Times(wait=2, hold=1, fade=9)), evidence)
+    assert np.flatnonzero(signs[:, 2]).tolist() == [2, 6]
+    assert signs[:, 1].astype(int).tolist() == [0, 1, 2, 3, 0, 1, 2, 0, 1, 0, 1]
+    signs = signs_of(
+        Hysteresis(1.0, 1.5, Times(wait=3, hold=3, fade=9)), evidence
+    )  # a dip is no end, but does not hold
+    assert np.flatnonzero(signs[:, 2]).tolist() == [3]
+    never = np.stack([odds, np.full(len(odds), -9.0)], axis=1)  # the beginning was not seen
+    assert not signs_of(Hysteresis(1.0, 1.5, Times(2, 1, 9)), never)[:, 2].any()
+    signs = signs_of(TwoInARow(2.0), np.array([[0], [3], [3], [1.5], [3], [0.5], [3], [3]]))
+    assert np.flatnonzero(signs[:, 2]).tolist() == [2, 7]
+
+
+@given(
+    steps=st.lists(st.tuples(st.floats(-4, 4, width=16), st.sampled_from([-9, -9, -9, 4])), min_size=9, max_size=60),
+    times=st.tuples(*[st.integers(1, 5)] * 3),
+    drop=st.sampled_from([0.5, 2.0]),
+)
+def test_many_levels_at_once_report_what_each_does(steps, times, drop):
+    detector = Frames(drop=drop)
+    detector.times_ = Times(*times)
+    evidence = np.array(steps).cumsum(axis=0) * [1, 0] + np.array(steps) * [0, 1]
+    levels = np.array([-3.0, 0.0, 1.5, 4.0])
+    expected = Detector.reported(detector, evidence, levels)
+    assert [each.tolist() for each in detector.reported(evidence, levels)] == [each.tolist() for each in expected]
+
+
+@given(
+    lengths=st.lists(st.integers(3, 40), min_size=1, max_size=4),
+    seconds=st.lists(st.sampled_from([0.1, 0.5, 2.0, np.inf]), min_size=1, max_size=3, unique=True),
+    shifts=st.lists(st.sampled_from([-0.5, 0.0, 0.25]), min_size=1, max_size=3, unique=True),
+    data=st.data(),
+)
+def test_beginnings_are_frames_of_their_touch_and_at_most_its_shift_before(lengths, seconds, shifts, data):
+    frames = [1000 * i + np.arange(n).reshape(n, 1, 1) for i, n in enumerate(lengths)]
+    bounds = [sorted(data.draw(st.sets(st.integers(0, n), min_size=2, max_size=2))) for n in lengths]
+    table = pd.DataFrame({"subject": "1", "gesture": [""] * len(lengths)})
+    events = event_table([(i, start, end, f"g{i}") for i, (start, end) in enumerate(bounds)])
+    made = touches(Recordings(Corpus.from_captures(frames, table, 8.0, full_scale=9999), events), seconds, shifts)
+    assert len(made) == len(lengths) * len(seconds) * len(shifts)
+    expected = []
+    for i, (start, end) in enumerate(bounds):
+        for shift in shifts:
+            for s in seconds:
+                begin = min(max(start + round(8 * shift), 0), end - 1)
+                until = min(start + max(2, min(round(8 * min(s, 99)), max(lengths))), end)
+                expected.append((f"g{i}", tuple(frames[i][begin : max(until, begin + 1), 0, 0].tolist())))
+    got = [(str(made.gestures[k]), tuple(made[k][:, 0, 0].astype(int).tolist())) for k in range(len(made))]
+    assert sorted(got) == sorted(expected)
+
+
+def test_names_are_learned_from_touches_as_they_are_and_as_disturbed_sensors_show_them(recordings):
+    class Kept:
+        def fit(self, X, y):
+            self.X, self.y = X, y
+            return self
+
+    made = learned_names(Kept, recordings)
+    plain = touches(recordings, BEGUN_S, SHIFTS_S)
+    assert all(np.array_equal(made.X[k], plain[k]) for k in range(len(plain)))
+    begin = len(plain)
+    for k, shift in enumerate(SHIFTS_S):
+        places = np.flatnonzero(recordings.events["recording"] % 2 == k % 2)
+        chosen = replace(recordings, events=recordings.events.iloc[places])
+        few = touches(chosen, BEGUN_S, (shift,))
+        copies = [made.X[begin + i] for i in range(len(few))]
+        assert [len(one) for one in copies] == few.lengths.tolist()
+        assert made.y[begin : begin + len(few)].tolist() == few.gestures.tolist()
+        apart = [
+            np.abs(one.astype(float) - few[i]).mean() / recordings.corpus.full_scale for i, one in enumerate(copies)
+        ]
+        assert 0.001 < np.mean(apart) < 0.05 and min(apart) > 0
+        begin += len(few)
+    assert begin == len(made.X) == len(made.y)
+
+
+def test_names_come_from_the_frames_up_to_the_last_sure_tick():
+    sure, since = [0.1, 0.9, 0.9, 0.9, 0.9, 0.2, 0.1, 0.1, 0.9, 0.2], [0, 1, 2, 3, 4, 5, 6, 0, 1, 0]
+    signs = np.column_stack([sure, since, np.isin(np.arange(10), [2, 8])])
+    first, second = spans_of(signs, 7, 99)
+    assert (first.reported, first.end) == (21, 49) and first.named == [(0, 21), (0, 28), (0, 35)]
+    assert (second.reported, second.end) == (63, 63) and second.named == [(49, 63)]
+    assert first.last is None
+    longer = [0.1, *[0.9] * 8, 0.2, 0.9, 0.2, 0.1, 0.1]
+    (span,) = spans_of(np.column_stack([longer, [*range(13), 0], np.arange(14) == 2]), 1, 99)
+    assert span.named == [(0, 3), (0, 4), (0, 5), (0, 7), (0, 9)] and span.last == (0, 11)
+
+
+def test_a_long_touch_is_named_from_one_part_after_another():
+    sure = [0.1, *[0.9] * 8, 0.2, 0.9, 0.2, 0.2, 0.2, 0.9, 0.1]
+    signs = np.column_stack([sure, [*range(15), 0], np.arange(16) == 2])
+    (span,) = spans_of(signs, 2, 6)  # parts end with ticks 6 and 12, the second with a last sure tick before
+    assert span.named == [(0, 6), (0, 8), (0, 10), (0, 12), (12, 18), (12, 22), (24, 30)]
+    again = spans_of(np.array([[0.1, 0, 0], [0.9, 1, 0], [0.9, 2, 1], [0.9, 1, 0], [0.9, 2, 1], [0.1, 0, 0]]), 1, 9)
+    assert [(each.reported, each.end) for each in again] == [(3, 3), (5, 5)]  # a touch right after another one
+
+
+@pytest.mark.parametrize("detector", [Frames(), Threshold()])
+def test_frames_one_by_one_give_the_reports_of_whole_recordings(detector, recordings):
+    train, tested = recordings[np.arange(2)], recordings[[2]].corpus
+    captures = captures_in(train)
+    make = lambda: lda(TouchFeatures())  # noqa: E731
+    watcher, _ = detector.learn(make, make().fit(captures, captures.gestures), captures, train, 60.0)
+    live = watcher.stream(tested.grid, tested.rate_hz, tested.full_scale)
+    news = [(n, event) for n, frame in enumerate(tested[0], 1) for event in live.push(frame.astype(np.float32))]
+    reports = watcher.reports(tested)
+    ended = [(e.reported, e.end, e.first, e.label) for _, e in news if e.end is not None]
+    whole = [*reports[["reported", "end", "first", "label"]].itertuples(index=False, name=None)]
+    assert len(whole) >= 5
+    assert ended == whole[: len(ended)] and len(whole) - len(ended) <= 1  # the recording may end before a touch does
+    sure = [e.confidence for _, e in news if e.end is not None]
+    assert sure == pytest.approx(reports["confidence"][: len(sure)].tolist(), abs=1e-5)
+    assert {e.reported for n, e in news if n == e.reported} == {e.reported for _, e in news}  # at once
+
+
+def test_noise_that_training_did_not_have_costs_few_touches(recordings):
+    corpus = recordings.corpus
+    weak = [np.rint(0.3 * stream) for stream in corpus]  # a light hand
+    make_corpus = lambda streams: Corpus.from_captures(  # noqa: E731
+        streams, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale
+    )
+    weaker = Recordings(make_corpus(weak), recordings.events)
+    train, test = weaker[np.arange(2)], weaker[[2]]
+    captures = captures_in(train)
+    make = lambda: lda(TouchFeatures())  # noqa: E731
+    watcher, _ = Frames().learn(make, make().fit(captures, captures.gestures), captures, train, 60.0)
+    shares = weak[2].astype(np.float32) / np.float32(corpus.full_scale)
+    noise = FAULTS["noise"].damage(shares, 1.0, np.random.default_rng(0))
+    noisy = make_corpus([*weak[:2], as_readings(test.corpus, noise)])[[2]]
+    reports = watcher.reports(noisy)
+    found, reported = matched(test.events, reports, corpus.rate_hz)
+    assert found["found"].sum() >= 8  # of 14; 0 with the classifier for a calm sensor, at 12 false alarms
+    assert (reported["touch"] == FALSE_ALARM).sum() <= 3
+    live = watcher.stream(noisy.grid, noisy.rate_hz, noisy.full_scale)
+    ended = [e.reported for frame in noisy[0] for e in live.push(frame.astype(np.float32)) if e.end is not None]
+    assert ended == reports["reported"].tolist()[: len(ended)] and len(reports) - len(ended) <= 1
+
+
+def test_a_sensor_is_disturbed_as_a_plain_loop_says():
+    rng = np.random.default_rng(0)
+    levels = Levels(0.002, 0.06, [0.1])
+    frames = rng.integers(0, 50, (150, 4, 5))
+    signals = np.stack([levels.step(frame) for frame in frames])
+    shared = [sorted(frame.ravel().tolist())[8] for frame in frames]  # the 40 % quantile
+    change = [0.0, *[abs(b - a) for a, b in zip(shared, shared[1:], strict=False)]]
+    gauge = disturbance(signals)
+    for tick in (CALM - 1, 100, 149):
+        past = range(tick - CALM + 1, tick + 1)
+        assert gauge[tick, 0] == sorted(change[k] for k in past)[CALM // 4]
+        assert gauge[tick, 1] == min(signals[k, 3] for k in past)
+    assert not gauge[: CALM // 4].any() and not gauge[:CALM, 1].any()  # calm at first
+
+
+def test_readings_are_compared_with_slow_means_as_a_plain_loop_says():
+    frames = np.random.default_rng(0).integers(0, 50, (40, 3, 9)).astype(np.float32)
+    levels, slow = Levels(0.002, 0.06, [0.125, 1.0]), frames[0].astype(float)
+    for tick, (frame, signals) in enumerate(zip(frames, levels.steps(frames), strict=True)):
+        slow = slow + 0.125 * (frame - slow)
+        above = (frame - slow).ravel()
+        expected = [above.mean(), max(above) - above.mean(), above.std()]  # one of 27 taxels is among the highest
+        np.testing.assert_allclose(signals[-6:-3], expected, atol=1e-4)
+        assert not signals[-3:].any() and (tick or not signals[-6:].any())  # a mean of one tick is the reading itself
+
+
+def test_a_stream_begins_as_that_of_an_idle_sensor():
+    rng = np.random.default_rng(0)
+    signals, idle = rng.random((5, 16)).astype(np.float32), np.arange(1, 6, dtype=np.float32)
+    first, other = signals.copy(), signals.copy()
+    first[0, 1:5] = 0  # no baseline yet, nothing moved
+    other[0, 1:5] = idle[1:]
+    offsets = np.full(11, 0.5)
+    np.testing.assert_array_equal(features(first, offsets, idle), features(other, offsets, idle))
+    before, now = np.log(idle[1] + 0.5), np.log(signals[1, 1] + 0.5)
+    looks = features(first, offsets, idle)[1, 11:22]  # of the second level: itself, less minima, maxima, median
+    expected = [now, *[now - min(before, now)] * 5, *[now - max(before, now)] * 4, now - before]
+    np.testing.assert_allclose(looks, expected, rtol=1e-5)
+
+
+def test_longer_spans_count_more():
+    named = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
+    np.testing.assert_allclose(of_all(named, np.array([2, 4, 8])), [2 / 14, 12 / 14])
+
+
+def test_few_subjects_are_left_out_by_recording():
+    few = of_one([9, 9, 9], [(0, 0, 3, "pat")])
+    assert left_out(few).tolist() == ["0", "1", "2"]
+    captures = few.corpus.captures.iloc[[0] * 6].assign(subject=list("aabcde"))
+    many = Recordings(few.corpus[[0] * 6].changed(captures=captures.reset_index(drop=True)), few.events)
+    assert left_out(many).tolist() == list("aabcde")
+
+
+def test_a_threshold_that_reports_always_is_not_chosen():
+    rows = [("always", 0, 1.0, 100, 1300), ("fair", 2, 0.9, 90, 99 + 2), ("many alarms", 500, 0.95, 95, 595)]
+    table = pd.DataFrame([(n, a, 1.0, f, h, r) for n, a, f, h, r in rows])
+    table.columns = ["level", "alarms", "hours", "found", "hits", "reports"]
+    assert table["level"][worth(table, 5.0).idxmax()] == "fair"
+    np.testing.assert_allclose(worth(table, 5.0), [1 - 0.2 * (13 - 1.15), 0.9, 0.95 - 0.001 * 495])
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.inf, np.nan])
+def test_a_time_that_is_none_is_refused_before_anything_runs(value):
+    with pytest.raises(InputError, match="detector.up=.*above 0"):
+        detectors({"detector": "threshold,frames", "detector.up": value})
+
+
+@pytest.mark.parametrize("events, lacking", [([(0, 0, 20, "pat")], "background"), ([], "touch")])
+def test_without_touch_or_background_frames_says_so(events, lacking):
+    with pytest.raises(InputError, match=f"no {lacking}"):
+        Frames().fit([np.ones((20, 16), np.float32)], of_one([20], events))
+
+
+def test_a_detector_of_a_file_watches_like_any_other(tmp_path):
+    file = tmp_path / "my.py"
+    file.write_text(MINE)
+    words = dict(word.split("=", 1) for word in SMALL) | {"model": "lda", "features": "touch"}
+    bench.watch(**words, detector=[f"{file}:Mine", "threshold"], **{"detector.up": 30.0})
+    mine, own = sorted(runs("watch")[1], key=lambda run: "my.py" not in run.data.params["watch.detector"])
+    assert mine.data.params["watch.detector"] == f"{file}:Mine[up=30.0]"
+    assert own.data.params["watch.detector"] == "threshold[up=30.0]"
+    same = ("touches_found", "end_correct", "fragments", "missed_at_60")
+    assert [mine.data.metrics[name] for name in same] == [own.data.metrics[name] for name in same]
+    words = watch_section(every_result(connect()), tmp_path, {}).parts[0].sentences
+    named = {re.search(r"detector=\S+", line)[0] for line in words[:2]}
+    assert named == {"detector=my.py:Mine[up=30.0]", "detector=threshold[up=30.0]"}

@@ -1,0 +1,184 @@
+"""Decisions on frames as they come, from standard input too."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.cli import main
+from bench.work.replay import STATE, Calibration, Stopping, Waiting
+from bench.work.saved import Recogniser
+from tests.conftest import BENCH
+from tests.work.test_replay import Rising, coded_corpus, lengths_of
+from touchbench_streams.detectors.base import Event
+from touchbench_streams.live import decided_at
+
+
+@given(lengths_of, st.floats(10, 200), st.integers(1, 12))
+def test_a_decision_every_hop_and_one_where_a_capture_ends(lengths, hop_ms, longest):
+    frames, naive = [], []
+    for c, n in enumerate(lengths, 1):
+        frames += [*(np.full(2, 100.0 * c + i) for i in range(n)), None]
+        hops = {int(np.ceil(k * hop_ms / 10 - 1e-6)) for k in range(1, 1 + int(n * 10 / hop_ms + 1e-6))}
+        naive += [(c, seen) for seen in sorted({s for s in hops if s <= n} | {n})]
+    decided = list(decided_at(iter(frames[:-1]), 100.0, hop_ms, longest))
+    assert [(c, seen) for c, seen, _ in decided] == naive
+    for c, seen, window in decided:
+        assert [f[0] for f in window] == [100 * c + i for i in range(seen)][-longest:]
+
+
+def test_a_decision_is_out_before_the_next_frame_is_read():
+    source = iter([np.zeros(2)] * 10)
+    for _, seen, _ in decided_at(source, 100.0, 30.0, 5):
+        assert source.__length_hint__() == 10 - seen
+
+
+def recogniser(stopping=None):
+    """A system at 100 Hz on 2 x 3 whose class stands in the first taxel."""
+    corpus = coded_corpus()
+    return Recogniser(Rising().fit(corpus, corpus.gestures), corpus, stopping)
+
+
+@pytest.fixture
+def streamed(monkeypatch, capsys):
+    """A function from a system and lines to exit code, printed rows and errors of ``bench live``."""
+
+    def run(recogniser, lines, hop_ms):
+        monkeypatch.setattr("bench.work.saved.load", lambda _: recogniser)
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO("\n".join(lines).encode())))
+        code = main(["live", "m", f"hop_ms={hop_ms}"])
+        text = capsys.readouterr()
+        head, *rows = (line.split(",") for line in text.out.splitlines())
+        assert head == ["capture", "ms", "label", "confidence", "settled"]
+        return code, rows, text.err.splitlines()
+
+    return run
+
+
+def test_standard_input_is_decided_on(streamed):
+    lines = ["0,9,9,9,9,9"] * 7 + [""] + ["2 9 9 9 9 9"] * 5
+    code, rows, errors = streamed(recogniser(), lines, 30)
+    # 30 ms are three frames: Rising is wrong, one class too far, and 3/4 sure
+    expected = ["1,30,b,0.750,-", "1,60,a,0.857,-", "1,70,a,0.875,-", "2,30,a,0.750,-", "2,50,c,0.833,-"]
+    assert code == 0 and [",".join(row) for row in rows] == expected
+    assert all(fact in errors[0] for fact in ("2x3", "1023", "100 Hz", "120 ms"))
+
+
+@pytest.mark.parametrize("threshold", [0.84, np.inf])
+def test_a_label_is_settled_as_in_a_replay_that_saw_an_earlier_one(threshold, streamed):
+    weights = dict.fromkeys(STATE, 0.0) | {"one": 0.9, "first": -0.5, "same": -0.3}
+    calibration = Calibration(10.0, 120.0, 2.0, 0.5)
+    system = recogniser(Stopping(calibration, Waiting(tuple(weights.values())), threshold))
+    _, rows, _ = streamed(system, ["0,9,9,9,9,9"] * 10 + [""] + ["2 9 9 9 9 9"] * 5, 30)
+    # after 3 frames n / (n + 1) = 3/4 is expected to gain 0.9 - 0.375; then less, and less where the label stays:
+    # 6 frames see 3 (another label), 9 see 6 and 10 see 6 (the same one); the second capture is new
+    gain = [0.9 - 3 / 8, 0.9 - 3 / 7, 0.9 - 9 / 20 - 0.3, 0.9 - 5 / 11 - 0.3, 0.9 - 3 / 8, 0.9 - 5 / 12]
+    assert [row[:2] for row in rows] == [*(["1", t] for t in ("30", "60", "90", "100")), ["2", "30"], ["2", "50"]]
+    expected = ["yes" if 1 - g >= threshold else "no" for g in gain] if threshold < 1 else ["-"] * 6
+    assert [row[4] for row in rows] == expected and (threshold > 1 or expected.count("yes") == 2)
+    sharp = np.array([0.75, 0.125, 0.125]) ** (1 / calibration_temperature(30))
+    assert rows[0][3] == f"{sharp[0] / sharp.sum():.3f}"
+
+
+def calibration_temperature(ms):
+    """From 2 after 10 ms to 0.5 after 120 ms, a straight line of logarithms."""
+    share = np.log(ms / 10) / np.log(12)
+    return 2 ** (1 - share) * 0.5**share
+
+
+def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(streamed):
+    code, rows, errors = streamed(recogniser(), ["0,9,9,9,9,9"] * 4 + ["0,9,9,9,9,9999"], 20)
+    assert code == 2 and [row[1:3] for row in rows] == [["20", "b"], ["40", "a"]]
+    assert errors[-1].startswith("bench: line 5: 9999 ")
+
+
+class Listening:
+    """A watcher whose stream has a status for each frame, and reports every fourth frame."""
+
+    def __init__(self, statuses):
+        self.soonest, self.statuses, self.seen = 3, statuses, 0
+
+    def stream(self, grid, rate_hz, full_scale):
+        return self
+
+    @property
+    def status(self):
+        return self.statuses[self.seen - 1]
+
+    def push(self, frame):
+        self.seen += 1
+        return [] if self.seen % 4 else [Event(self.seen, "a", "a", 0.5, self.seen)]
+
+
+@pytest.fixture
+def watched(monkeypatch, capsys):
+    """A function from statuses and lines to exit code, printed rows and errors of ``bench live`` with a watcher."""
+
+    def run(statuses, lines):
+        system = recogniser()
+        system.watcher = Listening(statuses)
+        monkeypatch.setattr("bench.work.saved.load", lambda _: system)
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO("\n".join(lines).encode())))
+        code = main(["live", "m"])
+        text = capsys.readouterr()
+        return code, text.out.splitlines()[1:], text.err.splitlines()[1:]
+
+    return run
+
+
+GOOD, SHORT = "0,9,9,9,9,9", "0,9,9"
+
+
+def test_a_bad_line_of_an_endless_stream_is_skipped_and_counted(watched):
+    lines = [GOOD] * 3 + ["0,9,9,9,9,nan", "9" * 400, *[SHORT] * 8, GOOD, SHORT, *[GOOD] * 4]
+    code, rows, errors = watched(["ok"] * 20, lines)
+    assert code == 0 and rows == ["40,ended,a,0.500", "80,ended,a,0.500"]  # as if they had not been there
+    assert len(errors) == 2 and errors[0].startswith("line 4: 'nan' is not a decimal number")
+    assert errors[1] == "of 8 frames: 11 lines skipped"
+
+
+def test_many_bad_lines_in_a_row_end_an_endless_stream(watched):
+    code, rows, errors = watched(["ok"] * 20, [GOOD] * 4 + [SHORT] * 11 + [GOOD] * 4)
+    assert code == 2 and rows == ["40,ended,a,0.500"]
+    assert errors[-1].startswith("bench: line 15: 3 values instead of 6")
+
+
+def test_a_status_is_told_when_it_has_lasted(watched):
+    statuses = ["ok"] * 10 + ["refused"] * 400 + ["ok"] * 10 + ["refused"] * 600 + ["ok"] * 501  # 100 frames a second
+    code, _, errors = watched(statuses, [GOOD] * len(statuses))
+    assert code == 0
+    assert [line.partition(" ms: ")[0] for line in errors[:-1]] == ["9200", "15200"]
+    assert "touches may be missed" in errors[0] and "again" in errors[1]
+    assert errors[-1] == "of 1521 frames: 1000 refused"
+
+
+@pytest.mark.live
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_decisions_come_while_frames_come_and_control_c_ends_it(tmp_path):
+    import mlflow
+
+    mlflow.pyfunc.save_model(str(tmp_path / "model"), **recogniser().model([], np.zeros((2, 2, 3))))
+    process = subprocess.Popen(
+        [*BENCH, "live", str(tmp_path / "model"), "hop_ms=20"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        bufsize=0,
+        start_new_session=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+    )
+    assert process.stdout.readline() == b"capture,ms,label,confidence,settled\n"
+    process.stdin.write(b"1,9,9,9,9,9\n1,9,9,9,9,9\n")
+    assert process.stdout.readline() == b"1,20,c,0.667,-\n"  # stdin stays open: nothing else is needed
+    time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=300)
+    assert process.returncode == 130 and b"Traceback" not in error

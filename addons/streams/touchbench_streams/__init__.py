@@ -1,0 +1,13 @@
+"""Endless streams: systems that find touches in recordings and in frames as they come."""
+
+from pathlib import Path
+
+FALSE_ALARMS = 5.0  # per hour of background, which are accepted on training subjects unless told otherwise
+NO_TOUCH = "notouch"  # class of background, where captures have it and no other is named
+DETECTOR = "frames"  # that of bench watch, unless told otherwise
+RATES = (1, 5, 10, 60)  # false alarms per hour of background, at which missed touches are counted
+
+
+def others(detector: str | None) -> str | None:
+    """A detector in words, None for a run that does not tell; one of a file without its folder."""
+    return Path(detector).name if detector else None

@@ -1,0 +1,154 @@
+"""Recordings composed from the captures of a corpus: touches of one person, with background between them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from bench.corpora.corpus import Corpus, storage
+from bench.corpora.faults import seeded
+from bench.errors import InputError
+from bench.memory import ensure
+from touchbench_streams.recordings import Recordings, event_table
+
+TOUCH_S = (2.0, 6.0)  # excerpts of captures; a shorter capture is used whole
+GAP_S = (3.0, 10.0)
+QUIET_S = 0.25  # of a piece of background, at least
+QUIET = 0.1  # of the highest summed pressure of a capture: frames below, at its ends, are quiet
+COPIES = 2  # of the readings in memory at once: as they are and repaired, in single precision
+BESIDES = ("subject", "gesture", "split")  # columns that are no condition of the sensor
+
+
+def pieces(corpus: Corpus, background: str) -> tuple[Corpus, Corpus]:
+    """Touches and background of a corpus of captures; no frame is copied.
+
+    Args:
+        corpus: captures of touches, and of background if ``background`` names a class.
+        background: class name of captures without touch, or ``quiet``: the frames at both ends of each capture whose
+            summed pressure, above the capture's lowest, stays below a tenth of its highest.
+
+    Returns:
+        Captures of touches, cut to the part between their quiet ends in the second case, and captures of background.
+
+    Raises:
+        InputError: the class does not exist, or there are no quiet ends of a quarter of a second.
+    """
+    gestures = corpus.gestures.astype(str)
+    if background != "quiet":
+        if background not in gestures:
+            known = ", ".join(sorted(set(gestures)))
+            raise InputError(f"background={background}: {corpus.name} has no such class; give quiet or one of {known}")
+        return corpus[gestures != background], corpus[gestures == background]
+    least = max(1, round(QUIET_S * corpus.rate_hz))
+    starts = storage(corpus)[1]
+    first, last = np.zeros(len(corpus), np.int64), corpus.lengths.copy()
+    for i, frames in enumerate(corpus):
+        total = frames.sum(axis=(1, 2), dtype=np.float64)
+        touched = np.flatnonzero(total - total.min() >= QUIET * (total.max() - total.min()))
+        first[i], last[i] = touched[0], touched[-1] + 1
+    before, after = np.flatnonzero(first >= least), np.flatnonzero(corpus.lengths - last >= least)
+    if not len(before) + len(after):
+        raise InputError(
+            f"background=quiet: no capture of {corpus.name} begins or ends with {QUIET_S:g} s without touch; name a "
+            "class of background"
+        )
+    quiet = corpus[np.append(before, after)].changed(
+        starts=np.append(starts[before], starts[after] + last[after]),
+        lengths=np.append(first[before], corpus.lengths[after] - last[after]),
+        digest="",
+        path=None,
+    )
+    return corpus.changed(starts=starts + first, lengths=last - first, digest="", path=None), quiet
+
+
+def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
+    """One recording per subject: every touch once, in random order, between random pieces of background.
+
+    Captures with the same conditions follow one another, so that the sensor changes in the background only and as
+    rarely as possible. The background before a touch has the conditions of the touch where the subject has such
+    background, otherwise it is any background of the subject.
+
+    Args:
+        touches: captures of touches; an excerpt of 2 to 6 s of each is used.
+        quiet: captures of background; gaps of 3 to 10 s are filled with excerpts of them.
+        seed: seed of order, excerpts and gaps; they depend on it, the subject and these captures alone.
+
+    Returns:
+        Recordings in the order of the subjects' names, without the corpus's conditions.
+
+    Raises:
+        InputError: as of `check_background`.
+    """
+    labels = [c for c in touches.captures if c not in (*BESIDES, *touches.target.split("+"))]
+    conditions = _keys(touches, labels)
+    quiet_conditions, quiet_subjects = _keys(quiet, labels), quiet.subjects.astype(str)
+    subjects = touches.subjects.astype(str)
+    gestures = touches.gestures
+    rate, rows, streams = touches.rate_hz, [], []
+    check_background(touches, quiet)
+    names = sorted(set(subjects))
+    for number, subject in enumerate(names):
+        rng = seeded(f"recording {seed} of {subject}")
+        chosen = np.flatnonzero(subjects == subject)
+        blocks = rng.permutation(np.unique(conditions[chosen]))
+        order = np.concatenate([rng.permutation(chosen[conditions[chosen] == block]) for block in blocks])
+        mine = quiet_subjects == subject
+        parts: list[np.ndarray] = []
+        for capture in order:
+            parts += _gap(quiet, _fitting(mine, quiet_conditions == conditions[capture]), rng)
+            frames = touches[int(capture)]
+            length = min(len(frames), max(1, round(rng.uniform(*TOUCH_S) * rate)))
+            begin = int(rng.integers(0, len(frames) - length + 1))
+            start = sum(map(len, parts))
+            parts.append(frames[begin : begin + length])
+            rows.append((number, start, start + length, str(gestures[capture])))
+        parts += _gap(quiet, _fitting(mine, quiet_conditions == conditions[order[-1]]), rng)
+        streams.append(np.concatenate(parts))
+    captures = pd.DataFrame({"subject": names, "gesture": ""})
+    fields = {"full_scale": touches.full_scale, "name": touches.name, "info": touches.info}
+    return Recordings(Corpus.from_captures(streams, captures, rate, **fields), event_table(rows))
+
+
+def check_background(touches: Corpus, quiet: Corpus) -> None:
+    """Refuse captures that cannot become recordings.
+
+    Args:
+        touches: captures of touches.
+        quiet: captures of background.
+
+    Raises:
+        InputError: there is no touch, a subject has no background, or recordings need more memory than there is.
+    """
+    if not len(touches):
+        raise InputError(f"{touches.name}: there is no touch beside the background; give another background=")
+    if lacking := sorted({*touches.subjects.astype(str)} - {*quiet.subjects.astype(str)}):
+        raise InputError(
+            f"subject {lacking[0]} of {touches.name} has no background to compose a recording of; leave the subject "
+            f"out with where=\"subject != '{lacking[0]}'\", or give another background="
+        )
+    seconds = (sum(TOUCH_S) + sum(GAP_S)) / 2 * len(touches)
+    values = seconds * touches.rate_hz * touches.grid[0] * touches.grid[1]
+    ensure(f"recordings of {touches.name}", COPIES * 4.0 * values)
+
+
+def _keys(corpus: Corpus, labels: list[str]) -> np.ndarray:
+    """The conditions of each capture in one string."""
+    table = corpus.captures.reindex(columns=labels).astype(str)
+    return table.agg("|".join, axis=1).to_numpy(dtype=object) if labels else np.full(len(corpus), "", dtype=object)
+
+
+def _fitting(mine: np.ndarray, same: np.ndarray) -> np.ndarray:
+    """Positions of the subject's background of the same conditions; of all of it where there is none."""
+    return np.flatnonzero(mine & same if (mine & same).any() else mine)
+
+
+def _gap(quiet: Corpus, pool: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
+    """Excerpts of background, 3 to 10 s together."""
+    missing, parts = round(rng.uniform(*GAP_S) * quiet.rate_hz), []
+    while missing > 0:
+        frames = quiet[int(rng.choice(pool))]
+        length = min(missing, len(frames))
+        begin = int(rng.integers(0, len(frames) - length + 1))
+        parts.append(frames[begin : begin + length])
+        missing -= length
+    return parts

@@ -1,0 +1,524 @@
+"""The detector `frames`: a classifier of ticks, and hysteresis whose times are learned from the labels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, rank_filter
+from scipy.special import expit
+from sklearn.linear_model import LogisticRegression
+
+from bench.corpora.faults import seeded
+from bench.errors import InputError
+from bench.models.search.inner_folds import inner_folds
+from touchbench_streams.detectors.base import InC, Sign
+from touchbench_streams.detectors.ticks import (
+    Detector,
+    frames_of_tick,
+    left_out,
+    of_file,
+    sweep,
+    ticked,
+    worth,
+)
+from touchbench_streams.disturbed import KINDS, disturbed
+from touchbench_streams.recordings import Recordings
+
+COMMON = 0.4  # quantile over taxels that a change of all taxels moves, too
+HIGHEST = 25  # one of so many taxels is among the highest
+OFFSET = 0.3  # of a logarithm, in units of the median of training touches
+MINIMA, MAXIMA, MEDIAN = (1, 2, 4, 10, 40), (2, 5, 15, 60), 30  # ticks that features look back
+RISES = 8  # ticks of which the largest rise counts
+CLIP = 6.0  # SDs of a feature
+AGES = 3  # ticks of the beginning of a touch
+SHORT = 0.1  # share of touches, or gaps, that may be shorter
+SEEN = 0.75  # of such a touch is seen at least: its beginning is noticed late; chosen on A to C
+FADED = 0.25  # of the highest log-odds of a touch: below, it is over after `hold` seconds; chosen on HAART
+BEGUN = -2.0  # log-odds of the beginning of a touch, without which none is reported; chosen on HAART and A to C
+LEVELS = 5  # signals that are levels: mean, excess, highest, movement, highest movement
+MOVEMENT, COMMON_LEVEL = 3, 9  # signals that tell whether the sensor is disturbed
+PACES = (1.0, 7.5)  # seconds of slow means that readings are compared with; chosen on HAART with noise and CuddleBot
+CHANGES = 3 * len(PACES)  # signals from these: mean over taxels, highest less mean, SD
+CALM, CALMEST = 60, 0.25  # ticks, and the share of them in which all taxels move together least
+MARGIN = 1.5  # how much more disturbed than in training a sensor may be before the other classifier decides
+SLIGHT = 3e-4  # of full scale: a sensor that is disturbed less counts as calm; below the gauge of 0.5 % on HAART
+IMPOSSIBLE = -1e30  # log of the share of a class that training did not have
+GROUPS = "3"  # of training recordings for the threshold of that classifier
+BLOCK = 1000  # ticks at once, which bounds memory
+MANY = 8  # recordings, or subjects, from which on each kind of disturbance is learned from some of them, to save time
+
+
+class Levels:
+    """Signals of a frame: its levels, how much of the skin it covers, where, and how it changes.
+
+    Args:
+        up: share of the way to a higher reading that the baseline of a taxel goes in a tick.
+        down: share of the way to a lower one.
+        paces: shares of the way to the reading that slow means go.
+    """
+
+    def __init__(self, up: float, down: float, paces: Sequence[float]) -> None:
+        self.up, self.down, self.paces = np.float32(up), np.float32(down), np.array(paces, np.float32)[:, None]
+        self.baseline = self.before = self.slow = np.zeros((0, 0), np.float32)
+
+    def step(self, frame: np.ndarray) -> np.ndarray:
+        """The signals of the next frame."""
+        return self.steps(frame[None])[0]
+
+    def steps(self, frames: np.ndarray) -> np.ndarray:
+        """Those of the next frames [ticks, rows, cols], as if they came one by one.
+
+        Levels (mean, excess, its highest, the same two of its change), area, cosine to the tick before, centroid, what
+        taxels share, and of what readings are above each slow mean: their mean, how far the highest exceed it, SD.
+        """
+        raw = flat = frames.reshape(len(frames), -1).astype(np.float32)
+        size, taxels = max(frames.shape[1:]), flat.shape[1]
+        rank = int(COMMON * taxels)
+        common = np.partition(flat, rank, axis=1)[:, rank]
+        if taxels > 1:
+            flat = np.maximum(flat - common[:, None], 0)
+        if not len(self.before):
+            self.baseline, self.before = flat[0].copy(), np.zeros((1, taxels), np.float32)
+            self.slow = np.repeat(raw[:1], len(self.paces), axis=0)
+        every = np.concatenate([self.before, np.maximum(self._above(flat), 0)])
+        above, before, self.before = every[1:], every[:-1], every[-1:].copy()
+        moved = np.abs(above - before)
+        total, squares = above.sum(axis=1), (every * every).sum(axis=1)
+        area = _share(total * total, squares[1:], 0) / taxels
+        near = _share((above * before).sum(axis=1), np.sqrt(squares[1:] * squares[:-1]), 1)
+        rows, cols = np.divmod(np.arange(taxels), frames.shape[2])
+        y, x = (_share((above * where).sum(axis=1), total, 0) / size for where in (rows, cols))
+        mean, excess, movement = (each.sum(axis=1) / taxels for each in (flat, above, moved))
+        levels = mean, excess, _highest(above), movement, _highest(moved)
+        changes = []
+        for each in self._changes(raw):
+            changes += [each.mean(axis=1), _highest(each) - each.mean(axis=1), each.std(axis=1)]
+        return np.stack([*levels, area, near, y, x, common, *changes], axis=1).astype(np.float32)
+
+    def _changes(self, raw: np.ndarray) -> np.ndarray:
+        """Readings less each of the slow means, which follow them [paces, ticks, taxels]."""
+        above = np.empty((len(raw), *self.slow.shape), np.float32)
+        for tick, now in zip(above, raw, strict=True):
+            self.slow += self.paces * (now - self.slow)
+            np.subtract(now, self.slow, out=tick)
+        return above.swapaxes(0, 1)
+
+    def _above(self, flat: np.ndarray) -> np.ndarray:
+        """Frames less the baseline, which follows them."""
+        above = np.empty_like(flat)
+        for tick, now in zip(above, flat, strict=True):
+            np.subtract(now, self.baseline, out=tick)
+            self.baseline += np.where(tick > 0, self.up, self.down) * tick
+        return above
+
+
+def _share(part: np.ndarray, whole: np.ndarray, without: float) -> np.ndarray:
+    """The part of each whole [ticks]; another value without a whole."""
+    return np.divide(part, whole, out=np.full_like(part, without), where=whole > 0)
+
+
+def _highest(values: np.ndarray) -> np.ndarray:
+    """The mean of the highest values of each tick [ticks]."""
+    few = max(1, values.shape[1] // HIGHEST)
+    return np.partition(values, values.shape[1] - few, axis=1)[:, -few:].sum(axis=1) / few
+
+
+def features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.ndarray:
+    """What the classifier sees of each tick, from the signals of this tick and those before it [ticks, features].
+
+    The first tick of a stream is its own baseline, and nothing has moved yet. So that the next ones are no rise, its
+    levels but for the mean are those of an idle sensor.
+
+    Args:
+        signals: result of `Levels`, one recording [ticks, signals].
+        offsets: added to each level, and to the size of each change, before its logarithm is taken.
+        idle: levels of an idle sensor.
+    """
+    levels = signals[:, :LEVELS].copy()
+    levels[0, 1:] = idle[1:]
+    logs = np.log(levels + offsets[:LEVELS])
+    looks = [logs]
+    looks += [logs - _past(minimum_filter1d, logs, back + 1) for back in MINIMA]
+    looks += [logs - _past(maximum_filter1d, logs, back + 1) for back in MAXIMA]
+    looks.append(logs - _median(logs, MEDIAN))
+    columns = [*np.stack(looks).transpose(2, 0, 1).reshape(-1, len(logs))]
+    change = np.diff(logs[:, 1], prepend=logs[:1, 1])
+    rise, fall = np.maximum(change, 0), np.maximum(-change, 0)
+    columns += [rise, fall, rise - _median(rise, MEDIAN), fall - _median(fall, MEDIAN)]
+    columns.append(_past(maximum_filter1d, rise, RISES))
+    area, near = signals[:, LEVELS : LEVELS + 2].T
+    columns += [area, np.diff(area, prepend=area[:1]), near]
+    centre = signals[:, LEVELS + 2 : LEVELS + 4]
+    speed = np.abs(np.diff(centre, axis=0, prepend=centre[:1])).sum(axis=1)
+    changes = signals[:, -CHANGES:].copy()
+    changes[:, ::3] -= _median(changes[:, ::3], MEDIAN)  # a drift of all taxels cancels out
+    columns += [speed, *(np.sign(changes) * np.log1p(np.abs(changes) / offsets[LEVELS:])).T]
+    return np.stack(columns, axis=1).astype(np.float32)
+
+
+def disturbance(signals: np.ndarray) -> np.ndarray:
+    """How disturbed the sensor is in each tick by each of `KINDS` [ticks, 2].
+
+    Vibration: the lower quartile of the changes of what all taxels share. Noise: the least movement of the last ticks,
+    as some are without touch. The first tick has none, so that a stream counts as calm until it has left the window.
+    """
+    change = np.abs(np.diff(signals[:, COMMON_LEVEL], prepend=signals[:1, COMMON_LEVEL]))
+    rank = int(CALMEST * CALM)
+    vibration = rank_filter(change, rank, CALM, origin=(CALM - 1) // 2, mode="nearest")
+    return np.stack([vibration, _past(minimum_filter1d, signals[:, MOVEMENT], CALM)], axis=1)
+
+
+def _past(extreme: Callable[..., np.ndarray], series: np.ndarray, size: int) -> np.ndarray:
+    """The lowest or highest of the last so many ticks [ticks, ...]."""
+    return extreme(series, size, axis=0, origin=(size - 1) // 2, mode="nearest")
+
+
+def _median(series: np.ndarray, size: int) -> np.ndarray:
+    """The median of the last so many ticks [ticks, ...]."""
+    padded = np.concatenate([np.repeat(series[:1], size - 1, axis=0), series])
+    return np.median(np.lib.stride_tricks.sliding_window_view(padded, size, axis=0), axis=-1)
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times that are learned from the labels, in ticks.
+
+    Attributes:
+        wait: ticks that a touch has held at its report, fewer than asked for where one touch in ten is nearly as short.
+        hold: ticks without touch before a touch is over: half of the gap that one in ten is shorter than, or what
+            was asked for, where that is less.
+        fade: ticks of weak evidence before a touch is over.
+    """
+
+    wait: int
+    hold: int
+    fade: int
+
+    @classmethod
+    def of(cls, recordings: Recordings, wait: float, hold: float) -> Times:
+        """Learn from recordings whose frames are ticks.
+
+        Args:
+            recordings: recordings with their events.
+            wait: most seconds of a touch before its report.
+            hold: most seconds without touch before a touch is over.
+        """
+        events, rate_hz = recordings.events, recordings.corpus.rate_hz
+        start, end, recording = (events[name].to_numpy() for name in ("start", "end", "recording"))
+        gaps = (start[1:] - end[:-1])[recording[1:] == recording[:-1]]
+        near = np.quantile(gaps, SHORT) / 2 if len(gaps) else np.inf
+        short = SEEN * np.quantile(end - start, SHORT)
+        waits, holds = round(wait * rate_hz), round(hold * rate_hz)
+        return cls(max(1, int(min(waits, short))), max(1, int(min(holds, near))), max(1, holds))
+
+
+class Hysteresis:
+    """A touch begins with a tick above a level, and is over when some are below a lower one.
+
+    It begins only where the classifier has seen its beginning, and is also over when the evidence has faded: background
+    whose level has changed keeps some. It is reported at the first tick that is not below the lower level, once it has
+    lasted ``times.wait`` ticks. What is over before is no touch.
+
+    Args:
+        level: log-odds of touch.
+        drop: distance of the lower level.
+        times: learned.
+    """
+
+    def __init__(self, level: float, drop: float, times: Times) -> None:
+        self.level, self.drop, self.times = level, drop, times
+        self.since = self.below = self.weak = self.begun = self.held = 0
+        self.highest, self.reported, self.over = 0.0, False, True
+
+    def step(self, evidence: np.ndarray) -> Sign:
+        """Take the evidence of a tick."""
+        odds, begins = map(float, evidence[:2])
+        self.begun = AGES - 1 if begins > BEGUN else self.begun - 1
+        if not self.over:
+            self.since += 1
+            self.highest = max(self.highest, odds)
+            self.below = self.below + 1 if odds < self.level - self.drop else 0
+            self.held = self.held if self.below else self.since
+            self.weak = self.weak + 1 if odds < FADED * self.highest else 0
+            self.over = self.below >= self.times.hold or self.weak >= self.times.fade
+        elif odds > self.level and self.begun > 0:
+            self.since, self.held, self.highest, self.below, self.weak = 1, 1, odds, 0, 0
+            self.reported = self.over = False
+        else:
+            self.since, self.reported = 0, True
+        report = not self.reported and self.held >= self.times.wait
+        self.reported = self.reported or report
+        return Sign(float(expit(odds - self.level)), self.since if report or not self.over else 0, report)
+
+
+def reports_of(evidence: np.ndarray, levels: np.ndarray, drop: float, times: Times) -> list[np.ndarray]:
+    """In which ticks `Hysteresis` reports a touch, for many levels at once.
+
+    Args:
+        evidence: log-odds of touch and of its beginning, of the ticks of one recording [ticks, 2 or more].
+        levels: log-odds.
+        drop: argument of `Hysteresis`.
+        times: argument of `Hysteresis`.
+    """
+    may_begin = _past(maximum_filter1d, evidence[:, 1], AGES - 1) > BEGUN
+    lower, lowest = levels - drop, levels.min()
+    since, held, below, weak = np.zeros((4, len(levels)), np.int64)
+    highest, lasts, due = np.zeros(len(levels)), np.zeros(len(levels), bool), np.zeros(len(levels), bool)
+    reports = np.zeros((len(evidence), len(levels)), bool)
+    for tick, (odds, may) in enumerate(zip(evidence[:, 0].tolist(), may_begin.tolist(), strict=True)):
+        if not (may and odds > lowest) and not lasts.any():
+            continue
+        begins = ~lasts & (odds > levels) if may else np.zeros_like(lasts)
+        since = np.where(lasts, since + 1, 1)
+        highest = np.where(lasts, np.maximum(highest, odds), odds)
+        below = np.where(lasts & (odds < lower), below + 1, 0)
+        held = np.where(below > 0, held, since)
+        weak = np.where(lasts & (odds < FADED * highest), weak + 1, 0)
+        due = lasts & due | begins
+        lasts = lasts & (below < times.hold) & (weak < times.fade) | begins
+        reports[tick] = due & (held >= times.wait)
+        due = due & ~reports[tick]
+    return [np.flatnonzero(each) for each in reports.T]
+
+
+@dataclass
+class Frames(Detector):
+    """A logistic classifier of ticks (background, beginning, rest of a touch) and hysteresis with learned times.
+
+    Args:
+        tick: seconds of a tick, at least one frame. Default: chosen on recordings of a skin at 7 Hz.
+        up: seconds in which the baseline of a taxel follows a higher reading; much longer than a touch. Default: a
+            touch of a minute is rare.
+        down: seconds in which it follows a lower one. Default: shorter than most gaps.
+        wait: most seconds of a touch before its report; fewer where training touches are shorter. Default: chosen on
+            HAART, for the first label.
+        hold: most seconds without touch before a touch is over; fewer where training gaps are shorter. Default: a pat
+            every second is one touch.
+        drop: log-odds between the level that begins a touch and the one that ends it. Default: chosen on recordings of
+            that skin.
+    """
+
+    tick: float = 0.125
+    up: float = 60.0
+    down: float = 2.0
+    wait: float = 0.7
+    hold: float = 1.0
+    drop: float = 2.0
+
+    levels: ClassVar[np.ndarray] = np.arange(-3, 6.25, 0.25)
+    memory: ClassVar[int] = 62
+
+    def signals(self) -> Levels:
+        """Signals of a new stream."""
+        return Levels(self.tick / self.up, self.tick / self.down, [min(1.0, self.tick / pace) for pace in PACES])
+
+    def signals_of(self, ticks: np.ndarray) -> np.ndarray:
+        """Many ticks at once."""
+        signals = self.signals()
+        return np.concatenate([signals.steps(ticks[i : i + BLOCK]) for i in range(0, len(ticks), BLOCK)])
+
+    def fit(self, signals: list[np.ndarray], recordings: Recordings) -> Self:
+        """Fit the classifier, count the times."""
+        fitted = replace(self)
+        ages = [ages_of(recordings[[i]]) for i in range(len(recordings))]
+        every = np.concatenate(signals)
+        age, length = (np.concatenate([each[k] for each in ages]) for k in (0, 1))
+        touched = age > 0
+        if touched.all() or not touched.any():
+            lacking = "background" if touched.any() else "touch"
+            raise InputError(f"detector=frames: a part of the training recordings has no {lacking}; record some")
+        sizes = np.abs(np.concatenate([every[:, :LEVELS], every[:, -CHANGES:]], axis=1))
+        fitted.offsets_ = OFFSET * np.median(sizes[touched], axis=0) + 1e-6
+        fitted.idle_ = np.median(every[~touched, :LEVELS], axis=0).astype(np.float32)
+        table = np.concatenate([features(each, fitted.offsets_, fitted.idle_) for each in signals])
+        classes = np.where(~touched, 0, np.where(age <= AGES, 1, 2))
+        weight = np.where(touched, np.sqrt(np.minimum(1, 2 * AGES / np.maximum(length, 1))), 1.0)
+        fitted.mean_, fitted.sd_ = table.mean(axis=0), table.std(axis=0) + 1e-6
+        fitted.model_ = LogisticRegression(C=0.03, max_iter=300).fit(fitted._units(table), classes, weight)
+        shares = np.array([weight[classes == k].sum() for k in fitted.model_.classes_])
+        fitted.prior_ = np.log(shares / shares.sum())
+        fitted.times_ = Times.of(recordings, self.wait, self.hold)
+        calm = np.max([disturbance(each).max(axis=0) for each in signals], axis=0)
+        fitted.limits_ = np.maximum(MARGIN * calm, SLIGHT * recordings.corpus.full_scale)
+        fitted.disturbed_ = ()
+        return fitted
+
+    def hardened(self, others: list[Self], recordings: Recordings, level: float, false_alarms: float) -> Self:
+        """The same with a classifier for noise and one for vibration, each if it is worth more there.
+
+        Each is learned from copies of recordings with such a disturbance, and has a threshold of its own, by which its
+        log-odds are shifted. Arguments are those of `Detector.hardened`.
+        """
+        hard = copy(self)
+        parts = [np.arange(len(recordings))] * len(KINDS)
+        if len(set(left_out(recordings))) >= MANY:
+            parts = np.array_split(seeded("disturbed recordings").permutation(len(recordings)), len(KINDS))
+        count = frames_of_tick(self.tick, recordings.corpus.rate_hz)
+        for kind, (change, part) in enumerate(zip(KINDS, parts, strict=True)):
+            few = np.sort(part)
+            some = recordings[few]
+            ticks = ticked(Recordings(disturbed(some.corpus, change), some.events), count)
+            signals = [self.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
+            plain = [others[i] for i in few]
+            evidence = [other.evidence(each) for other, each in zip(plain, signals, strict=True)]
+            before = worth(sweep(plain, some, evidence, count, np.array([level])), false_alarms).max()
+            for train, judged in inner_folds(left_out(some), GROUPS):
+                fitted = replace(self).fit([signals[i] for i in train], ticks[train])
+                for i in judged:
+                    plain[i], evidence[i] = fitted, fitted.evidence(signals[i])
+            settings = sweep(plain, some, evidence, count, self.levels)
+            worths = worth(settings, false_alarms)
+            if worths.max() > before:
+                shift = level - float(settings["level"][worths.idxmax()])
+                hard.disturbed_ = *hard.disturbed_, (kind, replace(self).fit(signals, ticks), shift)
+        return hard
+
+    def _units(self, table: np.ndarray) -> np.ndarray:
+        return np.clip((table - self.mean_) / self.sd_, -CLIP, CLIP)
+
+    def evidence(self, signals: np.ndarray) -> np.ndarray:
+        """Log-odds of touch, and of its beginning, as if all classes were equally frequent, and `refused` [ticks, 3].
+
+        Where the sensor is disturbed, they are those of the classifier for that disturbance. Noise goes first.
+        """
+        odds, gauges = self._log_odds(signals), disturbance(signals)
+        for kind, other, shift in self.disturbed_:
+            odds = np.where(gauges[:, [kind]] > self.limits_[kind], other._log_odds(signals) + [shift, 0], odds)
+        return np.column_stack([odds, (gauges > self._most).any(axis=1)])
+
+    def refused(self, evidence: np.ndarray) -> np.ndarray:
+        """Whether the sensor is more than 1.5 times as disturbed as in all that any classifier learned from."""
+        return evidence[:, 2] > 0
+
+    @property
+    def _most(self) -> np.ndarray:
+        """How disturbed the sensor may be by each of `KINDS`."""
+        return np.max([self.limits_, *(other.limits_ for _, other, _ in self.disturbed_)], axis=0)
+
+    def _log_odds(self, signals: np.ndarray) -> np.ndarray:
+        scores = self.model_.decision_function(self._units(features(signals, self.offsets_, self.idle_)))
+        likely = (np.stack([0 * scores, scores], axis=1) if scores.ndim == 1 else scores) - self.prior_
+        touch = np.logaddexp.reduce(likely[:, 1:], axis=1) - likely[:, 0]
+        begun = likely[:, 1] - np.logaddexp.reduce(likely[:, [0, *range(2, likely.shape[1])]], axis=1)
+        return np.stack([touch, begun], axis=1)
+
+    def rules(self, level: float) -> Hysteresis:
+        """Rules of a new stream."""
+        return Hysteresis(level, self.drop, self.times_)
+
+    def reported(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
+        """All levels at once."""
+        return reports_of(evidence, levels, self.drop, self.times_)
+
+    @property
+    def soonest(self) -> int:
+        """Ticks of a touch before its report, at least."""
+        return self.times_.wait
+
+    @property
+    def latest(self) -> int:
+        """Ticks of a touch before its report, at most."""
+        return self.times_.wait + self.times_.hold
+
+    def in_c(self) -> InC:
+        """As `touchbench_streams.detectors.ticks.Detector.in_c`."""
+        models = [self, *(other for _, other, _ in self.disturbed_)]
+        classes = max(len(one.prior_) for one in models)
+        learned = [one._linear(classes) for one in models]
+        looks = {
+            "MINIMA": "{" + ", ".join(map(str, MINIMA)) + "}",
+            "MAXIMA": "{" + ", ".join(map(str, MAXIMA)) + "}",
+            "LOOK": max(*MINIMA, *MAXIMA) + 1,
+            "MEDIAN": MEDIAN,
+            "RISES": RISES,
+            "LEVELS": LEVELS,
+            "CHANGES": CHANGES,
+            "LOOKS": len(self.mean_),
+            "KINDS": classes,
+            "MODELS": len(models),
+            "CALM": CALM,
+            "CALMEST": int(CALMEST * CALM),
+            "KIND_OF": "{" + ", ".join(str(kind) for kind, _, _ in self.disturbed_) + "}",
+        }
+        constants = (
+            (
+                "Signals of a tick: which quantile all taxels share, how many are highest, how the baseline follows.",
+                {"COMMON": COMMON, "HIGHEST": HIGHEST, "UP": self.tick / self.up, "DOWN": self.tick / self.down},
+            ),
+            ("Looks of a classifier at the last ticks, in ticks; its features and classes.", looks | {"CLIP": CLIP}),
+            (
+                "Rules of a touch, in log-odds and ticks; times are learned.",
+                {
+                    "DROP": self.drop,
+                    "BEGUN": BEGUN,
+                    "AGES": AGES,
+                    "FADED": FADED,
+                    "WAIT": self.times_.wait,
+                    "HOLD": self.times_.hold,
+                    "FADE": self.times_.fade,
+                },
+            ),
+        )
+        arrays = {
+            "offsets": np.concatenate([one.offsets_[:LEVELS] for one in models]),
+            "paces": self.signals().paces,
+            "sizes": np.concatenate([one.offsets_[LEVELS:] for one in models]),
+            "idle": np.concatenate([one.idle_ for one in models]),
+            "mean": np.concatenate([one.mean_ for one in models]),
+            "sd": np.concatenate([one.sd_ for one in models]),
+            "weights": np.concatenate([weights.ravel() for weights, _ in learned]),
+            "bias": np.concatenate([bias for _, bias in learned]),
+            "shift": [0.0, *(shift for _, _, shift in self.disturbed_)],
+            "most": self._most,
+            **({"limits": self.limits_} if self.disturbed_ else {}),
+        }
+        state = (
+            "float baseline[{TAXELS}], above[{TAXELS}];  /* of the last tick */",
+            f"float slow[{len(PACES)}][{{TAXELS}}];  /* slow means */",
+            "float logs[{MODELS}][{LOOK}][{LEVELS}], area, row, col;  /* rings; of the last tick */",
+            "float means[{LOOK}][{CHANGES} / 3];  /* a ring: mean of the readings less each slow mean */",
+            "int model;  /* the classifier that decides */",
+            "int at, looked;  /* place in the rings, ticks in them */",
+            "int since, below, weak, begun, held, lasts, is_known;  /* ticks of the touch; whether it was reported */",
+            "float highest;  /* log-odds of the touch */",
+            "float calm[2][{CALM}], shared;  /* rings: changes of what taxels share, movement; last tick */",
+            "int calmed;  /* place in these rings */",
+        )
+        return InC(
+            of_file(__file__),
+            state,
+            constants,
+            arrays={f"look_{name}": np.asarray(values, np.float32) for name, values in arrays.items()},
+            pretended="w->level = touched ? -1e30f : 1e30f; w->begun = 9;",
+        )
+
+    def _linear(self, classes: int) -> tuple[np.ndarray, np.ndarray]:
+        """Weights [classes, features] and biases of the classes; one that was not there in training is impossible."""
+        weights, bias = self.model_.coef_, self.model_.intercept_
+        if len(weights) == 1:  # of two classes; the first one scores 0
+            weights, bias = np.concatenate([0 * weights, weights]), np.append(0, bias)
+        more = classes - len(bias)
+        return np.pad(weights, ((0, more), (0, 0))), np.append(bias - self.prior_, np.full(more, IMPOSSIBLE))
+
+    @property
+    def chosen(self) -> dict[str, object]:
+        """The learned times in ticks."""
+        return {"wait": self.times_.wait, "hold": self.times_.hold, "fade": self.times_.fade}
+
+    @property
+    def numbers(self) -> int:
+        """Count of learned numbers."""
+        own = self.model_.coef_.size + 3 + 2 * len(self.mean_) + 2 * LEVELS + CHANGES + 5
+        return own + sum(other.numbers + 2 for _, other, _ in self.disturbed_)
+
+
+def ages_of(recording: Recordings) -> tuple[np.ndarray, np.ndarray]:
+    """Ticks since the touch of each tick began, itself included, and the length of the touch; 0 without touch."""
+    age, length = (np.zeros(int(recording.corpus.lengths[0]), np.int64) for _ in range(2))
+    for start, end in zip(recording.events["start"], recording.events["end"], strict=True):
+        age[start:end], length[start:end] = np.arange(1, end - start + 1), end - start
+    return age, length

@@ -1,0 +1,32 @@
+"""The detectors that ``detector=`` names."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bench.errors import InputError
+from bench.plan.cells import Part, variants
+from bench.words import Values, items
+from touchbench_streams import DETECTOR
+
+if TYPE_CHECKING:
+    from touchbench_streams.detectors.base import Detects
+
+
+def detectors(values: Values) -> list[Part[Detects]]:
+    """The detectors that ``detector=`` names, the usual one without it, with every combination of their parameters.
+
+    Raises:
+        InputError: an unknown detector or parameter, or a value that it refuses.
+    """
+    siblings = items("detector", values.get("detector", DETECTOR))
+    if not all(isinstance(name, str) for name in siblings):
+        raise InputError("detector= takes names; give one of them, or my.py:Mine")
+    parts = [
+        part
+        for name in siblings
+        for part in variants(values, "detector", name, siblings, room="touchbench_streams.detectors")
+    ]
+    for part in parts:
+        part.make()  # which refuses values
+    return parts

@@ -1,0 +1,107 @@
+"""The detector `threshold`: the mean pressure above a slow baseline of each taxel, two ticks in a row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from touchbench_streams.detectors.base import InC, Sign
+from touchbench_streams.detectors.ticks import Detector, of_file
+from touchbench_streams.recordings import Recordings
+
+ENDS = 0.5  # share of the threshold below which a touch is over
+
+
+class Excess:
+    """The mean pressure above the baseline of each taxel, which follows slowly upwards and quickly downwards.
+
+    Args:
+        up: share of the way to a higher reading in a tick.
+        down: share of the way to a lower one.
+    """
+
+    def __init__(self, up: float, down: float) -> None:
+        self.up, self.down = np.float32(up), np.float32(down)
+        self.baseline: np.ndarray | None = None
+
+    def step(self, frame: np.ndarray) -> np.ndarray:
+        """The mean excess of a frame [1], and the baseline after it."""
+        if self.baseline is None:
+            self.baseline = np.array(frame, np.float32)
+        above = frame - self.baseline
+        self.baseline += np.where(above > 0, self.up, self.down) * above
+        return np.array([np.maximum(above, 0).mean()], np.float32)
+
+
+class TwoInARow:
+    """A touch is reported at the second tick above a level, and is over below half of it."""
+
+    def __init__(self, level: float) -> None:
+        self.level, self.since, self.reported = level, 0, False
+
+    def step(self, evidence: np.ndarray) -> Sign:
+        """Take the evidence of a tick: the excess, in units of that of training touches."""
+        excess = float(evidence[0])
+        self.since = self.since + 1 if excess > (self.level if not self.reported else ENDS * self.level) else 0
+        report = self.since == 2 and not self.reported
+        self.reported = self.since > 0 and (self.reported or report)
+        return Sign(excess / (excess + self.level) if excess > 0 else 0.0, self.since, report)
+
+
+@dataclass
+class Threshold(Detector):
+    """The mean pressure above a slow baseline of each taxel, two ticks in a row: the reference for all others.
+
+    Args:
+        tick: seconds of a tick, at least one frame. Default: chosen on recordings of a skin at 7 Hz.
+        up: seconds in which the baseline follows a higher reading: much longer than a touch. Default: the longest touch
+            of HAART.
+        down: seconds in which it follows a lower one. Default: shorter than most gaps.
+    """
+
+    tick: float = 0.125
+    up: float = 60.0
+    down: float = 2.0
+
+    levels: ClassVar[np.ndarray] = np.geomspace(0.02, 4, 40)
+
+    def signals(self) -> Excess:
+        """Signals of a new stream."""
+        return Excess(self.tick / self.up, self.tick / self.down)
+
+    def fit(self, signals: list[np.ndarray], recordings: Recordings) -> Self:
+        """The median excess in training touches."""
+        touched = [s[recordings[[i]].frame_labels() != "", 0] for i, s in enumerate(signals)]
+        fitted = replace(self)
+        fitted.unit_ = float(np.median(np.concatenate(touched))) or 1.0
+        return fitted
+
+    def evidence(self, signals: np.ndarray) -> np.ndarray:
+        """The excess in units of training touches."""
+        return signals / np.float32(self.unit_)
+
+    def rules(self, level: float) -> TwoInARow:
+        """Rules of a new stream."""
+        return TwoInARow(level)
+
+    def in_c(self) -> InC:
+        """As `touchbench_streams.detectors.ticks.Detector.in_c`."""
+        constants = (
+            "The baseline; the excess of training touches, learned; where a touch is over.",
+            {"UP": self.tick / self.up, "DOWN": self.tick / self.down, "UNIT": self.unit_, "ENDS": ENDS},
+        )
+        state = ("float baseline[{TAXELS}];", "int felt, since, is_known;  /* ticks; whether the touch was reported */")
+        pretended = "w->level = touched ? -1 : 1e30f;"
+        return InC(of_file(__file__), state, (constants,), pretended=pretended)
+
+    @property
+    def soonest(self) -> int:
+        """Ticks of a touch before its report."""
+        return 2
+
+    @property
+    def numbers(self) -> int:
+        """Count of learned numbers."""
+        return 1

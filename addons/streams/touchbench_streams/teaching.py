@@ -1,0 +1,129 @@
+"""How a system learns to watch, for those who save it or write it as C."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from bench import contract
+from bench.amounts import quantity
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.plan.cells import Cell, Part
+from bench.plan.plan import Fold, corpus_of
+from bench.words import Values
+from touchbench_streams import FALSE_ALARMS
+from touchbench_streams.background import further, joined
+from touchbench_streams.composer import check_background, pieces
+from touchbench_streams.detectors.base import Detects, Watches
+from touchbench_streams.detectors.named import detectors
+from touchbench_streams.recordings import certain, is_recorded, recorded
+from touchbench_streams.stored import holds_recordings, whole
+from touchbench_streams.watch import recordings_of, usual
+
+WATCHED_S = 60.0  # of a recording that is watched in an emulator
+
+
+class Watching:
+    """The post-processing for endless streams, learned from all captures or recordings.
+
+    Args:
+        values: ``detector`` with its parameters behind a dot, ``false_alarms`` and ``background``, as ``bench fit``
+            takes them.
+
+    Raises:
+        InputError: one of them cannot be used, or they name several detectors.
+    """
+
+    keys: ClassVar[tuple[str, ...]] = ("detector", "false_alarms", "background")
+    without: ClassVar[str] = "cannot watch an endless stream"  # of a model that has not learned to
+
+    def __init__(self, values: Values) -> None:
+        self.part, *more = self.parts(values)
+        if more:
+            raise InputError("bench fit saves one detector; give one value of detector= and its parameters")
+        self.background = str(values.get("background") or "")
+        self.false_alarms = quantity("false_alarms", values.get("false_alarms", FALSE_ALARMS))
+
+    @staticmethod
+    def parts(values: Values) -> list[Part[Detects]]:
+        """The detectors that typed values name, with their parameters; the usual one where they name none.
+
+        Raises:
+            InputError: an unknown detector or parameter, or a value that it refuses.
+        """
+        of_detector = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
+        return detectors(of_detector)
+
+    @property
+    def params(self) -> dict[str, str]:
+        """What it is, as parameters of a run."""
+        return {
+            "watch.detector": self.part.typed(),
+            "watch.false_alarms": f"{self.false_alarms:g}",
+            "watch.background": self.background,
+        }
+
+    @staticmethod
+    def c_digest() -> str:
+        """Hash of the C of all detectors."""
+        folder = Path(__file__).parent / "detectors"
+        return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.glob("*.c")))).hexdigest()
+
+    @property
+    def sentence(self) -> str:
+        """Which detector finds touches."""
+        return f"detector={self.part.typed()} finds touches in a stream"
+
+    @staticmethod
+    def captures(cell: Cell) -> Corpus:
+        """What a saved system learns from: its captures, or recordings with their background.
+
+        Raises:
+            InputError: they cannot be opened or chosen.
+        """
+        if holds_recordings(cell.data):
+            return certain(whole(cell.data, where=cell.where))
+        return corpus_of(cell)
+
+    @staticmethod
+    def sides(cell: Cell, captures: Corpus, fold: Fold) -> tuple[Corpus, np.ndarray | None]:
+        """What the training subjects of a fold teach, and the beginning of a recording of a test subject, if any."""
+        if not is_recorded(captures):
+            return captures[fold.train], None
+        every = whole(cell.data, where=cell.where)
+        tested = np.isin(every.subjects, captures.subjects[fold.test])
+        one = recorded(every[tested]).corpus
+        return certain(every[~tested]), one[0][: round(WATCHED_S * one.rate_hz)]
+
+    def check(self, captures: Corpus) -> None:
+        """Refuse captures that cannot teach it.
+
+        Raises:
+            InputError: there is no background to compose recordings with.
+        """
+        if is_recorded(captures):
+            if self.background:
+                further(self.background, captures)
+            return
+        check_background(*pieces(captures, usual(captures, self.background)))
+
+    def learned(self, make_system: Callable[[], contract.System], system: contract.System, captures: Corpus) -> Watches:
+        """A fitted system that watches.
+
+        Args:
+            make_system: factory of the system, not fitted.
+            system: fitted to the captures.
+            captures: captures that teach, of two subjects at least.
+
+        Raises:
+            InputError: they cannot teach it.
+        """
+        recordings = recordings_of(captures, usual(captures, self.background))
+        if self.background and is_recorded(captures):
+            recordings = joined(recordings, further(self.background, captures), np.array([], str))
+        return self.part.make().learn(make_system, system, captures, recordings, self.false_alarms)[0]

@@ -1,0 +1,306 @@
+"""Systems in continuous recordings: false alarms, missed touches and latency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from bench import contract
+from bench.comparable import several
+from bench.errors import InputError
+from bench.sentences import sentences
+from bench.timing import Times, timed
+from bench.work.fold import (
+    TIMED_CAPTURES,
+    WARM_UP,
+    batch_effects,
+    check_agreement,
+    computing,
+    fitted,
+    footprint,
+    paced,
+)
+from bench.work.results import FoldResult, costs, table_of
+from touchbench_streams import NO_TOUCH
+from touchbench_streams.background import further, joined
+from touchbench_streams.composer import check_background, composed, pieces
+from touchbench_streams.curve import missed_at, swept
+from touchbench_streams.detectors.base import UNKNOWN
+from touchbench_streams.events import last_confidence, per_subject, unknown_scores
+from touchbench_streams.recordings import DOUBT, GAP, Recordings, is_recorded, recorded
+from touchbench_streams.rejection import learn_reject
+from touchbench_streams.scored import defined, numbers_of, scored, touches_and_reports
+from touchbench_streams.stress import FAULTED, faulted
+
+if TYPE_CHECKING:
+    from bench.corpora.corpus import Corpus
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold, Plan
+    from touchbench_streams.detectors.base import Detects, Watches
+
+SEED = 0  # of the composed recordings
+QUIET = "quiet"  # background from the ends of captures
+SHOWN_S = 120.0  # of a recording in each fold, for the timeline
+
+
+def usual(corpus: Corpus, background: str = "") -> str:
+    """The background of a whole corpus of captures.
+
+    Args:
+        corpus: captures.
+        background: class that was asked for; empty for ``notouch`` where it exists, and ends of captures elsewhere.
+    """
+    if is_recorded(corpus):
+        return GAP
+    return background or (NO_TOUCH if NO_TOUCH in corpus.gestures else QUIET)
+
+
+def recordings_of(captures: Corpus, background: str) -> Recordings:
+    """Recordings of the subjects of some captures: their own, or composed ones.
+
+    Args:
+        captures: captures; of recordings all captures, or in training those without doubtful stretches.
+        background: result of `usual` for the whole corpus.
+
+    Raises:
+        InputError: there is no background to compose them with.
+    """
+    if is_recorded(captures):
+        return recorded(captures)
+    return composed(*pieces(captures, background), SEED)
+
+
+def refuse(plan: Plan, background: str, unknown: str) -> None:
+    """Refuse folds that mix subjects or train on one, and a background that does not exist.
+
+    Raises:
+        InputError: there is one.
+    """
+    corpus, name = plan.corpus, plan.cell.protocol
+    if any(fold.known for fold in plan.folds):
+        raise InputError(
+            f"protocol={name}: bench watch does not adapt systems to a person; leave protocol.shots= and "
+            "protocol.unlabelled= out"
+        )
+    if plan.mixes_subjects:
+        raise InputError(
+            f"protocol={name}: bench watch needs other subjects in the test part; choose loso or challenge"
+        )
+    if is_recorded(corpus) and background:
+        further(background, corpus)
+    if background == QUIET and QUIET in corpus.gestures:
+        raise InputError(f"background={QUIET}: {plan.cell.data} also has a class {QUIET}; rename it")
+    if unknown and unknown != UNKNOWN and UNKNOWN in corpus.gestures:
+        raise InputError(
+            f"unknown={unknown}: rejected touches are labelled {UNKNOWN}, but {plan.cell.data} has a gesture of this "
+            "name; rename it"
+        )
+    if unknown and unknown not in {*corpus.gestures} - {usual(corpus, background)}:
+        raise InputError(f"unknown={unknown}: {plan.cell.data} has no such gesture beside the background")
+    if plan.cell.target != "gesture":
+        raise InputError(f"target={plan.cell.target}: bench watch names gestures; leave it out")
+    doubt = [DOUBT] if is_recorded(corpus) else []
+    touches = ~np.isin(corpus.gestures, [usual(corpus, background), unknown, *doubt])
+    if not is_recorded(corpus):
+        check_background(*pieces(corpus, usual(corpus, background)))
+    elif not touches.any():
+        raise InputError(f"data={plan.cell.data}: its recordings have no touch; label the frames of touches")
+    for fold in plan.folds:
+        if len(touching := set(corpus.subjects[fold.train[touches[fold.train]]])) < 2:
+            raise InputError(
+                f"protocol={name}: fold {fold.name} trains on touches of {several(len(touching), 'subject')}; bench "
+                "watch learns its post-processing by leaving training subjects out and needs two"
+            )
+    if conditions := contract.conditions(plan.cell.untrained):
+        raise InputError(
+            f"model={plan.cell.model}: it predicts with {', '.join(conditions)}, which a recording does not have; "
+            "remove its conditions, or evaluate it with bench run"
+        )
+
+
+def too_short(plan: Plan, false_alarms: float, background: str) -> list[str]:
+    """A line where the shortest training background of a fold is too short to learn a rate of false alarms.
+
+    One alarm in so much background is a higher rate. Without any alarm in 3 / rate hours, the rate is lower with a
+    confidence of 95 % (Poisson). Background of composed recordings is as long as their touches are many.
+    """
+    corpus = plan.corpus
+    if not is_recorded(corpus):
+        return []
+    quiet = np.where(corpus.gestures == GAP, corpus.lengths, 0)
+    frames = min(float(quiet[fold.train].sum()) for fold in plan.folds)
+    if background:
+        frames += further(background, corpus).background_frames().sum()
+    minutes = frames / corpus.rate_hz / 60
+    if not minutes or 60 / minutes <= false_alarms:
+        return []
+    return sentences(
+        *("touchbench_streams", "touches", "short"),
+        asked=f"{false_alarms:g}",
+        data=plan.cell.data,
+        minutes=f"{minutes:.1f}",
+        least=f"{60 / minutes:.3g}",
+        needed=f"{180 / false_alarms:.0f}",
+    )
+
+
+def fold_of(
+    cell: Cell,
+    corpus: Corpus,
+    fold: Fold,
+    threads: int,
+    detector: Detects,
+    false_alarms: float,
+    background: str,
+    unknown: str,
+    under: Sequence[str],
+) -> FoldResult:
+    """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects.
+
+    The stored table has rows of several kinds (``kind``): a ``recording`` (``end`` is its number of frames,
+    ``refused`` of which are refused or saturated), a ``touch`` (``start``, ``end``, ``gesture``), a ``doubtful``
+    stretch (the same), a ``report`` (columns of `events.REPORT`), a point of the ``curve`` (``offset``
+    of the bias, ``hits`` and ``alarms``: touches found and false alarms) and the ``probability`` of touch after
+    ``reported`` frames of the first two minutes.
+
+    Args:
+        cell: cell of the run.
+        corpus: captures, or recordings as captures.
+        fold: names its training and test captures by position.
+        threads: threads for computing.
+        detector: before training.
+        false_alarms: false alarms per hour of background that are accepted on training subjects.
+        background: class of background, as of `usual`; of recordings, the name of `further` ones.
+        unknown: gesture that is left out of training; empty for none.
+        under: names of faults that the test recordings go through as well; their reports are the table `FAULTED`.
+    """
+    estimator, more, background = cell.estimator(), background, usual(corpus, background)
+    train = corpus[fold.train]
+    if unknown:  # training recordings must not have it either, so they are composed again
+        train = train[train.gestures != unknown]
+    composing = bool(unknown) and is_recorded(train)
+    recordings = composed(*pieces(train, background), SEED) if composing else recordings_of(train, background)
+    if more and is_recorded(corpus):
+        recordings = joined(recordings, further(more, corpus), corpus.subjects[fold.test])
+    with computing(threads):
+        metrics = fitted(estimator, train)
+        watcher, settings = detector.learn(cell.estimator, estimator, train, recordings, false_alarms)
+        if unknown:
+            watcher.reject = learn_reject(cell.estimator, train, recordings, watcher)
+        test = recordings_of(corpus[fold.test], background)
+        if unknown:
+            test = replace(test, events=test.events.replace({"gesture": {unknown: UNKNOWN}}))
+        evidence = watcher.evidence(test.corpus)
+        reports = watcher.reports(test.corpus, evidence)
+        refused = watcher.refused(test.corpus, evidence)
+        disturbed = {FAULTED: faulted(watcher, test, under).assign(fold=fold.name)} if under else {}
+        effects = batch_effects(estimator, corpus, fold.test)
+        if not effects:
+            check_agreement(estimator, corpus, fold.test)
+    subjects = test.subjects.astype(str)
+    frames = pd.DataFrame({"recording": np.arange(len(test)), "end": test.corpus.lengths, "refused": refused})
+    table = pd.concat(
+        [
+            part.assign(kind=kind, subject=subjects[part["recording"]])
+            for kind, part in (
+                ("recording", frames),
+                ("touch", test.events),
+                ("doubtful", test.doubtful),
+                ("report", reports),
+                ("curve", _curve(watcher, test, evidence)),
+                ("probability", _shown(watcher, test.corpus.rate_hz, evidence[0])),
+            )
+        ],
+        ignore_index=True,
+    )
+    with computing(1):
+        spent = _decision_ms(watcher, test)
+    metrics |= footprint(estimator, corpus) | paced(spent)
+    metrics["flash_bytes"] += 4 * watcher.numbers  # in C it is stored beside the system
+    return FoldResult(
+        fold.name,
+        table.assign(fold=fold.name),
+        metrics,
+        spent.ms,
+        spent.ms,
+        chosen=watcher.chosen,
+        trials=settings,
+        batch_effects=effects,
+        tables=disturbed,
+        times={"predict_wall_ms": spent.wall_ms, "decide_wall_ms": spent.wall_ms},
+    )
+
+
+def fold_numbers(result: FoldResult, rate_hz: float) -> dict[str, float]:
+    """Scores and costs of one fold."""
+    return costs([result]) | numbers_of(result.table, rate_hz)
+
+
+def run_numbers(
+    folds: list[FoldResult], rate_hz: float, unknown: str
+) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
+    """Scores of touches as means over subjects, with intervals; tables of touches, reports, subjects and the curve."""
+    table = table_of(folds)
+    touches, reports, background_s = scored(table, rate_hz)
+    numbers = numbers_of(table, rate_hz, people=True)
+    hours = sum(background_s.values()) / 3600
+    by_person = swept(table[table["kind"] == "curve"])
+    counts = by_person.groupby("offset").sum()
+    missed, alarms = 1 - counts["hits"] / max(len(touches), 1), counts["alarms"] / (hours or np.nan)
+    tables = {
+        "predictions": table,
+        "touches": touches,
+        "reports": reports,
+        "per_subject": per_subject(touches, reports, background_s),
+        "curve": pd.DataFrame({"missed": missed, "false_alarms_per_hour": alarms}).reset_index(),
+    }
+    numbers |= missed_at(by_person, touches["subject"].value_counts(), pd.Series(background_s) / 3600)
+    if unknown:
+        numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
+    return defined(numbers | {"background_minutes": 60 * hours}) | costs(folds), tables
+
+
+def _rejection(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float) -> dict[str, float]:
+    """How well unknown gestures are rejected: `unknown_scores` of the touches found, relative to each fold's threshold.
+
+    Args:
+        table: tables of the folds of a run.
+        thresholds: learned threshold of each fold.
+        rate_hz: frames per second.
+    """
+    known, unknown = [np.zeros(0)], [np.zeros(0)]
+    for name, part in table.groupby("fold", sort=False):
+        truth, doubtful, reported = touches_and_reports(part)
+        above = last_confidence(truth, reported, rate_hz, doubtful) - thresholds[str(name)]
+        strange = (truth["gesture"] == UNKNOWN).loc[above.index]
+        known.append(above[~strange].to_numpy())
+        unknown.append(above[strange].to_numpy())
+    return unknown_scores(np.concatenate(known), np.concatenate(unknown), 0.0)
+
+
+def _curve(watcher: Watches, test: Recordings, evidence: list) -> pd.DataFrame:
+    """The sweep of thresholds on the recordings of each subject, under the first of them."""
+    parts = []
+    for rows in pd.Series(range(len(test))).groupby(test.subjects.astype(str)).groups.values():
+        parts.append(watcher.sweep(test[[*rows]], [evidence[i] for i in rows]).assign(recording=rows[0]))
+    return pd.concat(parts)
+
+
+def _shown(watcher: Watches, rate_hz: float, evidence: object) -> pd.DataFrame:
+    """The probability of touch in the first two minutes of the first recording."""
+    shown = watcher.probability(evidence, rate_hz).assign(recording=0)
+    return shown[shown["reported"] <= SHOWN_S * rate_hz]
+
+
+def _decision_ms(watcher: Watches, test: Recordings) -> Times:
+    """Times of some decisions on one thread."""
+    recording = contract.blinded(watcher.system, test.corpus[[0]].detached())
+    ends = np.linspace(1, recording.lengths[0], TIMED_CAPTURES + WARM_UP).astype(int)
+    for end in ends[:WARM_UP]:
+        watcher.decide(recording, end)
+    return timed(partial(watcher.decide, recording, end) for end in ends[WARM_UP:])
