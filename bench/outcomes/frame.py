@@ -96,8 +96,8 @@ def _words(key: str, value: object) -> str:
 def frame(results: Sequence[Result], cases: bool = False) -> pd.DataFrame:
     """A row for each run: its name, its numbers, what it is (`IS`), how many folds went well, and its id.
 
-    Shares are in percent. ``accuracy`` is the mean over subjects with its 95 % t-interval (``low``, ``high``),
-    ``pooled_accuracy`` is over captures. ``complete`` is False where a fold failed, ``alone`` False where labels depend
+    Shares are in percent. ``accuracy`` is the mean over subjects with its 95 % t-interval (``low``, ``high``) and SD
+    (``subject_sd``), ``pooled_accuracy`` is over captures. ``complete`` is False where a fold failed, ``alone`` False where labels depend
     on other test captures.
 
     Args:
@@ -137,7 +137,10 @@ def _numbers(r: Result) -> dict[str, Any]:
         return numbers
     ends = (mean.value, mean.low, mean.high) if isinstance(mean, Interval) else (mean, None, None)
     pooled = {f"pooled_{k}": numbers.pop(k) for k in ("accuracy", "accuracy_low", "accuracy_high") if k in numbers}
-    return dict(zip(("accuracy", "low", "high"), ends, strict=True)) | numbers | pooled
+    people = dict(zip(("accuracy", "low", "high"), ends, strict=True))
+    people |= {"subject_sd": numbers.pop("subject_accuracy_sd", None)}
+    numbers.pop("subject_accuracy_mean", None)  # which is the accuracy
+    return people | numbers | pooled
 
 
 def tables(results: Sequence[Result], name: str = "predictions") -> pd.DataFrame:
