@@ -31,8 +31,8 @@ def runs(cases: bool = False, **values: object) -> pd.DataFrame:
 
     Returns:
         One row per run: ``name``, which tells what differs from its neighbours; ``accuracy``, the mean over subjects,
-        with its 95 % t-interval (``low``, ``high``) and SD, and every other number; system, model, features, parameters, seed,
-        unit, subset, target, data and protocol; ``complete``, ``alone``, ``folds`` and ``run_id``.
+        with its 95 % t-interval (``low``, ``high``) and SD, and every other number; system, model, features,
+        parameters, seed, unit, subset, target, data and protocol; ``complete``, ``alone``, ``folds`` and ``run_id``.
 
     Raises:
         InputError: nothing is stored for them.

@@ -126,7 +126,7 @@ def candidates(
     table.loc[same & (apart != ""), "unit"] += ", " + apart
     subjects = pd.DataFrame([_mean([way.scores for way, _ in seeds]) for seeds in ways]).reset_index(drop=True)
     table["accuracy"] = subjects.mean(axis=1)
-    if clock is not None:
+    if clock is not None and "cycles" in table:
         table["decision"] += (table["cycles"] / clock).fillna(0)  # thousands by MHz: ms
     lost = np.empty((len(table), 0, subjects.shape[1]))
     if losses is not None:

@@ -397,7 +397,7 @@ class Chosen:
         return said(
             "meaning",
             clock=self.clock,
-            timed=int(table["cycles"].notna().sum()) if self.clock is not None else 0,
+            timed=int(table["cycles"].notna().sum()) if "cycles" in table else 0,
             systems=len(table),
             decision="decision" in {self.by, *self.budgets},
             kind=self.kind.meaning,

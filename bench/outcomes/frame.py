@@ -97,8 +97,8 @@ def frame(results: Sequence[Result], cases: bool = False) -> pd.DataFrame:
     """A row for each run: its name, its numbers, what it is (`IS`), how many folds went well, and its id.
 
     Shares are in percent. ``accuracy`` is the mean over subjects with its 95 % t-interval (``low``, ``high``) and SD
-    (``subject_sd``), ``pooled_accuracy`` is over captures. ``complete`` is False where a fold failed, ``alone`` False where labels depend
-    on other test captures.
+    (``subject_sd``), ``pooled_accuracy`` is over captures. ``complete`` is False where a fold failed, ``alone`` False
+    where labels depend on other test captures.
 
     Args:
         results: results of any kinds.

@@ -282,21 +282,6 @@ def test_a_replayed_system_decides_as_late_as_the_budget_allows():
         assert among.subjects.loc[place].to_dict() == pytest.approx(percents(seen))
 
 
-def test_c_is_a_candidate_with_its_own_size_and_cycles():
-    chip = {"chip_ram_bytes": 1000.0, "chip_most_instructions": 6e4}
-    c = {"c": made_up(per_class=1)}
-    sizes = {"32": 9000.0, "8": 5000.0}
-    in_c = [run("lda", None, c, **chip, **{"chip_flash_bytes": n, "chip.bits": b}) for b, n in sizes.items()]
-    table = candidates([run("lda"), run("svm"), *in_c], {}, clock=0.5).table
-    assert table[["unit", "flash", "linked", "decision"]].to_numpy().tolist() == [
-        ["capture", 9, True, 300],  # of Python what is linked, which the count leaves code out of
-        ["in C, 32 bits", 9, True, 420],  # 60,000 cycles at 0.5 MHz
-        ["in C, 8 bits", 5, True, 420],
-        ["capture", 4, False, 300],
-    ]
-    assert table["cycles"].tolist()[1:3] == [60, 60] and table["cycles"].isna().tolist() == [True, False, False, True]
-
-
 def test_runs_on_the_newest_corpus_of_a_name_win():
     results = [run(system, corpus_digest=digest * 64) for system, digest in (("svm", "a"), ("rf", "a"), ("lda", "b"))]
     kept, (note,) = eligible(results, {})

@@ -13,11 +13,13 @@ from addons.chip.tests.compiled import lacking
 from bench import scores
 from bench.cli import main
 from bench.commands.printing import runs_table
+from bench.outcomes.candidates import candidates
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work.tracking import key_of
 from tests.conftest import predictions, runs
-from tests.results import result
+from tests.outcomes.test_choice import run as costly
+from tests.results import made_up, result
 from touchbench_chip import fold as onchip
 from touchbench_chip import measure as compiled
 from touchbench_chip import network
@@ -136,3 +138,18 @@ def test_a_chip_is_measured():
     assert 50 < metrics["chip_stack_bytes"] < 2000
     assert metrics["chip_code_bytes"] + metrics["chip_table_bytes"] < metrics["chip_flash_bytes"] < 64e3
     assert 1000 < metrics["chip_frame_instructions"] < metrics["chip_most_instructions"] < 1e6
+
+
+def test_c_is_a_candidate_with_its_own_size_and_cycles():
+    chip = {"chip_ram_bytes": 1000.0, "chip_most_instructions": 6e4}
+    c = {"c": made_up(per_class=1)}
+    sizes = {"32": 9000.0, "8": 5000.0}
+    in_c = [costly("lda", None, c, **chip, **{"chip_flash_bytes": n, "chip.bits": b}) for b, n in sizes.items()]
+    table = candidates([costly("lda"), costly("svm"), *in_c], {}, clock=0.5).table
+    assert table[["unit", "flash", "linked", "decision"]].to_numpy().tolist() == [
+        ["capture", 9, True, 300],  # of Python what is linked, which the count leaves code out of
+        ["in C, 32 bits", 9, True, 420],  # 60,000 cycles at 0.5 MHz
+        ["in C, 8 bits", 5, True, 420],
+        ["capture", 4, False, 300],
+    ]
+    assert table["cycles"].tolist()[1:3] == [60, 60] and table["cycles"].isna().tolist() == [True, False, False, True]
