@@ -56,7 +56,7 @@ def test_a_store_that_can_only_be_read_is_read_and_left_alone(in_net, tmp_path, 
         texts = []
         for words in (["choose", *on], ["groups", *on, f"out={tmp_path}/groups"], ["report", f"out={tmp_path}/report"]):
             texts.append((main(words), capsys.readouterr()))
-        table = bench.results(data="people", protocol="loso", where="all")
+        table = bench.runs(data="people", protocol="loso", where="all")
         return (
             texts,
             table,
