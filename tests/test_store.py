@@ -54,7 +54,7 @@ def test_a_store_that_can_only_be_read_is_read_and_left_alone(in_net, tmp_path, 
 
     def read():
         texts = []
-        for words in (["choose", *on], ["groups", *on, f"out={tmp_path}/groups"], ["report", f"out={tmp_path}/report"]):
+        for words in (["choose", *on], ["choose", "groups=yes", *on], ["report", f"out={tmp_path}/report"]):
             texts.append((main(words), capsys.readouterr()))
         table = bench.runs(data="people", protocol="loso", where="all")
         return (
