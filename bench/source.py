@@ -61,7 +61,8 @@ def _read(path: str, changed: int) -> tuple[bytes, list[tuple[str, tuple[str, ..
         changed: its time of change: it is read again after another one.
     """
     tree = ast.parse(Path(path).read_bytes())
-    imported, types = [], set[int]()
+    imported: list[tuple[str, tuple[str, ...]]] = []
+    types: set[int] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
@@ -114,7 +115,8 @@ def _found(top: str, paths: tuple[str, ...]) -> Path | None:
         spec = importlib.util.find_spec(top)
     except (ImportError, ValueError):
         return None
-    place = spec and next(iter(spec.submodule_search_locations or [spec.origin]), None)
+    places = [*(spec.submodule_search_locations or ()), spec.origin] if spec else []
+    place = next(iter(places), None)
     return None if not place or place in ("built-in", "frozen") or is_library(place) else Path(place)
 
 

@@ -97,7 +97,8 @@ def run_of(plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Res
         return plan.cell.study.result(plan, about, folds)
     rate_hz = plan.corpus.rate_hz
     numbers, tables, unit = measured(folds, rate_hz)
-    stored, more = tables_of(folds), {}
+    stored = tables_of(folds)
+    more: dict[str, float] = {}
     whole = [c for c in plan.cell.circumstances if not any(c.key in fold.failed for fold in folds)]
     if whole:
         from bench.work.curves import unharmed
