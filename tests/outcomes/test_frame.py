@@ -12,7 +12,7 @@ from bench.errors import InputError
 from bench.measures import percent, text
 from bench.outcomes.frame import by_subject, frame, grouped, names, tables
 from bench.table import Table
-from tests.results import case, evaluated, made_up, result, under_stress, watched, with_hits
+from tests.results import case, evaluated, made_up, result, under_stress, with_hits
 
 DETECTORS = ("frames", "threshold")
 
@@ -20,7 +20,7 @@ DETECTORS = ("frames", "threshold")
 def test_a_name_tells_what_differs_from_rows_of_the_same_system():
     for runs, expected in {
         ("seeds", tuple(result("svm", seed=s) for s in (0, 1, 2))): ["svm, seed 0", "svm, seed 1", "svm, seed 2"],
-        ("detectors", tuple(watched("lda", [0.5], 1.0, 1.0, **{"watch.detector": d}) for d in DETECTORS)): [
+        ("detectors", tuple(result("lda", "watch", **{"watch.detector": d}) for d in DETECTORS)): [
             "lda, detector frames",
             "lda, detector threshold",
         ],
