@@ -135,7 +135,7 @@ def _numbers(r: Result) -> dict[str, Any]:
     mean = over_people("accuracy").cell(r)
     if mean is None:
         return numbers
-    ends = (mean.value, mean.low, mean.high) if isinstance(mean, Interval) else (mean, None, None)
+    ends = (mean.value, mean.low, mean.high) if isinstance(mean, Interval) else (mean, float("nan"), float("nan"))
     pooled = {f"pooled_{k}": numbers.pop(k) for k in ("accuracy", "accuracy_low", "accuracy_high") if k in numbers}
     people = dict(zip(("accuracy", "low", "high"), ends, strict=True))
     people |= {"subject_sd": numbers.pop("subject_accuracy_sd", None)}
