@@ -217,7 +217,7 @@ def test_a_kill_at_any_moment_of_its_creation_leaves_none_or_a_good_one(tmp_path
 
 
 def limited():
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1_100_000, 1_100_000))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
 
 
 @pytest.mark.pool
