@@ -245,12 +245,12 @@ def _stem(name: str) -> str:
 
 
 def _text(side: Side, path: Path) -> object:
-    """A text without folder, code lines and times."""
+    """A text without folder and times."""
     text = side.text(path.read_text())
     if path.suffix == ".json":
         content = json.loads(text)
         return {k: v for k, v in content.items() if not APART.fullmatch(k)} if isinstance(content, dict) else content
-    return text.strip().splitlines()[-1] if path.name == "traceback.txt" else text
+    return text
 
 
 def compare_tables(found: Found, where: str, before: Path, after: Path) -> None:
