@@ -1,4 +1,4 @@
-"""The figures of ``bench data show``: mean pressure of gestures, film strips, a page with all."""
+"""The page of ``bench data show``: tables of the survey, mean pressure of gestures, a film strip of each."""
 
 from __future__ import annotations
 
@@ -17,26 +17,21 @@ from bench.table import Table, of_text
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
 
 FILMED = 8  # frames of a strip
 DRAWN = 24  # gestures of a figure
 ACROSS = 7  # panels of a row
-TITLE = 1.3  # inches that a panel's title may take
+TITLE, ABOVE = 1.3, 0.36  # inches that a panel's title may take, and above a panel
 GAP = 0.15  # inches between panels
 ROWS = 200  # of a table of the page
 ROOT = 0.5  # colours follow the square root of the pressure, or light touch would all be black
 INDEX = "index.html"
 
 
-def write(
-    corpus: Corpus,
-    found: Survey,
-    folder: Path,
-) -> list[Path]:
-    """Write figures and a page that holds them all.
+def write(corpus: Corpus, found: Survey, folder: Path) -> list[Path]:
+    """Write the figures and a page that holds them all.
 
     Args:
         corpus: the captures.
@@ -49,38 +44,38 @@ def write(
     folder.mkdir(parents=True, exist_ok=True)
     group = corpus.name + (" (synthetic)" if corpus.synthetic else "")
     pictures = [pressure_figure(found, group, folder), film_figure(corpus, found, group, folder)]
-    sections, index = _sections(found), folder / INDEX
-    title = f"Captures of {group}"
-    values: dict[str, object] = {"survey": found, "sections": sections, "pictures": pictures}
+    values = {"survey": found, "sections": _sections(found), "pictures": pictures}
     values["synthetic"] = f"Synthetic: {SYNTHETIC}." if corpus.synthetic else ""
-    index.write_text(page("corpus.jinja", title, **values), encoding="utf-8")
+    index = folder / INDEX
+    index.write_text(page("corpus.jinja", f"Captures of {group}", **values), encoding="utf-8")
     return [*(picture.path for picture in pictures), index]
 
 
 def _sections(found: Survey) -> list[tuple[str, str, Table | None]]:
     """Heading, words and table of each part of the page; no table where there is nothing to list."""
-    classes = ("Classes", f"Captures and subjects of each class of target={found.target}.", found.classes)
-    parts = [
-        *([] if found.target == "gesture" else [classes]),
+    parts = []
+    if found.target != "gesture":
+        parts.append(("Classes", f"Captures and subjects of each class of target={found.target}.", found.classes))
+    parts += [
         ("Durations", f"{DURATIONS}.", found.durations),
         ("Pressure", f"{PRESSURE}.", found.pressure),
         ("Gaps", f"{found.gap_lines()[0]}.", found.gaps),
         ("Taxels", f"{found.taxel_lines()[0]}.", found.odd_taxels),
+        *([("Seams", f"{'; '.join(found.seam_lines())}.", None)] if found.seams else []),
         ("Duplicates", f"{found.duplicate_lines()[0]}.", found.duplicates),
     ]
-    sections = []
-    for heading, words, table in parts:
-        sections.append(_section(heading, words, table))
-    return sections
+    return [_section(*part) for part in parts]
 
 
-def _section(heading: str, words: str, table: pd.DataFrame) -> tuple[str, str, Table | None]:
+def _section(heading: str, words: str, table: pd.DataFrame | None) -> tuple[str, str, Table | None]:
     """Heading, words and the first rows of a table."""
     words = words.removeprefix(f"{heading}: ")
     caption = words[0].upper() + words[1:]
+    if table is None or not len(table):
+        return heading, caption, None
     more = f" The first {ROWS} rows of {len(table)}." if len(table) > ROWS else ""
-    text = table.head(ROWS).map(lambda v: f"{v:.4g}" if isinstance(v, float) else str(v))
-    return heading, caption + more, of_text(text) if len(table) else None
+    texts = table.head(ROWS).map(lambda v: f"{v:.4g}" if isinstance(v, float) else str(v))
+    return heading, caption + more, of_text(texts)
 
 
 def _left_out(gestures: list[str]) -> str:
@@ -101,47 +96,23 @@ def _frame(ax: Axes, frame: np.ndarray, most: float) -> AxesImage:
     return ax.imshow(frame, cmap="magma", norm=PowerNorm(ROOT, vmin=0, vmax=most, clip=True), aspect="auto")
 
 
-def _panels(count: int, panel: tuple[float, float], title: float, right: float, least: float) -> tuple[Figure, list]:
-    """A figure of some panels with their titles, and the axes; the rest of the last row stays empty.
-
-    Args:
-        count: number of panels.
-        panel: inches of each.
-        title: inches above each, and half of that above all.
-        right: inches to the right of all.
-        least: inches that the figure is wide at least.
-    """
-    across = min(ACROSS, count)
-    down = -(-count // across)
-    slot = max(panel[0], TITLE) + GAP
-    width = max(least, across * slot + GAP + right)
-    size = (width, down * (panel[1] + title) + 0.6)
-    figure, axes = new_figure(size, (down, across), (GAP, width - across * slot, 0.25, title + 0.15), (GAP, title))
-    for ax in axes.flat:
-        ax.set_box_aspect(panel[1] / panel[0])
-    for ax in [*axes.flat][count:]:
-        ax.set_axis_off()
-    return figure, [*axes.flat][:count]
-
-
 def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
-    """Mean pressure on the grid, a panel for each gesture, all in the same colours.
-
-    Args:
-        found: survey with ``means``.
-        group: the corpus, in words.
-        folder: destination folder.
-    """
+    """Mean pressure on the grid, a panel for each gesture, all in the same colours."""
     names, means = found.gestures[:DRAWN], found.means[:DRAWN]
-    figure, axes = _panels(len(names), _panel(means.shape[1:], 1.35), 0.36, 1.0, 4.5)
-    width, height = figure.get_size_inches()
+    panel, across = _panel(means.shape[1:], 1.35), min(ACROSS, len(names))
+    down, slot = -(-len(names) // across), max(panel[0], TITLE) + GAP
+    size = width, height = max(4.5, across * slot + GAP + 1), down * (panel[1] + ABOVE) + 0.6
+    figure, axes = new_figure(size, (down, across), (GAP, width - across * slot, 0.25, ABOVE + 0.15), (GAP, ABOVE))
     figure.suptitle(f"Mean pressure of each gesture, {plain([group])[0]}", fontsize=9, y=1 - 0.08 / height, va="top")
     most = max(float(means.max()), 1e-9)
-    for ax, name, values in zip(axes, plain(short(n, 20) for n in names), means, strict=True):
+    for ax in [*axes.flat][len(names) :]:
+        ax.set_axis_off()
+    for ax, name, values in zip(axes.flat, plain(short(n, 20) for n in names), means, strict=False):
+        ax.set_box_aspect(panel[1] / panel[0])
         image = _frame(ax, values, most)
         ax.set_title(name, fontsize=8, pad=3)
         ax.plot(found.odd_taxels["col"], found.odd_taxels["row"], "x", color="cyan", markersize=5, markeredgewidth=1)
-    left = axes[min(ACROSS, len(axes)) - 1].get_position().x1 + GAP / width
+    left = axes.flat[across - 1].get_position().x1 + GAP / width
     bar = figure.add_axes((left, 0.3 / height, 0.12 / width, min(height - 0.8, 2.0) / height))
     figure.colorbar(image, cax=bar).set_label("sensor value", fontsize=8)
     crosses = " Crosses: odd taxels." if len(found.odd_taxels) else ""
@@ -153,14 +124,7 @@ def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
 
 
 def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Picture:
-    """A typical capture of each gesture: frames evenly spaced in time, and below them the total pressure.
-
-    Args:
-        corpus: the captures.
-        found: survey with ``typical``.
-        group: the corpus, in words.
-        folder: destination folder.
-    """
+    """A typical capture of each gesture: frames evenly spaced in time, and below them the total pressure."""
     names = found.gestures[:DRAWN]
     gap = 1 / 12  # between two frames, as a share of one
     wide, high = _panel(corpus.grid, 0.95)

@@ -240,7 +240,7 @@ def survey(corpus: Corpus) -> Survey:
     )
 
 
-def blocks(corpus: Corpus, most: int = BLOCK) -> Iterator[tuple[slice, np.ndarray]]:
+def _blocks(corpus: Corpus, most: int = BLOCK) -> Iterator[tuple[slice, np.ndarray]]:
     """Runs of captures with their frames, one after the other.
 
     Args:
@@ -261,11 +261,6 @@ def blocks(corpus: Corpus, most: int = BLOCK) -> Iterator[tuple[slice, np.ndarra
         begin = end
 
 
-def taxels_of(corpus: Corpus) -> pd.DataFrame:
-    """The table of `Survey.taxels` alone."""
-    return _taxels(_Readings(corpus, np.zeros(len(corpus), np.int64), 1), corpus)
-
-
 class _Readings:
     """All that is read off the frames, in one pass.
 
@@ -284,7 +279,7 @@ class _Readings:
         self.level = np.empty(len(corpus))
         self.sums, self.full = np.zeros((gestures, taxels)), np.zeros((gestures, taxels), np.int64)
         self.within = np.zeros(taxels)
-        for part, frames in blocks(corpus):
+        for part, frames in _blocks(corpus):
             lengths = corpus.lengths[part]
             first = np.cumsum(lengths) - lengths
             self.lowest[part] = np.minimum.reduceat(frames, first, axis=0)
