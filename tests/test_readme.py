@@ -23,6 +23,7 @@ ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 DOCS = {path.name: path.read_text() for path in (ROOT / "docs").glob("*.md")}
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
+ADDED = set("bits clock cluster form max_cycles max_false_alarms max_latency watch".split())  # keys of add-ons
 SMALL = ["data.subjects=3", "data.variants=normal", "data.repetitions=2"]
 OWN = dict(re.findall(r"```python\n# (\w+\.py)\n(.*?)```", DOCS["your_system.md"], flags=re.DOTALL))
 LEVEL = OWN["my.py"]
@@ -53,7 +54,6 @@ def test_every_command_is_introduced_and_every_command_line_is_taken():
     texts = [README, *DOCS.values(), *(path.read_text() for path in (ROOT / "docs" / "notes").glob("*.md"))]
     for command in commands():
         assert any(f"bench {command}" in text for text in texts), command
-    missing = [name for name in ("chip", "dask", "people", "streams") if not find_spec(f"touchbench_{name}")]
     lines = [line for text in texts for line in re.findall(r"^ *bench (.+)|`bench ([^`\n]+)`", text, re.MULTILINE)]
     checked = 0
     for line in filter(None, itertools.chain(*lines)):
@@ -63,10 +63,8 @@ def test_every_command_is_introduced_and_every_command_line_is_taken():
             continue
         if command in commands() and command != "data" and "--help" not in words:
             values = [f"{word}1" if word.endswith("=") else word for word in words if "=" in word and "<" not in word]
-            try:
+            if not ADDED & {value.partition("=")[0] for value in values}:
                 checked += len(parse(values, keys(command)))
-            except bench.InputError:
-                assert missing, line
     assert checked > 150
 
 
