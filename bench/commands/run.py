@@ -38,7 +38,7 @@ RUN = Command(
     START,
     "evaluate systems under a protocol and store the runs",
     "Evaluates every combination of the given values; commas separate values. A dotted key sets a "
-    "parameter of that part. Each combination is one MLflow run with a child run per fold. under=, after= and "
+    "parameter of that part. Each combination is one MLflow run. under=, after= and "
     "train_subjects= let each fitted system label the test captures again: under faults, after some of the touch, or "
     "fitted on fewer subjects. An interrupted command continues where it stopped.",
     "bench run protocol=loso model=cnn85\n"
