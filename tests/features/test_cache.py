@@ -86,11 +86,11 @@ def test_the_key_depends_on_corpus_parameters_class_and_code(monkeypatch):
     features = [Jung54(), Jung54("capture"), Jung28(), Jung28(peaks="maxima")]
     key = cache_key(Jung54(), "a")
     assert len({*(cache_key(f, "a") for f in features), cache_key(Jung54(), "b"), key}) == 5
-    original = source.meaning
+    original = source._read
     for name, other in (("signals.py", True), ("jung28.py", True), ("jung54.py", True), ("kept.py", False)):
         changed = lambda p, at, n=name: (original(p, at)[0] + p.endswith(n) * b"changed", original(p, at)[1])  # noqa: E731
         with monkeypatch.context() as patch:
-            patch.setattr(source, "meaning", changed)
+            patch.setattr(source, "_read", changed)
             assert (cache_key(Jung54(), "a") != key) == other
 
 
