@@ -1,7 +1,5 @@
 """The choice among runs on recordings."""
 
-import json
-
 import pandas as pd
 import pytest
 
@@ -59,22 +57,6 @@ def test_a_scene_of_an_endless_stream_scores_the_last_label(store, tmp_path):
         bench.choose(scene=str(tmp_path / "wrong.toml"))
     result = bench.choose(scene=str(tmp_path / "robot.toml"))
     assert result.choice.table["accuracy"].tolist() == [50] and result.system == "small"  # a missed touch is a mistake
-    tracked_run(
-        store,
-        "lda",
-        made_up(),
-        data="haart",
-        synthetic="false",
-        subset="all",
-        corpus_digest="d",
-        **{
-            "touchbench.arguments": json.dumps({"data": "haart", "model": "lda"}),
-            "protocol_label": "LOSO (10 subjects)",
-        },
-    )
-    assert "in recordings is not stored. To measure it: bench watch data=haart model=lda." in str(
-        bench.choose(scene=str(tmp_path / "robot.toml"), why=True)
-    )
 
 
 @pytest.mark.parametrize(
