@@ -10,8 +10,10 @@ def test_a_log_has_a_line_for_each_fold_and_the_failures(capsys):
         for title in ("svm", "rf"):
             bar.begin(title, 3, ["1", "fold02"])
             assert bar.run.fields["now"] == "fold 1" and bar.run.completed == 1
-            bar.end_fold(FoldResult("1", seconds=200.4, failed={"after": '  File "x"\nValueError: no replay'}))
-            bar.end_fold(FoldResult("fold02", error='  File "x"\nValueError: too few', seconds=3.0))
+            bar.end_fold(
+                FoldResult("1", seconds=200.4, failed={"after": 'Traceback\n  File "x"\nValueError: no replay'})
+            )
+            bar.end_fold(FoldResult("fold02", error='Traceback\n  File "x"\nValueError: too few', seconds=3.0))
             bar.end()
     said = capsys.readouterr().err
     assert "run 1 of 2: svm: fold 1 done after 3 min 20 s, 2 of 3 folds" in said
