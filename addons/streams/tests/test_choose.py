@@ -9,7 +9,6 @@ from bench.cli import main
 from bench.errors import InputError
 from bench.measures import costs
 from bench.words import SMALL
-from tests.commands.test_choose import kept
 from tests.reports.store import made_up, tracked_run
 
 
@@ -47,11 +46,11 @@ def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(st
 
 def test_a_scene_of_an_endless_stream_scores_the_last_label(store, tmp_path):
     (tmp_path / "robot.toml").write_text('[reactions]\ncalm = ["pat", "rub"]\n[stream]\nfalse_alarms = 5')
-    run = watched(store, "small", [0.5, 0.5, 0.5], alarms=2.0, latency=1.0)
     rows = [
         (s, g, said) for s in (1, 2, 3) for g, said in (("pat", "rub"), ("rub", ""), ("tap", "tap"), ("tap", "pat"))
     ]
-    kept(store, run, touches=pd.DataFrame(rows, columns=["subject", "gesture", "label"]))
+    touches = pd.DataFrame(rows, columns=["subject", "gesture", "label"])
+    watched(store, "small", [0.5, 0.5, 0.5], alarms=2.0, latency=1.0, tables={"touches": touches})
     (tmp_path / "wrong.toml").write_text('[reactions]\ncalm = ["pet"]\n[stream]\nlatency = "2s"')
     with pytest.raises(InputError, match="did you mean pat"):
         bench.choose(scene=str(tmp_path / "wrong.toml"))
