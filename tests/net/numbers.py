@@ -3,8 +3,8 @@
 Each case of a group gives a table: the probabilities of a system, a digest of each column of a feature set, of each
 severity of a fault, of the tables of a run. It is stored in ``numbers/GROUP/CASE.csv``. On a
 processor and with libraries like those in ``numbers/made_on.json`` all must be equal to the last digit. Elsewhere
-numbers may differ by `ELSEWHERE`, and digests are not compared. What is not public is used in `probabilities` and
-`damaged` alone.
+numbers may differ by `ELSEWHERE`, and digests are not compared. What is not public is used in `probabilities`,
+`damaged` and `tables` alone.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from bench import contract, registry
 from bench.corpora import faults
 from bench.corpora.corpus import Corpus
 from bench.machine import simd
+from bench.outcomes.runs import every_result
+from bench.store import connect
 
 FOLDER = Path(__file__).parent / "numbers"
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "torch", "xgboost-cpu")
@@ -104,10 +106,11 @@ RUNS: dict[str, Callable[[], pd.DataFrame]] = {
 
 
 def tables(name: str) -> pd.DataFrame:
-    """Digest of each column of each table of a run, with the mean of a column of numbers."""
-    rows = []
-    for title, table in RUNS[name]().tables.items():
-        for column, values in table.drop(columns="system").items():
+    """Digest of each column of each stored table of a run, with the mean of a column of numbers."""
+    RUNS[name]()
+    (run,), rows = every_result(connect()), []
+    for title in sorted({*run.tables} - {"folds"}):  # their times
+        for column, values in sorted(run.tables[title].items()):
             if any(part in str(column) for part in NOT_STORED):
                 continue
             if pd.api.types.is_numeric_dtype(values):
