@@ -53,7 +53,7 @@ def test_a_new_circumstance_is_one_file_and_appears_everywhere(plug, monkeypatch
         labels = every_result(store)[0].tables["labels"]
         assert {*labels["circumstance"]} == {"", "each"} and {*labels["level"]} == {0, 1, 2}
         number = f"{100 * run.data.metrics['accuracy.each.1']:.1f}"
-        row = [line for line in printed.splitlines() if run.data.tags["system"] in line][-1]
+        row = [line for line in printed.splitlines() if line.startswith(f"│ {run.data.tags['system']}")][-1]
         loss = (
             run.data.metrics["accuracy"]
             - (run.data.metrics["accuracy.each.1"] + run.data.metrics["accuracy.each.2"]) / 2
@@ -87,6 +87,7 @@ def test_a_wrong_circumstance_is_refused_in_one_line(plug, capsys, group="circum
 
 NAMED = {  # file: keys that it may have, with the reason
     "bench/options.py": {"under", "after"},  # commands and examples as a user types them
+    "bench/commands/run.py": {"under"},  # bench stress is bench run with it
     "reports/layout.py": {"form"},  # of the output
     "reports/views/subjects.py": {"stress"},
 }
