@@ -17,7 +17,6 @@ from bench.arguments import parse, settings
 from bench.errors import InputError
 from bench.option import Option
 from bench.options import COMPARE, Command, keys
-from bench.progress import warn
 from bench.registry import run_views
 
 if TYPE_CHECKING:
@@ -98,6 +97,8 @@ def drawn(store: Store) -> Iterator[str]:
             try:
                 kinds[result.kind].figure(result, Path(folder))
             except InputError as e:  # such as a table that was deleted: the others go on
+                from bench.progress import warn  # loads rich
+
                 warn(f"warning: no figure of run {run_id}: {e}")
                 continue
             store.keep(run_id, Path(folder))
