@@ -31,7 +31,7 @@ class Command:
         options: its keys; packages and circumstances add others.
         budgets: budgets that are keys, too: ``all``, or those of ``captures``.
         module: module of a package's command, with a function of its name that takes the arguments.
-        follows: of a package's command, lines to type next after other commands, with ``{}`` for the saved model.
+        follows: lines to type next after other commands, with ``{}`` for the saved model, of a package's command.
         makes: key of the circumstance or study that a command which makes runs shows; ``run`` for captures.
         keys: its options of circumstances; empty for all, or those of its study.
         given: options that it gives where they are not typed.

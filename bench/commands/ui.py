@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import re
 import signal
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
-from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,6 +48,8 @@ VIEW = {
 
 def command(arguments: list[str]) -> int:
     """Run MLflow's own server on this folder's store, for this machine only; its exit code."""
+    import subprocess
+
     from bench.store import connect, store_uri
 
     port = settings("ui", parse(arguments, keys("ui")))["port"]
@@ -86,6 +85,10 @@ def command(arguments: list[str]) -> int:
 
 def drawn(store: Store) -> Iterator[str]:
     """Draw the figures of runs that have none, newest first; the id of each run."""
+    import tempfile
+
+    from bench.progress import warn
+
     kinds = run_views()
     for run in sorted(store.of_kind(*kinds), key=lambda run: -run.info.start_time):
         run_id, artifacts = run.info.run_id, run.info.artifact_uri
@@ -106,6 +109,8 @@ def drawn(store: Store) -> Iterator[str]:
 
 def _answers(port: str) -> bool:
     """Whether a web server answers on this machine."""
+    from http.client import HTTPConnection, HTTPException
+
     connection = HTTPConnection(HERE, int(port), timeout=5)
     try:
         connection.request("GET", "/health")

@@ -57,7 +57,7 @@ class Recogniser(PythonModel):
         estimator: fitted to a `Corpus`.
         corpus: the captures that it was fitted to; their frames are not kept.
         stopping: calibration and stopping rule; None if its captures could not teach them.
-        watcher: what else has learned, from `bench.work.fit.fit`; None for nothing.
+        watcher: a part that has learned beside the system, from `bench.work.fit.fit`; None for nothing.
 
     Attributes:
         classes: class names, sorted.

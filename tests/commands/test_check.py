@@ -110,6 +110,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
 
     copied()  # as it was: its run is found again, although a newer one is tracked
     assert main(gate) == 0
+    assert main(["run", "model=bayes", "features=jung28", *small[1:]]) == 0
     capsys.readouterr()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))

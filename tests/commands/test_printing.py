@@ -108,7 +108,9 @@ def test_a_system_that_depends_on_the_batch_is_marked_and_never_the_best(capsys)
 def test_rows_are_sorted_by_accuracy_within_captures_and_protocol():
     hits = {"worse": 10, "better": 18, "middle": 14}
     runs = [
-        evaluated(name, with_hits([n] * 3), protocol_label=p) for p in ("LOSO", "kfold") for name, n in hits.items()
+        evaluated(name, with_hits([n] * 3), protocol=p, protocol_label=p)
+        for p in ("LOSO", "kfold")
+        for name, n in hits.items()
     ]
     failed = result("none", metrics={"folds": 0}, failed=3, protocol_label="LOSO")
     table = printing.runs_table([failed, *runs], views()["run"])
