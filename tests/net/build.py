@@ -26,7 +26,7 @@ VARIANTS = {1: "gentle", 2: "normal", 3: "rough"}
 TABLE = ["grid=8x8", "rate_hz=45", "full_scale=1023"]
 RATE = ["rate_hz=45.0"]
 PEOPLES = ("people.csv", "three.csv")  # exported captures that become those of people
-PROGRESS = re.compile(r" after [\d.]+ s, \d+ of \d+ folds|━")
+PROGRESS = re.compile(r" after [\d.]+ s, \d+ of \d+ folds|━|^run \d+ of \d+: .*…")
 QUIET_FRAMES = 20  # behind each capture
 SYNTH = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "data.rate_hz=45.0", "jobs=1"]
 PEOPLE, THREE = (["data=people", "jobs=1"], ["data=three", "jobs=1"])

@@ -70,13 +70,13 @@ def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lo
     assert row["worst subject"] == "30.0" and table.shown()["system"].tolist() == ["rf", "svm"]
 
 
-def test_groups_with_the_same_words_are_all_kept_and_words_of_what_they_share_come_from_the_class():
+def test_groups_of_several_corpora_are_told_apart_and_words_of_what_they_share_come_from_the_class():
     runs = [evaluated("svm", corpus_digest=digest, **{"dim.mode": mode}) for digest in "ab" for mode in ("up", "down")]
     same = {"dim.mode": ("pressed {}", "up")}
     found = contexts(runs, same)
     assert len(found) == 3 and [members for _, members in contexts(runs)] == [[runs[3]], [runs[1]]]
-    assert [words.endswith("pressed down") for words, _ in found] == [True, False, True]
-    assert found[0][0] == found[2][0] and not any("up" in words for words, _ in found)
+    assert ["pressed down" in words for words, _ in found] == [True, False, True]
+    assert len({words for words, _ in found}) == 3 and not any("up" in words for words, _ in found)
 
 
 def test_early_decisions_by_start_and_hop(tmp_path):
