@@ -139,7 +139,9 @@ class View:
             yield Candidate(", ".join([self.words_of(case, level), *told]), wish.reactions.scores(rows))
 
     def lends(self, result: Result) -> dict[str, float]:
-        """Numbers of its costs that hold for the system in other runs, too."""
+        """Numbers of its costs that hold for the system in other runs, too; those of a study are of its runs alone."""
+        if self.tag:
+            return {}
         names = [cost.read or cost.key for cost in self.costs if cost.among is None]
         return {name: result.metrics[name] for name in names if isinstance(name, str) and name in result.metrics}
 

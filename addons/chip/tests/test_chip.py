@@ -16,6 +16,7 @@ from bench.commands.printing import runs_table
 from bench.outcomes.candidates import candidates
 from bench.plan.cells import cells
 from bench.plan.plan import planned
+from bench.registry import views
 from bench.work.tracking import key_of
 from tests.conftest import predictions, runs
 from tests.outcomes.test_choice import run as costly
@@ -57,7 +58,7 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, capsys)
     out = capsys.readouterr().out
     assert "in Python" in out and "60,000" in out and "9.0" in out
     one = result(metrics=COSTS | {"c_accuracy": 0.5, "accuracy": 0.5}, **{"chip.bits": 8})
-    (row,) = runs_table([one], InC).texts
+    (row,) = runs_table([one], views()["form"]).texts
     assert [row[name] for name in ("library RAM kB", "program RAM kB", "stack B")] == ["3.0", "11.0", "400"]
     store, (run, plain) = runs("cell")
     python, table = scores.captures(predictions(store, plain)), predictions(store, run, "c")
@@ -122,7 +123,7 @@ def test_other_code_or_compilers_are_another_run(monkeypatch):
     assert key == of("8") != of("32")
     monkeypatch.setattr(compiled, "toolchain", lambda: ["cc 99"])
     assert of("8") != key
-    assert network in InC("c", "8").code()
+    assert network.__name__ in InC("c", "8").code()
 
 
 @pytest.mark.live

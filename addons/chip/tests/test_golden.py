@@ -49,6 +49,7 @@ def test_an_exported_system_is_what_it_was(in_net, golden):
     golden("touch.h", Path("rec_c/touch.h").read_text())
 
 
+@pytest.mark.live
 @pytest.mark.skipif(bool(TOOLS), reason=TOOLS)
 def test_systems_as_c_print_what_they_printed(in_net, golden):
     ran = step(["run", *THREE, "model=bayes", "features=jung28", "form=c", "bits=32,8"])

@@ -47,12 +47,11 @@ def damages(monkeypatch):
     return dead.__name__, none_at_all.__name__
 
 
-@pytest.mark.parametrize("detector", ["threshold", "filter"])
-def test_a_dead_skin_finds_nothing_and_no_fault_is_bench_watch(detector, recordings, damages):
+def test_a_dead_skin_finds_nothing_and_no_fault_is_bench_watch(recordings, damages):
     (cell,) = cells({"data": "synth", "model": "lda", "features": "touch"})
     corpus = captures_in(recordings)
     fold = Fold("3", *(np.flatnonzero((corpus.subjects == "3") == tested) for tested in (False, True)))
-    plain, kind = (Continuous(detector, 60.0, under=under) for under in ((), damages))
+    plain, kind = (Continuous("threshold", 60.0, under=under) for under in ((), damages))
     alone, both = plain.fold(cell, corpus, fold, 1), kind.fold(cell, corpus, fold, 1)
     pd.testing.assert_frame_equal(both.table, alone.table)
     pd.testing.assert_frame_equal(both.trials, alone.trials)
@@ -67,16 +66,14 @@ def test_a_dead_skin_finds_nothing_and_no_fault_is_bench_watch(detector, recordi
     assert clean["touches_found"] == watched["touches_found"] > 0.3 and dead["touches_found"] == 0
     assert all(same[name] == clean[name] for name in SCORES) and dead["amount"] == "3 % of all"
     assert dead["false_alarms_per_hour"] == 0
-    # All zeros: `filter` refuses from its first window on, which has 9 frames at 20 Hz; `threshold` refuses nothing.
-    frames = recordings.corpus.lengths[2]
-    assert dead["refused"] == (pytest.approx((frames - 8) / frames) if detector == "filter" else 0)
+    assert dead["refused"] == 0  # `threshold` refuses nothing
     assert under["touches_found.dead.3"] == 0 and under["refused.dead.3"] == dead["refused"]
     assert kind.fold_metrics(both, 20.0)["touches_found.none_at_all.1"] == watched["touches_found"]
     shown = rows_under(result_of("lda", "watch", under.metrics, under.tables))
     assert [row["case"] for row in shown[:2]] == ["none", "dead 1"]
 
 
-@pytest.mark.parametrize("detector", ["threshold", "filter"])
+@pytest.mark.parametrize("detector", ["threshold", "frames"])
 def test_refused_frames_are_counted_as_a_stream_tells_them(detector, recordings):
     (cell,) = cells({"data": "synth", "model": "lda", "features": "touch"})
     captures, corpus = captures_in(recordings[[0, 1]]), recordings[[2]].corpus
@@ -94,7 +91,7 @@ def test_refused_frames_are_counted_as_a_stream_tells_them(detector, recordings)
         status.append(stream.status)
     counts = pd.Series(status).value_counts()
     assert watcher.refused(corpus, watcher.evidence(corpus)).tolist() == [len(status) - counts["ok"]]
-    assert counts["saturated"] >= 60 and (counts.get("refused", 0) > 60) == (detector == "filter")
+    assert counts["saturated"] >= 60 and (detector == "frames" or "refused" not in counts)
 
 
 def test_recordings_go_through_the_faults_of_captures(recordings):
