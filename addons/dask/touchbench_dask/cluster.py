@@ -78,7 +78,7 @@ class Cluster:
                 there, plan.cell, plan.corpus, fold, self.threads, expected, pure=False, retries=1
             )
             folds[task] = fold
-        for future in as_completed(folds):
+        for future in as_completed(folds, loop=self.client.loop):
             try:
                 yield future.result()
             except Exception as e:  # its worker has died twice, or differs from this machine
