@@ -74,6 +74,7 @@ def pytest_collection_modifyitems(items):
 
 def pytest_addoption(parser):
     parser.addoption("--golden", action="store_true", help="write tests/net/golden anew: what users see")
+    parser.addoption("--exact", action="store_true", help="compare stored numbers to the last digit, as made here")
 
 
 @pytest.fixture(autouse=True)

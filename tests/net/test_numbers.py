@@ -1,6 +1,5 @@
 """The numbers of every system, feature set, fault and kind of run are those in ``numbers``; see `tests.net.numbers`."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -10,8 +9,6 @@ import pytest
 from tests.net import numbers
 
 SLOW = ("jung2017_svm_rbf", "ta2015_svm", "reflex")
-MADE_ON = numbers.FOLDER / "made_on.json"
-EXACT = numbers.here() == numbers.made_on()
 
 CASES = [
     pytest.param(*case, id="-".join(case), marks=[pytest.mark.nightly] * (case[1] in SLOW)) for case in numbers.cases()
@@ -25,8 +22,8 @@ def test_numbers_are_what_they_were(request, group, name):
     if request.config.getoption("golden"):
         stored.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(found, stored)
-        MADE_ON.write_text(json.dumps(numbers.here(), indent=1) + "\n")
-    assert [*numbers.differences(numbers.read(stored), numbers.read(found), EXACT)] == []
+    exact = request.config.getoption("exact")
+    assert [*numbers.differences(numbers.read(stored), numbers.read(found), exact)] == []
 
 
 def test_all_that_is_stored_is_compared():

@@ -1,6 +1,5 @@
 """The numbers of runs on recordings are those in ``numbers``; see `tests.net.numbers`."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -8,14 +7,13 @@ import pytest
 import bench
 from tests.net import numbers
 
-MADE_ON = numbers.FOLDER / "made_on.json"
 STREAMS = {name: value for name, value in numbers.ON.items() if name != "where"}
 
 
 @pytest.mark.parametrize("detector", ["frames", "threshold"])
-def test_numbers_are_what_they_were(detector, monkeypatch):
+def test_numbers_are_what_they_were(detector, request, monkeypatch):
     monkeypatch.setitem(numbers.RUNS, detector, lambda: bench.watch(model="bayes", detector=detector, **STREAMS))
     stored = numbers.read(Path(__file__).parent / f"numbers/watch_{detector}.csv")
     numbers.tables(detector).to_csv("found.csv", index=False)
-    exact = numbers.here() == json.loads(MADE_ON.read_text())
+    exact = request.config.getoption("exact")
     assert [*numbers.differences(stored, numbers.read(Path("found.csv")), exact)] == []
