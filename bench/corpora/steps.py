@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -47,11 +48,9 @@ class Step:
 
 @dataclass(frozen=True)
 class Windows(Step):
-    """Every capture as windows of equal length; one that is shorter stays as it is. No frame is copied.
+    """Every capture as windows of ``seconds``, one every ``hop``, 0 for half a window; no frame is copied.
 
-    Args:
-        seconds: length of a window, at least one frame.
-        hop: seconds from the beginning of one window to that of the next; 0 is half a window.
+    Windows begin with the capture and at every hop, as far as they are full. A shorter capture stays as it is.
     """
 
     seconds: float
@@ -71,7 +70,7 @@ class Windows(Step):
         return np.maximum(corpus.lengths - frames, 0) // hop + 1
 
     def __call__(self, corpus: Corpus) -> Corpus:
-        """Cut; windows begin with the capture and at every hop, as far as they are full."""
+        """The windows of each capture."""
         frames, hop = self.lengths(corpus.rate_hz)
         count, row = self._count(corpus), self.rows(corpus)
         begin = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)) * hop
@@ -103,14 +102,10 @@ class _Copied(Step):
 
 @dataclass(frozen=True)
 class Faulted(_Copied):
-    """Captures, and damaged copies of each: one fault of those named, at a random severity.
+    """Captures, each followed by damaged copies: one of the faults each, at a random severity.
 
     The draws are of their own: no test capture, whose damage depends on the fault and the capture or subject alone
     (`bench.corpora.faults`), ever gets one of them.
-
-    Args:
-        faults: names of faults.
-        copies: damaged copies of each capture, besides the capture itself.
     """
 
     faults: tuple[str, ...]
@@ -148,14 +143,11 @@ class Faulted(_Copied):
 
 @dataclass(frozen=True)
 class Turned(_Copied):
-    """Captures, and copies of each as on a skin that was mounted otherwise: mirrored, or turned by quarters.
+    """Captures, each followed by copies as on a skin that was mounted otherwise: mirrored, or turned by quarters.
 
     A grid that is not square is mirrored, or turned by half. What the copies of a capture become is drawn, each
     something else as long as there is something else, and on more than one taxel never the capture as it is; it is the
     same in all frames.
-
-    Args:
-        copies: copies of each capture, at most 7, besides the capture itself.
     """
 
     copies: int
@@ -179,17 +171,16 @@ class Turned(_Copied):
 
 def _mountings(grid: tuple[int, int]) -> list[Callable[[np.ndarray], np.ndarray]]:
     """What turns and mirrors frames, every way that moves a taxel of this grid; of one taxel, what does nothing."""
-    ways: dict[bytes, Callable[[np.ndarray], np.ndarray]] = {}
-    for mirrored in (False, True):
-        for quarters in range(4) if grid[0] == grid[1] else (0, 2):
-
-            def way(frames: np.ndarray, mirrored: bool = mirrored, quarters: int = quarters) -> np.ndarray:
-                turned = np.rot90(frames, quarters, axes=(1, 2))
-                return turned[:, :, ::-1] if mirrored else turned
-
-            ways.setdefault(way(np.arange(grid[0] * grid[1]).reshape(1, *grid)).tobytes(), way)
-    unmoved, *others = ways.values()
+    quarters = range(4) if grid[0] == grid[1] else (0, 2)
+    ways = [partial(_mounted, quarters=turns, mirrored=mirrored) for mirrored in (False, True) for turns in quarters]
+    taxels = np.arange(grid[0] * grid[1]).reshape(1, *grid)
+    unmoved, *others = {way(taxels).tobytes(): way for way in ways}.values()
     return others or [unmoved]
+
+
+def _mounted(frames: np.ndarray, quarters: int, mirrored: bool) -> np.ndarray:
+    turned = np.rot90(frames, quarters, axes=(1, 2))
+    return turned[:, :, ::-1] if mirrored else turned
 
 
 @dataclass(frozen=True)
@@ -200,9 +191,6 @@ class Repair(Step):
     above all taxels that have varied. ``dead``: nothing but one value for a quarter of a second, while more than half
     of its neighbours have varied. ``offset``: the least value so far of each taxel is taken away, a touch that never
     lets go with it.
-
-    Args:
-        kinds: repairs to apply, from the list above.
     """
 
     kinds: tuple[str, ...]
@@ -246,10 +234,9 @@ class Repair(Step):
 
 
 def _so_far(extreme: np.ufunc, frames: np.ndarray) -> np.ndarray:
-    """The least value of each taxel up to each frame, or whether all are true [frames, rows, cols].
+    """The least value of each taxel up to each frame, or whether all are true: over twice as many frames each round.
 
-    Over twice as many frames in each round; numpy's accumulate walks through each taxel by itself, which takes 17 times
-    as long on 32 x 32 taxels.
+    numpy's accumulate walks through each taxel by itself, which takes 17 times as long on 32 x 32 taxels.
     """
     found, span = frames.copy(), 1
     while span < len(found):
@@ -286,9 +273,6 @@ class Scale(Step):
 
     ``peak``: divided by the largest reading of their own past, so that a sensor's gain tells nothing. ``log``: the
     logarithm of 1 + 1000 times the share of full scale, and full scale stays where it is.
-
-    Args:
-        kind: ``peak`` or ``log``.
     """
 
     kind: str

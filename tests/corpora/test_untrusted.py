@@ -31,8 +31,7 @@ from tests.corpora.made import (
 )
 
 LONG = "x" * 20_000
-UNSEEN = ["a\0b", "a\x1bb", "a\x7fb", "a\u2028b", "\ufeffa", "\x85 \x9f", "x" * 201]
-EMPTY = ["", " ", "\t", "\u3000"]
+UNSEEN = ["a\0b", "a\u2028b", "\ufeffa", "x" * 201]
 
 
 def refused(kind, path, *facts, **options):
@@ -45,100 +44,63 @@ def refused(kind, path, *facts, **options):
 
 # A second row, and what the message names beside file and line.
 ROWS = [
-    *((f"ann,pat,1,arm,{cell},2", ["a"]) for cell in "0xg 1_0 ٣ 1e 0b1 nan inf abc -8 1e39 --1".split()),
-    *((f"ann,pat,{cell},arm,1,2", ["frame"]) for cell in "0xg 1_0 ٣ 1e 1.5 x".split()),
+    *((f"ann,pat,1,arm,{cell},2", ["a"]) for cell in "0xg 1_0 ٣ nan abc -8 1e39".split()),
+    *((f"ann,pat,{cell},arm,1,2", ["frame"]) for cell in "1_0 1.5 x".split()),
     ("ann,pat,1,arm,1,0,2", ["7", "6"]),
     ("ann,pat,1,arm,1," + LONG, ["b"]),
     ("ann,pat,1,arm,1,2000000000", ["b", "2000000000", "1e+09"]),
     ("ann,pat,1,arm,1,16777217", ["b", "16777217"]),
-    ("ann,pat,0\0,arm,1,2", ["frame"]),
     ("ann,pat,7,arm,1,2", ["7"]),
     ("ann,pat,1,leg,1,2", ["frame 1"]),  # another place, and frames go on
     ("\udcff,pat,1,arm,1,2", ["UTF-8"]),
     ('ann,pat,1,"arm,1,2', []),
-    ("ann,pat,1,arm,1,2\r", []),
-    *((f"{word},pat,0,arm,1,2", ["subject"]) for word in [*UNSEEN, *EMPTY, LONG]),
+    ("ann,pat,1,arm\r,1,2", []),
+    *((f"{word},pat,0,arm,1,2", ["subject"]) for word in [*UNSEEN, " ", LONG]),
 ]
-
-
 HEADERS = [
     (b"", ["line 1"]),
     (b"\x89PNG\xff\xfe" * 20, ["UTF-8"]),
-    (HEADER.encode() + b"\rann,pat,0,arm,1,2\r", ["line 1"]),  # line ends of old Macs
     (HEADER.encode(), ["no frames"]),
-    *((HEADER.replace("place", name).encode(), ["line 1", "column 4"]) for name in ("", " ", "pl\0ace", "x" * 201)),
+    *((HEADER.replace("place", name).encode(), ["line 1", "column 4"]) for name in ("", "x" * 201)),
     (HEADER.replace("place", "frame").encode(), ["line 1", "frame"]),
     (HEADER.replace("gesture", "label").encode(), ["line 1", "gesture"]),
     (HEADER.replace("place", ",".join(f"c{i}" for i in range(300))).encode(), ["line 1", "303", "256"]),
-    (b"subject,gesture,frame\n", ["line 1"]),
     (HEADER.replace("place", "fold").encode() + b"\nann,pat,0,arm,1,2\n", ["fold"]),
     (HEADER.replace("place", "synthetic").encode() + b"\nann,pat,0,perhaps,1,2\n", ["synthetic", "perhaps", "1"]),
-    (HEADER.encode() + b"\nann,pat,0,arm,1,2\n \t\nann,pat,1,arm,1,2\n", ["line 3"]),
     (HEADER.encode() + b"\n" + b"ann,pat,0,arm,1,2\n" * 3000 + b"ann,\xe9,0,arm,1,2\n", ["line 3002"]),
 ]
-
-
-def test_lines_are_counted_across_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr("bench.corpora.read.csv_text.BLOCK", 20)
-    for count in (1, 3, 60):
-        refused("table", csv(tmp_path, GOOD[0], *[""] * count, GOOD[1]), "line 3")
-        assert read(csv(tmp_path, *GOOD, *[""] * count)).lengths.tolist() == [2]
-    monkeypatch.setattr("bench.corpora.read.parquet._AT_ONCE", 1)
-    for cell in ("x", "-1"):
-        refused("table", csv(tmp_path, *GOOD, f"ann,pat,0,arm,{cell},2"), "line 4", "a")
-    refused("table", parquet(tmp_path, a=[1, -1]), "row 2", "a")
-    refused("table", csv(tmp_path, GOOD[0], "ann,pat,0,leg,1,2", "ann,pat,1,arm,1,2"), "line 4", "frame 1")
-
-
-OBJECTS = np.array(["a", {}], dtype=object)
 ARRAYS = [
-    *(({"offsets": offsets}, ["offsets", "3"]) for offsets in ([0, 2, 2], [0, 4, 3], [1, 2, 3], [0.0, 2.0, 3.0])),
-    *(({"frames": frames}, ["frames"]) for frames in (np.zeros((3, 2)), np.zeros((0, 1, 2)), np.zeros((3, 0, 2)))),
-    *(({"frames": np.ones((3, 1, 2)).astype(kind)}, ["frames"]) for kind in (bool, complex, "m8[s]", "U1")),
-    *(({"frames": np.full((3, 1, 2), v)}, ["frame 1", "channel 1"]) for v in (-1, np.nan, np.inf, 1e10, 1e200)),
+    *(({"offsets": offsets}, ["offsets", "3"]) for offsets in ([0, 2, 2], [0, 4, 3], [0.0, 2.0, 3.0])),
+    *(({"frames": frames}, ["frames"]) for frames in (np.zeros((3, 2)), np.ones((3, 1, 2), complex))),
+    *(({"frames": np.full((3, 1, 2), v)}, ["frame 1", "channel 1"]) for v in (-1, np.nan, 1e10)),
     ({"subject": ["1"]}, ["subject", "(1,)", "2"]),
     ({"subject": np.array([1.5, np.nan])}, ["subject", "float64"]),
     ({"subject": [b"ann", b"\xff\xfe"]}, ["capture 2", "subject"]),
-    *(({name: ["ann", word]}, ["capture 2", name]) for name in ("subject", "day") for word in UNSEEN[1:] + EMPTY),
-    ({"gesture": OBJECTS}, ["my.npz"]),
+    *(({"day": ["ann", word]}, ["capture 2", "day"]) for word in [*UNSEEN[1:], " "]),
+    ({"gesture": np.array(["a", {}], dtype=object)}, ["my.npz"]),
     ({"gesture": None}, ["gesture"]),
     ({"day": np.array([1j, 2])}, ["day", "complex128"]),
 ]
-
-
-NUMBERLESS = [[True, False], ["1", "2"], [b"1", b"2"], [[1], [2]], pa.array([1, 2], pa.duration("s")), [None, None]]
 COLUMNS = [
-    *(({"b": values}, ["b"]) for values in NUMBERLESS),
-    *(({"frame": values}, ["frame"]) for values in NUMBERLESS),
-    *(({"frame": frames}, ["row", "frame"]) for frames in ([0, 1.5], [0, None], [0, 2.0**60], [0, 2], [7, 8], [0, -1])),
-    *(({"b": [1, value]}, ["row 2", "b"]) for value in (-1, None, 1e200, np.nan, np.inf, 2000000000)),
-    *(({name: ["ann", word]}, ["row 2", name]) for name in ("subject", "place") for word in UNSEEN + EMPTY),
+    *(({"b": values}, ["b"]) for values in ([True, False], ["1", "2"], [[1], [2]], pa.array([1, 2], pa.duration("s")))),
+    *(({"frame": frames}, ["row", "frame"]) for frames in ([0, 1.5], [0, None], [0, 2.0**60], [0, 2], [7, 8])),
+    *(({"b": [1, value]}, ["row 2", "b"]) for value in (-1, None, np.inf)),
+    *(({"place": ["ann", word]}, ["row 2", "place"]) for word in [*UNSEEN, " "]),
     ({"subject": [b"ann", b"\xff\xfe"]}, ["row 2", "subject"]),
     ({"subject": [], "gesture": [], "frame": [], "a": [], "b": []}, []),
 ]
-
-
 COST = [line(frame=f) for f in (1, 2, 3)]
 COST_LINES = [
     (line(2, frame=7), ["7"]),
     (line(frame=3), ["frame 3"]),
-    (line(frame=5), ["frame 5", "frame 3"]),
-    *((line(frame=4, values=[v, *range(63)]), ["ch1", repr(v)]) for v in ("x", "1.5", "-1", "+1", "1_0", "99999", "")),
+    *((line(frame=4, values=[v, *range(63)]), ["ch1", repr(v)]) for v in ("x", "1.5", "99999", "")),
     (line(frame=4, values=[*range(63), 1024]), ["ch64", "1024", "1023"]),
     (line(frame=4)[:40], ["19", "68"]),
-    ("", []),
     (line(gesture=15), ["gesture", "15", "14"]),
-    (line(gesture=0), ["gesture", "0"]),
     (line(variant=0), ["variant", "0", "3"]),
-    (line(variant=4), ["variant", "4", "3"]),
     (line(subject="?"), ["subject", "?"]),
-    (line(subject="--5"), ["subject", "--5"]),
-    ('"' + line(frame=4), []),
 ]
-
-
 COST_HEADERS = [
-    ("a,b", ["line 1", "subject"]),
     ("subject, variant, gesture, frame, ch1", ["line 1", "ch2", "60 more"]),
     (COST_HEADER + ", extra", ["line 1", "extra"]),
 ]
@@ -149,19 +111,17 @@ def without(text, at):
     return "\n".join(lines[:at] + lines[at + 1 :])
 
 
+BOTH = {"training.csv": TRAINING, "testWITHLABELS.csv": TESTING}
 TWO = training_csv(("P4", "pat"), ("P10", "pat"))
 RELEASES = [
-    ({}, ["training.csv"]),
     ({"testWITHLABELS.csv": TESTING}, ["training.csv"]),
     ({"training.csv": TRAINING}, ["testWITHLABELS.csv"]),
-    ({"training.csv": without(TRAINING, 432)}, ["training.csv, line 2", "431", "432"]),
-    ({"training.csv": without(TWO, 400)}, ["training.csv, line 433"]),
-    ({"training.csv": TRAINING.replace("pat", "wave")}, ["training.csv, line 2", "Gesture", "wave"]),
-    ({"training.csv": TWO.replace("P10", "X10")}, ["training.csv, line 434", "ParticipantNo", "X10"]),
-    ({"testWITHLABELS.csv": without(TESTING, 10)}, ["testWITHLABELS.csv, line 11", "frame 11", "frame 9"]),
-    ({"testWITHLABELS.csv": TESTING.replace(",7,", ",2000,", 1)}, ["testWITHLABELS.csv, line 2", "cell2", "2000"]),
-    ({"testWITHLABELS.csv": TESTING.replace("Sequence,", "")}, ["testWITHLABELS.csv, line 1", "Sequence"]),
-    ({"old/training.csv": TRAINING, "new/TRAINING.csv": TRAINING}, ["training.csv", "twice"]),
+    (BOTH | {"training.csv": without(TRAINING, 432)}, ["training.csv, line 2", "431", "432"]),
+    (BOTH | {"training.csv": TRAINING.replace("pat", "wave")}, ["training.csv, line 2", "Gesture", "wave"]),
+    (BOTH | {"training.csv": TWO.replace("P10", "X10")}, ["training.csv, line 434", "ParticipantNo", "X10"]),
+    (BOTH | {"testWITHLABELS.csv": without(TESTING, 10)}, ["testWITHLABELS.csv, line 11", "frame 11", "frame 9"]),
+    (BOTH | {"testWITHLABELS.csv": TESTING.replace("Sequence,", "")}, ["testWITHLABELS.csv, line 1", "Sequence"]),
+    (BOTH | {"old/training.csv": TRAINING}, ["training.csv", "twice"]),
 ]
 
 
@@ -170,27 +130,14 @@ def bytes_of(folder, content):
     return folder / "my.csv"
 
 
-def release(folder, parts, facts):
-    whole = {"training.csv": TRAINING, "testWITHLABELS.csv": TESTING}
-    if len(parts) == 1 and "line" in facts[0]:
-        parts = whole | parts
-    elif "twice" in facts:
-        parts = parts | {"testWITHLABELS.csv": TESTING}
-    return archive(folder, parts=parts)
-
-
-def broken_row(row):
-    return row.replace("arm,1", "arm\r,1") if row.endswith("\r") else row
-
-
 WRONG = [  # format, a function that writes the file, facts of the one line
-    *(("table", lambda p, r=r: csv(p, GOOD[0], broken_row(r), GOOD[1]), ["my.csv, line 3", *f]) for r, f in ROWS),
+    *(("table", lambda p, r=r: csv(p, GOOD[0], r, GOOD[1]), ["my.csv, line 3", *f]) for r, f in ROWS),
     *(("table", lambda p, c=c: bytes_of(p, c), ["my.csv", *f]) for c, f in HEADERS),
     *(("table", lambda p, a=a: npz(p, **a), ["my.npz", *f]) for a, f in ARRAYS),
     *(("table", lambda p, c=c: parquet(p, **c), ["my.parquet", *f]) for c, f in COLUMNS),
     *(("cost", lambda p, b=b: cost_csv(p, *COST, b, line(frame=4)), ["CoST.csv, line 5", *f]) for b, f in COST_LINES),
     *(("cost", lambda p, h=h: csv(p, line(), header=h), f) for h, f in COST_HEADERS),
-    *(("haart", lambda p, a=a, f=f: release(p, a, f), f) for a, f in RELEASES),
+    *(("haart", lambda p, a=a: archive(p, parts=a), f) for a, f in RELEASES),
 ]
 
 
@@ -199,19 +146,25 @@ def test_a_file_that_cannot_be_is_refused_by_place_and_reason(tmp_path, kind, ma
     refused(kind, make(tmp_path), *facts)
 
 
-OPTIONS = [
-    *(({"full_scale": scale}, ["full_scale"]) for scale in (1e300, 3.5e38, 1e-50, 0.0, -1.0, np.nan, np.inf)),
-    *(({"rate_hz": rate}, ["rate_hz"]) for rate in (0.0, -1.0, np.nan, np.inf)),
-    *(({"grid": grid}, ["grid="]) for grid in ("2by3", "0x2", "1x-2", "٣x1", "1x", f"1x{'9' * 5000}", LONG)),
-    ({"grid": "9x9"}, []),
-    ({"grid": "1000000x1000000"}, []),
-]
+def test_lines_are_counted_across_blocks(tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.corpora.read.rows.BLOCK", 20)
+    for count in (1, 60):
+        refused("table", csv(tmp_path, GOOD[0], *[""] * count, GOOD[1]), "line 3")
+        assert read(csv(tmp_path, *GOOD, *[""] * count)).lengths.tolist() == [2]
+    monkeypatch.setattr("bench.corpora.read.rows.AT_ONCE", 1)
+    refused("table", csv(tmp_path, *GOOD, "ann,pat,0,arm,-1,2"), "line 4", "a")
+    refused("table", parquet(tmp_path, a=[1, -1]), "row 2", "a")
+    refused("table", csv(tmp_path, GOOD[0], "ann,pat,0,leg,1,2", "ann,pat,1,arm,1,2"), "line 4", "frame 1")
 
 
-@pytest.mark.parametrize("make", [csv, parquet, npz])
+@pytest.mark.parametrize("make", [csv, npz])
 def test_options_that_cannot_be(tmp_path, make):
-    for options, facts in OPTIONS:
-        refused("table", make(tmp_path), *facts, **options)
+    for key, values in {"full_scale": (1e300, 1e-50, -1.0, np.nan), "rate_hz": (0.0, np.nan, np.inf)}.items():
+        for value in values:
+            refused("table", make(tmp_path), key, **{key: value})
+    for grid in ("2by3", "0x2", "٣x1", f"1x{'9' * 5000}"):
+        refused("table", make(tmp_path), "grid=", grid=grid)
+    refused("table", make(tmp_path), grid="1000000x1000000")
 
 
 def encrypted(content):
@@ -229,10 +182,9 @@ def halved(content):
     del content[len(content) // 2 :]
 
 
-@pytest.mark.parametrize("packing", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 @pytest.mark.parametrize("damage", [blanked, halved, encrypted])
-def test_damaged_archives(tmp_path, packing, damage):
-    for kind, path in (("haart", archive(tmp_path, packing=packing)), ("table", npz(tmp_path))):
+def test_damaged_archives(tmp_path, damage):
+    for kind, path in (("haart", archive(tmp_path)), ("table", npz(tmp_path))):
         content = bytearray(path.read_bytes())
         damage(content)
         path.write_bytes(content)
@@ -295,7 +247,7 @@ def test_a_refused_import_ends_with_2_and_leaves_the_earlier_corpus(tmp_path, ca
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
-@pytest.mark.parametrize("blank", [[], [""], ["", "", ""], ["  "], ["\t", " "]])
+@pytest.mark.parametrize("blank", [[], ["", "", ""], ["\t", " "]])
 def test_line_ends_blank_lines_at_the_end_and_a_byte_order_mark(tmp_path, end, blank):
     path = csv(tmp_path, *GOOD, *blank, end=end)
     assert read(path).lengths.tolist() == [2]

@@ -9,15 +9,8 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.limits import called, check_file, plain, quoted, short
-from bench.corpora.read.table import (
-    check_filled,
-    check_scales,
-    described,
-    frame_numbers,
-    rows_of,
-    size_of,
-    without_categories,
-)
+from bench.corpora.read.rows import Rows, changes, without_categories
+from bench.corpora.read.table import check_scales, described, rows_of, size_of
 from bench.errors import InputError
 from touchbench_streams.recordings import Recordings, captures_in, events_of
 
@@ -50,37 +43,38 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> C
     check_scales(rate_hz, full_scale)
     size = size_of(grid)
     check_file(path)
-    labels, values, where, first, warnings = rows_of(path, size, full_scale, ["label"], KNOWN, blank="label")
+    rows, warnings = rows_of(path, size, full_scale, ["label"], KNOWN, blank="label")
+    labels = rows.labels
     if "gesture" in labels:
         raise InputError(f"{called(path)}: label names the gesture of each frame; delete the column gesture")
-    gestures = _gestures(labels.pop("label"), where)
-    check_filled(labels, where, first)
+    gestures = _gestures(labels.pop("label"), called(path))
+    rows.check_filled()
     if "subject" not in labels:
         labels["subject"] = "1"
         warnings = [*warnings, "no column subject: all recordings are treated as one subject"]
-    frame = frame_numbers(labels.pop("frame").to_numpy(), where, first) if "frame" in labels else None
-    starts = _starts(labels, frame, where, first)
+    starts = _starts(rows, rows.frame_numbers() if "frame" in labels else None)
     captures = without_categories(labels.iloc[starts].reset_index(drop=True))
     captures.insert(0, "subject", captures.pop("subject"))
     captures.insert(1, "gesture", "")
     if "recording" in captures:
         captures["recording"] = captures["recording"].astype(str)
     lengths = np.diff(starts, append=len(gestures))
-    corpus = Corpus(values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
+    corpus = Corpus(rows.values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
     return captures_in(Recordings.of(described(corpus, path, warnings, "recording"), events_of(gestures, lengths)))
 
 
-def _gestures(column: pd.Series, where: str) -> np.ndarray:
+def _gestures(column: pd.Series, name: str) -> np.ndarray:
     """Labels as text, object [frames]."""
     if not isinstance(column.dtype, pd.CategoricalDtype) and column.dtype.kind not in "iu":
         kind = plain(column.dtype, 40)
-        raise InputError(f"{where.partition(',')[0]}: label is of type {kind}; save it as text or whole numbers")
+        raise InputError(f"{name}: label is of type {kind}; save it as text or whole numbers")
     return column.astype("string").fillna("").to_numpy(dtype=object)
 
 
-def _starts(labels: pd.DataFrame, frame: np.ndarray | None, where: str, first: int) -> np.ndarray:
-    """Rows at which recordings begin, int64 [recordings]; ``where`` and ``first`` name the first row."""
-    changed = {name: _changes(labels[name]) for name in labels}
+def _starts(rows: Rows, frame: np.ndarray | None) -> np.ndarray:
+    """Rows at which recordings begin, int64 [recordings]."""
+    labels = rows.labels
+    changed = {name: changes(labels[name]) for name in labels}
     names = [name for name in ("recording", "subject") if name in labels]
     begins = np.logical_or.reduce([changed[name] for name in names])
     begins[0] = True
@@ -90,23 +84,11 @@ def _starts(labels: pd.DataFrame, frame: np.ndarray | None, where: str, first: i
         row = starts[np.argmax(again)]
         name = quoted(str(labels[names[0]].iloc[row]))
         hint = "keep its frames together" if len(names) > 1 else "keep its frames together, or add a column recording"
-        raise InputError(f"{where} {first + row}: {names[0]} {name} begins a second time; {hint}")
+        rows.refuse(row, f"{names[0]} {name} begins a second time; {hint}")
     for name in labels.columns.difference(names, sort=False):
-        if len(rows := np.flatnonzero(changed[name] & ~begins)):
-            raise InputError(
-                f"{where} {first + rows[0]}: {short(str(name))} changes within a recording; delete the column, or "
-                "begin a new recording there"
-            )
-    if frame is not None and len(rows := np.flatnonzero(~begins & (np.diff(frame, prepend=0) != 1))):
-        row = rows[0]
-        raise InputError(
-            f"{where} {first + row}: frame {frame[row]} follows frame {frame[row - 1]}; restore the frames or renumber "
-            "them"
-        )
+        if len(wrong := np.flatnonzero(changed[name] & ~begins)):
+            hint = "delete the column, or begin a new recording there"
+            rows.refuse(wrong[0], f"{short(str(name))} changes within a recording; {hint}")
+    if frame is not None and len(wrong := np.flatnonzero(~begins & (np.diff(frame, prepend=0) != 1))):
+        rows.refuse_step(wrong[0], frame)
     return starts
-
-
-def _changes(column: pd.Series) -> np.ndarray:
-    """Whether each row differs from the one before, bool [rows]; the first does not."""
-    codes = pd.factorize(column)[0]
-    return np.append(False, codes[1:] != codes[:-1])

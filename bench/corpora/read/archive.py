@@ -15,13 +15,11 @@ from bench.errors import InputError
 def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipfile.ZipInfo]]]:
     """A zip archive and the files in it, without folders and additions of macOS.
 
-    Args:
-        path: the file.
-        broken: message about a damaged one, with a place for the reason: ``not a zip file ({}); get it again``.
+    Any error within the context is that of a damaged file: the message ``broken``, with a place for the reason.
 
     Raises:
-        InputError: it cannot be read, also where it is read as a context; it unpacks to far more than its size, or
-            with bzip2 or LZMA, whose memory ``zipfile`` does not bound.
+        InputError: it cannot be read, or unpacks to far more than its size, or with bzip2 or LZMA, whose memory
+            ``zipfile`` does not bound.
     """
     try:
         with zipfile.ZipFile(path) as archive:

@@ -12,9 +12,8 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.read.csv_text import FrameFile
-from bench.corpora.read.frame_rows import capture_starts
-from bench.corpora.read.limits import SYNTHETIC, called, check_columns, check_labels, deviations, plain, quoted
+from bench.corpora.read.limits import SYNTHETIC, called, check_columns, deviations, plain, quoted
+from bench.corpora.read.rows import CsvTable
 from bench.errors import InputError
 from bench.scratch import replacing
 
@@ -46,36 +45,30 @@ CHALLENGE_FRAMES = {gesture: tuple(map(int, sums)) for gesture, *sums in map(str
 
 
 def read(path: Path) -> Corpus:
-    """Read ``CoST.csv``, whole or in part.
+    """Read ``CoST.csv``, whole or in part; every figure that differs from the published one is a warning.
 
-    Every figure that differs from the published one is a warning. Where the lengths of captures identify the subjects
-    of the 2015 challenge, the column ``split`` says which captures it used for training and for testing. A column
-    ``synthetic`` of ones, which CoST has not, marks generated captures, as `write` does.
-
-    Returns:
-        uint16 frames 8 x 8, row 0 at the top (the file's channels 57 to 64); subject, variant, gesture, repetition.
+    Row 0 is at the top (the file's channels 57 to 64). Where the lengths of captures identify the subjects of the 2015
+    challenge, a column ``split`` says which captures it used for training and for testing. A column ``synthetic`` of
+    ones, which CoST has not, marks generated captures, as `write` does.
 
     Raises:
         InputError: the file is not in the format, or is broken; the message names the line.
     """
     path = Path(path)
-    name = called(path)
-    file = FrameFile(path, name)
-    check_columns(file.columns, LABELS + CHANNELS, file.header)
-    made = [SYNTHETIC] if SYNTHETIC in file.columns else []
-    if extra := set(file.columns) - {*LABELS, *made, *CHANNELS}:
+    table = CsvTable(path, called(path), counts=[*LABELS, SYNTHETIC], whole=True)
+    check_columns(table.columns, LABELS + CHANNELS, table.header)
+    made = SYNTHETIC in table.columns
+    if extra := set(table.columns) - {*LABELS, SYNTHETIC, *CHANNELS}:
         raise InputError(
-            f"{name}, line 1: column {quoted(min(extra))} is not one of CoST's; import it as a table instead"
+            f"{table.header}: column {quoted(min(extra))} is not one of CoST's; import it as a table instead"
         )
-    labels, values = file.read(LABELS + made, CHANNELS, FULL_SCALE)
+    rows = table.read(CHANNELS, FULL_SCALE)
+    labels = rows.labels
     if made:
-        check_labels(
-            labels[SYNTHETIC], labels[SYNTHETIC] == 1, "1, as this format marks all or none", f"{name}, line", 2
-        )
+        rows.check(SYNTHETIC, labels[SYNTHETIC] == 1, "1, as this format marks all or none")
     for column, codes in (("variant", len(VARIANTS)), ("gesture", len(GESTURES))):
-        good = labels[column].between(1, codes)
-        check_labels(labels[column], good, f"one of 1 to {codes}", f"{name}, line", 2)
-    starts = capture_starts(labels[LABELS[:3]], labels["frame"].to_numpy(), 1, f"{name}, line", 2)
+        rows.check(column, labels[column].between(1, codes), f"one of 1 to {codes}")
+    starts = rows.starts(LABELS[:3], labels["frame"].to_numpy(), 1)
     first = labels.iloc[starts]
     captures = pd.DataFrame(
         {
@@ -99,10 +92,10 @@ def read(path: Path) -> Corpus:
     info = {
         "source": plain(path.name, 200) + ("; generated, in the layout of CoST" if made else published),
         "licence": "none needed" if made else "CC BY-NC-SA 4.0",
-        "synthetic": bool(made),
+        "synthetic": made,
         "warnings": warnings,
     }
-    frames = values.reshape(-1, 8, 8)
+    frames = rows.values.reshape(-1, 8, 8)
     for block in np.array_split(frames, max(1, len(frames) // 65536)):
         block[:] = block[:, ::-1].copy()
     return Corpus(frames, starts, lengths, captures, RATE_HZ, FULL_SCALE, "cost", info=info)

@@ -37,21 +37,19 @@ def read(path: Path) -> Corpus:
         InputError: there is no such file, or one is broken; the message names it.
     """
     rows, arrays = [], []
-    files = sorted(_files(path), key=lambda file: _key(file[0]))
+    files = sorted(_files(path), key=lambda file: (int(file[0][1]), file[1]))
     if not files:
         raise InputError(f"{called(path)}: no file like 150505-2coverdynamicpat.csv in it; give the folder Touch Data")
     seen: set[str] = set()
-    for name, content in files:
-        match = NAME.fullmatch(name.rsplit("/", 1)[-1])
-        assert match is not None  # as `_files` chose
-        if (known := match[0]) in seen:
-            raise InputError(f"{called(path)}: {known} is in it twice; leave only the one that is meant")
-        seen.add(known)
+    for match, name, content in files:
+        if match[0] in seen:
+            raise InputError(f"{called(path)}: {match[0]} is in it twice; leave only the one that is meant")
+        seen.add(match[0])
+        who, cover, motion, gesture = match.groups()
         frames = _frames(content, name)
-        for repetition in range(len(frames) // FRAMES):
-            arrays.append(frames[repetition * FRAMES : (repetition + 1) * FRAMES])
-            who, cover, motion, gesture = match.groups()
-            rows.append((str(int(who)), gesture, cover, motion, str(repetition + 1)))
+        for repetition, part in enumerate(np.split(frames, len(frames) // FRAMES), start=1):
+            arrays.append(part)
+            rows.append((str(int(who)), gesture, cover, motion, str(repetition)))
     captures = pd.DataFrame(rows, columns=["subject", "gesture", "cover", "motion", "repetition"])
     info = {
         "source": f"{plain(path.name, 200)}; CuddleBot recordings, lauracang/ICMI15. Whether people also took part in "
@@ -69,17 +67,16 @@ def differences(captures: pd.DataFrame, files: int) -> list[str]:
     return deviations([(name, here[name], published) for name, published in PUBLISHED.items()])
 
 
-def _key(name: str) -> tuple[int, str]:
-    match = NAME.fullmatch(name.rsplit("/", 1)[-1])
-    return (int(match[1]) if match else 0), name
+def _recording(name: str) -> re.Match | None:
+    return None if by_macos(name) else NAME.fullmatch(name.rsplit("/", 1)[-1])
 
 
-def _files(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Names and contents of the recordings in a folder or an archive."""
+def _files(path: Path) -> Iterator[tuple[re.Match, str, bytes]]:
+    """Parts of the names, names and contents of the recordings in a folder or an archive."""
     if path.is_dir():
         for file in path.rglob("*.csv"):
-            if NAME.fullmatch(file.name):
-                yield file.relative_to(path).as_posix(), file.read_bytes()
+            if match := _recording(name := file.relative_to(path).as_posix()):
+                yield match, name, file.read_bytes()
     elif not path.is_file():
         raise InputError(
             f"{plain(path, 160)}: there is no such file or folder; give the folder Touch Data or an archive"
@@ -87,19 +84,18 @@ def _files(path: Path) -> Iterator[tuple[str, bytes]]:
     elif tarfile.is_tarfile(path):
         try:
             with tarfile.open(path) as archive:
-                members = [m for m in archive if m.isfile() and NAME.fullmatch(m.name.rsplit("/", 1)[-1])]
-                members = [m for m in members if not by_macos(m.name)]
-                check_unpacked(sum(m.size for m in members), path, "unpack it and give the folder")
-                for member in members:
+                members = [(match, m) for m in archive if m.isfile() and (match := _recording(m.name))]
+                check_unpacked(sum(m.size for _, m in members), path, "unpack it and give the folder")
+                for match, member in members:
                     file = archive.extractfile(member)
-                    yield member.name, file.read() if file else b""
+                    yield match, member.name, file.read() if file else b""
         except (tarfile.TarError, EOFError, OSError) as e:
             raise InputError(f"{called(path)}: {_BROKEN.format(plain(e))}") from e
     else:
         with opened(path, _BROKEN) as (archive, zipped):
             for entry in zipped:
-                if NAME.fullmatch(entry.filename.rsplit("/", 1)[-1]):
-                    yield entry.filename, archive.read(entry)
+                if match := _recording(entry.filename):
+                    yield match, entry.filename, archive.read(entry)
 
 
 def _frames(content: bytes, name: str) -> np.ndarray:

@@ -9,9 +9,8 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.archive import by_macos, opened
-from bench.corpora.read.csv_text import FrameFile
-from bench.corpora.read.frame_rows import capture_starts
-from bench.corpora.read.limits import called, check_columns, check_labels, deviations, plain
+from bench.corpora.read.limits import called, check_columns, deviations, plain
+from bench.corpora.read.rows import CsvTable
 from bench.errors import InputError
 
 TRAINING = "training.csv"
@@ -76,56 +75,54 @@ def _files(folder: Path) -> list[Path]:
         )
     files = [file for pattern in ("*", "*/*") for file in folder.glob(pattern) if file.is_file()]
     names = [file.relative_to(folder).as_posix() for file in files]
-    return [folder / _nearest(names, wanted, called(folder)) for wanted in (TRAINING, TEST)]
+    return [folder / _only(names, wanted, called(folder)) for wanted in (TRAINING, TEST)]
 
 
 def _members(path: Path) -> list[bytes]:
     """The contents of the two files of an archive."""
     with opened(path, _BROKEN) as (archive, members):
         names = [member.filename for member in members]
-        chosen = [_nearest(names, wanted, called(path)) for wanted in (TRAINING, TEST)]
+        chosen = [_only(names, wanted, called(path)) for wanted in (TRAINING, TEST)]
         if max(archive.getinfo(name).file_size for name in chosen) > LARGEST_MEMBER:
             raise InputError(f"{called(path)}: a file in it is larger than {LARGEST_MEMBER >> 20} MiB; get it again")
         return [archive.read(name) for name in chosen]
 
 
-def _nearest(paths: list[str], wanted: str, where: str) -> str:
-    """The file of this name, in any case, that lies least deep."""
+def _only(paths: list[str], wanted: str, where: str) -> str:
+    """The file of this name, in any case."""
     named = [path for path in paths if path.lower().split("/")[-1] == wanted.lower() and not by_macos(path)]
     if not named:
         raise InputError(f"{where}: {wanted} is missing; give the release with its {TRAINING} and {TEST}")
-    least = min(path.count("/") for path in named)
-    first, *others = (path for path in named if path.count("/") == least)
-    if others:
+    if len(named) > 1:
         raise InputError(f"{where}: {wanted} is in it twice; leave only the one that is meant")
-    return first
+    return named[0]
 
 
 def _part(source: Path | bytes, name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
     """Captures and frames of one file; frames of the training file have no number, but 432 make a capture."""
-    file, where = FrameFile(source, name), f"{name}, line"
-    participant = "ParticipantNo" if split == "train" else "ParticipantID"
-    numbered = [] if split == "train" else ["Sequence"]
+    table = CsvTable(source, name, counts=["Sequence"], whole=True)
+    participant, numbered = ("ParticipantNo", []) if split == "train" else ("ParticipantID", ["Sequence"])
     conditions = [participant, "Substrate", "Cover", "Gesture"]
-    check_columns(file.columns, [*conditions, *numbered, *CELLS], file.header)
-    labels, values = file.read(numbered, CELLS, FULL_SCALE)
+    check_columns(table.columns, [*conditions, *numbered, *CELLS], table.header)
+    rows = table.read(CELLS, FULL_SCALE)
+    labels = rows.labels
     frame = labels["Sequence"].to_numpy() if numbered else np.arange(len(labels)) % FRAMES + 1
-    starts = capture_starts(labels[conditions], frame, 1, where, 2)
+    starts = rows.starts(conditions, frame, 1)
     lengths = np.diff(starts, append=len(labels))
     if len(wrong := np.flatnonzero(lengths != FRAMES)):
-        raise InputError(
-            f"{where} {starts[wrong[0]] + 2}: the capture that starts here has {lengths[wrong[0]]} frames instead of "
-            f"{FRAMES}; get the file again"
+        rows.refuse(
+            starts[wrong[0]],
+            f"the capture that starts here has {lengths[wrong[0]]} frames instead of {FRAMES}; get the file again",
         )
-    first = labels.iloc[starts].astype(dict.fromkeys(conditions, str))
-    who, gesture = first[participant], first["Gesture"]
-    check_labels(who, who.str.fullmatch("[PT]?[1-9][0-9]{0,8}"), "a participant such as P4", where, 2)
-    check_labels(gesture, gesture.isin(GESTURES), f"one of {', '.join(GESTURES)}", where, 2)
+    who, gesture = labels[participant], labels["Gesture"]
+    rows.check(participant, who.str.fullmatch("[PT]?[1-9][0-9]{0,8}"), "a participant such as P4")
+    rows.check("Gesture", gesture.isin(GESTURES), f"one of {', '.join(GESTURES)}")
+    first = labels.iloc[starts].astype(dict.fromkeys(conditions, str)).reset_index(drop=True)
     captures = {
-        "subject": who.str.lstrip("PT"),
-        "gesture": gesture,
+        "subject": first[participant].str.lstrip("PT"),
+        "gesture": first["Gesture"],
         "substrate": first["Substrate"],
         "cover": first["Cover"],
         "split": split,
     }
-    return pd.DataFrame(captures).reset_index(drop=True), values
+    return pd.DataFrame(captures), rows.values

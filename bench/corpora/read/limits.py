@@ -7,9 +7,6 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-
 from bench.errors import InputError
 
 SYNTHETIC = "synthetic"  # a column that marks generated captures
@@ -58,12 +55,7 @@ def listed(names: list[str]) -> str:
 
 
 def briefly(warnings: list[str], rest: str) -> str:
-    """Warnings of an import in one line: the first three, and where all of them are.
-
-    Args:
-        warnings: warnings, at least one.
-        rest: the command that prints all.
-    """
+    """Warnings of an import in one line: the first three, and the command that prints all."""
     text = "; ".join(warnings[:3])
     return text if len(warnings) <= 3 else f"{len(warnings)} of them: {text}; for all: {rest}"
 
@@ -80,11 +72,7 @@ def flaw(word: str) -> str:
 
 
 def check_names(names: list[str], where: str) -> None:
-    """Refuse column names that are missing, unreadable or doubled.
-
-    Raises:
-        InputError: the message begins with ``where``.
-    """
+    """Refuse column names that are missing, unreadable or doubled; the message begins with ``where``."""
     for i, name in enumerate(names, start=1):
         if wrong := flaw(name):
             raise InputError(f"{where}: the name of column {i} {wrong}")
@@ -93,34 +81,11 @@ def check_names(names: list[str], where: str) -> None:
 
 
 def check_columns(columns: list[str], required: list[str], where: str) -> None:
-    """Refuse a table without all required columns.
-
-    Raises:
-        InputError: the message begins with ``where``.
-    """
+    """Refuse a table without all required columns."""
     present = set(columns)
     if missing := [name for name in required if name not in present]:
         first = short(repr(", ".join(columns[:20])), 70)
         raise InputError(f"{where}: no column {listed(missing)}; the columns begin with {first}")
-
-
-def check_labels(labels: pd.Series, good: pd.Series, wanted: str, where: str, first: int) -> None:
-    """Refuse labels that the format does not have.
-
-    Args:
-        labels: a column.
-        good: True for each valid label.
-        wanted: description of valid labels, for the message.
-        where: the file and the word for a row in messages: ``my.csv, line``.
-        first: number of the row with index 0.
-
-    Raises:
-        InputError: the first label that is not good.
-    """
-    if len(wrong := np.flatnonzero(~good.to_numpy(dtype=bool))):
-        i = wrong[0]
-        value = quoted(str(labels.iloc[i]))
-        raise InputError(f"{where} {labels.index[i] + first}: {labels.name} is {value}, not {wanted}; correct it")
 
 
 def deviations(figures: Iterable[tuple[str, object, object]]) -> list[str]:
@@ -129,11 +94,7 @@ def deviations(figures: Iterable[tuple[str, object, object]]) -> list[str]:
 
 
 def check_conditions(count: int, where: str) -> None:
-    """Refuse more columns than conditions can have: mostly a grid that is too small.
-
-    Raises:
-        InputError: the message begins with ``where``.
-    """
+    """Refuse more columns than conditions can have: mostly a grid that is too small."""
     if count > MOST_CONDITIONS:
         raise InputError(
             f"{where}: {count} columns beside the channels, at most {MOST_CONDITIONS} are read; check grid= or delete "
@@ -142,27 +103,14 @@ def check_conditions(count: int, where: str) -> None:
 
 
 def check_file(path: Path) -> None:
-    """Refuse a path that is no plain file.
-
-    Raises:
-        InputError: it is a folder, a device, a pipe or nothing.
-    """
+    """Refuse a path that is no plain file: a folder, a device, a pipe or nothing."""
     if not path.is_file():
         kind = "a folder" if path.is_dir() else "not a plain file" if path.exists() else "there is no such file"
         raise InputError(f"{plain(path, 160)}: {kind}; give the path of a file")
 
 
 def check_unpacked(unpacked: int, path: Path, instead: str) -> None:
-    """Refuse a file that unpacks to so much more than its own size that it cannot hold sensor values.
-
-    Args:
-        unpacked: bytes that the file claims to hold.
-        path: the file.
-        instead: another way to import it.
-
-    Raises:
-        InputError: it is too much.
-    """
+    """Refuse a file whose bytes unpack to so much more than its own size that it cannot hold sensor values."""
     most = max(ALWAYS, MOST_TIMES * path.stat().st_size)
     if unpacked > most:
         raise InputError(

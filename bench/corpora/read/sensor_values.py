@@ -19,8 +19,8 @@ def highest_of(full_scale: float) -> float:
     return max(full_scale, float(np.float32(full_scale)))
 
 
-def unfit(values: np.ndarray, highest: float) -> np.ndarray:
-    """Positions of values outside 0 to ``highest``, or of whole numbers that float32 would change."""
+def _unfit(values: np.ndarray, highest: float) -> np.ndarray:
+    """Values outside 0 to ``highest``, and whole numbers that float32 would change."""
     if values.dtype == np.float16:  # which holds no number as large as EXACT
         values = values.astype(np.float32)
     wrong = ~((values >= 0) & (values <= np.float64(highest)))  # a NaN is neither
@@ -42,16 +42,10 @@ def smallest(values: np.ndarray) -> np.dtype:
 
 
 def checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.ndarray:
-    """Values as they are stored.
-
-    Args:
-        values: numbers [rows, ...] of any type.
-        full_scale: the largest value allowed.
-        name: name of the file in messages.
-        unit: word for a row in messages.
+    """Values [rows, ...] as they are stored; messages name the file and a ``unit``, the word for a row.
 
     Raises:
-        InputError: a value that is not within 0 and the full scale, or a whole number that float32 would change.
+        InputError: a value that `check` refuses.
     """
     flat = values.reshape(len(values), -1)
     step = max(1, _AT_ONCE // flat.shape[1])
@@ -73,7 +67,7 @@ def check(values: np.ndarray, full_scale: float, where: str, first: int = 1, nam
     Raises:
         InputError: the first of these values.
     """
-    wrong = unfit(values, highest_of(full_scale))
+    wrong = _unfit(values, highest_of(full_scale))
     if wrong.any():
         i, j = np.argwhere(wrong)[0]
         value = values[i, j]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +11,25 @@ import pandas as pd
 import pyarrow as pa
 
 from bench.corpora.corpus import Corpus, reserved
-from bench.corpora.read.channel_columns import channels_of
-from bench.corpora.read.csv_text import FrameFile
-from bench.corpora.read.frame_rows import capture_starts, check_types, labels_and_values, words_of
-from bench.corpora.read.limits import SYNTHETIC, called, check_columns, check_conditions, check_file, plain, short
-from bench.corpora.read.npz import read_arrays
-from bench.corpora.read.parquet import ParquetFile
+from bench.corpora.read.archive import opened
+from bench.corpora.read.limits import (
+    SYNTHETIC,
+    called,
+    check_columns,
+    check_conditions,
+    check_file,
+    check_names,
+    listed,
+    plain,
+    short,
+)
+from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Rows, Table, without_categories, words_of
 from bench.corpora.read.sensor_values import checked
 from bench.errors import InputError
 
 LABELS = ["subject", "gesture", "frame"]
+OURS = "ch"  # what saved systems call their channels: ch1, ch2, ...
+_BROKEN = "not a .npz file of plain arrays ({}); save it again, without objects"
 
 
 def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0) -> Corpus:
@@ -27,13 +37,10 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
 
     A CSV or parquet file has one row per frame: ``subject``, ``gesture``, ``frame`` (from 0 or 1, up by one within a
     capture), any columns of conditions, and last the channels in row-major order. Channels that are numbered, such as
-    ch1, ch2, ..., are read in the order of their numbers (see `channels_of`). A ``.npz`` file has ``frames``
-    [total, rows, cols], ``offsets`` [captures + 1], ``subject`` and ``gesture`` [captures], and any other arrays of
-    that length as conditions. Spaces around labels are no part of them; no label is empty, longer than 200 characters
-    or holds characters that cannot be seen. Numbers are decimal, such as 7, 0.25 or 1e3.
-
-    A column ``synthetic`` (true or false, 1 or 0) marks generated captures: a corpus with any is said to be synthetic.
-    It becomes a condition only where captures differ in it.
+    ch1, ch2, ..., are read in the order of their numbers. A ``.npz`` file has ``frames`` [total, rows, cols],
+    ``offsets`` [captures + 1], ``subject`` and ``gesture`` [captures], and any other arrays of that length as
+    conditions. A column ``synthetic`` (true or false, 1 or 0) marks generated captures; it becomes a condition only
+    where captures differ in it.
 
     Args:
         path: the file.
@@ -41,26 +48,18 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
         grid: ``ROWSxCOLS``; a ``.npz`` file contains its own.
         full_scale: largest value that the sensor gives.
 
-    Returns:
-        uint16 frames when all values are whole numbers up to 65535, else float32, which holds whole numbers up to
-        16777216; larger ones that it would change are refused. A CSV file's numbers are first read as float64.
-
     Raises:
         InputError: the file does not fit; the message names the line, or the array.
     """
     path = Path(path)
     check_scales(rate_hz, full_scale)
     size = size_of(grid) if grid else None
-    corpus, warnings = _file(path, size, rate_hz, full_scale, LABELS)
-    return described(corpus, path, warnings, "table")
+    corpus, warned = _file(path, size, rate_hz, full_scale, LABELS)
+    return described(corpus, path, warned, "table")
 
 
 def check_scales(rate_hz: float, full_scale: float) -> None:
-    """Refuse a rate or a full scale that cannot be.
-
-    Raises:
-        InputError: one is out of range.
-    """
+    """Refuse a rate or a full scale that cannot be."""
     if not (0 < rate_hz < np.inf):
         raise InputError(f"rate_hz={rate_hz:g}: give a number above 0")
     least, most = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
@@ -68,14 +67,17 @@ def check_scales(rate_hz: float, full_scale: float) -> None:
         raise InputError(f"full_scale={full_scale:g}: frames hold numbers from {least:.2g} to {most:.2g}; scale yours")
 
 
-def described(corpus: Corpus, path: Path, warnings: list[str], name: str) -> Corpus:
-    """A corpus with its source, licence and warnings, and whether it is synthetic.
+def size_of(grid: str) -> tuple[int, int]:
+    """Rows and columns of ``8x8``."""
+    if not (match := re.fullmatch(r"([1-9][0-9]{0,6})x([1-9][0-9]{0,6})", grid)):
+        raise InputError(f"grid={plain(grid)}: give rows and columns, such as grid=8x8")
+    return int(match[1]), int(match[2])
 
-    Args:
-        corpus: the captures of the file.
-        path: the file.
-        warnings: warnings of the reader.
-        name: name of the corpus.
+
+def described(corpus: Corpus, path: Path, warned: list[str], name: str) -> Corpus:
+    """The captures of a file with name, source, licence and warnings, and whether any is marked as generated.
+
+    A mark that is the same for all captures is taken out of the columns.
 
     Raises:
         InputError: a condition has a reserved name, or a mark ``synthetic`` is neither true nor false.
@@ -86,35 +88,26 @@ def described(corpus: Corpus, path: Path, warnings: list[str], name: str) -> Cor
         raise InputError(f"{called(path)}: a condition cannot be called {name}, which predictions need; rename it")
     for label in ("subject", "gesture"):
         captures[label] = captures[label].astype(str)
-    synthetic = _synthetic(captures, called(path))
-    info = {"source": plain(path.name, 200), "licence": "the user's own", "synthetic": synthetic, "warnings": warnings}
+    synthetic = False
+    if SYNTHETIC in captures:
+        marks = captures[SYNTHETIC].astype(str).str.lower().replace({"1": "true", "0": "false"})
+        if len(wrong := np.flatnonzero(~marks.isin(["true", "false"]))):
+            mark = plain(captures[SYNTHETIC].iloc[wrong[0]], 40)
+            raise InputError(
+                f"{called(path)}: {SYNTHETIC} is {mark} in capture {wrong[0] + 1}; give true for generated captures, "
+                "else false"
+            )
+        synthetic = bool((marks == "true").any())
+        if marks.nunique() == 1:
+            del captures[SYNTHETIC]
+    info = {"source": plain(path.name, 200), "licence": "the user's own", "synthetic": synthetic, "warnings": warned}
     return corpus.changed(captures=captures, name=name, info=info)
-
-
-def _synthetic(captures: pd.DataFrame, name: str) -> bool:
-    """Whether any capture is marked as generated; a mark that is the same for all is taken out of the columns."""
-    if SYNTHETIC not in captures:
-        return False
-    marks = captures[SYNTHETIC].astype(str).str.lower().replace({"1": "true", "0": "false"})
-    if len(wrong := np.flatnonzero(~marks.isin(["true", "false"]))):
-        mark = plain(captures[SYNTHETIC].iloc[wrong[0]], 40)
-        raise InputError(
-            f"{name}: {SYNTHETIC} is {mark} in capture {wrong[0] + 1}; give true for generated captures, else false"
-        )
-    if marks.nunique() == 1:
-        del captures[SYNTHETIC]
-    return bool((marks == "true").any())
 
 
 def read_unlabelled(path: Path, rate_hz: float, grid: tuple[int, int], full_scale: float) -> Corpus:
     """Captures that are to be labelled: as `read`, but ``subject`` and ``gesture`` may be missing.
 
-    Returns:
-        A corpus with a column ``capture``: that of the file, or numbers from 1; and ``subject`` and ``gesture`` where
-        the file has them.
-
-    Raises:
-        InputError: the file does not fit; the message names the line, or the array.
+    A column ``capture`` is that of the file, or numbers from 1.
     """
     return _unlabelled(_file(Path(path), grid, rate_hz, full_scale, ["frame"])[0])
 
@@ -124,10 +117,8 @@ def from_frame(
 ) -> Corpus:
     """Captures of a table with one row per frame: columns ``capture``, ``frame`` or both, and the channels.
 
-    Without ``frame`` rows of the same ``capture`` follow one another as frames.
-
-    Returns:
-        A corpus with a column ``capture``: that of the table, or numbers from 1.
+    Without ``frame`` rows of the same ``capture`` follow one another as frames. The column ``capture`` of the corpus is
+    that of the table, or numbers from 1.
 
     Raises:
         InputError: a column or a value that does not fit; the message calls the table ``label``.
@@ -141,14 +132,7 @@ def from_frame(
         run = (table["capture"] != table["capture"].shift()).cumsum()
         table = table.assign(frame=table.groupby(run).cumcount())
     names = [*names, *({"frame"} - set(names)), *channels]
-    try:
-        rows = pa.Table.from_pandas(table[names], preserve_index=False).combine_chunks()
-    except (pa.ArrowException, TypeError, ValueError) as e:
-        raise InputError(f"{label}: a column holds mixed or unknown values ({plain(e)}); correct it") from e
-    check_types(rows.schema, names, {*channels, "frame"}, label)
-    batches = rows.to_batches() if len(rows) else []
-    labels, values = labels_and_values(batches, names, channels, full_scale, f"{label}, row", first=1)
-    return _unlabelled(_cut(labels, values, grid, rate_hz, full_scale, f"{label}, row", 1))
+    return _unlabelled(_cut(PandasTable(table[names], label).read(channels, full_scale), grid, rate_hz, full_scale))
 
 
 def _unlabelled(corpus: Corpus) -> Corpus:
@@ -166,120 +150,102 @@ def _file(
 ) -> tuple[Corpus, list[str]]:
     """Captures of a file, which must have the required columns, and warnings."""
     check_file(path)
-    suffix = path.suffix.lower()
-    if suffix == ".npz":
+    if path.suffix.lower() == ".npz":
         return _arrays(path, size, rate_hz, full_scale, [name for name in required if name != "frame"]), []
     if size is None:
         raise InputError(f"{called(path)}: give the grid of the sensor, such as grid=8x8")
-    labels, values, where, first, warnings = rows_of(path, size, full_scale, required, [*LABELS, *required])
-    return _cut(labels, values, size, rate_hz, full_scale, where, first), warnings
+    rows, warned = rows_of(path, size, full_scale, required, [*LABELS, *required])
+    return _cut(rows, size, rate_hz, full_scale), warned
 
 
 def rows_of(
     path: Path, size: tuple[int, int], full_scale: float, required: list[str], known: list[str], blank: str = ""
-) -> tuple[pd.DataFrame, np.ndarray, str, int, list[str]]:
-    """Rows of a CSV or parquet file with one frame each.
+) -> tuple[Rows, list[str]]:
+    """Rows of a CSV or parquet file with one frame each, and warnings.
 
-    Args:
-        path: the file.
-        size: (rows, cols) of the sensor.
-        full_scale: largest value that the sensor gives.
-        required: columns of labels that the file must have.
-        known: columns that are labels and never channels.
-        blank: column of text whose cells may be empty.
-
-    Returns:
-        Labels [rows]; values [rows, channels]; the file and the word for a row in messages; the number of the first
-        row; warnings.
-
-    Raises:
-        InputError: a column or a value that does not fit.
+    Columns of labels that the file must have are ``required``; those that are ``known`` are never channels; cells of
+    the column ``blank`` may be empty.
     """
-    file = ParquetFile(path) if path.suffix.lower() == ".parquet" else FrameFile(path, called(path))
-    check_columns(file.columns, required, file.header)
-    channels = channels_of(file.columns, size, file.header)
-    if len(file.columns) < len(channels) + len(required) or {*known} & set(channels):
+    table: Table = ParquetTable(path) if path.suffix.lower() == ".parquet" else CsvTable(path, called(path))
+    check_columns(table.columns, required, table.header)
+    channels = channels_of(table.columns, size, table.header)
+    if len(table.columns) < len(channels) + len(required) or {*known} & set(channels):
         raise InputError(
-            f"{file.header}: {len(file.columns)} columns cannot hold {', '.join(required)} and then {len(channels)} "
+            f"{table.header}: {len(table.columns)} columns cannot hold {', '.join(required)} and then {len(channels)} "
             "channels; check grid= and put the channels last"
         )
-    if isinstance(file, ParquetFile):
-        where, first = f"{called(path)}, row", 1
-        labels, values = file.read(channels, full_scale, blank)
-    else:
-        where, first = f"{called(path)}, line", 2
-        counts = [name for name in file.columns if name == "frame"]
-        labels, values = file.read(counts, channels, full_scale, True, blank)
     chosen = set(channels)
-    moved = [column for column in file.columns if column in chosen] != channels
-    warnings = [f"channels are read in the order of their numbers, {channels[0]} to {channels[-1]}"] if moved else []
-    return labels, values, where, first, warnings
+    moved = [column for column in table.columns if column in chosen] != channels
+    warned = [f"channels are read in the order of their numbers, {channels[0]} to {channels[-1]}"] if moved else []
+    return table.read(channels, full_scale, blank), warned
 
 
-def size_of(grid: str) -> tuple[int, int]:
-    """Rows and columns of ``8x8``.
-
-    Raises:
-        InputError: it is not of that form.
-    """
-    if not (match := re.fullmatch(r"([1-9][0-9]{0,6})x([1-9][0-9]{0,6})", grid)):
-        raise InputError(f"grid={plain(grid)}: give rows and columns, such as grid=8x8")
-    return int(match[1]), int(match[2])
-
-
-def _cut(
-    labels: pd.DataFrame,
-    values: np.ndarray,
-    size: tuple[int, int],
-    rate_hz: float,
-    full_scale: float,
-    where: str,
-    first: int,
-) -> Corpus:
-    """Rows as captures, which begin where the frame number starts again; ``where`` and ``first`` name the first row."""
-    check_filled(labels, where, first)
-    frame = frame_numbers(labels.pop("frame").to_numpy(), where, first)
+def _cut(rows: Rows, size: tuple[int, int], rate_hz: float, full_scale: float) -> Corpus:
+    """Rows as captures, which begin where the frame number starts again."""
+    rows.check_filled()
+    frame = rows.frame_numbers()
     if (origin := int(frame[0])) not in (0, 1):
-        raise InputError(f"{where} {first}: a capture starts at frame {origin} instead of 0 or 1; restore its frames")
-    starts = capture_starts(labels, frame, origin, where, first)
-    captures = without_categories(labels.iloc[starts].reset_index(drop=True))
+        rows.refuse(0, f"a capture starts at frame {origin} instead of 0 or 1; restore its frames")
+    starts = rows.starts([*rows.labels], frame, origin)
+    captures = without_categories(rows.labels.iloc[starts].reset_index(drop=True))
     lengths = np.diff(starts, append=len(frame))
-    return Corpus(values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
+    return Corpus(rows.values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
 
 
-def check_filled(labels: pd.DataFrame, where: str, first: int) -> None:
-    """Refuse labels that are missing.
+def channels_of(columns: list[str], grid: tuple[int, int], where: str) -> list[str]:
+    """The columns of the channels, row by row.
 
-    Raises:
-        InputError: the first one; ``where`` and ``first`` name its row.
-    """
-    if labels.isna().any(axis=None):
-        row, column = np.argwhere(labels.isna().to_numpy())[0]
-        raise InputError(f"{where} {first + row}: {short(str(labels.columns[column]))} is empty; fill the cell")
-
-
-def frame_numbers(numbers: np.ndarray, where: str, first: int) -> np.ndarray:
-    """The column ``frame`` as int64 [rows].
+    Channels whose names differ in one number at the end (ch1, ch2, ... or cell0, cell1, ...) are taken in the order of
+    that number. The numbers begin with 0 or 1 and have no gap. Channels with other names are the last columns, in file
+    order.
 
     Raises:
-        InputError: one is not a whole number; ``where`` and ``first`` name its row.
+        InputError: a numbered channel is missing or extra.
     """
-    if len(wrong := np.flatnonzero(~(np.abs(numbers.astype(float)) < 2**53) | (numbers != np.round(numbers)))):
-        raise InputError(f"{where} {first + wrong[0]}: frame is {numbers[wrong[0]]}, not a whole number; correct it")
-    return numbers.astype(np.int64)
+    count = grid[0] * grid[1]
+    stem = _stem(columns, count)
+    if stem is None:
+        return columns[-count:]
+    numbered = [(number, name) for s, number, name in map(_parts, columns) if s == stem and number is not None]
+    first = 0 if any(number == 0 for number, _ in numbered) else 1
+    by_number: dict[int, str] = {}
+    extra = []
+    for number, name in numbered:
+        if number in by_number or not first <= number < first + count:
+            extra.append(name)
+        else:
+            by_number[number] = name
+    missing = [f"{stem}{number}" for number in range(first, first + count) if number not in by_number]
+    wrong = [f"{what}: {listed(names)}" for what, names in (("missing", missing), ("extra", extra)) if names]
+    if wrong:
+        raise InputError(
+            f"{where}: a grid of {grid[0]}x{grid[1]} has {count} channels, {short(stem)}{first} to "
+            f"{short(stem)}{first + count - 1}; {', '.join(wrong)}; correct the columns or the grid"
+        )
+    return [by_number[number] for number in sorted(by_number)]
 
 
-def without_categories(captures: pd.DataFrame) -> pd.DataFrame:
-    """Text instead of the categories that come from the readers: plain columns are what a query wants."""
-    for column in captures:
-        if isinstance(captures[column].dtype, pd.CategoricalDtype):
-            captures[column] = captures[column].cat.categories.astype(str).take(captures[column].cat.codes)
-    return captures
+def _stem(columns: list[str], count: int) -> str | None:
+    """The text before the numbers of the channels, None where the channels are not numbered."""
+    stems = [stem for stem, number, _ in map(_parts, columns) if number is not None]
+    if OURS in stems:
+        return OURS
+    before = {stem for stem, number, _ in map(_parts, columns[:-count]) if number is not None}
+    last = [(stem, number) for stem, number, _ in map(_parts, columns[-count:])]
+    if count > 1 and all(number is not None for _, number in last) and len({stem for stem, _ in last}) == 1:
+        return last[0][0]
+    return next((stem for stem, number in last if number is not None and stem in before), None)
+
+
+def _parts(name: str) -> tuple[str, int | None, str]:
+    """Text and number of a name such as ch12, and the name."""
+    match = re.fullmatch(r"(.*?)([0-9]{1,9})", name, re.DOTALL)
+    return (match[1], int(match[2]), name) if match else (name, None, name)
 
 
 def _arrays(path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale: float, required: list[str]) -> Corpus:
-    name = called(path)
-    arrays = read_arrays(path)
+    """Captures of a ``.npz`` file."""
+    name, arrays = called(path), _members(path)
     if missing := [n for n in ("frames", "offsets", *required) if n not in arrays]:
         raise InputError(f"{name}: no array {', '.join(missing)}; save it with np.savez")
     frames, offsets = arrays.pop("frames"), arrays.pop("offsets")
@@ -301,6 +267,25 @@ def _arrays(path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale
     return Corpus(values, starts[:-1], np.diff(starts), captures, rate_hz, full_scale)
 
 
+def _members(path: Path) -> dict[str, np.ndarray]:
+    """All arrays of a ``.npz`` file by name, in the byte order of this machine."""
+    arrays = {}
+    with opened(path, _BROKEN) as (archive, members), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about headers that Python 2 wrote
+        for member in members:
+            if not member.filename.endswith(".npy"):
+                name = plain(member.filename, 60)
+                raise InputError(f"{called(path)}: {name} is not an array; save the file with np.savez")
+        check_names([member.filename.removesuffix(".npy") for member in members], called(path))
+        for member in members:
+            with archive.open(member) as file:
+                array = np.lib.format.read_array(file, allow_pickle=False)
+                if file.read(1) or not array.dtype.itemsize:
+                    raise ValueError(f"{plain(member.filename, 40)} is not of the size that its header says")
+            arrays[member.filename.removesuffix(".npy")] = array.astype(array.dtype.newbyteorder("="), copy=False)
+    return arrays
+
+
 def _rise(offsets: np.ndarray, total: int) -> bool:
     """Whether offsets rise from 0 to the number of all frames, each compared with the next, as differences may wrap."""
     return offsets[0] == 0 and offsets[-1] == total and bool((offsets[1:] > offsets[:-1]).all())
@@ -308,8 +293,8 @@ def _rise(offsets: np.ndarray, total: int) -> bool:
 
 def _condition(array: np.ndarray, column: str, name: str) -> np.ndarray | pd.Categorical:
     """Labels or numbers of the captures in types that tables can hold."""
-    kinds, wanted = ("USiu", "text or whole numbers") if column in LABELS else ("USiufb", "text or numbers")
-    if array.dtype.kind not in kinds:
+    allowed, wanted = ("USiu", "text or whole numbers") if column in LABELS else ("USiufb", "text or numbers")
+    if array.dtype.kind not in allowed:
         raise InputError(f"{name}: {short(column)} is of type {plain(array.dtype, 40)}; save it as {wanted}")
     if array.dtype.kind in "US":
         try:
