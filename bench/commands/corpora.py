@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from bench.commands.printing import say, then, unwritable, writable
 from bench.comparable import several
 from bench.corpora.corpus import Corpus
-from bench.corpora.library import ASIDE, import_corpus, imported, left_out, open_corpus, overview, stored_value, verify
+from bench.corpora.library import ASIDE, import_corpus, imported, left_out, open_corpus, stored_value, verify
 from bench.corpora.read.cost import write
 from bench.corpora.read.limits import briefly
 from bench.corpora.survey import Survey, survey
@@ -27,28 +28,34 @@ def listed() -> int:
     """Print every corpus with counts, digest, source and licence."""
     print(f"Corpora in {home()}\n")
     print("synth\n  synthetic: generated on demand, any number of subjects and repetitions; says nothing about people")
-    for row in overview():
-        if "damaged" in row:
-            print(f"{row['data']}\n  {row['damaged']}")
+    for name in imported():
+        try:
+            corpus = stored_value(name)
+        except InputError as e:
+            print(f"{name}\n  {e}")
             continue
-        kind = "synthetic " if row["synthetic"] else ""
-        print(
-            f"{row['data']}\n  {row['captures']} {kind}captures, {row['subjects']} subjects, "
-            f"{row['gestures']} gestures, {row['frames']} frames of {row['grid']} at {row['rate_hz']:g} Hz\n"
-            f"  columns: {row['columns']}\n"
-            f"  digest:  {row['digest']}\n  source:  {row['source']}\n  licence: {row['licence']}"
-        )
+        gestures = corpus.gestures[~np.isin(corpus.gestures, corpus.info.get(ASIDE, []))]
+        columns = ", ".join(str(c) for c in corpus.captures if c not in ("subject", "gesture"))
+        print(f"{name}\n  {_sizes(corpus, gestures)}\n  columns: {columns}\n  digest:  {corpus.digest[:16]}")
+        print(f"  source:  {corpus.info.get('source', '')}\n  licence: {corpus.info.get('licence', '')}")
     print()
     then(f"bench data show {(imported() or ['synth'])[0]}")
     return 0
 
 
+def _sizes(corpus: Corpus, gestures: np.ndarray) -> str:
+    kind = "synthetic " if corpus.synthetic else ""
+    return (
+        f"{len(gestures)} {kind}captures, {len(set(corpus.subjects))} subjects, {len(set(gestures))} gestures, "
+        f"{len(corpus.frames)} frames of {corpus.grid[0]}x{corpus.grid[1]} at {corpus.rate_hz:g} Hz"
+    )
+
+
 def show(name: str, values: dict[str, str], given: dict[str, Any]) -> int:
     """Print what a corpus holds, and draw it."""
-    where, target, out = given["where"], given["target"], given["out"]
-    parameters: dict[str, object] = {key: value for key, value in values.items() if key not in given}
-    found = looked(name, where, target, Path(out), parameters)
-    print(found)
+    out = Path(given["out"])
+    parameters = {key: value for key, value in values.items() if key not in given}
+    print(looked(captures(name, parameters, given["where"], given["target"]), out))
     if name in imported() and (line := left_out(open_corpus(name, {}))):
         print(f"\n{line}")
     if warnings := [] if name == "synth" else stored_value(name).info["warnings"]:
@@ -58,21 +65,8 @@ def show(name: str, values: dict[str, str], given: dict[str, Any]) -> int:
     return 0
 
 
-def looked(name: str, where: str, target: str, out: Path | None, parameters: dict[str, object]) -> Survey:
-    """Survey the captures of a corpus, and draw them if a folder is given."""
-    from bench.reports.corpus_page import write as draw
-
-    variant = one_variant(name, parameters)
-    corpus = captures_of(name, variant, where, target)
-    result = survey(corpus)
-    if out is not None:
-        with unwritable(writable(out)):
-            draw(corpus, result, out)
-    return result
-
-
-def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
-    """Parameters of the generator as they are typed, with or without ``data.``, and its defaults."""
+def captures(name: str, parameters: Mapping[str, object], where: str = "", target: str = "gesture") -> Corpus:
+    """Some captures of a corpus; parameters are those of the generator, with or without ``data.``."""
     dotted: dict[str, object] = {}
     for key, value in parameters.items():
         if (full := f"data.{key.removeprefix('data.')}") in dotted:
@@ -80,8 +74,19 @@ def one_variant(name: str, parameters: dict[str, object]) -> dict[str, object]:
         dotted[full] = value
     variant, *more = corpus_variants(dotted, name, [name])
     if more:
-        raise InputError("bench data takes one corpus at a time; give one value of each parameter")
-    return variant
+        raise InputError("give one value of each parameter; a tuple is one value, a list several")
+    return captures_of(name, variant, where, target)
+
+
+def looked(corpus: Corpus, out: Path | None) -> Survey:
+    """Survey captures, and draw them if a folder is given."""
+    from bench.reports.corpus_page import write as draw
+
+    found = survey(corpus)
+    if out is not None:
+        with unwritable(writable(out)):
+            draw(corpus, found, out)
+    return found
 
 
 def read(kind: str, source: Path, values: dict[str, str]) -> int:
@@ -92,18 +97,15 @@ def read(kind: str, source: Path, values: dict[str, str]) -> int:
         print(f"warning: {briefly(corpus.info['warnings'], f'bench data show {corpus.name}')}", file=sys.stderr)
     if before and before.digest != corpus.digest:
         print(f"{corpus.name}: replaces {len(before)} captures, digest {before.digest[:16]}")
-    print(
-        f"{corpus.name}: {len(corpus)} {'synthetic ' if corpus.synthetic else ''}captures, "
-        f"{len(set(corpus.subjects))} subjects, {len(set(corpus.gestures))} gestures, {len(corpus.frames)} frames of "
-        f"{corpus.grid[0]}x{corpus.grid[1]} at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}"
-    )
-    for gesture in corpus.info.get(ASIDE, []):
+    print(f"{corpus.name}: {_sizes(corpus, corpus.gestures)}, digest {corpus.digest[:16]}")
+    aside_gestures = corpus.info.get(ASIDE, [])
+    for gesture in aside_gestures:
         aside = corpus.gestures == gesture
         minutes = [frames.sum() / corpus.rate_hz / 60 for frames in (corpus.lengths[aside], corpus.lengths)]
         if aside.any():
             count = several(int(aside.sum()), "capture")
             print(f"{gesture}: {count} without a gesture, {minutes[0]:.3g} of {minutes[1]:.3g} minutes")
-    if len(lengths := corpus.lengths[~np.isin(corpus.gestures, corpus.info.get(ASIDE, []))]):
+    if len(lengths := corpus.lengths[~np.isin(corpus.gestures, aside_gestures)]):
         usual = f"{float(np.median(lengths)) / corpus.rate_hz:.2g} s"
         print(f"the median capture lasts {usual}; if that looks wrong, rate_hz and all reported times are wrong")
     then(f"bench data show {corpus.name}")
@@ -134,7 +136,7 @@ def check(name: str) -> int:
 
 def export(name: str, target: Path, values: dict[str, str]) -> int:
     """Write a corpus in the format of CoST.csv."""
-    corpus = open_corpus(name, one_variant(name, {key: value for key, value in values.items() if key != "format"}))
+    corpus = captures(name, {key: value for key, value in values.items() if key != "format"})
     write(corpus, target)
     if line := left_out(corpus):
         say(line)

@@ -63,13 +63,9 @@ def corpus(data: str = "synth", where: str = "", target: str = "gesture", **para
     Raises:
         InputError: it is not here, or the condition cannot be used.
     """
-    from bench.plan.cells import corpus_variants
-    from bench.plan.plan import captures_of
+    from bench.commands.corpora import captures
 
-    variant, *more = corpus_variants({f"data.{k}": v for k, v in parameters.items()}, data, [data])
-    if more:
-        raise InputError("give one value of each parameter; a tuple is one value, a list several")
-    return captures_of(data, variant, where, target)
+    return captures(data, parameters, where, target)
 
 
 def look(
@@ -96,7 +92,7 @@ def look(
     """
     from bench.commands.corpora import looked
 
-    return looked(data, where, target, None if out is None else Path(out), parameters)
+    return looked(corpus(data, where, target, **parameters), None if out is None else Path(out))
 
 
 def extract(**values: object) -> pd.DataFrame:

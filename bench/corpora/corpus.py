@@ -26,11 +26,7 @@ Value = TypeVar("Value")
 
 
 class Hidden(Generic[Value]):
-    """An attribute of a `Corpus` that a blind one does not have.
-
-    Args:
-        doc: text of its docstring.
-    """
+    """An attribute of a `Corpus` that a blind one does not have."""
 
     def __init__(self, doc: str) -> None:
         self.__doc__ = doc
@@ -52,12 +48,7 @@ class Hidden(Generic[Value]):
 
 
 def reserved(columns: Iterable[str], more: Collection[str] = ()) -> list[str]:
-    """The columns whose names tables of results use, so that captures cannot have them.
-
-    Args:
-        columns: names of columns.
-        more: further names that are taken.
-    """
+    """The columns whose names tables of results use, or are taken otherwise, so that captures cannot have them."""
     return [name for name in columns if name in RESERVED or name in more or str(name).startswith(PROBABILITY)]
 
 

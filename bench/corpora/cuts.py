@@ -10,31 +10,23 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 
-OPTIONS = ("align", "frames", "crop")  # of an import, in the order in which they are done
 KNOWN = {"haart": "2:1"}  # seams of formats, which align=yes means; see bench data show
 
 
 def cut(corpus: Corpus, kind: str, options: Mapping[str, str]) -> Corpus:
-    """A corpus with the changes that were asked for, which its ``info`` lists under ``changes``.
-
-    Args:
-        corpus: corpus as it was read.
-        kind: name of its format.
-        options: texts of some of `OPTIONS`.
+    """A corpus of a format with the changes that were asked for, which its ``info`` lists under ``changes``.
 
     Raises:
         InputError: an option is no such change, or does not fit the captures.
     """
     done = []
-    for name in OPTIONS:
-        text = options.get(name, "no" if name == "align" else "")
+    for name, change in OPTIONS.items():
+        text = options.get(name, "")
         if text in ("", "no", "false"):
             continue
-        if name == "align":
-            text = KNOWN.get(kind, text) if text in ("yes", "true") else text
-            corpus = _aligned(corpus, text)
-        else:
-            corpus = _trimmed(corpus, text) if name == "frames" else _cropped(corpus, text)
+        if name == "align" and text in ("yes", "true"):
+            text = KNOWN.get(kind, text)
+        corpus = change(corpus, text)
         done.append(f"{name}={text}")
     if not done:
         return corpus
@@ -43,15 +35,9 @@ def cut(corpus: Corpus, kind: str, options: Mapping[str, str]) -> Corpus:
 
 
 def aligned(frames: np.ndarray, row: int, lag: int) -> np.ndarray:
-    """Put frames together again whose first rows belong below their last ones.
+    """Put frames together again that begin with ``row`` in the sensor: rows from there on, then those before it.
 
-    Args:
-        frames: [frames, rows, cols].
-        row: number of the row with which a frame of the sensor begins.
-        lag: frames by which the rows before it come later than those after it: 1, 0 or -1.
-
-    Returns:
-        [frames - abs(lag), rows, cols]: rows from ``row`` on, then those before it.
+    These come ``lag`` frames later in the file, 1, 0 or -1; so many frames are lost.
     """
     count = len(frames) - abs(lag)
     after, before = (frames[:count], frames[lag:]) if lag >= 0 else (frames[-lag:], frames[:count])
@@ -98,3 +84,6 @@ def _cropped(corpus: Corpus, text: str) -> Corpus:
 def _with(arrays: list[np.ndarray], corpus: Corpus) -> Corpus:
     lengths = np.array([len(frames) for frames in arrays], dtype=np.int64)
     return corpus.changed(frames=np.concatenate(arrays), lengths=lengths)
+
+
+OPTIONS = {"align": _aligned, "frames": _trimmed, "crop": _cropped}  # of an import, in the order in which they are done

@@ -16,15 +16,9 @@ NAMED = 3  # groups that a warning names
 def identical(captures: Sequence[np.ndarray] | Corpus, full_scales: Sequence[float] | None = None) -> list[list[int]]:
     """Groups of captures that have the same frames: equal in number, grid and every reading.
 
-    Only captures with equal middle frames are read as a whole, so that it costs little where nothing is the same.
-
-    Args:
-        captures: frames [frames, rows, cols] of each, uint16 or float32.
-        full_scales: full scale of each capture, to compare readings as shares of it; None compares the readings
-            themselves.
-
-    Returns:
-        Positions in rising order, at least two in a group; groups in the order of their first captures.
+    Only captures with equal middle frames are read as a whole, so that it costs little where nothing is the same. With
+    a full scale for each capture, readings are compared as shares of it. Positions rise, within groups and in their
+    first captures.
     """
 
     def scale(i: int) -> float:
@@ -58,9 +52,6 @@ def quiet(frames: np.ndarray) -> bool:
 
     Fewer than `CHANGES` readings differ from that of the same taxel one frame before; in a capture of a single frame,
     from that of the taxel before.
-
-    Args:
-        frames: frames of the capture [frames, rows, cols].
     """
     readings = frames.reshape(len(frames), -1)
     return bool(np.count_nonzero(np.diff(readings, axis=0 if len(readings) > 1 else 1)) < CHANGES)
@@ -74,8 +65,7 @@ def repeated(corpus: Corpus) -> list[list[int]]:
 def shared(target: Corpus, source: Corpus) -> list[tuple[int, int]]:
     """Captures in both of two corpora, without `quiet` ones: equal in their readings or in shares of full scale.
 
-    Returns:
-        Pairs of positions, in ``target`` and in ``source``; one for each such capture of ``target``.
+    Pairs of positions, in ``target`` and in ``source``; one for each such capture of ``target``.
     """
     captures, count = [*target, *source], len(target)
     scales = [target.full_scale] * count + [source.full_scale] * len(source)
@@ -90,18 +80,10 @@ def shared(target: Corpus, source: Corpus) -> list[tuple[int, int]]:
 def seen_before(
     groups: list[list[int]], sides: Iterable[tuple[np.ndarray, np.ndarray]], count: int
 ) -> list[tuple[int, int]]:
-    """Tested captures whose frames a system was trained on.
+    """Tested captures whose frames a system was trained on, with a trained one each, by position.
 
-    Args:
-        groups: captures of equal frames, by position.
-        sides: positions of training and test captures, of each fold.
-        count: captures of the corpus.
-
-    Returns:
-        Pairs (tested, trained), sorted; one for each tested capture.
+    Groups are of equal frames; sides are training and test captures of each fold; ``count`` is that of all captures.
     """
-    if not groups:
-        return []
     group_of = np.full(count, -1)
     for number, group in enumerate(groups):
         group_of[group] = number

@@ -11,13 +11,7 @@ if TYPE_CHECKING:
 
 
 def picture(frames: np.ndarray, rate_hz: float, title: str) -> Figure:
-    """Mean pressure on the grid, and the pressure summed over the taxels in time.
-
-    Args:
-        frames: sensor values [frames, rows, cols].
-        rate_hz: frames per second.
-        title: heading of both panels.
-    """
+    """Mean pressure on the grid, and the pressure summed over the taxels in time."""
     from matplotlib.figure import Figure
 
     frames = frames.astype(np.float64)

@@ -17,7 +17,6 @@ import os
 import stat
 import tempfile
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -38,65 +37,36 @@ class Damaged(Exception):
     """A defect of a stored corpus, in a few words."""
 
 
-@dataclass(frozen=True)
-class Address:
-    """The location of a stored corpus, for another process or machine.
-
-    Attributes:
-        path: path of its folder.
-        within: the same, from the data folder on, which may lie elsewhere there; None for a folder that is not in it.
-        digest: digest of the corpus.
-    """
-
-    path: Path
-    within: Path | None
-    digest: str
-
-    def open(self) -> Corpus:
-        """Map it, from a folder of that name, if it is the same corpus.
-
-        Raises:
-            InputError: it is in none of them, or damaged.
-        """
-        problems = []
-        for folder in dict.fromkeys((self.path, home() / (self.within or self.path))):
-            try:
-                corpus = open_folder(folder)
-            except InputError as e:
-                problems.append(e)
-                continue
-            if corpus.digest == self.digest:
-                return corpus
-            problems.append(
-                InputError(f"{plain(folder, 150)} was replaced by another corpus while it was in use; start again")
-            )
-        raise problems[0]
-
-
-def address(corpus: Corpus) -> Address:
-    """The location of a stored corpus.
+def reopen(
+    path: Path, within: Path, digest: str, index: np.ndarray, target: str, visible: tuple[str, ...] | None
+) -> Corpus:
+    """Map captures of a stored corpus again in another process or machine, from where it lies there.
 
     Raises:
-        ValueError: it is not stored.
+        InputError: neither its folder nor that ``within`` the data folder holds this corpus.
     """
-    if corpus.path is None:
-        raise ValueError(f"{corpus.name} is not stored")
-    within = corpus.path.relative_to(home()) if corpus.path.is_relative_to(home()) else None
-    return Address(corpus.path, within, corpus.digest)
-
-
-def reopen(where: Address, index: np.ndarray, target: str, visible: tuple[str, ...] | None) -> Corpus:
-    """Map captures of a stored corpus again in another process, so that frames never travel."""
-    corpus = where.open()[index].with_target(target)
-    return corpus if visible is None else corpus.blind(visible)
+    problems = []
+    for folder in dict.fromkeys((path, home() / within)):
+        try:
+            corpus = open_folder(folder)
+            if corpus.digest != digest:
+                wrong = "was replaced by another corpus while it was in use; start again"
+                raise InputError(f"{plain(folder, 150)} {wrong}")
+            corpus = corpus[index].with_target(target)
+            return corpus if visible is None else corpus.blind(visible)
+        except InputError as e:
+            problems.append(e)
+    raise problems[0]
 
 
 def _reduced(corpus: Corpus) -> str | tuple:
-    """How a corpus travels to another process: a stored one by its address, so that frames never do."""
+    """How a corpus travels to another process: a stored one by its folder, so that frames never do."""
     seeing, visible = unblinded(corpus)
-    if seeing.path is None or seeing.steps:
+    path = seeing.path
+    if path is None or seeing.steps:
         return object.__reduce_ex__(corpus, 2)
-    return reopen, (address(seeing), seeing.index, seeing.target, visible)
+    within = path.relative_to(home()) if path.is_relative_to(home()) else path
+    return reopen, (path, within, seeing.digest, seeing.index, seeing.target, visible)
 
 
 copyreg.pickle(Corpus, _reduced)
@@ -114,14 +84,9 @@ def content_digest(corpus: Corpus) -> str:
 
 
 def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
-    """Store a whole corpus as a folder, written beside its name and renamed.
+    """Store a whole corpus, whose ``digest`` may be known, as a folder, written beside its name and renamed.
 
     A folder that is there already stays if it holds the same corpus unharmed; else it is replaced.
-
-    Args:
-        corpus: corpus to store.
-        folder: destination.
-        digest: its `content_digest`, if that is known.
 
     Raises:
         OSError: the folder cannot be written.
@@ -153,11 +118,7 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
 
 
 def open_folder(folder: Path, key: str = "") -> Corpus:
-    """Map a stored corpus, if it is what was stored.
-
-    Args:
-        folder: folder of the corpus.
-        key: the name of the folder that it was written for, if that matters.
+    """Map a stored corpus, if it is what was stored; ``key`` is the folder's name when it was, where that matters.
 
     Raises:
         InputError: the folder does not hold a complete corpus, unchanged.
@@ -176,12 +137,7 @@ def open_folder(folder: Path, key: str = "") -> Corpus:
 
 
 def verified(folder: Path, key: str = "") -> dict[str, str]:
-    """The defect of each file, ``""`` for none: all are read and hashed anew.
-
-    Args:
-        folder: folder of a corpus.
-        key: the name of the folder that it was written for, if that matters.
-    """
+    """The defect of each file, ``""`` for none: all are read and hashed anew; ``key`` as of `open_folder`."""
     try:
         _, stored = _fields(folder, key)
     except Damaged as e:
@@ -251,11 +207,7 @@ def _seal(folder: Path, sha256: str) -> None:
 
 
 def small_file(path: Path, most: int = 1 << 24) -> bytes:
-    """The bytes of a file of at most so many.
-
-    Raises:
-        Damaged: there is no such file.
-    """
+    """The bytes of a file of at most so many."""
     if (size := stamp(path)[0]) > most:
         raise Damaged(f"{path.name} has {size} bytes")
     try:

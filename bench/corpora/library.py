@@ -33,22 +33,18 @@ NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 
 
 def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
-    """Read a file of a known format and store it.
+    """Read a file of a known format and store it under the option ``name``; if that fails, what was stored stays.
 
-    Args:
-        kind: name of a reader, such as ``cost``.
-        source: file or folder to read.
-        options: parameters of the reader as text; ``name`` is the name to store under, `bench.corpora.cuts.OPTIONS` are
-            changes of captures.
+    Options are those of the reader, as text, and changes of captures (`bench.corpora.cuts.OPTIONS`).
 
     Raises:
         InputError: an unknown format or option, a file that the reader refuses, another import of the same name under
-            way, or a data folder that cannot be written. What was stored before stays.
+            way, or a data folder that cannot be written.
     """
     reader = load("corpora", kind)
     changes = {key: options[key] for key in cuts.OPTIONS if key in options}
     rest = {key: text for key, text in options.items() if key not in changes}
-    arguments = _reader_arguments(kind, reader, rest, source)
+    arguments = _arguments(kind, reader, rest, source)
     aligned = changes.get("align", "no") not in ("no", "false")
     name = options.get("name", f"{kind}-aligned" if aligned else kind)
     if not re.fullmatch(NAME, name):
@@ -59,7 +55,10 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.parent / f".{name}.lock", timeout=0):
-            corpus = _read(reader, source, arguments)
+            try:
+                corpus = reader(source, **arguments)
+            except OSError as e:  # none of the data folder
+                raise InputError(f"{plain(source, 160)}: cannot be read ({e.strerror or e}); check the path") from e
             if changes and corpus.info.get(ASIDE):
                 raise InputError(f"{next(iter(changes))}=: {kind} is imported whole; leave it out")
             if changes:
@@ -95,13 +94,9 @@ def _unwritable(folder: Path, error: OSError) -> InputError:
 
 
 def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
-    """Open an imported corpus or several as one, or generate and open the synthetic one.
+    """Open an imported corpus, several joined by ``+``, or the generated one with its parameters.
 
-    Captures without a gesture are left out (`gestures_of`).
-
-    Args:
-        name: name of a corpus, or several joined by ``+``.
-        parameters: parameters of ``synth``.
+    Captures without a gesture are left out.
 
     Raises:
         InputError: there is no such corpus, it is no longer what was imported, it has no gesture, or corpora do not go
@@ -115,11 +110,7 @@ def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
 
 
 def gestures_of(corpus: Corpus) -> Corpus:
-    """The captures with a gesture, of all that a format has stored.
-
-    Raises:
-        InputError: there are none.
-    """
+    """The captures with a gesture, of all that a format has stored."""
     if not (aside := corpus.info.get(ASIDE)):
         return corpus
     captures = corpus[~np.isin(corpus.gestures, aside)]
@@ -153,12 +144,7 @@ def stored_value(name: str) -> Corpus:
 
 
 def _folder(name: str) -> Path:
-    """The folder of an imported corpus, which its file ``current`` names.
-
-    Raises:
-        InputError: nothing was imported under this name.
-        Damaged: the file names none.
-    """
+    """The folder of an imported corpus, which its file ``current`` names."""
     pointer = home() / "corpora" / name / "current"
     if not re.fullmatch(NAME, name) or not os.path.lexists(pointer):
         names = plain(nearest(name[:60], ["synth", *imported()]), 150)
@@ -170,10 +156,7 @@ def _folder(name: str) -> Path:
 
 
 def verify(name: str) -> dict[str, str]:
-    """Every file of a stored corpus with its defect, ``""`` for none; all are read and hashed anew.
-
-    Args:
-        name: name of an imported corpus, or ``synth`` for all generated ones.
+    """Every file of an imported corpus, or of all generated ones, with its defect, ``""`` for none.
 
     Raises:
         InputError: there is no such corpus.
@@ -198,48 +181,11 @@ def verify(name: str) -> dict[str, str]:
 
 def imported() -> list[str]:
     """Names of the corpora that are stored."""
-    return sorted(p.parent.name for p in (home() / "corpora").glob("*/current") if re.fullmatch(NAME, p.parent.name))
+    pointers = (home() / "corpora").glob("*/current")  # a dangling link is one to some versions of Python
+    return sorted(p.parent.name for p in pointers if p.exists() and re.fullmatch(NAME, p.parent.name))
 
 
-def overview() -> list[dict[str, object]]:
-    """Summary of each imported corpus, or its defect under ``damaged``."""
-    rows: list[dict[str, object]] = []
-    for name in imported():
-        try:
-            corpus = stored_value(name)
-        except InputError as e:
-            rows.append({"data": name, "damaged": str(e)})
-            continue
-        aside = corpus.info.get(ASIDE, [])
-        gestures = corpus.gestures[~np.isin(corpus.gestures, aside)]
-        rows.append(
-            {
-                "data": name,
-                "synthetic": corpus.synthetic,
-                "captures": len(gestures),
-                "subjects": len(set(corpus.subjects)),
-                "gestures": len(set(gestures)),
-                "frames": len(corpus.frames),
-                "grid": "x".join(map(str, corpus.grid)),
-                "rate_hz": corpus.rate_hz,
-                "columns": ", ".join(str(c) for c in corpus.captures if c not in ("subject", "gesture")),
-                "digest": corpus.digest[:16],
-                "source": corpus.info.get("source", ""),
-                "licence": corpus.info.get("licence", ""),
-            }
-        )
-    return rows
-
-
-def _read(reader: Callable, source: Path, arguments: dict[str, object]) -> Corpus:
-    """The contents of a file; its own errors are none of the data folder's."""
-    try:
-        return reader(source, **arguments)
-    except OSError as e:
-        raise InputError(f"{plain(source, 160)}: cannot be read ({e.strerror or e}); check the path") from e
-
-
-def _reader_arguments(kind: str, reader: Callable, options: dict[str, str], source: Path) -> dict[str, object]:
+def _arguments(kind: str, reader: Callable, options: dict[str, str], source: Path) -> dict[str, object]:
     """Options as the types that the reader's signature names."""
     taken = dict(list(inspect.signature(reader, eval_str=True).parameters.items())[1:])
     arguments: dict[str, object] = {}
@@ -267,16 +213,7 @@ def _synthetic(parameters: dict[str, Any]) -> Corpus:
 
 
 def generated(make: Callable[..., Corpus], parameters: dict[str, Any], *code: ModuleType) -> Corpus:
-    """A generated corpus, stored under all that it depends on.
-
-    Args:
-        make: generates it from the parameters.
-        parameters: typed ones.
-        code: modules of the generator.
-
-    Raises:
-        InputError: it cannot be made or stored.
-    """
+    """What ``make`` generates from the parameters, stored under them and the code of its modules."""
     source = b"".join(Path(str(module.__file__)).read_bytes() for module in code)
     key = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode() + source).hexdigest()[:16]
     return _made(home() / "corpora" / "synth" / key, lambda: make(**parameters))

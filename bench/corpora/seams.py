@@ -64,11 +64,7 @@ class Seam:
 
 
 def seams(corpus: Corpus) -> list[Seam]:
-    """How rows and columns fit each other; of a grid with fewer than four of them, nothing.
-
-    Args:
-        corpus: corpus; at most `MOST` captures are read, evenly spread.
-    """
+    """How rows and columns fit each other, in at most `MOST` captures; of fewer than four of them, nothing."""
     result = []
     step = -(-len(corpus) // MOST)
     chosen = [corpus[i].astype(np.float32) for i in range(0, len(corpus), step)]
@@ -86,13 +82,9 @@ def seams(corpus: Corpus) -> list[Seam]:
 
 
 def _pairs(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Correlations of the changes of taxels and their neighbours in the next line, summed over a capture.
+    """Correlations of the changes of taxels [frames, lines, taxels] and their neighbours in the next line.
 
-    Args:
-        frames: float32 [frames, lines, taxels].
-
-    Returns:
-        Sums, and numbers of pairs that change, float [lags, lines]; the last line's neighbour is the first.
+    Sums over the taxels, and numbers of pairs that change, [lags, lines]; the last line's neighbour is the first.
     """
     changes = np.diff(frames, axis=0)
     following = np.roll(changes, -1, axis=1)

@@ -1,12 +1,8 @@
-"""A survey of a corpus before any training: counts and gaps, durations, pressure, broken taxels, duplicates.
-
-Pure functions of a `Corpus`. Frames are read in blocks of whole captures, so that memory does not grow with their
-number.
-"""
+"""A survey of a corpus before any training: counts and gaps, durations, pressure, broken taxels, duplicates."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,7 +15,6 @@ from bench.corpora.duplicates import CHANGES, identical, quiet
 from bench.corpora.seams import Seam, seams
 from bench.errors import InputError
 
-BLOCK = 1 << 20  # values that are computed at a time, unless a single capture has more
 ODD = 3.0  # times more, or less, than the taxels around it: such a taxel is suspicious
 ALONE = 1.0  # percent of captures in which it alone does not vary: beyond it, a taxel is suspicious
 CROSSED = 10  # combinations for each capture, beyond which nobody meant to record them all
@@ -197,7 +192,7 @@ def survey(corpus: Corpus) -> Survey:
     if not len(corpus):
         raise InputError(f"{corpus.name} has no captures to show; widen where=")
     gestures, code = np.unique(corpus.captures["gesture"].astype(str).to_numpy(dtype=object), return_inverse=True)
-    readings = _Readings(corpus, code, len(gestures))
+    read = _read(corpus, code, len(gestures))
     factors = _factors(corpus.captures)
     seconds = corpus.lengths / corpus.rate_hz
     groups = pd.DataFrame({"subject": corpus.subjects, "s": seconds}).groupby(code)
@@ -210,19 +205,19 @@ def survey(corpus: Corpus) -> Survey:
     )
     durations.insert(0, "gesture", gestures)
     frames = np.bincount(code, corpus.lengths, len(gestures))
-    means = (readings.sums / frames[:, None]).reshape(-1, *corpus.grid)
-    lowest, highest = readings.lowest.min(axis=1), readings.highest.max(axis=1)
+    means = (read.sums / frames[:, None]).reshape(-1, *corpus.grid)
+    highest = read.highest.max(axis=1)
     pressure = pd.DataFrame(
         {
             "gesture": gestures,
-            "lowest": pd.Series(lowest).groupby(code).min(),
+            "lowest": pd.Series(read.lowest.min(axis=1)).groupby(code).min(),
             "mean": means.mean(axis=(1, 2)),
             "highest": pd.Series(highest).groupby(code).max(),
-            "full_scale": 100 * readings.full.sum(axis=1) / (frames * means[0].size),
-            "still": pd.Series(readings.still.all(axis=1)).groupby(code).sum(),
+            "full_scale": 100 * read.full.sum(axis=1) / (frames * means[0].size),
+            "still": pd.Series(read.still.all(axis=1)).groupby(code).sum(),
         }
     )
-    typical = _typical(pd.DataFrame({"s": seconds, "mean": readings.level, "highest": highest}), code)
+    typical = _typical(pd.DataFrame({"s": seconds, "mean": read.level, "highest": highest}), code)
     return Survey(
         title=repr(corpus).strip("<>") + f", full scale {corpus.full_scale:g}",
         synthetic=corpus.synthetic,
@@ -232,7 +227,7 @@ def survey(corpus: Corpus) -> Survey:
         classes=_classes(corpus),
         durations=durations,
         pressure=pressure,
-        taxels=_taxels(readings, corpus),
+        taxels=_taxels(read, corpus),
         duplicates=_duplicates(corpus),
         seams=seams(corpus),
         means=means,
@@ -240,74 +235,48 @@ def survey(corpus: Corpus) -> Survey:
     )
 
 
-def _blocks(corpus: Corpus, most: int = BLOCK) -> Iterator[tuple[slice, np.ndarray]]:
-    """Runs of captures with their frames, one after the other.
-
-    Args:
-        corpus: captures, which need not lie next to each other.
-        most: values of a block, unless it is a single capture.
-
-    Yields:
-        Positions of the captures, and their frames [frames, taxels] in the corpus's own type.
-    """
-    ends = np.cumsum(corpus.lengths)
-    taxels = int(np.prod(corpus.grid))
-    begin = 0
-    while begin < len(corpus):
-        before = ends[begin] - corpus.lengths[begin]
-        end = max(begin + 1, int(np.searchsorted(ends, before + most // taxels, side="right")))
-        frames = np.concatenate([corpus[i] for i in range(begin, end)])
-        yield slice(begin, end), frames.reshape(len(frames), taxels)
-        begin = end
-
-
+@dataclass(frozen=True)
 class _Readings:
-    """All that is read off the frames, in one pass.
+    """What is read off the frames: by capture and taxel, by capture, by gesture and taxel, by taxel."""
 
-    Attributes:
-        lowest: smallest reading of each taxel in each capture, [captures, taxels]; ``highest`` the largest.
-        still: whether a taxel has one value throughout a capture, bool [captures, taxels].
-        level: mean reading of each capture, float64 [captures].
-        sums: of the readings of each gesture, float64 [gestures, taxels].
-        full: frames at full scale, int64 [gestures, taxels].
-        within: squared differences from the mean of the taxel in the capture, summed, float64 [taxels].
-    """
-
-    def __init__(self, corpus: Corpus, code: np.ndarray, gestures: int) -> None:
-        taxels = int(np.prod(corpus.grid))
-        self.lowest, self.highest = (np.empty((len(corpus), taxels), corpus.frames.dtype) for _ in range(2))
-        self.level = np.empty(len(corpus))
-        self.sums, self.full = np.zeros((gestures, taxels)), np.zeros((gestures, taxels), np.int64)
-        self.within = np.zeros(taxels)
-        for part, frames in _blocks(corpus):
-            lengths = corpus.lengths[part]
-            first = np.cumsum(lengths) - lengths
-            self.lowest[part] = np.minimum.reduceat(frames, first, axis=0)
-            self.highest[part] = np.maximum.reduceat(frames, first, axis=0)
-            # From the first frame of each capture on: squares of large, nearly constant readings would lose digits.
-            start = frames[first].astype(np.float64)
-            moved = frames - np.repeat(start, lengths, axis=0)
-            away = np.add.reduceat(moved, first, axis=0)
-            sums = away + start * lengths[:, None]
-            squares = np.add.reduceat(np.square(moved, out=moved), first, axis=0)
-            self.within += (squares - away**2 / lengths[:, None]).clip(0).sum(axis=0)
-            self.level[part] = sums.sum(axis=1) / (lengths * taxels)
-            np.add.at(self.sums, code[part], sums)
-            full = np.add.reduceat(frames >= corpus.full_scale, first, axis=0, dtype=np.int64)
-            np.add.at(self.full, code[part], full)
-        self.still = self.lowest == self.highest
+    lowest: np.ndarray  # [captures, taxels]
+    highest: np.ndarray
+    still: np.ndarray  # whether a taxel has one value throughout a capture
+    level: np.ndarray  # mean of a capture [captures]
+    sums: np.ndarray  # [gestures, taxels]
+    full: np.ndarray  # frames at full scale
+    within: np.ndarray  # squared differences from the mean of the taxel in the capture, summed [taxels]
 
 
-def _taxels(readings: _Readings, corpus: Corpus) -> pd.DataFrame:
+def _read(corpus: Corpus, code: np.ndarray, gestures: int) -> _Readings:
+    """All readings, from one capture at a time."""
+    taxels = corpus.grid[0] * corpus.grid[1]
+    lowest, highest = (np.empty((len(corpus), taxels), corpus.frames.dtype) for _ in range(2))
+    level, within = np.empty(len(corpus)), np.zeros(taxels)
+    sums, full = np.zeros((gestures, taxels)), np.zeros((gestures, taxels), np.int64)
+    for i, capture in enumerate(corpus):
+        frames = capture.reshape(len(capture), taxels)
+        lowest[i], highest[i] = frames.min(axis=0), frames.max(axis=0)
+        level[i] = frames.mean(dtype=np.float64)
+        within += len(frames) * frames.var(axis=0, dtype=np.float64)
+        sums[code[i]] += frames.sum(axis=0, dtype=np.float64)
+        full[code[i]] += (frames >= corpus.full_scale).sum(axis=0)
+    return _Readings(lowest, highest, lowest == highest, level, sums, full, within)
+
+
+def _taxels(read: _Readings, corpus: Corpus) -> pd.DataFrame:
     """The table of `Survey.taxels`."""
     frames = int(corpus.lengths.sum())
-    lowest, highest = readings.lowest.min(axis=0), readings.highest.max(axis=0)
-    sd = np.sqrt(readings.within / frames)
+    lowest, highest = read.lowest.min(axis=0), read.highest.max(axis=0)
+    sd = np.sqrt(read.within / frames)
     several = corpus.lengths > 1  # a single frame shows no change
-    never = readings.still[several].all(axis=0) if several.any() else lowest == highest
-    alone = readings.still & _surrounded(~readings.still, corpus.grid)
+    never = read.still[several].all(axis=0) if several.any() else lowest == highest
+    moving = _near((~read.still).reshape(-1, *corpus.grid), True)
+    alone = read.still & np.logical_and.reduce(moving).reshape(read.still.shape) & (corpus.grid != (1, 1))
     still = 100 * alone[several].sum(axis=0) / max(1, several.sum())
-    around = _around(np.where(never, np.nan, sd).reshape(corpus.grid)).ravel()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # nan where nothing around varies
+        around = np.nanmedian(_near(np.where(never, np.nan, sd).reshape(1, *corpus.grid), np.nan), axis=0).ravel()
     with np.errstate(invalid="ignore"):  # comparisons with nan, where nothing around varies, are false
         verdicts = {
             "always at full scale": lowest >= corpus.full_scale,
@@ -323,36 +292,15 @@ def _taxels(readings: _Readings, corpus: Corpus) -> pd.DataFrame:
             "row": row,
             "col": col,
             "lowest": lowest,
-            "mean": readings.sums.sum(axis=0) / frames,
+            "mean": read.sums.sum(axis=0) / frames,
             "highest": highest,
-            "full_scale": 100 * readings.full.sum(axis=0) / frames,
+            "full_scale": 100 * read.full.sum(axis=0) / frames,
             "sd": sd,
             "around": around,
             "still": still,
             "verdict": np.select([*verdicts.values()], [*verdicts], ""),
         }
     )
-
-
-def _surrounded(varies: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
-    """Whether all of the up to eight taxels around each one vary, bool [captures, taxels]; false where there are none.
-
-    Args:
-        varies: bool [captures, taxels].
-        grid: rows and columns.
-    """
-    if grid == (1, 1):
-        return np.zeros_like(varies)
-    near = _near(varies.reshape(-1, *grid), True)
-    return np.logical_and.reduce(near).reshape(varies.shape)
-
-
-def _around(values: np.ndarray) -> np.ndarray:
-    """Median of the up to eight values around each one, nan left out; nan where there are none [rows, cols]."""
-    near = np.sort(np.concatenate(_near(values[None], np.nan)), axis=0)  # nan last
-    count = np.isfinite(near).sum(axis=0)
-    low, high = (np.take_along_axis(near, i[None], axis=0)[0] for i in ((count - 1).clip(0) // 2, count // 2))
-    return np.where(count > 0, (low + high) / 2, np.nan)
 
 
 def _near(values: np.ndarray, beyond: float) -> list[np.ndarray]:

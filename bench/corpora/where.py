@@ -25,12 +25,7 @@ COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 
 
 def chosen(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
-    """Captures that satisfy a condition, bool [captures].
-
-    Args:
-        where: condition, such as ``variant == 'rough' and subject in ['1', '2']``.
-        captures: one row per capture.
-        name: name of the corpus, for messages.
+    """Captures of a corpus of this name that satisfy a condition, bool [captures].
 
     Raises:
         InputError: it is no condition on these columns, or no capture satisfies it.

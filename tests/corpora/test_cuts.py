@@ -54,11 +54,8 @@ def test_a_seam_is_found_where_it_is_and_gone_when_mended(row, lag):
     [
         ({"align": "yes"}, "give ROW:LAG"),
         ({"align": "5:1"}, "a row from 1 to 4"),
-        ({"align": "2:2"}, "give ROW:LAG"),
-        ({"frames": "3:3"}, "give FIRST:END"),
         ({"frames": "0:9"}, "2 captures have fewer than 9"),
         ({"crop": "6x6"}, "at most the whole grid 5x6"),
-        ({"crop": "3"}, "give ROWSxCOLS"),
     ],
 )
 def test_changes_that_do_not_fit_are_refused(options, fact):

