@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from bench.amounts import convert, text_of
 from bench.arguments import backend_of, parse, settings, values_of
@@ -17,7 +17,7 @@ from bench.words import DEFAULTS, Values, items
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.models.search.space import How, Space, Tuning
+    from bench.models.search.space import Space, Tuning
     from bench.plan.cells import Cell
     from bench.result import Result
 
@@ -74,41 +74,60 @@ def searched(values: Values) -> list[Result]:
     Listed values of a model's parameters are tried. Where no parameter has several, the ranges that the model declares
     are searched, and single values are kept. ``smallest`` of a parameter looks for its smallest value instead.
     """
-    if "smallest" in values:
-        return smallest(values)
-    from bench.plan.cells import cells
+    tuned = _smallest(values) if "smallest" in values else _tuned(values)
+    return evaluated(tuned, backend_of(values))
 
+
+def _tuned(values: Values) -> list[Cell]:
+    """A cell for each system and seed."""
     given = settings("tune", values)
-    how = cast("How", {k: given[k] for k in ("trials", "inner") if k in values})
-    if given["seconds"]:
-        how["seconds"] = given["seconds"]
+    how = {k: given[k] for k in ("trials", "inner", "seconds") if k in values}
     params = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
     if "seed" in params:
         raise InputError(f"model.seed={params['seed']}: give seed= instead, which also sets the seed of the search")
-    own = {*given, "seed"}
-    rest = {k: v for k, v in values.items() if not k.startswith("model.") and k not in own}
-    untuned = cells(rest)
+    untuned = _searchable({k: v for k, v in values.items() if not k.startswith("model.") and k not in {*given, "seed"}})
     names = {name for cell in untuned for name in _parameters(cell)}
-    for name in params:
-        if name not in names:
-            raise InputError(
-                f"model={values.get('model', DEFAULTS['model'])} has no parameter {name!r}; {nearest(name, names)}"
-            )
+    if unknown := [name for name in params if name not in names]:
+        model = values.get("model", DEFAULTS["model"])
+        raise InputError(f"model={model} has no parameter {unknown[0]!r}; {nearest(unknown[0], names)}")
     seeds = [convert("seed", text, 0) for text in items("seed", values.get("seed", DEFAULTS["seed"]))]
-    tuned = [
-        replace(cell, tuning=_tuning(cell, params, how, given["trials"]) | {"seed": seed})
-        for cell in untuned
-        for seed in seeds
+    tunings = [(cell, _tuning(cell, params, how, given["trials"])) for cell in untuned]
+    return [replace(cell, tuning=tuning | {"seed": seed}) for cell, tuning in tunings for seed in seeds]
+
+
+def _smallest(values: Values) -> list[Cell]:
+    """Each system with the smallest value that suffices, chosen in every fold, and beside it the unchanged system."""
+    if wrong := [key for key in ("trials", "seconds") if key in values]:
+        raise InputError(f"{wrong[0]}= ends a search, and smallest= tries every value; leave one of them out")
+    given = settings("tune", values)
+    over, inner = given["smallest"], given["inner"]
+    rest = {k: v for k, v in values.items() if k not in ("smallest", "inner", f"model.{over}")}
+    pairs = [
+        (replace(cell, tuning=_sizes(cell, over, values.get(f"model.{over}"), inner)), cell)
+        for cell in _searchable(rest)
     ]
-    return evaluated(tuned, backend_of(values))
+    return [cell for pair in pairs for cell in pair]
+
+
+def _searchable(values: Values) -> list[Cell]:
+    """The cells of some values, if a search can be around each."""
+    from bench import contract
+    from bench.plan.cells import cells
+
+    found = cells(values)
+    for cell in found:
+        name = cell.model.short
+        if cell.model.instance is not None:
+            raise InputError(f"model={name}: an object has fixed parameters; give the name of its class or factory")
+        if contract.searches(cell.untrained):
+            raise InputError(f"model={name} searches by itself; use bench run model={name}")
+    return found
 
 
 def _parameters(cell: Cell) -> dict[str, object]:
     """What a model takes, its own parameters first."""
     from bench.models.recipe import besides
 
-    if cell.model.instance is not None:
-        return cell.model.parameters
     return parameters(cell.model.factory) | besides(cell.model.factory)
 
 
@@ -118,18 +137,13 @@ def _values(name: str, listed: object, default: object) -> list[object]:
     return list(dict.fromkeys(text_of(value) if isinstance(value, tuple) else value for value in values))
 
 
-def _tuning(cell: Cell, params: dict[str, object], how: How, trials: int) -> Tuning:
+def _tuning(cell: Cell, params: dict[str, object], how: dict[str, object], trials: int) -> Tuning:
+    """How a search picks the best values: of lists where a parameter has several, else of the declared ranges."""
     from bench import contract
 
-    name = cell.model.short
-    if cell.model.instance is not None:
-        raise InputError(f"model={name}: an object has fixed parameters; give the name of its class or factory")
-    if contract.searches(cell.untrained):
-        raise InputError(f"model={name} searches by itself; use bench run model={name}")
-    defaults = _parameters(cell)
-    listed = {k: _values(k, values, defaults[k]) for k, values in params.items() if k in defaults}
-    space: Space = {**listed}
-    if all(len(values) == 1 for values in listed.values()):
+    name, defaults = cell.model.short, _parameters(cell)
+    space: Space = {k: _values(k, values, defaults[k]) for k, values in params.items() if k in defaults}
+    if all(len(values) == 1 for values in space.values()):
         declared = contract.space(cell.model.factory)
         if declared is None:
             searchable = [key for key in defaults if key not in ("seed", "device", "batch")]
@@ -137,40 +151,21 @@ def _tuning(cell: Cell, params: dict[str, object], how: How, trials: int) -> Tun
                 f"model={name} declares no ranges to search; list values such as "
                 f"model.{next(iter(searchable), 'parameter')}=1,2, or give the model an attribute space"
             )
-        space = {**declared, **listed}
+        space = {**declared, **space}
     is_grid = all(isinstance(values, list) for values in space.values())
     return {"space": space, **how} if is_grid else {"space": space, "trials": trials, **how}
 
 
-def smallest(values: Values) -> list[Result]:
-    """Run each system with the smallest value that suffices, chosen in every fold, beside the unchanged system."""
-    from bench.plan.cells import cells
-
-    if wrong := [key for key in ("trials", "seconds") if key in values]:
-        raise InputError(f"{wrong[0]}= ends a search, and smallest= tries every value; leave one of them out")
-    given = settings("tune", values)
-    over, inner = given["smallest"], given["inner"]
-    rest = {k: v for k, v in values.items() if k not in ("smallest", "inner", f"model.{over}")}
-    pairs = [
-        (replace(cell, tuning=_sizes(cell, over, values.get(f"model.{over}"), inner)), cell) for cell in cells(rest)
-    ]
-    return evaluated([cell for pair in pairs for cell in pair], backend_of(values))
-
-
 def _sizes(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
     """How a search picks the smallest value; all parameters but that one stay as they are."""
-    from bench import contract
-
     model, usual = cell.model.short, parameters(cell.model.factory)
-    if contract.searches(cell.untrained):
-        raise InputError(f"model={model} searches by itself; give smallest= of a model that does not")
-    space = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
+    space: Space = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
     seed = cell.seed if "seed" in cell.model.parameters else 0
-    how: How = {"inner": inner, "objective": "smallest", "smallest": over, "seed": seed}
+    how = {"inner": inner, "objective": "smallest", "smallest": over, "seed": seed}
     if over == "features":
         if not cell.features:
             raise InputError(f"smallest=features: model={model} uses no feature set; give one of its parameters")
-        return {"space": {**space}, **how}
+        return {"space": space, **how}
     default = usual.get(over)
     if over == "seed" or over not in usual:
         raise InputError(f"smallest={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}")
@@ -182,4 +177,4 @@ def _sizes(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
         sizes = {convert(f"model.{over}", text, default) for text in items(f"model.{over}", listed)}
     if not sizes:
         raise InputError(f"smallest={over}: its default is {default}; give values, such as model.{over}=1,2")
-    return {"space": {**space, over: sorted(sizes)}, **how}
+    return {"space": space | {over: sorted(sizes)}, **how}

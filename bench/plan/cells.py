@@ -239,10 +239,7 @@ class Cell:
         made = [faults.all_faults()[name] for name in contract.trained_faults(self.untrained)]
         code = [NUMBERS, *(c for one in (*self.parts, *self.producers) for c in one.code()), *(f.damage for f in made)]
         if self.tuning:
-            from bench.models.search.tuning import machinery
-
-            beyond = set(self.tuning["space"]) - set(parameters(self.model.factory))
-            code += [*machinery(self.tuning), *([recipe] if beyond else [])]
+            code.append("bench.models.search.tuning")
         return {
             "target": self.target,
             "tuning": repr(self.tuning),

@@ -1,42 +1,44 @@
-"""The search over everything, within a budget that is the whole fit."""
+"""The search over everything, within a budget of time and limits of memory."""
 
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.utils.validation import check_is_fitted
+import pandas as pd
 
 from bench import contract
 from bench.amounts import quantity
 from bench.corpora.corpus import Corpus
+from bench.corpora.faults import usual_faults
 from bench.errors import InputError
-from bench.models.recipe import Recipe
+from bench.models.most_probable import MostProbable
 from bench.models.search import portfolio
 from bench.models.search.ensemble import Ensemble, logarithms, selected, tempered
-from bench.models.search.identity import identity
 from bench.models.search.inner_folds import by_subject, check_search, labelled_folds
 from bench.models.search.space import Trial
-from bench.models.search.study import Study, Tried, within
-from bench.models.search.trial_scores import Inner
-from bench.models.search.trials import COSTS, summary, table_of, together
+from bench.models.search.study import Study, Tried, identity, within
+from bench.models.sizes import sizes
 from bench.models.temperature import fit_temperature
+from bench.timing import timed
 
-LIMITS = {"flash": ("kB", 1e3), "ram": ("kB", 1e3), "predict": ("ms", 1.0)}  # unit, and its factor
+LIMITS = {  # by parameter: the cost, its unit, and the factor of that
+    "max_flash": ("flash_bytes", "kB", 1e3),
+    "max_ram": ("ram_bytes", "kB", 1e3),
+    "max_predict": ("predict_ms", "ms", 1.0),
+}
 GROWTH = 4.0  # how much more work than the best one of its model a trial may be
 SMALL = 0.3  # seconds of work that any model may begin with
 DRAWS = 20  # of the sampler, for one trial
 COLDEST, HOTTEST = 0.05, 20.0  # of a temperature
 POOL = 12  # of the best trials an ensemble is picked
-TABLES = 0.4  # of the budget that the features of all captures may take
-CAUTION = 1.2  # times what a trial should take must be left
-SKIPS = 5  # drawn trials one after the other that would take too long end the search
-SPARE = 0.02  # of the budget, for what cannot be foreseen
-CHEAP = 3  # of those that come first, where there is no time to judge any
+TIMED = 3  # single captures whose prediction is timed
 
 
-class Auto(ClassifierMixin, BaseEstimator):
+@dataclass(eq=False, repr=False)
+class Auto(MostProbable):
     """The best of many systems, or several together, searched in a given time on the training part alone.
 
     A trial is judged by training subjects that are left out (groups of them), and given up as soon as a Wilcoxon
@@ -48,12 +50,9 @@ class Auto(ClassifierMixin, BaseEstimator):
     At last an ensemble is picked from the left-out probabilities of the trials (`ensemble.selected`), begun with
     the most accurate one, and fitted to the whole training part.
 
-    The budget is all of that: features that are not kept yet, trials, the last fits. A trial that cannot end in what
-    is left, after the last fits, is not begun. Where not even the features of all captures can be computed, as many as
-    there is time for are used. With ``seconds=inf`` nothing depends on time, unless ``max_predict`` is asked for.
-
     Args:
-        seconds: time of the whole fit. Progress depends on the machine; see ``chosen_``.
+        seconds: time of the fit. No trial begins when the rest is needed for the last fits. With ``inf`` nothing
+            depends on time, unless ``max_predict`` is given.
         trials: number of trials; None for as many as the time allows. For a run that can be repeated give trials and
             ``seconds=inf``.
         inner: groups of training subjects that judge, or ``loso``.
@@ -68,8 +67,7 @@ class Auto(ClassifierMixin, BaseEstimator):
     Attributes:
         best_: the fitted recogniser.
         chosen_: members of the ensemble, and progress of the search.
-        trials_: a row per trial, with its costs, its weight, and whether it is on the front of accuracy and each cost.
-        tried_: the same as `Tried`.
+        trials_: a row per trial, with its costs and its weight.
         search_seconds_: seconds of all trials, also of those that were stored before; ``fit_seconds_`` wall and CPU
             seconds of the last fits.
     """
@@ -77,34 +75,18 @@ class Auto(ClassifierMixin, BaseEstimator):
     searches = True
     features = portfolio.FEATURES
 
-    def __init__(
-        self,
-        seconds: float = 60.0,
-        trials: int | None = None,
-        inner: str = "3",
-        members: int = 5,
-        max_flash: str = "",
-        max_ram: str = "",
-        max_predict: str = "",
-        max_decision: str = "",
-        seed: int = 0,
-    ) -> None:
-        self.seconds = seconds
-        self.trials = trials
-        self.inner = inner
-        self.members = members
-        self.max_flash = max_flash
-        self.max_ram = max_ram
-        self.max_predict = max_predict
-        self.max_decision = max_decision
-        self.seed = seed
+    seconds: float = 60.0
+    trials: int | None = None
+    inner: str = "3"
+    members: int = 5
+    max_flash: str = ""
+    max_ram: str = ""
+    max_predict: str = ""
+    max_decision: str = ""
+    seed: int = 0
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
-
-        Raises:
-            InputError: one of them.
-        """
+        """Refuse parameters that cannot be, before anything is run."""
         if not self.seconds > 0:
             raise InputError(f"model.seconds={self.seconds:g}: give a number of seconds above 0")
         check_search(self.inner, self.trials, self.seconds, endless=True)
@@ -112,35 +94,29 @@ class Auto(ClassifierMixin, BaseEstimator):
             raise InputError(f"model.members={self.members}: give at least 1")
         self._limits(), self._touch()
 
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Refuse a training part with too few subjects or classes, or a touch shorter than a frame."""
+        if (touch := self._touch()) is not None and touch * X.rate_hz < 1:
+            raise InputError(f"model.max_decision={self.max_decision}: shorter than a frame at {X.rate_hz:g} Hz")
+        labelled_folds(X, y, self.inner)
+
     def _limits(self) -> dict[str, float]:
-        """What each cost must not exceed."""
-        limits = {}
-        for cost, (unit, factor) in LIMITS.items():
-            if text := getattr(self, f"max_{cost}"):
-                limits[COSTS[cost]] = factor * quantity(f"max_{cost}", text, unit, prefix="model.")
-        return limits
+        """The limit of each cost."""
+        texts = {parameter: text for parameter in LIMITS if (text := getattr(self, parameter))}
+        return {
+            LIMITS[p][0]: LIMITS[p][2] * quantity(p, text, LIMITS[p][1], prefix="model.") for p, text in texts.items()
+        }
 
     def _touch(self) -> float | None:
         """Seconds of a touch that a decision may see."""
         return quantity("max_decision", self.max_decision, "ms", prefix="model.") / 1e3 if self.max_decision else None
 
-    def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Refuse a training part before anything is run.
-
-        Raises:
-            InputError: it has fewer than two subjects, or an inner training part has only one class.
-        """
-        if (touch := self._touch()) is not None and touch * X.rate_hz < 1:
-            raise InputError(f"model.max_decision={self.max_decision}: shorter than a frame at {X.rate_hz:g} Hz")
-        labelled_folds(X, y, self.inner)
-
     @property
     def trained_faults(self) -> tuple[str, ...]:
         """Faults of damaged training copies; before the search every fault, since some trials may use any."""
-        if "best_" in vars(self):
-            parts = contract.members(self.best_) or [self.best_]
-            return tuple(sorted({name for part in parts for name in contract.trained_faults(part)}))
-        return Recipe(None, faults=("all",)).trained_faults  # type: ignore[arg-type]
+        if "best_" not in vars(self):
+            return usual_faults()
+        return tuple(sorted({name for part in self.best_.members for name in contract.trained_faults(part)}))
 
     def fit(self, X: Corpus, y: np.ndarray) -> Auto:
         """Search on the captures and their class names, then fit the best system to all of them.
@@ -150,11 +126,6 @@ class Auto(ClassifierMixin, BaseEstimator):
         """
         began = time.perf_counter()
         self.check()
-        self.part_ = self._affordable(X, np.asarray(y))
-        X, y = X[self.part_], np.asarray(y)[self.part_]
-        # Features are kept by the digest, for all captures: not of a part of them.
-        captures = X if isinstance(self.part_, slice) else X.changed(digest="", path=None)
-        inner = Inner(captures, y, labelled_folds(X, y, self.inner), self._touch(), self.seed)
         study = Study(
             {"model": list(portfolio.MODELS), "features": list(portfolio.FEATURES)} | portfolio.BEFORE,
             {m: {f"{m}.{k}": values for k, values in space.items()} for m, space in portfolio.SPACES.items()},
@@ -164,210 +135,201 @@ class Auto(ClassifierMixin, BaseEstimator):
             began,
             self._limits(),
         )
-        self.tried_ = study.tried
-        study.search(lambda: self._step(inner, study), self.study_key(), X, y)
-        self.search_seconds_ = time.perf_counter() - study.began
+        part = Part(X, np.asarray(y), labelled_folds(X, y, self.inner), self._touch(), self.seed)
+        study.search(lambda: self._step(study, part), self.study_key(), X, part.y)
+        self.search_seconds_ = sum(t.seconds for t in study.tried)
         wall, cpu = time.perf_counter(), time.process_time()
-        chosen = self._fitted(inner, study)
+        chosen = self._fitted(study, part)
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
         self.classes_ = self.best_.classes_
-        self.trials_ = table_of(self.tried_, chosen)
-        self.chosen_ = summary(self.tried_, chosen, self.part_)
-        for tried in self.tried_:  # nobody needs them to decide, and saved systems hold nothing of training captures
-            tried.proba = None
+        self.trials_ = _table(study.tried, chosen)
+        self.chosen_ = _summary(study.tried, chosen)
         return self
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Class probabilities [captures, classes]."""
-        check_is_fitted(self, "best_")
         return self.best_.predict_proba(X)
-
-    def predict(self, X: Corpus) -> np.ndarray:
-        """Class name of each capture."""
-        return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
     def study_key(self) -> dict[str, object]:
         """Influences on trials besides captures and labels; not their number, so that a study can grow."""
         limits = [self.max_flash, self.max_ram, self.max_predict, self.max_decision]
         return {"search": [identity(Auto), self.inner, self.seed, self.seconds, *limits]}
 
-    def _affordable(self, X: Corpus, y: np.ndarray) -> slice | np.ndarray:
-        """All captures, or as many of each class and subject as there is time to compute the features of."""
-        first = portfolio.complete(portfolio.FIRST[0])
-        needed = Inner(X, y, [], self._touch(), self.seed).tabling(first)
-        every = max(1, int(np.ceil(needed / (TABLES * self.seconds))))
-        order = np.lexsort((X.subjects.astype(str), y.astype(str)))
-        while every > 1:
-            part = np.sort(order[::every])
-            try:
-                labelled_folds(X[part], y[part], self.inner)
-                return part
-            except InputError:  # too few of them to judge by
-                every //= 2
-        return slice(None)
-
-    def _step(self, inner: Inner, study: Study) -> Tried | None:
-        """Judge the next trial, or skip it; None where there is no time, or none that is new and fits into it."""
-        spare = SPARE * self.seconds if np.isfinite(self.seconds) else 0.0
-        left = study.left - spare - self._last_fits(inner, study.left)
-        trial = self._next(study, inner) if left > 0 else None
-        if trial is None or [t.state for t in self.tried_[len(portfolio.FIRST) :]][-SKIPS:] == ["skipped"] * SKIPS:
+    def _step(self, study: Study, part: Part) -> Tried | None:
+        """Judge the next trial; None where there is no time, or none that is new and small enough."""
+        last_fits = sum(tried.fit_seconds for tried, _ in self._picked(study, part, {}))
+        if study.tried and study.left <= last_fits:
             return None
-        if self._expected(inner, trial) > left:
-            return Tried(trial, "skipped")
-        return self._try(study, inner, trial, left)
+        trial = _next(study, part)
+        return self._judged(study, part, trial) if trial else None
 
-    def _next(self, study: Study, inner: Inner) -> Trial | None:
-        """The next of those that come first; then one that is drawn, small enough and new; None if there is none.
-
-        It depends on the trials so far alone, not on the time that is left.
-        """
-        if len(self.tried_) < len(portfolio.FIRST):
-            return portfolio.complete(portfolio.FIRST[len(self.tried_)])
-        earlier = [tried.trial for tried in self.tried_]
-        for draw in range(DRAWS):
-            trial = study.drawn({}, draw)
-            if trial not in earlier and inner.work(trial) <= self._allowed(inner, trial):
-                return trial
-        return None
-
-    def _allowed(self, inner: Inner, trial: Trial) -> float:
-        """Work that a trial of a model may be: some times that of its best one."""
-        same = [t for t in self.tried_ if t.state == "complete" and t.trial["model"] == trial["model"]]
-        best = max(same, key=lambda t: t.accuracy, default=None)
-        return max(SMALL, GROWTH * inner.work(best.trial)) if best else SMALL
-
-    def _expected(self, inner: Inner, trial: Trial) -> float:
-        """Seconds that a trial and its last fit should take, by those before."""
-        ratio = self._ratio(inner, trial)
-        return CAUTION * (inner.tabling(trial) + ratio * (inner.judging(trial) + inner.work(trial)))
-
-    def _ratio(self, inner: Inner, trial: Trial) -> float:
-        """Seconds over work: of the last trial of the same model, else the median of the last of others, else 1."""
-        last = {t.trial["model"]: t.fit_seconds / inner.work(t.trial) for t in self.tried_ if t.fit_seconds}
-        return last.get(trial["model"], float(np.median([*last.values()])) if last else 1.0)
-
-    def _try(self, study: Study, inner: Inner, trial: Trial, left: float) -> Tried:
+    def _judged(self, study: Study, part: Part, trial: Trial) -> Tried:
         """Judge a trial, as far as it is worth it."""
-        began = time.perf_counter()
-        tried = Tried(trial, "complete", proba=np.zeros((len(inner.y), len(inner.classes)), dtype=np.float16))
+        tried = Tried(trial, "complete", proba=np.zeros((len(part.y), len(part.classes)), dtype=np.float16))
         try:
-            inner.table(trial), inner.table(trial, tested=True)
-            left, began = left - (time.perf_counter() - began), time.perf_counter()
-            self._judge(study, inner, tried, began, left)
+            for number, (train, test) in enumerate(part.folds, 1):
+                system, seconds = part.fitted(trial, train)
+                tried.fit_seconds = seconds * len(part.y) / len(train)
+                proba = part.probabilities(system, test)
+                tried.proba[test] = proba
+                tried.subjects |= by_subject(proba.argmax(axis=1) == part.codes[test], part.subjects[test])
+                tried.costs = part.bytes(system)
+                if not within(tried.costs, study.limits):
+                    tried.state = "large"
+                    break
+                if number < len(part.folds) and _is_behind(study, tried):
+                    tried.state = "pruned"
+                    break
+            else:
+                tried.costs = part.costs(system)
+                tried.heat = fit_temperature(logarithms(tried.proba), part.codes, COLDEST, HOTTEST)
         except Exception as e:  # whatever a system raises on these captures, others may do
             tried.state, tried.error = "failed", f"{type(e).__name__}: {e}"
         if tried.state != "complete":
             tried.proba = None
         return tried
 
-    def _judge(self, study: Study, inner: Inner, tried: Tried, began: float, left: float) -> None:
-        """Fill in what the inner folds say of a trial, until it is not worth it any more."""
-        trial = tried.trial
-        done = spent = 0.0
-        for number, (model, test, proba, seconds) in enumerate(inner.judge(trial), 1):
-            tried.proba[test] = proba
-            done += inner.work(trial, len(inner.folds[number - 1][0]) / len(inner.X))
-            spent += seconds
-            tried.fit_seconds = spent * inner.work(trial) / done
-            tried.subjects |= by_subject(proba.argmax(axis=1) == inner.codes[test], inner.subjects[test])
-            system = inner.system(trial, model)
-            tried.costs = inner.bytes(system)
-            if not within(tried.costs, study.limits):
-                tried.state = "large"
-                return
-            if number == len(inner.folds):
-                tried.costs = inner.costs(system)
-                tried.heat = fit_temperature(logarithms(tried.proba), inner.codes, COLDEST, HOTTEST)
-            elif self._behind(study, tried):
-                tried.state = "pruned"
-                return
-            elif (time.perf_counter() - began) / number * len(inner.folds) + tried.fit_seconds > left:
-                tried.state = "late"
-                return
-
-    def _behind(self, study: Study, tried: Tried) -> bool:
-        """Whether a trial is worse than the best one that is within the limits, and not much smaller."""
-        rivals = [t for t in self.tried_ if t.state == "complete" and within(t.costs, study.limits)]
-        if not rivals or not study.worse(tried):
-            return False
-        best = max(rivals, key=lambda t: t.accuracy)
-        return not any(value < best.costs[name] / 2 for name, value in tried.costs.items())
-
-    def _picked(
-        self, inner: Inner, left: float, fitted: dict[int, dict[str, float]] | None = None
-    ) -> list[tuple[Tried, float]]:
-        """Trials that decide together, and how much each counts; their last fits should end in the seconds left.
+    def _picked(self, study: Study, part: Part, fitted: dict[int, dict[str, float]]) -> list[tuple[Tried, float]]:
+        """Trials that decide together, and how much each counts, the heaviest first.
 
         Args:
-            inner: the captures.
-            left: seconds.
+            study: the trials.
+            part: the captures.
             fitted: by its id, what a trial costs fitted to all captures; else what it cost when it was judged.
         """
-        limits = self._limits()
-        costs = {id(t): t.costs for t in self.tried_} | (fitted or {})
-        pool = [t for t in self.tried_ if t.state == "complete" and within(costs[id(t)], limits)]
+        costs = {id(t): t.costs for t in study.tried} | fitted
+        pool = [t for t in study.tried if t.state == "complete" and within(costs[id(t)], study.limits)]
         pool = sorted(pool, key=lambda t: -t.accuracy)[:POOL]
         if not pool:
             return []
 
         def allowed(some: set[int]) -> bool:
-            in_time = len(some) == 1 or sum(_last_fit(inner, pool[i]) for i in some) <= left
-            both = together([costs[id(pool[i])] for i in some])
-            return len(some) <= self.members and in_time and within(both, limits)
+            return len(some) <= self.members and within(_together([costs[id(pool[i])] for i in some]), study.limits)
 
         proba = np.stack([tempered(t.proba, t.heat) for t in pool])
-        return [(pool[i], w) for i, w in selected(proba, inner.codes, inner.subjects, allowed).items()]
+        picked = [(pool[i], w) for i, w in selected(proba, part.codes, part.subjects, allowed).items()]
+        return sorted(picked, key=lambda pair: -pair[1])
 
-    def _last_fits(self, inner: Inner, left: float) -> float:
-        """Seconds that the last fits should take, if the search ended here."""
-        return sum(_last_fit(inner, tried) for tried, _ in self._picked(inner, left))
-
-    def _fitted(self, inner: Inner, study: Study) -> list[tuple[Tried, float]]:
-        """Fit what was picked to the whole training part; what then exceeds a limit, or comes too late, is left out."""
-        if not any(t.state == "complete" for t in self.tried_):
-            return self._unjudged(inner)
+    def _fitted(self, study: Study, part: Part) -> list[tuple[Tried, float]]:
+        """Fit the picked trials to the whole training part; others are picked if these then exceed a limit."""
         fits: dict[int, contract.System] = {}
         costs: dict[int, dict[str, float]] = {}
-        while picked := self._picked(inner, study.left, costs):
-            heavy = sorted(picked, key=lambda pair: -pair[1])
-            for tried, _ in heavy:
-                some = any(id(t) in fits for t, _ in picked)
-                if id(tried) not in fits and (not some or _last_fit(inner, tried) <= study.left):
-                    fits[id(tried)] = inner.fitted(tried.trial)
-                    costs[id(tried)] = inner.costs(fits[id(tried)])
-            kept = [(t, w) for t, w in heavy if id(t) in fits]
-            if within(together([costs[id(t)] for t, _ in kept]), self._limits()):
+        while picked := self._picked(study, part, costs):
+            for tried, _ in picked:
+                if id(tried) not in fits:
+                    fits[id(tried)], _ = part.fitted(tried.trial, slice(None))
+                    costs[id(tried)] = part.costs(fits[id(tried)])
+            if within(_together([costs[id(t)] for t, _ in picked]), study.limits):
                 break
         else:
-            raise InputError(self._too_large())
-        total = sum(w for _, w in kept)
-        kept = [(t, w / total) for t, w in kept]
-        self.best_ = Ensemble([fits[id(t)] for t, _ in kept], [w for _, w in kept], [t.heat for t, _ in kept])
-        return kept
-
-    def _unjudged(self, inner: Inner) -> list[tuple[Tried, float]]:
-        """The first that is within the limits, where there was no time to judge any.
-
-        Raises:
-            InputError: none of the cheap ones is.
-        """
-        for trial in portfolio.FIRST[:CHEAP]:
-            tried = Tried(portfolio.complete(trial), "unjudged")
-            self.best_ = inner.fitted(tried.trial)
-            tried.costs = inner.costs(self.best_)
-            self.tried_.append(tried)
-            if within(tried.costs, self._limits()):
-                return [(tried, 1.0)]
-        raise InputError(self._too_large())
-
-    def _too_large(self) -> str:
-        """The message where nothing is within the limits."""
-        least = {n: min((t.costs[n] for t in self.tried_ if n in t.costs), default=np.nan) for n in self._limits()}
-        words = ", ".join(f"{name} {value:.3g}" for name, value in least.items())
-        return f"no trial is within the limits of model.max_*: the least of {len(self.tried_)} are {words}"
+            if errors := [t.error for t in study.tried if t.error]:
+                raise RuntimeError(f"{len(errors)} of {len(study.tried)} trials failed, the first: {errors[0]}")
+            least = {n: min((t.costs[n] for t in study.tried if n in t.costs), default=np.nan) for n in study.limits}
+            words = ", ".join(f"{name} {value:.3g}" for name, value in least.items())
+            raise InputError(
+                f"no trial is within the limits of model.max_*: the least of {len(study.tried)} are {words}"
+            )
+        total = sum(w for _, w in picked)
+        chosen = [(t, w / total) for t, w in picked]
+        self.best_ = Ensemble([fits[id(t)] for t, _ in chosen], [w for _, w in chosen], [t.heat for t, _ in chosen])
+        return chosen
 
 
-def _last_fit(inner: Inner, tried: Tried) -> float:
-    """Seconds that the last fit of a trial should take."""
-    return tried.fit_seconds + inner.tabling(tried.trial)
+class Part:
+    """The captures of a training part, and its inner folds.
+
+    Args:
+        X: the captures.
+        y: their class names.
+        folds: (train, test) positions; nobody is on both sides, and every capture is tested once.
+        touch: seconds of each tested capture that are seen; None for all.
+        seed: random seed of the systems.
+    """
+
+    def __init__(self, X: Corpus, y: np.ndarray, folds: list, touch: float | None, seed: int) -> None:
+        self.X = X
+        self.y = y
+        self.folds = folds
+        self.seed = seed
+        self.subjects = X.subjects.astype(str)
+        self.classes, self.codes = np.unique(y, return_inverse=True)
+        self.judged = X if touch is None else _beginning(X, touch)
+
+    def fitted(self, trial: Trial, part: np.ndarray | slice) -> tuple[contract.System, float]:
+        """The system of a trial, fitted to some of the captures, and the seconds of that."""
+        system, X, y = portfolio.system(trial, self.seed), self.X[part], self.y[part]
+        contract.check_training(system, X, y)
+        began = time.perf_counter()
+        return system.fit(X, y), time.perf_counter() - began
+
+    def probabilities(self, system: contract.System, test: np.ndarray) -> np.ndarray:
+        """Its probabilities of left-out captures [captures, classes], 0 for a class that it did not learn."""
+        proba = np.zeros((len(test), len(self.classes)))
+        columns = np.searchsorted(self.classes, system.classes_)
+        proba[:, columns] = contract.probabilities(system, self.judged[test])
+        return proba
+
+    def bytes(self, system: contract.System) -> dict[str, float]:
+        """Bytes of a fitted system in flash and memory, with 32 bits a number."""
+        needed = sizes(system, self.X.grid[0] * self.X.grid[1], int(self.X.lengths.max()))
+        return {name: needed[name] for name in ("flash_bytes", "ram_bytes")}
+
+    def costs(self, system: contract.System) -> dict[str, float]:
+        """The same, and milliseconds of a decision on a capture."""
+        some = np.linspace(0, len(self.X) - 1, TIMED).astype(int)
+        spent = timed(partial(system.predict, self.X[i : i + 1].detached()) for i in some).ms
+        return self.bytes(system) | {"predict_ms": float(np.median(spent))}
+
+
+def _beginning(X: Corpus, seconds: float) -> Corpus:
+    """The first seconds of each capture, at least a frame; without the digest, under which whole ones are kept."""
+    frames = max(1, int(seconds * X.rate_hz + 1e-6))
+    return X.changed(lengths=np.minimum(X.lengths, frames), digest="", path=None)
+
+
+def _next(study: Study, part: Part) -> Trial | None:
+    """The next of those that come first; then one that is drawn, small enough and new; None if there is none.
+
+    It depends on the trials so far alone, not on the time that is left.
+    """
+    if len(study.tried) < len(portfolio.FIRST):
+        return portfolio.complete(portfolio.FIRST[len(study.tried)])
+    earlier = [tried.trial for tried in study.tried]
+    for draw in range(DRAWS):
+        trial = study.drawn({}, draw)
+        same = [t for t in study.tried if t.state == "complete" and t.trial["model"] == trial["model"]]
+        best = max(same, key=lambda t: t.accuracy, default=None)
+        allowed = max(SMALL, GROWTH * portfolio.work(best.trial, part.X, len(part.classes))) if best else SMALL
+        if trial not in earlier and portfolio.work(trial, part.X, len(part.classes)) <= allowed:
+            return trial
+    return None
+
+
+def _is_behind(study: Study, tried: Tried) -> bool:
+    """Whether a trial is worse than the best one that is within the limits, and not much smaller."""
+    rivals = [t for t in study.tried if t.state == "complete" and within(t.costs, study.limits)]
+    if not rivals or not study.worse(tried):
+        return False
+    best = max(rivals, key=lambda t: t.accuracy)
+    return not any(value < best.costs[name] / 2 for name, value in tried.costs.items())
+
+
+def _together(costs: list[dict[str, float]]) -> dict[str, float]:
+    """Costs of several systems that decide one after the other."""
+    sums = {name: sum(each[name] for each in costs) for name in costs[0]}
+    return sums | {"ram_bytes": max(each["ram_bytes"] for each in costs)}
+
+
+def _table(tried: list[Tried], chosen: list[tuple[Tried, float]]) -> pd.DataFrame:
+    """A row per trial, in their order."""
+    weights = {id(t): w for t, w in chosen}
+    rows = [t.row() | {"fit_seconds": t.fit_seconds, "weight": weights.get(id(t), 0.0)} | t.costs for t in tried]
+    return pd.DataFrame(rows)
+
+
+def _summary(tried: list[Tried], chosen: list[tuple[Tried, float]]) -> dict[str, object]:
+    """The chosen systems, in words, and the progress of the search."""
+    words: dict[str, object] = {str(i): f"{w:.2f} {portfolio.named(t.trial)}" for i, (t, w) in enumerate(chosen, 1)}
+    states = [t.state for t in tried]
+    words |= {name: states.count(name) for name in ("complete", "pruned", "large", "failed")}
+    return words | ({"error": next(t.error for t in tried if t.error)} if "failed" in states else {})

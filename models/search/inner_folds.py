@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from functools import partial
-
 import numpy as np
 import pandas as pd
 from sklearn.base import TransformerMixin, clone
@@ -13,9 +10,6 @@ from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.timing import timed
-
-TIMED = 3  # single captures whose prediction is timed
 
 
 def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -49,17 +43,7 @@ def labelled_folds(X: Corpus, y: np.ndarray, inner: str) -> list[tuple[np.ndarra
 
 
 def check_search(inner: str, trials: int | None, seconds: float, endless: bool) -> None:
-    """Refuse impossible searches.
-
-    Args:
-        inner: number of groups of subjects, or ``loso``.
-        trials: number of trials, None for all.
-        seconds: seconds.
-        endless: True if nothing ends the search without trials or seconds.
-
-    Raises:
-        InputError: one of them.
-    """
+    """Refuse impossible searches; ``endless`` is True if nothing ends one without trials or seconds."""
     if inner != "loso" and not (inner.isdecimal() and int(inner) >= 2):
         raise InputError(f"model.inner={inner}: give a number of subject groups from 2 on, or loso")
     if trials is not None and trials < 1:
@@ -85,7 +69,6 @@ class Tables:
         self.folds = folds
         self._all: dict[str, pd.DataFrame] = {}
         self._learnt: dict[tuple[str, int], tuple[pd.DataFrame, pd.DataFrame]] = {}
-        self._milliseconds: dict[str, float] = {}
 
     def part(self, name: str | None, fold: int, side: int) -> Corpus | pd.DataFrame:
         """Input of fitting (side 0) or judging (side 1) in an inner fold; captures without a feature set."""
@@ -102,20 +85,3 @@ class Tables:
             fitted = features.fit(self.X[train], self.y[train])
             self._learnt[name, fold] = fitted.transform(self.X[train]), fitted.transform(self.X[test])
         return self._learnt[name, fold][side]
-
-    def milliseconds(self, name: str | None, model: contract.System) -> float:
-        """Time to label one capture: of its features, and of a model fitted in the last inner fold."""
-        tested = self.part(name, len(self.folds) - 1, 1)
-        rows = tested.iloc if isinstance(tested, pd.DataFrame) else tested
-        spent = milliseconds_of(model.predict, [rows[[i % len(tested)]] for i in range(TIMED)])
-        if name and name not in self._milliseconds:
-            self.part(name, 0, 0)  # fits it
-            some = np.linspace(0, len(self.X) - 1, TIMED).astype(int)
-            captures = [self.X[i : i + 1].detached() for i in some]
-            self._milliseconds[name] = milliseconds_of(self.features[name].transform, captures)
-        return spent + (self._milliseconds[name] if name else 0.0)
-
-
-def milliseconds_of(call: Callable, each: Iterable[object]) -> float:
-    """Median time of a call with each of some arguments, on the quiet machine (`bench.timing`)."""
-    return float(np.median(timed(partial(call, one) for one in each).ms))

@@ -11,11 +11,13 @@ import warnings
 
 import numpy as np
 import pandas as pd
-from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.feature_selection import f_classif
 from sklearn.pipeline import Pipeline
 
 from bench import contract
+from bench.corpora.corpus import Corpus
+from bench.corpora.steps import Windows
 from bench.features.base import FeatureSet
 from bench.features.jung54 import Jung54
 from bench.features.touch import TouchFeatures
@@ -31,6 +33,8 @@ from bench.registry import parameters
 
 MODELS = {"lda": lda, "svm": svm, "softmax": softmax, "et": et, "rf": rf, "xgb": xgb, "perceptron": perceptron}
 FEATURES: dict[str, FeatureSet] = {"touch": TouchFeatures(), "jung54": Jung54()}
+COPIES = parameters(recipe.Recipe)["copies"]  # damaged, of each capture
+LEAST_S = 0.02  # of a fit, however small
 BEFORE: Space = {
     "window": [0.0, 0.5, 1.0, 2.0],
     "repair": ["", "stuck+dead"],
@@ -102,31 +106,28 @@ def complete(trial: Trial) -> Trial:
     return usual | {f"{trial['model']}.{k}": defaults[k] for k in SPACES[str(trial["model"])]} | trial
 
 
-def steps_of(trial: Trial) -> recipe.Recipe:
-    """The steps of a trial's captures, in a recipe without a system."""
-    names = {k: tuple(filter(None, str(trial[k]).split("+"))) for k in ("repair", "faults")}
-    return recipe.Recipe(None, window=trial["window"], scale=trial["scale"], **names)  # type: ignore[arg-type]
-
-
-def classifier(trial: Trial, seed: int) -> Pipeline:
-    """The estimator on the table of a trial: selection of columns, scaling, classifier."""
+def system(trial: Trial, seed: int) -> contract.System:
+    """The untrained system of a trial."""
     name = str(trial["model"])
     values: dict[str, object] = {k.partition(".")[2]: v for k, v in trial.items() if k.startswith(f"{name}.")}
     values |= {"seed": seed} if "seed" in parameters(MODELS[name]) else {}
     steps = contract.build(MODELS[name], "passthrough", **values).steps[1:]
-    return Pipeline([("columns", Columns(float(str(trial["columns"])))), *steps] if trial["columns"] != 1 else steps)
+    columns = [("columns", Columns(float(str(trial["columns"]))))] if trial["columns"] != 1 else []
+    pipeline = Pipeline([("features", clone(FEATURES[str(trial["features"])])), *columns, *steps])
+    return recipe.build(lambda: pipeline, None, **{k: trial[k] for k in ("window", "repair", "faults", "scale")})
 
 
-def work(trial: Trial, rows: int, width: int, classes: int) -> float:
-    """Seconds that a fit should take on one core of 2024, by how its work grows; measured ones correct it.
+def work(trial: Trial, X: Corpus, classes: int) -> float:
+    """Seconds that a fit of a complete trial should take on one core of 2024, by how its work grows."""
+    columns = len(clone(FEATURES[str(trial["features"])]).fit(X[:1]).names_)
+    width = max(1, round(columns * float(str(trial["columns"]))))
+    window = float(str(trial["window"]))
+    rows = len(Windows(window).rows(X) if window else X) * (1 + COPIES * bool(trial["faults"]))
+    return LEAST_S + _work(trial, rows, width, classes)
 
-    Args:
-        trial: a complete one.
-        rows: number of rows of the table.
-        width: columns of it.
-        classes: number of them.
-    """
-    width = max(1, round(width * float(str(trial["columns"]))))
+
+def _work(trial: Trial, rows: int, width: int, classes: int) -> float:
+    """The same by the size of its table."""
 
     def value(name: str) -> float:
         return float(str(trial[f"{trial['model']}.{name}"]))
@@ -145,3 +146,15 @@ def work(trial: Trial, rows: int, width: int, classes: int) -> float:
             return 3.2e-9 * value("trees") * classes * width * (rows + 1200)
         case _:  # perceptron
             return value("updates") / 3000 * (3 + 6.6e-5 * width * value("units"))
+
+
+def named(trial: Trial) -> str:
+    """A trial in words: ``lda · touch, window 1, shrinkage 0.2``; default steps and columns are left out."""
+    first = {k: list(values)[0] for k, values in BEFORE.items()}
+    parts = [f"{k} {_short(trial[k])}" for k in first if trial[k] != first[k]]
+    parts += [f"{k.partition('.')[2]} {_short(v)}" for k, v in trial.items() if "." in k]
+    return f"{trial['model']} · {', '.join([str(trial['features']), *parts])}"
+
+
+def _short(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from optuna import Trial as Draft
@@ -22,6 +22,7 @@ class Range:
 
 Space = dict[str, Range | Sequence]
 Trial = dict[str, object]  # a value of each parameter
+Tuning = dict[str, Any]  # of a cell: its space, arguments of `bench.models.search.tuning.Search`, and smallest=
 
 
 def distribution(values: Range | Sequence) -> BaseDistribution:
@@ -30,32 +31,13 @@ def distribution(values: Range | Sequence) -> BaseDistribution:
 
     if not isinstance(values, Range):
         return CategoricalDistribution(list(values))
-    if isinstance(values.low, int) and isinstance(values.high, int):
-        return IntDistribution(values.low, values.high, log=values.log)
-    return FloatDistribution(values.low, values.high, log=values.log)
+    whole = isinstance(values.low, int) and isinstance(values.high, int)
+    return (IntDistribution if whole else FloatDistribution)(values.low, values.high, log=values.log)
 
 
 def suggested(draft: Draft, name: str, values: Range | Sequence) -> object:
     """A value that a trial of Optuna draws."""
     if not isinstance(values, Range):
         return draft.suggest_categorical(name, list(values))
-    if isinstance(values.low, int) and isinstance(values.high, int):
-        return draft.suggest_int(name, values.low, values.high, log=values.log)
-    return draft.suggest_float(name, values.low, values.high, log=values.log)
-
-
-class How(TypedDict, total=False):
-    """Settings of a search: of `bench.models.search.tuning.Search`, and ``smallest`` of `bench tune`."""
-
-    inner: str
-    trials: int
-    seconds: float
-    objective: str
-    smallest: str
-    seed: int | None
-
-
-class Tuning(How):
-    """The same with the search space."""
-
-    space: Space
+    whole = isinstance(values.low, int) and isinstance(values.high, int)
+    return (draft.suggest_int if whole else draft.suggest_float)(name, values.low, values.high, log=values.log)

@@ -1,25 +1,26 @@
-"""The engine of `bench tune` and `auto`: trials drawn by Optuna, judged, and kept in the data folder, to resume."""
+"""The engine of `bench tune` and `auto`: trials drawn by Optuna, judged, and stored in the data folder, to resume."""
 
 from __future__ import annotations
 
-import base64
+import hashlib
 import json
 import os
+import pickle
 import time
 import warnings
-import zlib
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
+from functools import partial
+from typing import BinaryIO
 
 import numpy as np
 from filelock import FileLock
 
 from bench.corpora.corpus import Corpus
-from bench.models.search.identity import study_name
 from bench.models.search.space import Range, Space, Trial, distribution, suggested
 from bench.scratch import home
+from bench.source import source_digest, versions
 
 WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial is not followed further
 
@@ -30,13 +31,12 @@ class Tried:
 
     Attributes:
         trial: trial.
-        state: ``complete``; ``pruned``, as it was worse; of `Auto` also ``large``, as it exceeds a limit; ``late``, as
-            it took too long; ``skipped``, as it would have; ``failed``; ``unjudged`` where there was no time for any.
+        state: ``complete``; ``pruned``, as it was worse; of `Auto` also ``large``, as it exceeds a limit; ``failed``.
         seconds: seconds of the trial.
         subjects: accuracy of each left-out training subject, in the order in which they were left out.
         fit_seconds: expected seconds of a fit to the whole training part.
         costs: milliseconds of a decision, bytes in flash and memory with 32 bits a number, by name.
-        proba: probabilities of left-out captures, float16 [captures, classes]; None if they are not kept.
+        proba: probabilities of left-out captures, float16 [captures, classes]; None if they are not stored.
         heat: temperature of the probabilities.
         error: error of a failed trial.
     """
@@ -55,6 +55,11 @@ class Tried:
     def accuracy(self) -> float:
         """Mean over subjects; not a number where none was judged."""
         return float(np.mean([*self.subjects.values()])) if self.subjects else float("nan")
+
+    def row(self) -> dict[str, object]:
+        """Its row in a table of trials."""
+        facts = {"state": self.state, "accuracy": self.accuracy, "subjects": len(self.subjects)}
+        return self.trial | facts | {"seconds": self.seconds}
 
 
 def within(costs: dict[str, float], limits: dict[str, float]) -> bool:
@@ -88,7 +93,7 @@ class Study:
     most: float
     budget: float
     began: float
-    limits: dict[str, float]
+    limits: dict[str, float] = field(default_factory=dict)
     tried: list[Tried] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
@@ -108,7 +113,7 @@ class Study:
     def search(self, step: Callable[[], Tried | None], key: dict[str, object], X: Corpus, y: np.ndarray) -> None:
         """Try one after the other, until there are as many as wanted or none comes any more.
 
-        Of a stored corpus trials are kept. Those of an earlier search come first, but no more of them than this one
+        Of a stored corpus trials are stored. Those of an earlier search come first, but no more of them than this one
         would have made; their seconds count as spent. The file is locked against other processes.
 
         Args:
@@ -117,10 +122,9 @@ class Study:
             X: the training captures.
             y: their class names.
         """
-        with _locked(study_name(key, X, y) if X.digest else None) as path:
-            for line in _lines(path) if path else []:
+        with _opened(study_name(key, X, y) if X.digest else None) as file:
+            for tried in _stored(file) if file else []:
                 if len(self.tried) < self.most and sum(t.seconds for t in self.tried) < self.budget:
-                    tried = self._unpacked(json.loads(line))
                     self._add(tried)
                     self.began -= tried.seconds
             while len(self.tried) < self.most:
@@ -130,11 +134,10 @@ class Study:
                     return
                 tried.seconds = time.perf_counter() - began
                 self._add(tried)
-                if path:
-                    with path.open("a") as file:
-                        file.write(json.dumps(self._packed(tried)) + "\n")
-                        file.flush()
-                        os.fsync(file.fileno())
+                if file:
+                    pickle.dump(tried, file)
+                    file.flush()
+                    os.fsync(file.fileno())
 
     def drawn(self, fixed: Trial, *numbers: int, each: bool = False) -> Trial:
         """The sampler's suggestion after the trials so far.
@@ -189,52 +192,52 @@ class Study:
             )
         )
 
-    def _packed(self, tried: Tried) -> dict[str, object]:
-        """A trial as a line of the file holds it: a value of a list by its position, probabilities in base 64."""
-        values = {
-            name: distribution(self._values(tried.trial, name)).to_internal_repr(value)
-            for name, value in tried.trial.items()
-        }
-        proba = tried.proba
-        if proba is not None:
-            text = base64.b64encode(zlib.compress(proba.tobytes())).decode()
-            proba = [text, proba.dtype.str, proba.shape]
-        return vars(tried) | {"trial": values, "proba": proba}
-
-    def _unpacked(self, packed: dict) -> Tried:
-        trial: Trial = {}
-        for name, value in packed["trial"].items():
-            trial[name] = distribution(self._values(trial, name)).to_external_repr(value)
-        proba = packed["proba"]
-        if proba is not None:
-            text, dtype, shape = proba
-            proba = np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype=dtype).reshape(shape)
-        return Tried(**packed | {"trial": trial, "proba": proba})
-
 
 @contextmanager
-def _locked(name: str | None) -> Iterator[Path | None]:
-    """The file of a study, held against other processes; None where nothing is kept."""
-    if name is None:
-        yield None
-        return
-    path = home() / "studies" / f"{name}.jsonl"
-    lock = FileLock(path.with_suffix(".lock"))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        lock.acquire()
-    except OSError:  # a folder that cannot be written only costs the resuming
-        name = None
-    try:
-        yield path if name else None
-    finally:
-        lock.release()
+def _opened(name: str | None) -> Iterator[BinaryIO | None]:
+    """The file of a study, held against other processes; None where nothing is stored."""
+    path = home() / "studies" / f"{name}.pickle"
+    with ExitStack() as held:
+        file = None
+        try:
+            if name:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                held.enter_context(FileLock(path.with_suffix(".lock")))
+                file = held.enter_context(path.open("a+b"))
+        except OSError:  # a folder that cannot be written only costs the resuming
+            pass
+        yield file
 
 
-def _lines(path: Path) -> list[bytes]:
-    """The lines of a file; one that was cut off when a process was killed is removed."""
-    content = path.read_bytes() if path.exists() else b""
-    end = content.rfind(b"\n") + 1
-    if end < len(content):
-        os.truncate(path, end)
-    return content[:end].splitlines()
+def _stored(file: BinaryIO) -> Iterator[Tried]:
+    """The trials in a file; one that was cut off when a process was killed is removed."""
+    file.seek(0)
+    end = 0
+    while True:
+        try:
+            tried = pickle.load(file)
+        except (EOFError, pickle.UnpicklingError):
+            file.truncate(end)
+            return
+        end = file.tell()
+        yield tried
+
+
+def study_name(what: dict[str, object], X: Corpus, y: np.ndarray) -> str:
+    """Hash of the captures with their steps, the labels, the search space and library versions."""
+    code = source_digest(*(part for step in X.steps for part in step.code())) if X.steps else ""
+    parts = {
+        "captures": [X.digest, hashlib.sha256(X.index.tobytes()).hexdigest()],
+        "steps": [repr(X.steps), code, X.piece.tolist()],
+        "labels": hashlib.sha256("\n".join(map(str, y)).encode()).hexdigest(),
+        "what": what,
+        "versions": versions(),
+    }
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:32]
+
+
+def identity(part: Callable) -> list:
+    """Name and source of a factory or class; of a partial one also its arguments."""
+    if isinstance(part, partial):
+        return [*identity(part.func), repr((part.args, sorted(part.keywords.items())))]
+    return [part.__module__, part.__qualname__, source_digest(part)]

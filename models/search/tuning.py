@@ -6,7 +6,6 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -17,17 +16,13 @@ from sklearn.utils.validation import check_is_fitted
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.models.search.identity import identity
+from bench.features.selection import COUNTS, Subset
+from bench.models.recipe import besides, build
 from bench.models.search.inner_folds import Tables, by_subject, check_search, labelled_folds
-from bench.models.search.space import Range, Space, Trial
-from bench.models.search.study import Study, Tried
+from bench.models.search.space import Range, Space, Trial, Tuning
+from bench.models.search.study import Study, Tried, identity
 from bench.paired import within_one_standard_error
-from bench.pareto import front
 from bench.registry import parameters
-
-if TYPE_CHECKING:
-    from bench.models.search.space import Tuning
-    from bench.source import Code
 
 COMBINATIONS = 1000  # at most so many are checked one by one before anything is run
 
@@ -60,8 +55,7 @@ class Search(ClassifierMixin, BaseEstimator):
     Attributes:
         best_: the fitted recogniser.
         chosen_: model, features and parameters of it.
-        trials_: one row per combination: its values, state, accuracy, predict_ms and whether it is on the front of
-            accuracy against time.
+        trials_: one row per combination: its values, state, accuracy and seconds.
         fit_seconds_: wall and CPU seconds of the last fit, ``search_seconds_`` those of all combinations, also of
             those that were stored before.
     """
@@ -89,16 +83,19 @@ class Search(ClassifierMixin, BaseEstimator):
         self.seed = seed
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
-
-        Raises:
-            InputError: one of them.
-        """
+        """Refuse parameters that cannot be, before anything is run."""
         check_search(self.inner, self.trials, self.seconds, endless=self._grid() is None)
-        if self.objective not in ("accuracy", "smallest"):
-            raise InputError(f"model.objective={self.objective}: give accuracy or smallest")
         for part in (self.features or {}).values():
             contract.check(part)
+
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Refuse a training part, or listed values that a model refuses, before anything is run."""
+        folds = labelled_folds(X, y, self.inner)
+        for trial in self._listed():
+            model = self._made(trial, "passthrough" if self.features else None)
+            contract.check(model)
+            for train, _ in folds:
+                contract.check_training(model, X[train], np.asarray(y)[train])
 
     def fit(self, X: Corpus, y: np.ndarray) -> Search:
         """Search on the captures and their class names, then fit the best recogniser to all of them.
@@ -110,13 +107,13 @@ class Search(ClassifierMixin, BaseEstimator):
         self.check()
         tables = Tables(self.features or {}, X, y, labelled_folds(X, y, self.inner))
         spaces = {model: self._space(model) for model in self.models}
-        study = Study(self._common(), spaces, self.seed, self._size(), self.seconds, began, limits={})
+        study = Study(self._common(), spaces, self.seed, self._size(), self.seconds, began)
         study.search(lambda: self._step(study, tables), self.study_key(), X, y)
         self.search_seconds_ = sum(t.seconds for t in study.tried)
-        self.trials_ = _table(study.tried)
+        self.trials_ = pd.DataFrame([t.row() for t in study.tried])
         self.chosen_ = study.tried[self._ranked(study.tried)[0]].trial
         wall, cpu = time.perf_counter(), time.process_time()
-        self.best_ = self._make(self.chosen_, self._features(self.chosen_)).fit(X, y)
+        self.best_ = self._made(self.chosen_, self._features(self.chosen_)).fit(X, y)
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
         self.classes_ = self.best_.classes_
         return self
@@ -136,20 +133,6 @@ class Search(ClassifierMixin, BaseEstimator):
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """Decisions of a recogniser that makes several per capture."""
         return self.best_.decide(X)
-
-    def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Refuse a training part, or listed values, before anything is run.
-
-        Raises:
-            InputError: it has fewer than two subjects, an inner training part has only one class, or a model refuses a
-                combination of listed values or an inner training part.
-        """
-        folds = labelled_folds(X, y, self.inner)
-        for trial in self._listed():
-            model = self._make(trial, "passthrough" if self.features else None)
-            contract.check(model)
-            for train, _ in folds:
-                contract.check_training(model, X[train], np.asarray(y)[train])
 
     def study_key(self) -> dict[str, object]:
         """Influences on trials besides captures and labels; not their number, so that a study can grow."""
@@ -173,9 +156,8 @@ class Search(ClassifierMixin, BaseEstimator):
 
     def _grid(self) -> dict[str, list] | None:
         """Values of everything where there is one model and all of them are lists."""
-        (first, *others) = self.spaces
-        space = self._space(first)
-        if others or any(isinstance(values, Range) for values in space.values()):
+        space = self._space(next(iter(self.spaces)))
+        if len(self.spaces) > 1 or any(isinstance(values, Range) for values in space.values()):
             return None
         return self._common() | {name: list(values) for name, values in space.items()}
 
@@ -207,8 +189,7 @@ class Search(ClassifierMixin, BaseEstimator):
         The seed shuffles them, as a good one early makes giving up quicker. (Optuna's own grid sampler cannot go on
         after an interruption.)
         """
-        grid = self._grid()
-        lists = grid if grid and self._is_exhaustive() else self._common()
+        lists = self._grid() if self._is_exhaustive() else self._common()
         sizes = [len(values) for values in lists.values()]
         count = math.prod(sizes)
         if number >= count or count == 1:
@@ -221,31 +202,25 @@ class Search(ClassifierMixin, BaseEstimator):
         if study.tried and study.left <= 0:
             return None
         tried = Tried(study.drawn(self._first(len(study.tried)), each=True), "complete")
-        set_name = tried.trial.get("features")
-        name = None if self._prepares(tried.trial) else set_name  # what goes through steps first has its own tables
+        # Captures that go through steps first have features of their own.
+        name = None if self._has_steps(tried.trial) else tried.trial.get("features")
         features = "passthrough" if name else self._features(tried.trial)
         for fold, (train, test) in enumerate(tables.folds):
-            model = self._make(tried.trial, features)
+            model = self._made(tried.trial, features)
             model.fit(tables.part(name, fold, 0), tables.y[train])
             hit = model.predict(contract.blinded(model, tables.part(name, fold, 1))) == tables.y[test]
             tried.subjects |= by_subject(hit, tables.X.subjects.astype(str)[test])
             if self.objective == "accuracy" and fold + 1 < len(tables.folds) and study.worse(tried):
                 tried.state = "pruned"
-                return tried
-        tried.costs["predict_ms"] = tables.milliseconds(name, model)
+                break
         return tried
 
-    def _prepares(self, trial: Trial) -> bool:
+    def _has_steps(self, trial: Trial) -> bool:
         """Whether a trial's captures go through steps (`bench.models.recipe`) before its features are computed."""
-        # Here, so that steps are no part of what a search without them depends on.
-        from bench.models.recipe import besides
-
         usual = besides(self.models[trial["model"]])
         return any(trial.get(f"{trial['model']}.{k}", v) not in (v, "") for k, v in usual.items())
 
-    def _make(self, trial: Trial, features: object) -> ClassifierMixin:
-        from bench.models.recipe import build
-
+    def _made(self, trial: Trial, features: object) -> ClassifierMixin:
         factory = self.models[trial["model"]]
         values = {"seed": self.seed} if "seed" in parameters(factory) else {}
         values |= {k.partition(".")[2]: v for k, v in trial.items() if k.startswith(f"{trial['model']}.")}
@@ -279,18 +254,6 @@ def _count(lists: dict[str, list]) -> int:
     return math.prod(len(values) for values in lists.values())
 
 
-def _table(tried: list[Tried]) -> pd.DataFrame:
-    """A row per combination, in their order."""
-    rows = [
-        t.trial
-        | {"state": t.state, "accuracy": t.accuracy, "subjects": len(t.subjects)}
-        | {"predict_ms": t.costs.get("predict_ms", np.nan), "seconds": t.seconds}
-        for t in tried
-    ]
-    table = pd.DataFrame(rows)
-    return table.assign(front=front(table["accuracy"].to_numpy(), table["predict_ms"].to_numpy()))
-
-
 def tuned(
     name: str, factory: Callable, features: dict[str, TransformerMixin] | None, shown: str, tuning: Tuning
 ) -> Search:
@@ -307,16 +270,7 @@ def tuned(
     if len(tuning["space"].get("person", [()])) > 1:
         raise InputError("model.person= cannot be tuned: nobody whom a search judges by is known; give one value")
     if tuning.get("smallest") == "features":
-        from bench.features.selection import COUNTS, Subset
-
         (all_columns,) = features.values()
         features = {f"{n} best of {shown}": Subset(clone(all_columns), n) for n in COUNTS} | features
     how = {k: v for k, v in tuning.items() if k not in ("space", "smallest")}
     return Search({name: factory}, {name: tuning["space"]}, features, **how)
-
-
-def machinery(tuning: Tuning) -> list[Code]:
-    """Modules that such a search depends on besides its parts."""
-    import bench.features.selection
-
-    return [Search, *([bench.features.selection] if tuning.get("smallest") == "features" else [])]

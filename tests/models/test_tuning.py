@@ -139,11 +139,11 @@ def test_test_subjects_change_nothing_that_is_chosen_or_learned_and_nothing_is_j
     assert one.chosen_ == other.chosen_
     probe = random_corpus(seed=9)
     assert np.array_equal(one.predict_proba(probe), other.predict_proba(probe))
-    assert len(list((home() / "studies").glob("*.jsonl"))) == 2
+    assert len(list((home() / "studies").glob("*.pickle"))) == 2
     # each with each, before any comes twice
     assert len(set(zip(*one.trials_[:4][["model", "features"]].to_numpy().T, strict=True))) == 4
-    real, made = Search._make, []
-    monkeypatch.setattr(Search, "_make", lambda self, *args: made.append(args) or real(self, *args))
+    real, made = Search._made, []
+    monkeypatch.setattr(Search, "_made", lambda self, *args: made.append(args) or real(self, *args))
     again = clone(other).fit(captures, captures.gestures)
     assert len(made) == 1  # all are stored: only the last fit is made
     facts = ["state", "accuracy", "subjects"]
