@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from sklearn.base import BaseEstimator
 from bench.corpora.corpus import Corpus, origin
 from bench.corpora.folder import Damaged, open_folder, stamp
 from bench.features.signals import blocks
-from bench.scratch import home, owner
+from bench.scratch import home, replacing
 from bench.source import source_digest
 
 BLOCK = 1 << 24  # sensor values of captures whose features are computed at once
@@ -63,14 +63,6 @@ def after(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | No
         return None
 
 
-def is_kept(features: BaseEstimator, X: Corpus, steps: tuple = ()) -> bool:
-    """Return True if features after some steps of a stored corpus are cached."""
-    stored = origin(X)
-    if not stored.digest or stored.path is None:
-        return False
-    return _path(_contents(features, stored.digest, (*stored.steps, *steps))).exists()
-
-
 def _extracted(features: BaseEstimator, corpus: Corpus, steps: tuple) -> pd.DataFrame:
     """Features of all captures of a corpus, computed in blocks; after steps, with columns that tell of which piece.
 
@@ -84,49 +76,27 @@ def _extracted(features: BaseEstimator, corpus: Corpus, steps: tuple) -> pd.Data
             part = step(part)
         tables.append(features.extract(part))
         pieces.append((origin(part).index, origin(part).piece))
-    table = _below(tables)
-    return (
-        table.assign(**dict(zip(PIECES, map(np.concatenate, zip(*pieces, strict=True)), strict=True)))
-        if steps
-        else table
-    )
-
-
-def _below(tables: list[pd.DataFrame]) -> pd.DataFrame:
-    """Tables below each other; the list is emptied, as those of many captures fit into memory once."""
-    first, kinds = tables[0], {kind for table in tables for kind in table.dtypes}
-    if len(kinds) > 1 or not isinstance(first.dtypes.iloc[0], np.dtype):
-        return pd.DataFrame({name: np.concatenate([table[name].to_numpy() for table in tables]) for name in first})
-    values = np.empty((first.shape[1], sum(map(len, tables))), dtype=kinds.pop())
-    end = values.shape[1]
-    while tables:
-        part = tables.pop().to_numpy()
-        values[:, end - len(part) : end] = part.T
-        end -= len(part)
-    return pd.DataFrame(values.T, columns=first.columns, copy=False)
+    table = {name: np.concatenate([part[name].to_numpy() for part in tables]) for name in tables[0]}
+    if steps:
+        table |= dict(zip(PIECES, map(np.concatenate, zip(*pieces, strict=True)), strict=True))
+    return pd.DataFrame(table)
 
 
 def cache_key(features: BaseEstimator, digest: str, steps: tuple = ()) -> str:
     """Hash of corpus, steps, class, parameters and source code."""
-    return _key(_contents(features, digest, steps))
+    return _path(_contents(features, digest, steps)).stem
 
 
 def _contents(features: BaseEstimator, digest: str, steps: tuple) -> tuple[str, ...]:
     """What a table is computed from."""
     kind = type(features)
-    inputs = (digest, kind.__name__, repr(sorted(features.get_params().items())))
-    if not steps:
-        return *inputs, source_digest(kind)
-    return *inputs, source_digest(kind, *(code for step in steps for code in step.code())), repr(steps)
+    code = source_digest(kind, *(code for step in steps for code in step.code()))
+    return digest, kind.__name__, repr(sorted(features.get_params().items())), code, repr(steps)
 
 
 def _path(contents: tuple[str, ...]) -> Path:
     """Where a table is kept."""
-    return home() / "features" / f"{_key(contents)}.parquet"
-
-
-def _key(contents: tuple[str, ...]) -> str:
-    return hashlib.sha256("\n".join(contents).encode()).hexdigest()[:32]
+    return home() / "features" / f"{hashlib.sha256(repr(contents).encode()).hexdigest()[:32]}.parquet"
 
 
 @lru_cache(maxsize=4)
@@ -142,14 +112,9 @@ def _read(path: Path, contents: tuple[str, ...]) -> pd.DataFrame:
 
 def _sum(table: pd.DataFrame) -> str:
     """SHA-256 of the names, types and values of a table; what is no number is one value, whatever its bits."""
-    h = hashlib.sha256(repr([(name, str(kind)) for name, kind in table.dtypes.items()]).encode())
-    h.update(repr(len(table)).encode())
-    for name in table:
-        values = table[name].to_numpy()
-        if values.dtype.kind == "f" and (nothing := np.isnan(values)).any():
-            values = np.where(nothing, np.nan, values)
-        h.update(values.tobytes() if values.dtype.kind in "biuf" else repr(values.tolist()).encode())
-    return h.hexdigest()
+    kinds = repr([(name, str(kind)) for name, kind in table.dtypes.items()])
+    rows = pd.util.hash_pandas_object(table, index=False).to_numpy()
+    return hashlib.sha256(kinds.encode() + rows.tobytes()).hexdigest()
 
 
 def _writable(folder: Path) -> bool:
@@ -161,15 +126,8 @@ def _writable(folder: Path) -> bool:
 
 
 def _keep(table: pd.DataFrame, path: Path, contents: tuple[str, ...]) -> None:
-    """Write beside the final name and rename; where that cannot be done the values are merely computed again."""
-    beside = None
-    try:
-        handle, beside = tempfile.mkstemp(prefix=f".{owner()}", dir=path.parent)
-        os.close(handle)
-        signed = table.copy(deep=False)
-        signed.attrs = {"about": contents, "sum": _sum(table)}
+    """Write a table; where that cannot be done, such as on a full disk, the values are merely computed again."""
+    signed = table.copy(deep=False)
+    signed.attrs = {"about": contents, "sum": _sum(table)}
+    with suppress(OSError), replacing(path) as beside:
         signed.to_parquet(beside, index=False)
-        os.replace(beside, path)
-    except OSError:  # such as a full disk
-        if beside:
-            Path(beside).unlink(missing_ok=True)

@@ -67,25 +67,12 @@ class FromTorch(WindowNet):
 
     linear_last = False  # a module may end in anything
 
-    def __init__(
-        self,
-        module: Callable[[int, int, int, int], nn.Module],
-        frames: int = 50,
-        seconds: float = 0.0,
-        epochs: int = 20,
-        batch: int = 64,
-        rate: float = 1e-3,
-        seed: int = 0,
-        device: str = "cpu",
-    ) -> None:
-        self.module = module
-        self.frames = frames
-        self.seconds = seconds
-        self.epochs = epochs
-        self.batch = batch
-        self.rate = rate
-        self.seed = seed
-        self.device = device
+    module: Callable[[int, int, int, int], nn.Module]
+    frames: int = 50
+    seconds: float = 0.0
+    epochs: int = 20
+    batch: int = 64
+    rate: float = 1e-3
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """Module that ``module`` makes for this grid."""

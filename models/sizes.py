@@ -65,10 +65,8 @@ def _beside(classifier: BaseEstimator) -> int:
 
 def _layers(estimator: contract.System) -> list[contract.System]:
     """A search or what has steps before it, what decides in its place, and so on."""
-    layers = [estimator]
-    while (inner := contract.inside(layers[-1])) is not layers[-1]:
-        layers.append(inner)
-    return layers
+    inner = contract.inside(estimator)
+    return [estimator, *([] if inner is estimator else _layers(inner))]
 
 
 def _deciding(estimator: contract.System) -> list[contract.System]:
@@ -137,30 +135,21 @@ def _learnt(part: BaseEstimator) -> int:
         trees = part.get_booster().get_dump()  # a line per node; as a table it takes ten times as long
         return sum(2 * tree.count("\n") + tree.count("leaf=") + 2 for tree in trees)
     if "estimators_" in values:  # the members of an ensemble are all there is
-        members: list = _flat(part.estimators_)
+        members = [*part.estimators_.ravel()] if isinstance(part.estimators_, np.ndarray) else part.estimators_
         last = [values["final_estimator_"]] if "final_estimator_" in values else []
         if not last and all("tree_" in _attributes(member) for member in members):
             return _trees(members)
         return sum(parameter_count(member) for member in [*members, *last])
-    return sum(_numbers(value) for name, value in values.items() if _is_fitted(name, part))
+    settings = part.get_params(deep=False) if isinstance(part, BaseEstimator) else {}
+    return sum(_numbers(value) for name, value in values.items() if name not in {*settings, *NOT_LEARNT})
 
 
 def _trees(members: list) -> int:
     """Two numbers a node, one a tree, and what leaves hold, equal ones once."""
     trees = [getattr(member.tree_, "tree_", member.tree_) for member in members]  # of a tree that was pruned as well
     leaves = np.concatenate([tree.value[tree.children_left < 0].reshape(-1, tree.value[0].size) for tree in trees])
-    return sum(2 * tree.node_count + 1 for tree in trees) + _distinct(leaves)
-
-
-def _distinct(leaves: np.ndarray) -> int:
-    """Numbers in the rows that differ as float32; by hashes, which takes a tenth of the time of sorting rows."""
-    return int((~pd.DataFrame(leaves.astype(np.float32)).duplicated()).sum()) * leaves.shape[1]
-
-
-def _is_fitted(name: str, part: object) -> bool:
-    """Whether an attribute was made by ``fit``; some estimators of scikit-learn keep their data behind a ``_``."""
-    settings = part.get_params(deep=False) if isinstance(part, BaseEstimator) else {}
-    return name not in settings and name not in NOT_LEARNT
+    distinct = ~pd.DataFrame(leaves.astype(np.float32)).duplicated()  # by hashes: sorting rows takes ten times as long
+    return sum(2 * tree.node_count + 1 for tree in trees) + int(distinct.sum()) * leaves.shape[1]
 
 
 def _numbers(value: object) -> int:
@@ -171,18 +160,13 @@ def _numbers(value: object) -> int:
         return value.size if value.dtype.kind in "iuf" else 0
     if isinstance(value, float | np.floating):
         return 1
-    if isinstance(value, dict | list | tuple | np.ndarray):
-        return sum(_numbers(each) for each in _flat(value))
+    if isinstance(value, np.ndarray):
+        return sum(map(_numbers, value.ravel()))
+    if isinstance(value, dict | list | tuple):
+        return sum(map(_numbers, value.values() if isinstance(value, dict) else value))
     if isinstance(value, BaseEstimator):
         return parameter_count(value)
     return _learnt(value) if _is_network(value) or type(value).__module__.startswith("sklearn.") else 0
-
-
-def _flat(value: dict | list | tuple | np.ndarray) -> list[object]:
-    """What is in a container; arrays of objects are taken apart."""
-    if isinstance(value, dict):
-        return list(value.values())
-    return list(value.ravel()) if isinstance(value, np.ndarray) else list(value)
 
 
 def _is_network(value: object) -> TypeGuard[nn.Module]:

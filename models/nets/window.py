@@ -90,8 +90,7 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         # What a class declares itself names its runs, so it stands before what it inherits.
         base = inspect.signature(cls.__mro__[1]).parameters
         order = [*vars(cls).get("__annotations__", {}), *base, *(p.name for p in params)]
-        if all(p.kind is p.KEYWORD_ONLY for p in params):  # a constructor of one's own keeps its order
-            params.sort(key=lambda p: order.index(p.name))
+        params.sort(key=lambda p: order.index(p.name))
         cls.__signature__ = inspect.Signature(params)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:

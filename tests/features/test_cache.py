@@ -7,7 +7,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench import source
-from bench.errors import InputError
 from bench.features import cache
 from bench.features.cache import cache_key
 from bench.features.jung28 import Jung28
@@ -42,11 +41,8 @@ def rewritten(path, change):
 
 CHANGES = {
     "a value doubled": lambda frame: frame.assign(f01_mean_pressure=2 * frame["f01_mean_pressure"]),
-    "rows swapped": lambda frame: frame.iloc[[1, 0, *range(2, len(frame))]],
     "a row less": lambda frame: frame.iloc[:-1],
-    "a row more": lambda frame: pd.concat([frame, frame.iloc[:1]]),
     "names swapped": lambda frame: frame.set_axis([*frame.columns[1:], frame.columns[0]], axis=1),
-    "text": lambda frame: frame.astype(str),
 }
 
 
@@ -59,17 +55,6 @@ def test_a_changed_table_is_computed_again(table, stored, corpus, extracted, nam
     assert Jung28().transform(stored).equals(expected) and extracted == [36]
     cache._read.cache_clear()
     assert Jung28().transform(stored).equals(expected) and extracted == [36]  # mended
-
-
-def test_frames_that_are_changed_under_an_open_corpus_fill_no_cache(stored, corpus):
-    path = stored.path / "frames.npy"
-    content = bytearray(path.read_bytes())
-    content[-1] ^= 1
-    with path.open("r+b") as file:  # in place: the mapped frames change, too
-        file.write(content)
-    with pytest.raises(InputError, match="import it again"):
-        Jung28().transform(stored)
-    assert not list((home() / "features").iterdir())
 
 
 def test_features_are_computed_once_per_corpus(corpus, stored, tmp_path, monkeypatch):

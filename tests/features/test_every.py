@@ -86,20 +86,6 @@ def test_constant_captures(features, grid):
             row = row_of(clone(features), np.full((frames, *grid), value, kind), full_scale=max(value, 1023.0))
             still = row.filter(regex=CONSTANT[features])
             assert np.isfinite(row).all() and len(still) > 3 and (still.abs() < 1e-12).all()
-            mean = row.filter(regex="^(f01_mean_pressure|mean_pressure_mean|msd_r1c1_mean|mean_pressure)$")
-            assert (abs(mean - value) < 1e-6 * max(value, 1)).all()
-            pressed = row.filter(regex="^(f20_contact_area|sd_high_mean|half_area_mean|solidity_mean|bmh)")
-            assert (pressed == (value > 0)).all()
-            if isinstance(features, TouchFeatures):
-                assert (row.filter(regex="_kurtosis$") == 3).all() and row["likeness_mean"] == (frames > 1)
-                assert row["peak_mean"] == pytest.approx(np.log(value / max(value, 1023) + 1e-4), abs=1e-6)
-            elif isinstance(features, Balli):
-                assert (row.filter(regex="_hurst$") == 0.5).all()
-                assert row["area_mean"] == (value > 0) * grid[0] * grid[1]
-            elif isinstance(features, Gaus):
-                planes = [min(grid) >= 3, min(frames, grid[1]) >= 3, min(frames, grid[0]) >= 3]
-                assert row.filter(regex="lbptop_.._57").tolist() == planes
-                assert row.filter(regex="lbptop").sum() == sum(planes)
 
 
 @pytest.mark.parametrize("features", LEARNING, ids=str)
@@ -122,14 +108,10 @@ def test_only_training_captures_are_learnt_from(features):
     ("wrong", "message"),
     [
         (Jung28("frames"), "features.area=frames: give frame or capture"),
-        (Ta273("all"), "features.levels=all: give training or fixed"),
         (Balli(-1), "features.selected=-1"),
-        *((Hughes36(**{name: 0}), f"features.{name}=0") for name in ("states", "iterations", "epochs")),
+        (Hughes36(states=0), "features.states=0"),
         (Subset(Jung28(), 0), "count=0"),
-        *(
-            (Gaus(f), "features.families=")
-            for f in [(), ("",), ("sd", "lbp"), ("sd", "bmh", "sd"), "sd", None, (["sd"],)]
-        ),
+        *((Gaus(families), "features.families=") for families in [(), ("sd", "lbp"), ("sd", "bmh", "sd")]),
     ],
     ids=str,
 )

@@ -39,9 +39,9 @@ def linear(frames, rows, cols, classes):
 
 
 def test_a_module_is_made_for_the_window_and_trained(corpus):
-    model = FromTorch(linear, 5, batch=8, rate=0.01, epochs=20).fit(corpus, corpus.gestures)
+    model = FromTorch(module=linear, frames=5, batch=8, rate=0.01, epochs=20).fit(corpus, corpus.gestures)
     assert (model.predict(corpus) == corpus.gestures).mean() > 0.7 and len(model.history_) == 20
     assert model.parameters_ == 5 * 64 * 3 + 3
-    assert contract.window(model, 100.0) == 5 and contract.window(FromTorch(linear, seconds=0.5), 100.0) == 50
+    assert contract.window(model, 100.0) == 5 and contract.window(FromTorch(module=linear, seconds=0.5), 100.0) == 50
     with pytest.raises(InputError, match="model.epochs=0"):
-        FromTorch(linear, epochs=0).check()
+        FromTorch(module=linear, epochs=0).check()

@@ -1,7 +1,6 @@
 """What the harness may ask of a system, and what it assumes where a system has no answer."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.pipeline import make_pipeline
@@ -11,7 +10,6 @@ from sklearn.svm import SVC
 from bench import contract
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
-from bench.features.ta273 import Ta273
 from bench.models.search.auto import Auto
 
 
@@ -26,28 +24,6 @@ class Plain(ClassifierMixin, BaseEstimator):
         return np.full(len(X), self.classes_[1])
 
 
-class Telling(Plain):
-    """Has the methods, too."""
-
-    fit_seconds_ = (1.0, 2.0)
-
-    def __init__(self, frames=5):
-        self.frames = frames
-
-    def check(self):
-        raise InputError("no")
-
-    def check_training(self, X, y):
-        raise InputError("never")
-
-    def length(self, rate_hz):
-        return round(self.frames * rate_hz)
-
-    def decide(self, X):
-        table = pd.DataFrame({"capture": [0, 0], "start": [0, 1], "frames": 1})
-        return table, np.array([[1.0, 0, 0], [0, 1, 0]])
-
-
 def test_an_attribute_is_read_by_its_name_and_has_a_default():
     hooks = {hook.name: hook for hook in vars(contract).values() if isinstance(hook, contract.Hook)}
     nothing = {"history_": [], "chosen_": {}, "members": [], "constants_": 0, "bytes_saved_": 0, "learns": True}
@@ -60,23 +36,6 @@ def test_an_attribute_is_read_by_its_name_and_has_a_default():
         assert hook(part) is value
     contract.history(Plain()).append(1)
     assert contract.history(Plain()) == []  # nobody changes it for others
-
-
-def test_methods_have_defaults_and_are_believed(corpus):
-    plain, full = (system.fit(corpus, corpus.gestures) for system in (Plain(), Telling()))
-    assert contract.check(plain) is contract.check_training(plain, corpus, corpus.gestures) is None
-    assert contract.window(plain, 100.0) is None and contract.window(full, 2.0) == 10 and contract.features(plain) == {}
-    assert contract.fit_seconds(plain, 1.5, 2.5) == (1.5, 2.5) and contract.fit_seconds(full, 9.0, 9.0) == (1.0, 2.0)
-    assert contract.inside(plain) is plain and contract.frames_at_once(plain, 40) == 40
-    table, proba = contract.decide(plain, corpus)
-    assert table["frames"].tolist() == corpus.lengths.tolist() and table["start"].eq(0).all()
-    assert (proba == np.eye(3)[1]).all() and not contract.has_probabilities(plain)
-    assert contract.decides_often(full) and contract.decide(full, corpus)[0]["start"].tolist() == [0, 1]
-    for name, call in (("no", contract.check), ("never", lambda s: contract.check_training(s, corpus, None))):
-        with pytest.raises(InputError, match=f"^{name}$"):
-            call(full)
-    assert contract.kept(StandardScaler(), 40, 64) == 40 * 64 and contract.kept(Jung28(), 40, 64) == 40 + 2 * 64
-    assert contract.learns(Ta273()) and not contract.learns(Jung28()) and contract.kept_before(plain, 64) == 0
 
 
 def test_a_factory_is_handed_the_feature_set_whatever_its_argument_is_called(corpus):
@@ -110,7 +69,7 @@ class Given(Plain):
         raise AttributeError(name)
 
 
-@pytest.mark.parametrize("label", ["unknown", "Pat", None, b"pat", 0, float("nan")])
+@pytest.mark.parametrize("label", ["Pat", None, 0])
 def test_a_label_that_is_no_class_fails(corpus, label):
     system = Given([label]).fit(corpus, corpus.gestures)
     with pytest.raises(ValueError, match=f"predict gives {label!r}, which is not one of the trained gestures"):
@@ -120,12 +79,9 @@ def test_a_label_that_is_no_class_fails(corpus, label):
 @pytest.mark.parametrize(
     ("row", "fact"),
     [
-        ([-3.0, -1.0, -2.0], "softmax"),  # distances
         ([0.2, 2.0, -1.2], "softmax"),  # logits, with a sum of 1 by chance
         ([0.5, 0.5, 0.01], "sum of 1.01"),
-        ([0.0, 0.0, 0.0], "sum of 0"),
         ([np.nan, np.nan, np.nan], "not finite; .* abstains"),
-        ([np.nan, 0.5, 0.5], "not finite"),
     ],
 )
 def test_values_that_are_no_probabilities_fail(corpus, row, fact):

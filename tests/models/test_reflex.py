@@ -16,8 +16,6 @@ from bench.models.out_of_distribution import Guarded
 from bench.models.reflex import Reflex
 from tests.conftest import random_corpus
 
-QUICK = {"copies": 1}
-
 
 @pytest.fixture(autouse=True)
 def few_updates(monkeypatch):
@@ -47,11 +45,3 @@ def test_a_capture_is_the_mean_of_its_windows_and_a_short_one_has_weights_of_its
     table, proba = system.decide(corpus)
     assert (np.diff(table["capture"]) >= 0).all() and len(table) == len(proba)
     assert set(table["frames"]) == {12, 15, 30}
-
-
-def test_seconds_are_those_of_the_captures_it_is_given(corpus):
-    """At twice the rate a second has twice the frames; what is shorter goes to the discriminants for short windows."""
-    system = Reflex(**QUICK).fit(corpus, corpus.gestures)
-    faster = Corpus.from_captures([corpus[0][:1].repeat(n, axis=0) for n in (30, 45, 60)], corpus.captures[:3], 60.0)
-    table, _ = system.decide(faster)
-    assert table.groupby("capture")["frames"].max().tolist() == [30, 30, 60]

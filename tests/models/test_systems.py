@@ -25,23 +25,11 @@ from bench.models.classic.softmax import softmax
 from bench.models.sizes import sizes
 from bench.registry import load, required
 from tests.conftest import random_corpus, with_other_values
+from tests.net.numbers import QUICK
 
 SEARCHES = {"auto", "jung2014_svm", "jung2017_tree", "jung2017_svm_linear", "jung2017_svm_rbf", "ta2015_svm"}
 SLOW = SEARCHES | {"hughes2015_softmax", "gaus2015_rf", "gaus2015_boost", "ta2015_rf", "jung2017_nn"}
 SLOW |= {"ren2023_transformer"}  # the parts of most are here with less to learn
-QUICK = {
-    "rf": {"trees": 10},
-    "et": {"trees": 10},
-    "xgb": {"trees": 5},
-    "boost": {"rounds": 5, "depth": 3},
-    "mlp": {"layers": "4", "runs": 1},
-    "perceptron": {"updates": 50},
-    "balli2015_rf": {"selected": 3},
-    "reflex": {"copies": 1, "window": 0.2, "early": 0.1, "units": 4},
-    "cnn85": {"frames": 10, "batch": 16},
-    "rocket": {"kernels": 84},
-    "touchnet": {"seconds": 0.2, "width": 4, "updates": 10, "batch": 16},
-}
 HARSH = {"repair": ("stuck", "dead", "offset"), "scale": "peak", "faults": ("all",), "copies": 1}
 
 
@@ -58,7 +46,7 @@ COMPOSED = {
     "rf on ta273": lambda: rf(Ta273(), trees=10),
     "softmax on hughes36": lambda: softmax(Hughes36(states=2, iterations=2, epochs=1)),
     "series": lambda: FromSeries(make_pipeline(FunctionTransformer(flattened), KNeighborsClassifier(3)), "both", 12),
-    "module": lambda: FromTorch(linear, 5, epochs=2),
+    "module": lambda: FromTorch(module=linear, frames=5, epochs=2),
     "lda on windows": lambda: made("lda", window=0.1, **HARSH),
     "svm for a person": lambda: made("svm", person=("centre", "scale", "pool"), turns=1),
     "cnn85 on damaged copies": lambda: made("cnn85", **HARSH),
@@ -84,7 +72,7 @@ def few_updates(monkeypatch):
     monkeypatch.setattr("bench.models.classic.mlp.MLPClassifier", short)
 
 
-@pytest.mark.parametrize("name", [*DAILY, *(pytest.param(n, marks=pytest.mark.nightly) for n in SLOW - {"auto"})])
+@pytest.mark.parametrize("name", [*DAILY, *(pytest.param(n, marks=pytest.mark.nightly) for n in SLOW)])
 def test_contract(name):
     check_contract(COMPOSED.get(name, lambda: made(name)))
 

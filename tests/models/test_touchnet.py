@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
 from bench.features.touch import OF_STEPS, SIGNALS, signals
-from bench.models.nets import touchnet
 from bench.models.nets.touchnet import Stretches
 
 
@@ -53,18 +52,3 @@ def test_training_windows_stay_within_their_captures(lengths, seed):
         values, seen = drawn.batch(np.arange(len(drawn)))
         for window, count, capture in zip(values[..., SIGNALS.index("total")], seen, drawn.capture, strict=True):
             assert 1 <= count <= lengths[capture] and (window[:count] == totals[capture]).all()
-
-
-def test_a_mounting_has_the_signals_of_a_turned_skin():
-    (frames,) = random_frames(0, [9])
-    turned = [np.rot90(f, k, axes=(1, 2)) for k in range(4) for f in (frames, frames[:, :, ::-1])]
-    expected = [signals(f.astype(np.float32) / np.float32(1023)) for f in turned]
-    own = torch.from_numpy(signals(frames.astype(np.float32) / np.float32(1023)).astype(np.float32))
-    torch.manual_seed(0)
-    found = touchnet._mounted(own.expand(400, *own.shape)).numpy()
-    counts = np.zeros(8, dtype=int)
-    for one in found:
-        same = [np.allclose(one, other, rtol=1e-4, atol=1e-4) for other in expected]
-        assert sum(same) == 1
-        counts += same
-    assert (counts > 20).all()  # each of the eight about 50 times
