@@ -8,51 +8,315 @@
 
 The functions take the names of the command line (see ``bench run --help``): lists instead of commas, ``model__C=8`` for
 ``model.C=8``, and scikit-learn estimators, feature sets and splitters besides names. Nothing heavy is loaded before
-one of them is asked for.
+one of them is called. All raise `InputError` for what cannot be used.
 """
 
 from __future__ import annotations
 
-import importlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-_PLACES = {
-    "audit": "bench.commands.audit",
-    "choose": "bench.commands.choose",
-    "compare": "bench.stored",
-    "corpus": "bench.commands.data",
-    "extract": "bench.commands.data",
-    "fault": "bench.corpora.faults",
-    "fit": "bench.commands.fit",
-    "groups": "bench.commands.groups",
-    "latex": "bench.stored",
-    "look": "bench.commands.data",
-    "plans": "bench.commands.run",
-    "predictions": "bench.stored",
-    "run": "bench.commands.run",
-    "runs": "bench.stored",
-    "stress": "bench.commands.run",
-    "tune": "bench.commands.tune",
-    "Corpus": "bench.corpora.corpus",
-    "InputError": "bench.errors",
-}
-__all__ = [*_PLACES]
+from bench.errors import InputError as InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bench.corpora.corpus import Corpus
+    from bench.corpora.survey import Survey
+    from bench.outcomes.choice import Chosen
+    from bench.plan.plan import Plan
+    from bench.reports.pair import Compared
+    from bench.work.fit import Fitted
 
 
-def __getattr__(name: str) -> object:
-    if name in _PLACES:
-        return getattr(importlib.import_module(_PLACES[name]), name)
-    if not name.startswith("_") and name in _makers():  # a package's command that makes runs
-        from bench.commands.run import maker
+def run(**values: object) -> pd.DataFrame:
+    """Evaluate every combination of the values; stored runs are not repeated.
 
-        return maker(name)
-    raise AttributeError(f"module 'bench' has no attribute {name!r}")
+    Args:
+        values: keys of ``bench run``. A list of values runs each of them. ``model__C=8`` sets a parameter of a part, as
+            ``model.C=8`` does on the command line. Scikit-learn estimators, feature sets and splitters may stand
+            instead of names.
+
+    Returns:
+        One row per run, as `bench.runs` has them; `bench.predictions` takes it and gives the labels.
+    """
+    from bench.commands.run import made
+
+    return made("run", values)
 
 
-def __dir__() -> list[str]:
-    return sorted({*__all__, *_makers()})
+def stress(**values: object) -> pd.DataFrame:
+    """Runs under faults, and on fewer training subjects, as ``bench stress`` makes them; it writes no files.
+
+    Args:
+        values: keys of ``bench stress``, as `run` takes them.
+    """
+    from bench.commands.run import made
+
+    return made("stress", values)
 
 
-def _makers() -> list[str]:
-    from bench.options import makers
+def plans(**values: object) -> list[Plan]:
+    """The plans of `run`: captures, folds and an untrained system for every combination of the values.
 
-    return [*makers()]
+    Args:
+        values: keys of `run`.
+
+    Returns:
+        Plans with ``corpus``, ``folds`` (``name``, positions ``train`` and ``test``) and ``cell.estimator()``.
+    """
+    from bench.options import KEYS, jobs_of, values_of
+    from bench.plan.cells import cells
+    from bench.plan.plan import planned
+
+    typed = values_of(values, KEYS)
+    return planned(cells(typed), jobs_of(typed))
+
+
+def tune(**values: object) -> pd.DataFrame:
+    """Search parameters inside each training part; a row per run.
+
+    Args:
+        values: keys of `run`; values of ``model__X`` to try; ``trials`` (combinations in each fold, default 50),
+            ``seconds`` (of searching in a fold) and ``inner`` (groups of training subjects that judge, default 3, or
+            ``loso``). ``smallest`` (a parameter, or ``features``) looks for its smallest value that suffices.
+
+    Returns:
+        The columns of `run`.
+    """
+    from bench.commands.tune import searched
+    from bench.options import keys, values_of
+    from bench.outcomes.frame import frame
+
+    return frame(searched(values_of(values, keys("tune"))))
+
+
+def fit(**values: object) -> Fitted:
+    """Train one system on all captures and save it; ``recogniser.label(corpus)`` uses it.
+
+    Args:
+        values: ``data``, ``where``, ``target``, ``model``, ``features`` and ``seed`` of `run`; ``stopping`` (``false``
+            learns no early decision) and ``out`` (folder to save it in, besides the store).
+    """
+    from bench.commands.fit import trained
+    from bench.options import keys, values_of
+
+    return trained(values_of(values, keys("fit")))
+
+
+def audit(**values: object) -> pd.DataFrame:
+    """Verify that systems keep the rules of the contract, on generated captures.
+
+    Args:
+        values: ``model``, ``features``, ``seed`` and their parameters, as `run` takes them.
+
+    Returns:
+        One row per system and check: system, check, result (passed, failed or not applicable), sentence, seconds.
+    """
+    import pandas as pd
+
+    from bench.commands.audit import audited
+    from bench.options import keys, values_of
+
+    audits = audited(values_of(values, keys("audit")))
+    return pd.DataFrame([{"system": cell.system(), **vars(each)} for cell, verdicts in audits for each in verdicts])
+
+
+def corpus(data: str = "synth", where: str = "", target: str = "gesture", **parameters: object) -> Corpus:
+    """The captures of a corpus: ``len``, ``captures`` (a table), one array [frames, rows, cols] each, ``plot(i)``.
+
+    Args:
+        data: an imported corpus, or ``synth``.
+        where: captures to use, a condition on their columns.
+        target: columns of the class.
+        parameters: parameters of ``synth``.
+    """
+    from bench.commands.corpora import captures
+
+    return captures(data, parameters, where, target)
+
+
+def look(
+    data: str = "synth",
+    where: str = "",
+    out: str | Path | None = None,
+    target: str = "gesture",
+    **parameters: object,
+) -> Survey:
+    """Survey a corpus, as ``bench data show`` does; the result prints as the same sentences.
+
+    Args:
+        data: an imported corpus, or ``synth``.
+        where: captures to look at, a condition on their columns.
+        out: folder for figures and a page that holds them; None draws nothing.
+        target: columns that make the class to predict, such as ``variant``; its classes are counted.
+        parameters: parameters of ``synth``.
+
+    Returns:
+        Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
+    """
+    from bench.commands.corpora import looked
+
+    return looked(corpus(data, where, target, **parameters), None if out is None else Path(out))
+
+
+def extract(**values: object) -> pd.DataFrame:
+    """The features of all captures, beside their subject, gesture and conditions.
+
+    Features that learn are fitted to all these captures: do not test on any of them.
+
+    Args:
+        values: ``data``, ``where``, ``target``, ``features`` and ``seed`` of `run`.
+    """
+    from bench.commands.data import extracted
+    from bench.options import KEYS, values_of
+
+    return extracted(values_of(values, KEYS.keys() - {"protocol", "model", "jobs"}))
+
+
+def runs(cases: bool = False, **values: object) -> pd.DataFrame:
+    """Stored runs of all kinds, accuracies in percent.
+
+    Args:
+        cases: True for a row for each case of the circumstances of each run, such as a fault at one severity.
+        values: the runs to keep: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`,
+            ``run`` (their ids), ``latest`` (True: of each model and feature set, only the newest parameters and
+            captures).
+
+    Returns:
+        One row per run: ``name``, which tells what differs from its neighbours; ``accuracy``, the mean over subjects,
+        with its 95 % t-interval (``low``, ``high``) and SD, and every other number; system, model, features,
+        parameters, seed, unit, subset, target, data and protocol; ``complete``, ``alone``, ``folds`` and ``run_id``.
+    """
+    from bench.outcomes.frame import frame
+
+    return frame(_stored(values), cases)
+
+
+def predictions(runs: pd.DataFrame | None = None, table: str = "predictions", **values: object) -> pd.DataFrame:
+    """The labels of stored runs as one table, or another table of theirs.
+
+    Args:
+        runs: rows of `runs`, or of a function that makes runs; None for all that ``values`` select.
+        table: ``predictions`` (a row per decision with the probability of each class), ``per_subject``, ``labels``
+            (labels in the cases of circumstances) or another table of a run.
+        values: the runs to keep, as `runs` takes them.
+
+    Returns:
+        The rows of the table with the ``name`` and ``run_id`` of their run.
+    """
+    from bench.outcomes.frame import tables
+
+    return tables(_stored(values if runs is None else {**values, "run": [*runs["run_id"]]}), table)
+
+
+def compare(system: str | Mapping[str, object], other: str | Mapping[str, object], **values: object) -> Compared:
+    """Two tracked systems on whole captures, paired over subjects; seeds are averaged.
+
+    Args:
+        system: system name as in tables, such as ``"svm · jung54"``, or its values as `run` takes them, such as
+            ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or ``protocol`` among
+            these, only matching runs are searched.
+        other: the system to compare it with.
+        values: the runs of both, as `runs` selects them.
+
+    Returns:
+        ``difference`` (first less second, mean over subjects, in points), its 95 % t-interval ``low`` and ``high``,
+        ``p`` (two-sided Wilcoxon test), ``subjects`` (their number), ``gain`` and ``lose`` (the subjects on whom the
+        first or the second is more accurate) and ``accuracy`` (a table [subjects, 2]).
+    """
+    from bench.options import KEYS, STORED, values_of
+    from bench.outcomes.frame import grouped
+    from bench.outcomes.runs import asked_of, selected, stored
+    from bench.reports.pair import compared
+    from bench.store import connect
+    from bench.words import items
+
+    every = selected(stored(connect()), asked_of(values_of(values, {option.key for option in STORED})))
+    sides = []
+    for one in (system, other):
+        typed = {} if isinstance(one, str) else values_of(one, KEYS)
+        on = {key: items(key, typed.pop(key)) for key in ("data", "where", "target", "protocol") if key in typed}
+        groups = {group: selected(members, on) for group, members in grouped(every).items()}
+        sides.append((one if isinstance(one, str) else _system(typed), {k: held for k, held in groups.items() if held}))
+    return compared(sides)
+
+
+def choose(**values: object) -> Chosen:
+    """Choose the cheapest stored system within one standard error of the best.
+
+    Args:
+        values: the runs to choose among, as `runs` selects them;
+            ``by`` (the cost to keep low, default ``flash``); budgets ``max_flash``, ``max_ram``, ``max_predict``,
+            ``max_decision``, ``max_cycles``; ``clock`` of the target, such as ``64MHz``, at which measured cycles count
+            for ``max_decision``; ``margin`` (tolerated loss of accuracy in points); ``unit`` (``capture`` or
+            ``window``); ``batch`` (``yes`` to include systems whose labels depend on the batch); ``shots`` (labelled
+            captures of a new person).
+    """
+    from bench.commands.choose import chosen
+    from bench.options import keys, values_of
+
+    return chosen(values_of(values, keys("choose")))
+
+
+def groups(**values: object) -> pd.DataFrame:
+    """Groups of gestures that a stored system can tell apart.
+
+    Args:
+        values: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`, among whose runs the
+            most accurate system is used; ``batch`` (``yes`` to include systems whose labels depend on the batch).
+
+    Returns:
+        One row per number of groups, from one per gesture down to 2: `bench.outcomes.groups.groupings`.
+    """
+    from bench.commands.groups import KEYS, grouped
+    from bench.options import values_of
+
+    return grouped(values_of(values, KEYS))[0]
+
+
+def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
+    """Tables that compare systems, each with a caption that names corpus, protocol and unit.
+
+    Args:
+        runs: rows of `runs`, or of a function that makes runs. Runs on the same captures, under the same protocol and
+            in the same unit share one table; p is corrected for all systems of it.
+        paper: columns of a table with systems as rows and protocols side by side: ``accuracy`` (mean over people ± SD)
+            and ``macro_f1`` under each protocol, ``fit``, ``predict`` and ``flash`` of each system. Protocols that mix
+            people are marked. Empty for a table of each protocol.
+
+    Returns:
+        Text for a document that loads booktabs.
+    """
+    from bench.outcomes.frame import grouped
+    from bench.outcomes.runs import of_captures
+    from bench.reports import latex
+    from bench.reports.comparison import comparison, published
+    from bench.reports.latex import columns_of, papers, side_by_side
+
+    if "run_id" not in runs:
+        raise InputError("bench.latex: give the table of bench.runs()")
+    results = of_captures(_stored({"run": [*runs["run_id"]]}))
+    if paper:
+        return side_by_side(papers(results, columns_of(paper)))
+    return latex.latex(comparison(grouped(results), published()))
+
+
+def _stored(values: Mapping[str, object]) -> list:
+    from bench.options import STORED, values_of
+    from bench.outcomes.runs import asked_of, every_result, wanted
+    from bench.store import connect
+
+    asked = asked_of(values_of(values, {option.key for option in STORED}))
+    return wanted(every_result(connect(), asked), asked)
+
+
+def _system(values: dict[str, object]) -> str:
+    """The name of the one system that some values mean."""
+    from bench.plan.cells import cells
+
+    systems = {cell.system() for cell in cells(values)}
+    if len(systems) > 1:
+        raise InputError(f"{values} describe {len(systems)} systems; give one")
+    return systems.pop()

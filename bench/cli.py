@@ -9,8 +9,8 @@ import os
 import sys
 
 from bench.errors import ClusterError, HiddenError, InputError, StoreError, nearest
-from bench.options import commands, help_of, options, overview, rooms
-from bench.registry import broken, check_loaded, imported
+from bench.options import keys, rooms
+from bench.registry import imported, load, names
 from bench.scratch import scratch
 
 LONGEST = 300  # characters of a message
@@ -57,6 +57,8 @@ def main(arguments: list[str] | None = None) -> int:
 def _done(arguments: list[str]) -> int:
     """Do a command; its exit code."""
     if not arguments or arguments[0] in ("-h", "--help", "help"):
+        from bench.described import overview
+
         print(overview())
         return 0
     if arguments[0] == "--version":
@@ -65,33 +67,28 @@ def _done(arguments: list[str]) -> int:
         print(f"touchbench {version('touchbench')}")
         return 0
     name, *rest = arguments
-    if name not in (known := commands()):
-        check_loaded()  # it may be a command of such a package
+    if name not in (known := [name for name in names("commands") if " " not in name]):
         raise InputError(f"no command is called {name!r}; {nearest(name, known)}")
-    if {"-h", "--help"} & set(rest):
+    if {"-h", "--help"} & {*rest}:
         print(_help(name, rest), end="")
         return 0
     _check(rest)
-    if known[name].makes:
-        from bench.commands.run import command
-
-        with scratch():
-            return command(name, rest)
-    for line in broken():
-        print(f"warning: {line}", file=sys.stderr)
-    module = known[name].module
-    work = imported(f"{module}:{name}" if module else f"bench.commands.{name}:command")
+    command = load("commands", name)
     with scratch():
-        return work(rest)
+        if command.makes:
+            from bench.commands.run import command as run
+
+            return run(name, rest)
+        return imported(f"{command.module}:{name}" if command.module else f"bench.commands.{name}:command")(rest)
 
 
 def _help(name: str, arguments: list[str]) -> str:
     """The help of a command; where its arguments name parts, the parameters of these."""
-    if words := [a for a in arguments if (key := a.partition("=")[0]) in rooms() and key in options(name)]:
-        from bench.described import help_of_parts
+    from bench.described import help_of, help_of_parts
 
-        return help_of_parts(words, rooms())
-    return help_of(name)
+    known = keys(name)
+    words = [a for a in arguments if (key := a.partition("=")[0]) in rooms() and key in known]
+    return help_of_parts(words, rooms()) if words else help_of(name)
 
 
 def _check(arguments: list[str]) -> None:

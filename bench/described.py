@@ -1,6 +1,6 @@
-"""Parts in words: what each is, and every parameter with its default, its meaning and where the default comes from.
+"""Help: the commands and their keys; parts and their parameters with default, meaning and origin of the default.
 
-All of it is read from docstrings and signatures, so that help and captions cannot differ.
+Parts are described by docstrings and signatures, so that help and captions cannot differ.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from bench.amounts import text_of
+from bench.option import Option
+from bench.options import START, WORK, added, commands, options
 from bench.registry import load, names, parameters, required
-from bench.words import WIDTH, items
+from bench.words import WIDTH, items, text_of
 
 SECTION = re.compile(r"^(Args|Attributes|Raises|Returns):$", re.MULTILINE)
 ENTRY = re.compile(r"^ {4}(\w[\w, ]*):\s+(.*(?:\n {8}.*)*)", re.MULTILINE)
@@ -129,3 +130,46 @@ def _plain(text: str) -> str:
 
 def _line(text: str) -> str:
     return " ".join(text.split())
+
+
+def overview() -> str:
+    """The commands to begin with, each with its summary, and the names of the others."""
+    groups: dict[str, list[str]] = {}
+    every = commands()
+    for name, command in every.items():
+        groups.setdefault(command.group, []).append(name)
+    members = groups.pop(START)
+    lines = ["bench: which recogniser of touch gestures should I ship?", "", f"{START}:"]
+    lines += [f"  bench {name:10}{every[name].summary}" for name in members]
+    lines += ["", "other commands:"]
+    lines += [f"  {group:16}{', '.join(names)}" for group, names in groups.items()]
+    return "\n".join([*lines, "", "bench COMMAND --help explains a command and lists its options."])
+
+
+def help_of(name: str) -> str:
+    """The help of a command: usage, a paragraph, its own keys, those that it shares with ``bench run``, examples."""
+    command, table, every = load("commands", name), options(name), (*WORK, *added("makers").values())
+    shared = [key for key, option in table.items() if name != "run" and option in every]
+    rows = [_key(option) for key, option in table.items() if key not in shared]
+    if shared:
+        rows.append(f"  {' '.join(f'{key}=' for key in shared)}   as for bench run")
+    usage = "\n".join(f"bench {name} {form}".rstrip() for form in command.usage.split("\n"))
+    paragraph, examples = (
+        textwrap.fill(command.text, WIDTH, break_on_hyphens=False),
+        textwrap.indent(command.examples, "  "),
+    )
+    return "\n\n".join(filter(None, [usage, paragraph, "\n".join(rows), examples])) + "\n"
+
+
+def _key(option: Option) -> str:
+    """A key with its help, values and default."""
+    text = option.help
+    if option.room:
+        text = text.replace(f"{{{option.room}}}", ", ".join(names(option.room)))
+    if len(option.values) > 1:
+        text += f": {(', ' if option.joint == ',' else option.joint).join(option.values)}"
+    if option.type != "yes" and option.default not in (None, "", 0, ()):
+        text += f"; default {option.default:g}" if option.type == "number" else f"; default {option.default}"
+    return textwrap.fill(
+        text, WIDTH, break_on_hyphens=False, initial_indent=f"  {option.key + '= ':16}", subsequent_indent=" " * 18
+    )

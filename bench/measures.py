@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
 
-from bench.amounts import UNITS, quantity
 from bench.errors import InputError
 from bench.few import INTERVAL, too_few
 from bench.registry import circumstance_views, run_views
+from bench.words import UNITS, quantity
 
 Row = Mapping[str, Any]  # of a run or of a table: values by name; nan or None for what is unknown
 NONE = "-"  # printed for an unknown value
@@ -63,7 +63,7 @@ class Measure:
         latex: its heading in LaTeX; empty for the usual one.
         shows: outputs that have this column: terminal, page, latex, csv.
         help: help of its budget; empty for a number by which nothing is chosen. What follows is of costs alone.
-        unit: unit of its amounts. One of `bench.amounts.UNITS` is typed with a unit, any other as a plain number.
+        unit: unit of its amounts. One of `bench.words.UNITS` is typed with a unit, any other as a plain number.
         better: ``low`` or ``high``: a budget is the most of the former (``max_<key>``), the least of the latter.
         noun: name in a sentence; empty for the key with spaces.
         words: words behind an amount of it; empty for "of" and the noun.
@@ -433,7 +433,7 @@ def run_columns() -> list[Measure]:
         Measure("predict_wall_ms_p50", shows=csv),
         Measure("fit_wall_seconds", shows=csv),
         Measure("slowdown", shows=csv),
-        *(cost for cost in costs().values() if cost.shows),
+        *(cost for cost in OF_SYSTEMS if cost.shows),
         Measure("predict", "predict ms p50 / p95", ("predict_ms_p50", "predict_ms_p95"), ".2f", spare=1, shows=page),
         Measure("decision_ms", "decision ms", form=".0f", spare=1, shows=("page", "csv")),
         Measure("parameters", form=whole, spare=1, shows=("page", "csv")),

@@ -8,9 +8,9 @@ import re
 from dataclasses import dataclass
 from typing import Any, Self
 
-from bench.amounts import UNITS, convert, quantity, text_of
 from bench.errors import InputError, nearest
-from bench.words import Values, items
+from bench.measures import budgets
+from bench.words import UNITS, Values, convert, items, quantity, text_of
 
 ROOM = re.compile(r"{([\w.]+)}")  # in the help of an option
 FEW = 3  # values that a refusal lists
@@ -28,8 +28,7 @@ class Option:
         help: text of the help; ``{models}`` stands for the names of a room, whose parts the key names.
         values: allowed values, if they can be listed.
         joint: separator of several values.
-        commands: those that take a key that a package adds; ``makers`` are those that make runs.
-        uses: class that does what such a key asks, ``module:object``.
+        uses: class that does what a key of a package asks, ``module:object``.
     """
 
     key: str
@@ -38,7 +37,6 @@ class Option:
     help: str
     values: tuple[str, ...] = ()
     joint: str = ","
-    commands: str = ""
     uses: str = ""
 
     @property
@@ -95,6 +93,8 @@ def value_of(one: Option, value: object) -> Any:
     key = one.key
     if one.type == "number":
         return quantity(key, value)
+    if one.type == "amount":
+        return budgets()[key].typed(value)
     if one.type in UNITS:
         return quantity(key, value, one.type)
     if one.type == "counts":

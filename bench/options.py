@@ -1,19 +1,23 @@
-"""The commands, and the keys that several of them share; each command stands in a file of `bench.commands`.
+"""The grammar of the command line: commands, the keys that several share, and words ``key=value`` read by them.
 
-Parsing, ``--help`` and the Python API read these values. Nothing heavy is imported, so that help comes at once.
+Each command stands in a file of `bench.commands`. Parsing, ``--help`` and the Python API read these values. Nothing
+heavy is imported, so that help comes at once.
 """
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
+from bench.errors import InputError, nearest
 from bench.measures import budgets, costs
 from bench.option import Option as Option
-from bench.registry import classes, imported, names
-from bench.words import DEFAULTS, WIDTH
+from bench.option import value_of
+from bench.registry import imported, load, loaded, names
+from bench.words import DEFAULTS, Values, convert
+from bench.work.backend import Backend
 
 START, COMPARE, SHIP, MORE = "start here", "compare", "ship", "more"  # groups of the overview
 
@@ -72,12 +76,13 @@ STORED = (  # which stored runs are read
     Option("run", "text", "", "ids of stored runs, as comparison.csv lists them"),
     Option("latest", "yes", False, "yes: only the newest parameters of each model and feature set"),
 )
+KEYS = {option.key: option for option in WORK}  # of the cells of bench run
 TRUSTED = "Loading a model runs its code: use only models that you or someone you trust saved."
 
 
 def commands() -> dict[str, Command]:
     """All commands by name, in the order of the overview; those of packages last."""
-    return {name: one for name, one in classes("commands").items() if isinstance(one, Command)}
+    return {name: one for name, one in loaded("commands").items() if " " not in name}
 
 
 def following(name: str, model: str) -> list[str]:
@@ -92,7 +97,7 @@ def makers() -> dict[str, Command]:
 
 def measured(command: Command) -> Iterator[Option]:
     """The options of circumstances, or of a study, in a command; by the names of this command."""
-    every = classes("circumstances").values()
+    every = loaded("circumstances").values()
     mine = [c for c in every if c.key == command.makes and c.study] or [c for c in every if not c.study]
     fields = {name: one for c in mine for name, one in c.fields().items()}
     for key in command.keys or fields:
@@ -103,24 +108,30 @@ def measured(command: Command) -> Iterator[Option]:
         yield Option("out", "text", *command.out)
 
 
-def added_keys(command: str = "") -> dict[str, Option]:
-    """The keys that packages add to a command, or to any, by name."""
-    every = {one.key: one for one in classes("commands").values() if isinstance(one, Option)}
-    makes = {"makers"} if command in makers() else set()
-    return {name: one for name, one in every.items() if not command or {command, *makes} & {*one.commands.split()}}
+def added(command: str) -> dict[str, Option]:
+    """The keys that packages add to a command, or to ``makers`` of runs: entry points such as ``makers cluster``."""
+    found = (load("commands", name) for name in names("commands") if name.startswith(f"{command} "))
+    return {one.key: one for one in found}
 
 
 def used(command: str) -> dict[str, Any]:
     """What does the work of the keys that packages add to a command, by key."""
-    return {name: imported(one.uses) for name, one in added_keys(command).items() if one.uses}
+    return {name: imported(one.uses) for name, one in added(command).items() if one.uses}
 
 
-def options(name: str) -> dict[str, Option]:
-    """The keys of a command; those of all its actions for one that has some."""
-    command = commands()[name]
+def options(name: str, typed: Iterable[str] | None = None) -> dict[str, Option]:
+    """The keys of a command; those of all its actions for one that has some.
+
+    Args:
+        name: the command.
+        typed: the words that were typed; circumstances are loaded only if one of them has another key.
+    """
+    command = load("commands", name)
     every = {option.key: option for option in (*(WORK if command.makes else ()), *command.options)}
-    every |= {option.key: option for option in (measured(command) if command.makes else ())}
-    every |= added_keys(name)
+    packages = added(name) | (added("makers") if command.makes else {})
+    if command.makes and (typed is None or not {*map(_head, typed)} <= {*every, *packages}):
+        every |= {option.key: option for option in measured(command)}
+    every |= packages
     if "by" in every:
         every["by"] = replace(every["by"], values=tuple(costs()))
     for key, cost in budgets().items() if command.budgets else ():
@@ -129,55 +140,91 @@ def options(name: str) -> dict[str, Option]:
     return every
 
 
-def keys(name: str) -> set[str]:
-    """Keys that a command takes, without parameters of parts, which have a dot."""
-    return {key for key in options(name) if "." not in key}
+def keys(name: str, typed: Iterable[str] | None = None) -> dict[str, Option]:
+    """The same without parameters of parts, which have a dot."""
+    return {key: option for key, option in options(name, typed).items() if "." not in key}
 
 
 def rooms() -> dict[str, str]:
     """The rooms of parts, by the key that names them."""
-    made = (option for maker in makers().values() for option in measured(maker))
-    return {option.key: option.room for option in (*CELL, *added_keys().values(), *made) if option.room}
+    keys_of_packages = (load("commands", name) for name in names("commands") if " " in name)
+    return {option.key: option.room for option in (*CELL, *keys_of_packages) if option.room}
 
 
-def overview() -> str:
-    """The commands to begin with, each with its summary, and the names of the others."""
-    groups: dict[str, list[str]] = {}
-    every = commands()
-    for name, command in every.items():
-        groups.setdefault(command.group, []).append(name)
-    members = groups.pop(START)
-    lines = ["bench: which recogniser of touch gestures should I ship?", "", f"{START}:"]
-    lines += [f"  bench {name:10}{every[name].summary}" for name in members]
-    lines += ["", "other commands:"]
-    lines += [f"  {group:16}{', '.join(names)}" for group, names in groups.items()]
-    return "\n".join([*lines, "", "bench COMMAND --help explains a command and lists its options."])
+def _head(word: str) -> str:
+    """The key of a word, without the name of a parameter."""
+    return word.partition("=")[0].partition(".")[0]
 
 
-def help_of(name: str) -> str:
-    """The help of a command: usage, a paragraph, its own keys, those that it shares with ``bench run``, examples."""
-    command, table = commands()[name], options(name)
-    shared = [key for key, option in table.items() if name != "run" and (option in WORK or "makers" in option.commands)]
-    rows = [_row(option) for key, option in table.items() if key not in shared]
-    if shared:
-        rows.append(f"  {' '.join(f'{key}=' for key in shared)}   as for bench run")
-    usage = "\n".join(f"bench {name} {form}".rstrip() for form in command.usage.split("\n"))
-    paragraph, examples = (
-        textwrap.fill(command.text, WIDTH, break_on_hyphens=False),
-        textwrap.indent(command.examples, "  "),
-    )
-    return "\n\n".join(filter(None, [usage, paragraph, "\n".join(rows), examples])) + "\n"
+def parse(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, str]:
+    """Split ``key=value`` arguments."""
+    values: dict[str, str] = {}
+    for argument in arguments:
+        key, equals, value = argument.partition("=")
+        if not equals or not key or not value:
+            listed = f"keys: {', '.join(sorted(known))}" if known else "leave it out, or see --help"
+            raise InputError(f"{argument!r} is not key=value; {listed}")
+        if key in values:
+            raise InputError(f"{key}= is given twice; give it once, several values as {key}={values[key]},{value}")
+        if known is not None:
+            _check(key, known)
+        values[key] = value
+    return values
 
 
-def _row(option: Option) -> str:
-    """A key with its help, values and default."""
-    text = option.help
-    if option.room:
-        text = text.replace(f"{{{option.room}}}", ", ".join(names(option.room)))
-    if len(option.values) > 1:
-        text += f": {(', ' if option.joint == ',' else option.joint).join(option.values)}"
-    if option.type != "yes" and option.default not in (None, "", 0, ()):
-        text += f"; default {option.default:g}" if option.type == "number" else f"; default {option.default}"
-    return textwrap.fill(
-        text, WIDTH, break_on_hyphens=False, initial_indent=f"  {option.key + '= ':16}", subsequent_indent=" " * 18
-    )
+def parse_words(arguments: Sequence[str], known: Collection[str], most: int) -> tuple[list[str], dict[str, str]]:
+    """Split arguments of a command that takes words without a key first, such as names of files."""
+    words = []
+    for argument in arguments[:most]:
+        if "=" in argument and argument.partition("=")[0] in known and not Path(argument).is_file():
+            break
+        words.append(argument)
+    return words, parse(arguments[len(words) :], known)
+
+
+def values_of(values: Mapping[str, object], known: Collection[str]) -> dict[str, object]:
+    """Keyword arguments as the command line has them; None is the same as not given."""
+    typed = {key.replace("__", "."): value for key, value in values.items() if value is not None}
+    for key in typed:
+        _check(key, known)
+    return typed
+
+
+def _check(key: str, known: Collection[str]) -> None:
+    """Refuse a key that means nothing here."""
+    head, dot, _ = key.partition(".")
+    if head not in known or (dot and head != "data" and head not in rooms()):
+        raise InputError(f"no key is called {key!r}; {nearest(key, known)}")
+
+
+def settings(command: str, values: Values, listed: Iterable[Option] = ()) -> dict[str, Any]:
+    """The options of a command, or of its action, in their types; those that it shares with ``bench run`` aside."""
+    shared = (*WORK, *added("makers").values())
+    own = {one.key: one for one in listed or options(command).values() if one not in shared}
+    given = {key: values[key] for key in own if values.get(key) is not None}
+    return {key: value_of(one, given[key]) if key in given else one.default for key, one in own.items()}
+
+
+def limits_of(given: Mapping[str, Any]) -> dict[str, float]:
+    """The budget of each cost, of the settings of a command."""
+    return {cost.key: given[key] for key, cost in budgets().items() if given.get(key) is not None}
+
+
+def backend_of(values: Values) -> Backend:
+    """The requested workers."""
+    for key, one in added("makers").items():
+        if address := str(values.get(key, "")):
+            if "jobs" in values:
+                raise InputError(f"jobs={values['jobs']}: {key}= sets the number of workers; leave jobs= out")
+            return Backend(workers=one.uses, address=address)
+    return Backend(jobs_of(values))
+
+
+def backend_keys() -> set[str]:
+    """Keys that say where folds are done, which changes no result."""
+    return {"jobs", *added("makers")}
+
+
+def jobs_of(values: Values) -> int | None:
+    """The requested number of worker processes."""
+    return convert("jobs", values["jobs"], 0) if "jobs" in values else None

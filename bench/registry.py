@@ -1,7 +1,7 @@
 """The parts by name: built-in ones, those of installed packages (entry points ``touchbench.<room>``), and files.
 
-An entry point is a model, a feature set, a protocol, a format of corpora, a circumstance, or a command or a key of
-other commands (`bench.options`).
+An entry point is a model, a feature set, a protocol, a format of corpora, a circumstance, a command, or a key of
+another command (`bench.options.added`).
 
 A room names its parts as text (``bench.models.classic.svm:svm``), so nothing of it is imported before it is used, and
 this module knows no room but by name.
@@ -23,7 +23,6 @@ from typing import Any
 
 from bench.errors import InputError, nearest
 
-LIGHT = ("circumstances", "commands")  # whose parts load nothing heavy, so that help knows them all
 CAPTURES = "bench.reports.views.captures:Captures"  # what is shown of captures
 FILE_MODULE = "touchbench_file_"  # what modules of files are called
 KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}  # of parts of a cell
@@ -41,52 +40,51 @@ def _installed() -> Any:
 
 def forget() -> None:
     """Look for installed packages again."""
-    for found in (_installed, names, _loaded, views):
+    for found in (_installed, names, loaded, view, views, _warn):
         found.cache_clear()
 
 
 @cache
-def _own(room: str) -> dict[str, str]:
-    """The built-in parts of a room, those of a package that lists them in ``PARTS``."""
-    return importlib.import_module(room if "." in room else f"bench.{room}").PARTS
-
-
-@cache
 def names(room: str) -> dict[str, str]:
-    """Every registered part of a room and the ``module:object`` that makes it; nothing of it is imported."""
-    return {e.name: e.value for e in _installed().select(group=f"touchbench.{room}")} | _own(room)
+    """Every part of a room and the ``module:object`` that makes it, those of packages last; nothing is imported.
+
+    A room is a group of entry points, or a package that lists its ``PARTS``.
+    """
+    own = importlib.import_module(room if "." in room else f"bench.{room}").PARTS
+    return own | {e.name: e.value for e in _installed().select(group=f"touchbench.{room}") if e.name not in own}
 
 
-def load(room: str, name: str) -> Callable:
-    """Import one part by name, or from ``file.py:Name``; a room is a group, or a package that lists its ``PARTS``."""
+def load(room: str, name: str) -> Any:
+    """Import one part by name, or from ``file.py:Name``."""
     registered, key = names(room), KEYS.get(room, room.rpartition(".")[2].removesuffix("s"))
     file, _, attribute = name.rpartition(":")
     if file.endswith(".py"):
         return _from_file(f"{key}={name}", Path(file), attribute)
     if name not in registered:
         raise InputError(f"{key}={name}: unknown; {nearest(name, registered)}")
-    try:
-        return imported(registered[name])
-    except (ImportError, AttributeError) as e:
-        raise InputError(f"{key}={name} cannot be loaded from {registered[name]}: {e}") from e
+    return _plugged(registered[name], f"{key}={name}")
 
 
-def classes(room: str) -> dict[str, Any]:
-    """All parts of one of `LIGHT` by name, in the order of the registry, those of packages last.
+@cache
+def loaded(room: str) -> dict[str, Any]:
+    """All parts of a room of light modules, but those of packages that cannot be loaded."""
+    return _sound(lambda name: load(room, name), names(room))
 
-    Without those of packages that cannot be loaded (`broken`).
-    """
-    return _loaded(room)[0]
+
+@cache
+def view(key: str) -> Any:
+    """What is shown of captures (``run``), or of a circumstance or study."""
+    if key == "run":
+        return imported(CAPTURES)(key, (), "cell")
+    one = load("circumstances", key)
+    usual = tuple(f"{key}.{name}" for name in one.fields()) if one.study else (key,)
+    return _plugged(one.view, f"circumstance={key}")(key, one.tracked or usual, key if one.study else "")
 
 
 @cache
 def views() -> dict[str, Any]:
-    """What is shown of captures (``run``), and of each circumstance and study, by its key."""
-    made = {"run": imported(CAPTURES)("run", (), "cell")}
-    for one in classes("circumstances").values():
-        usual = tuple(f"{one.key}.{name}" for name in one.fields()) if one.study else (one.key,)
-        made[one.key] = imported(one.view)(one.key, one.tracked or usual, one.key if one.study else "")
-    return made
+    """What is shown of captures, and of each circumstance and study, by its key."""
+    return _sound(view, ["run", *names("circumstances")])
 
 
 def run_views() -> dict[str, Any]:
@@ -99,49 +97,34 @@ def circumstance_views() -> list[Any]:
     return [view for view in views().values() if not view.tag]
 
 
-def broken() -> list[str]:
-    """A line for each part of `LIGHT` of a package that cannot be loaded."""
-    return [line for room in LIGHT for line in _loaded(room)[1]]
-
-
-def check_loaded() -> None:
-    """Refuse to make runs without a part of `LIGHT` of a package."""
-    for line in broken():
-        raise InputError(line)
+def _sound(made: Callable[[str], Any], among: Iterable[str]) -> dict[str, Any]:
+    found = {}
+    for name in among:
+        try:
+            found[name] = made(name)
+        except InputError as e:
+            _warn(str(e))
+    return found
 
 
 @cache
-def _loaded(room: str) -> tuple[dict[str, Any], list[str]]:
-    """The parts of a room, and a line for each that cannot be loaded."""
-    own, loaded, lines = _own(room), {}, []
-    for name in [*own, *(name for name in names(room) if name not in own)]:
-        try:
-            loaded[name] = _plugged(names(room)[name], name, room)
-            if room == "circumstances" and name not in own:
-                _plugged(loaded[name].view, name, room)
-        except InputError as e:
-            loaded.pop(name, None)
-            if name in own:
-                raise
-            lines.append(str(e))
-    return loaded, lines
-
-
-def _plugged(place: str, name: str, room: str) -> Any:
-    """What an entry point names, or one line that says why it cannot be loaded."""
-    try:
-        return imported(place)
-    except Exception as e:  # a module of somebody else's may raise anything
-        raise InputError(
-            f"the entry point {name} in touchbench.{room} cannot be loaded from {place}: {type(e).__name__}: {e}; "
-            "repair or remove the package"
-        ) from e
+def _warn(line: str) -> None:
+    print(f"warning: {line}", file=sys.stderr)
 
 
 def imported(place: str) -> Any:
     """What ``module:object`` names."""
     module, _, attribute = place.partition(":")
     return getattr(importlib.import_module(module), attribute)
+
+
+def _plugged(place: str, part: str) -> Any:
+    """What an entry point names, or one line that says why it cannot be loaded."""
+    try:
+        return imported(place)
+    except Exception as e:  # a module of somebody else's may raise anything
+        reason = f"{type(e).__name__}: {e}; repair or remove the package"
+        raise InputError(f"{part} cannot be loaded from {place}: {reason}") from e
 
 
 def _from_file(argument: str, path: Path, attribute: str) -> Callable:

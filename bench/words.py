@@ -1,12 +1,14 @@
-"""Values that people give, as text between commas or as objects of Python, and commands as people type them."""
+"""Values that people give: text between commas or objects of Python, amounts with units; commands as they are typed."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import TypeVar, overload
 
 from bench.errors import InputError
 
+Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}  # rooms of parts by key
 WIDTH = 100  # columns of help
 FAULTS = "dead_taxels stuck_taxels dead_lines gain_drift offset_drift saturation noise fewer_bits dropped_frames "
@@ -23,7 +25,28 @@ DEFAULTS = {  # of the keys of a run
     "where": "",
     "target": "gesture",
 }
-Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
+LABELS = "labels"  # table with the labels of all circumstances that need no more
+CLEAN = "none"  # the fault of captures without one
+ALL = "all"  # names of all faults
+SEVERITIES = 5  # of each fault
+BUSY = 1.3  # wall time of the reference workload, by its time on the quiet machine, from which on a machine is busy
+SATURATED = 10  # one of so many taxels at full scale saturates a frame; not tuned
+UNITS = {  # typed units, by the unit in which an amount is kept
+    "k": {"k": 1, "M": 1e3},
+    "kB": {"B": 1e-3, "kB": 1, "KiB": 1.024, "MB": 1e3, "MiB": 1048.576},
+    "ms": {"ms": 1, "s": 1e3},
+    "MHz": {"kHz": 1e-3, "MHz": 1, "GHz": 1e3},
+}
+Usual = TypeVar("Usual")
+LARGEST, LARGEST_SEED = 10**6, 2**32 - 1  # of a whole number, of a seed, which NumPy and scikit-learn bound
+BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
+READERS: dict[type, tuple[str, Callable[[str], object]]] = {
+    bool: ("yes or no", lambda text: BOOLEANS[text.lower()]),
+    int: ("a whole number", int),
+    float: ("a number", float),
+    tuple: ("names joined by +", lambda text: tuple(text.split("+"))),
+    str: ("text", str),
+}
 
 
 def items(key: str, value: object) -> list:
@@ -56,3 +79,61 @@ def quoted(value: str) -> str:
     """A value as a shell takes it: in double quotes where it has single ones, as conditions have."""
     double = "'" in value and not set('"$`\\!') & set(value)
     return f'"{value}"' if double else shlex.quote(value)
+
+
+def quantity(key: str, given: object, unit: str = "", zero: bool = False, prefix: str = "") -> float:
+    """A typed amount above 0 in its unit: ms, kB (1000 bytes; KiB are 1024), thousands, MHz or a plain number."""
+    text = str(given)
+    number = text.rstrip("BkKiMmsGHz ")
+    units = UNITS.get(unit, {"": 1.0})
+    try:
+        value = float(number) * units[text[len(number) :].strip()]
+        if not (0 < value < float("inf") or (zero and value == 0)):
+            raise ValueError(text)
+    except (ValueError, KeyError) as e:
+        words = f" and {' or '.join(units)}" if "" not in units else ""
+        raise InputError(f"{prefix}{key}={text}: give a number above 0{words}") from e
+    return value
+
+
+@overload
+def convert(key: str, given: object, default: None) -> int | None: ...
+
+
+@overload
+def convert(key: str, given: object, default: Usual) -> Usual: ...
+
+
+def convert(key: str, given: object, default: object) -> object:
+    """Text as a value of the type of the default; a default of None takes None or a whole number.
+
+    What is no text (an API call) is taken as it is, if it is of that type.
+    """
+    if isinstance(given, tuple) and not given and isinstance(default, tuple):
+        return given
+    text = given if isinstance(given, str) else text_of(given)
+    if text == "None" and default is None:
+        return None
+    if text == "None" and isinstance(default, tuple):
+        raise InputError(f"{key}=None: give a value such as {default!r}")
+    usual, seed = 0 if default is None else default, key.endswith("seed")
+    words, read = next((reader for kind, reader in READERS.items() if isinstance(usual, kind)), READERS[str])
+    try:
+        value = read(text)
+        if seed and isinstance(value, int | float) and value < 0:
+            raise ValueError(key)
+    except (ValueError, KeyError) as e:
+        words += " or None" if default is None else " from 0 on" if seed else ""
+        example = "" if isinstance(usual, bool) else f", such as {2 if default in (None, 0) and not seed else default}"
+        raise InputError(f"{key}={text[:60]}: give {words}{example}") from e
+    most = LARGEST_SEED if seed else LARGEST
+    if isinstance(value, int) and abs(value) > most:
+        raise InputError(f"{key}={text[:60]}: give {most} at most")
+    return value
+
+
+def text_of(value: object) -> str:
+    """A value as it is typed; `convert` reads it again."""
+    if type(value).__name__ in ("bool", "bool_"):  # NumPy's own, too
+        return str(value).lower()
+    return "+".join(map(str, value)) if isinstance(value, tuple) else str(value)

@@ -8,7 +8,6 @@ from itertools import chain
 
 import numpy as np
 
-from bench.amounts import convert
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus, open_joined
 from bench.corpora.skins import OWN, SOURCE
@@ -16,6 +15,7 @@ from bench.errors import InputError, nearest
 from bench.protocols.personal import WEIGHT, Pairs, Personal
 from bench.protocols.subjects import Folds
 from bench.registry import parameters
+from bench.words import convert
 
 
 class Transfer(Personal):

@@ -11,7 +11,7 @@ from bench.comparable import Row, context_of, notes_on, seed_number, shared
 from bench.measures import known
 from bench.outcomes.frame import grouped
 from bench.result import Result
-from bench.usual import BUSY
+from bench.words import BUSY
 from bench.work.curves import clean_accuracy
 
 CONTEXTS = 3  # captures-and-protocol groups that are drawn

@@ -18,7 +18,7 @@ from bench.reports.layout import markdown
 from bench.result import Result
 from bench.sentences import sentences
 from bench.table import Table, of_text, rows_of, write_sheet
-from bench.usual import CLEAN
+from bench.words import CLEAN
 from bench.work.curves import joined, unharmed
 from bench.work.stability import ALPHA, learning, ranks, seeds
 

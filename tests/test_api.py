@@ -15,9 +15,9 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
 import bench
-from bench.arguments import settings
 from bench.comparable import BATCH, MARKED
 from bench.features.jung28 import Jung28
+from bench.options import settings
 from tests.conftest import predictions, runs
 from tests.reports.store import tracked_run, with_hits
 
@@ -40,12 +40,6 @@ HEAVY = "numpy pandas sklearn torch mlflow rich matplotlib"
 def test_nothing_heavy_is_loaded_before_it_is_needed(code, heavy):
     code += f"; import sys; sys.exit(bool(set({heavy.split()}) & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.DEVNULL).returncode == 0
-
-
-def test_a_name_that_is_none_is_an_error():
-    assert {"run", "choose", "corpus", "runs", "predictions"} <= set(dir(bench))
-    with pytest.raises(AttributeError, match="rnu"):
-        _ = bench.rnu
 
 
 def test_a_corpus_is_short_to_print_and_can_be_looked_at():

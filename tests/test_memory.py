@@ -6,9 +6,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bench.arguments import KEYS, parse
 from bench.errors import InputError
 from bench.memory import available
+from bench.options import KEYS, parse
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 

@@ -14,9 +14,8 @@ import pytest
 
 import bench
 from bench import contract
-from bench.arguments import parse
 from bench.cli import main
-from bench.options import commands, keys
+from bench.options import commands, keys, parse
 from tests.conftest import predictions, runs
 
 ROOT = Path(__file__).parent.parent

@@ -17,14 +17,14 @@ ROOT = Path(bench.__file__).parents[1]
 PACKAGES = ("bench", "features", "models", "protocols", "reports")
 
 # Rooms from the bottom to the top: modules, or packages with all below them, and the rooms that they may import.
-GROUND = "bench.amounts bench.errors bench.few bench.machine bench.memory bench.paired bench.pareto bench.progress "
-GROUND += "bench.registry bench.resampling bench.scratch bench.source bench.timing bench.usual bench.work.backend"
-VALUES = "bench.candidate bench.comparable bench.described bench.measures bench.result bench.sentences bench.table "
-VALUES += "bench.option bench.store bench.tables bench.words"
+GROUND = "bench.errors bench.few bench.machine bench.memory bench.paired bench.pareto bench.progress "
+GROUND += "bench.registry bench.resampling bench.scratch bench.source bench.timing bench.words bench.work.backend"
+VALUES = "bench.candidate bench.comparable bench.measures bench.result bench.sentences bench.table "
+VALUES += "bench.option bench.store bench.tables"
 ROOMS = {
     "ground": (GROUND, ""),
     "values": (VALUES, "ground"),
-    "grammar": ("bench.arguments bench.options", "ground values"),  # of the command line: results do not know it
+    "grammar": ("bench.described bench.options", "ground values"),  # of the command line: results do not know it
     "corpora": ("bench.corpora", "ground"),
     "numbers": ("bench.scores bench.work.curves bench.work.stability bench.work.stopping", "ground values corpora"),
     "features": ("bench.features", "ground corpora"),
@@ -40,7 +40,7 @@ ROOMS = {
 }
 # These may be taken away: no other room imports one, and each may import all others.
 AWAY: dict[str, str] = {}
-FRONT = "bench bench.stored bench.cli bench.commands"  # may import every room
+FRONT = "bench bench.cli bench.commands"  # may import every room
 EXCEPTIONS = {  # importing module, imported room: reason
 }
 PRODUCING = (
@@ -55,7 +55,7 @@ PRODUCING = (
 READING = ("bench.outcomes", "bench.reports")
 HEAVY = {"numpy", "pandas", "scipy", "sklearn", "torch", "mlflow", "matplotlib", "rich"}
 LIGHT = ["bench.measures", "bench.table", "bench.result", "bench.options", "bench.cli"]
-EVERY = "import bench.registry as r; r.classes('circumstances'), r.views(); "
+EVERY = "import bench.registry as r; r.loaded('circumstances'), r.views(); "
 
 
 TABULAR = {"read_parquet", "to_parquet", "read_csv", "to_csv"}  # pandas' readers and writers

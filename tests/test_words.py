@@ -4,7 +4,8 @@ import ast
 import re
 from pathlib import Path
 
-from bench.options import commands, help_of, options, overview
+from bench.described import help_of, overview
+from bench.options import commands, options
 
 ROOT = Path(__file__).parent.parent
 FORBIDDEN = re.compile(
@@ -13,7 +14,7 @@ FORBIDDEN = re.compile(
     re.IGNORECASE,
 )
 ALLOWED = re.compile(  # MLflow's tags and addresses, cells of CSV files, names of files, methods of classes
-    r"touchbench\.cell|#/experiments/|(correct|fill) the cell|within a cell|instants\.csv|bench\.commands\.run\.plans"
+    r"touchbench\.cell|#/experiments/|(correct|fill) the cell|within a cell|instants\.csv|bench\.plans"
     r"|bench\.outcomes\.choice|told apart|optional[ -]methods|attributes and methods|the method and the precision"
 )
 REPLACED = {"single slices", "single slices under faults"}  # stored names that are printed as others

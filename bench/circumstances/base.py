@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from bench.option import Options, typed_as
 from bench.option import option as option
-from bench.usual import LABELS as LABELS
+from bench.words import LABELS as LABELS
 from bench.work.case import Case as Case
 
 if TYPE_CHECKING:

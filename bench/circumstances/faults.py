@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from bench.circumstances.base import LABELS, Case, Circumstance, option
-from bench.usual import ALL, CLEAN, SEVERITIES
-from bench.words import FAULTS, LATER, Values, items
+from bench.words import ALL, CLEAN, FAULTS, LATER, SEVERITIES, Values, items
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from bench.arguments import parse, values_of
-from bench.options import COMPARE, FEATURES, MODEL, SEED, Command, keys
+from bench.options import COMPARE, FEATURES, MODEL, SEED, Command, keys, parse
 from bench.words import Values, typed
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from bench.plan.cells import Cell
     from bench.work.audit import Verdict
 
@@ -27,24 +23,6 @@ COMMAND = Command(
     "bench audit model=my.py:Mine\nbench audit model=lda,svm features=touch",
     options=(MODEL, FEATURES, SEED),
 )
-
-
-def audit(**values: object) -> pd.DataFrame:
-    """Verify that systems keep the rules of the contract, on generated captures.
-
-    Args:
-        values: ``model``, ``features``, ``seed`` and their parameters, as `run` takes them.
-
-    Returns:
-        One row per system and check: system, check, result (passed, failed or not applicable), sentence, seconds.
-
-    Raises:
-        InputError: something in the values cannot be used, or a system cannot be made; nothing was checked.
-    """
-    import pandas as pd
-
-    audits = audited(values_of(values, keys("audit")))
-    return pd.DataFrame([{"system": cell.system(), **asdict(v)} for cell, verdicts in audits for v in verdicts])
 
 
 def command(arguments: list[str]) -> int:

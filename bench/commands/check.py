@@ -7,13 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.arguments import KEYS as RUN_KEYS
-from bench.arguments import backend_keys, backend_of, parse, settings
 from bench.commands.run import evaluated
 from bench.comparable import several
 from bench.errors import InputError
 from bench.option import Option
-from bench.options import MORE, WORK, Command, keys
+from bench.options import KEYS as RUN_KEYS
+from bench.options import MORE, WORK, Command, backend_keys, backend_of, keys, parse, settings
 from bench.scratch import replacing
 from bench.words import PARTS
 

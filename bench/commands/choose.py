@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from bench.arguments import limits_of, parse, settings, values_of
 from bench.errors import InputError
 from bench.measures import Measure, Row, costs, costs_of, text
 from bench.option import Option
-from bench.options import BATCH, START, STORED, Command, keys, makers
+from bench.options import BATCH, START, STORED, Command, keys, limits_of, makers, parse, settings
 from bench.words import Values, typed
 
 if TYPE_CHECKING:
@@ -46,23 +45,6 @@ COMMAND = Command(
     budgets="all",
 )
 FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
-
-
-def choose(**values: object) -> Chosen:
-    """Choose the cheapest stored system within one standard error of the best.
-
-    Args:
-        values: the runs to choose among, as `results` selects them;
-            ``by`` (the cost to keep low, default ``flash``); budgets ``max_flash``, ``max_ram``, ``max_predict``,
-            ``max_decision``, ``max_cycles``; ``clock`` of the target, such as ``64MHz``, at which measured cycles count
-            for ``max_decision``; ``margin`` (tolerated loss of accuracy in points); ``unit`` (``capture`` or
-            ``window``); ``batch`` (``yes`` to include systems whose labels depend on the batch); ``shots`` (labelled
-            captures of a new person).
-
-    Raises:
-        InputError: something in the values cannot be used, or nothing is tracked for them.
-    """
-    return chosen(values_of(values, keys("choose")))
 
 
 def command(arguments: list[str]) -> int:

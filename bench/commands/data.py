@@ -5,17 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.arguments import parse, settings, values_of
 from bench.errors import InputError, nearest
 from bench.option import Option
-from bench.options import START, Command
-from bench.words import DEFAULTS
+from bench.options import START, Command, parse, settings
+from bench.words import DEFAULTS, Values
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.corpora.corpus import Corpus
-    from bench.corpora.survey import Survey
 
 ACTIONS = ("import", "show", "verify", "export")
 IMPORT = (  # the format has others
@@ -51,61 +48,8 @@ COMMAND = Command(
 )
 
 
-def corpus(data: str = "synth", where: str = "", target: str = "gesture", **parameters: object) -> Corpus:
-    """The captures of a corpus: ``len``, ``captures`` (a table), one array [frames, rows, cols] each, ``plot(i)``.
-
-    Args:
-        data: an imported corpus, or ``synth``.
-        where: captures to use, a condition on their columns.
-        target: columns of the class.
-        parameters: parameters of ``synth``.
-
-    Raises:
-        InputError: it is not here, or the condition cannot be used.
-    """
-    from bench.commands.corpora import captures
-
-    return captures(data, parameters, where, target)
-
-
-def look(
-    data: str = "synth",
-    where: str = "",
-    out: str | Path | None = None,
-    target: str = "gesture",
-    **parameters: object,
-) -> Survey:
-    """Survey a corpus, as ``bench data show`` does; the result prints as the same sentences.
-
-    Args:
-        data: an imported corpus, or ``synth``.
-        where: captures to look at, a condition on their columns.
-        out: folder for figures and a page that holds them; None draws nothing.
-        target: columns that make the class to predict, such as ``variant``; its classes are counted.
-        parameters: parameters of ``synth``.
-
-    Returns:
-        Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
-
-    Raises:
-        InputError: it is not here, a value cannot be used, or the folder cannot be written.
-    """
-    from bench.commands.corpora import looked
-
-    return looked(corpus(data, where, target, **parameters), None if out is None else Path(out))
-
-
-def extract(**values: object) -> pd.DataFrame:
-    """The features of all captures, beside their subject, gesture and conditions.
-
-    Features that learn are fitted to all these captures: do not test on any of them.
-
-    Args:
-        values: ``data``, ``where``, ``target``, ``features`` and ``seed`` of `run`.
-
-    Raises:
-        InputError: something in the values or the data cannot be used.
-    """
+def extracted(values: Values) -> pd.DataFrame:
+    """The features of all captures, beside their subject, gesture and conditions."""
     import pandas as pd
 
     from bench import contract
@@ -114,8 +58,7 @@ def extract(**values: object) -> pd.DataFrame:
     from bench.plan.plan import captures_of
     from bench.progress import warn
 
-    known = {"data", "where", "target", "features", "seed"}
-    cell, *more = cells(values_of(values, known) | {"model": DEFAULTS["model"]})
+    cell, *more = cells({**values, "model": DEFAULTS["model"]})
     if more:
         raise InputError("bench.extract makes one table; give one value of each key")
     captures = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)

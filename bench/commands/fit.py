@@ -5,10 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.arguments import parse, parse_words, settings, values_of
 from bench.errors import InputError
 from bench.option import Option
-from bench.options import DATA, FEATURES, MODEL, SEED, START, TARGET, WHERE, Command, following, keys, used
+from bench.options import (
+    DATA,
+    FEATURES,
+    MODEL,
+    SEED,
+    START,
+    TARGET,
+    WHERE,
+    Command,
+    following,
+    keys,
+    parse,
+    parse_words,
+    settings,
+    used,
+)
 from bench.words import Values, quoted
 
 if TYPE_CHECKING:
@@ -40,19 +54,6 @@ COMMAND = Command(
 )
 
 
-def fit(**values: object) -> Fitted:
-    """Train one system on all captures and save it; ``recogniser.label(corpus)`` uses it.
-
-    Args:
-        values: ``data``, ``where``, ``target``, ``model``, ``features`` and ``seed`` of `run`; ``stopping`` (``false``
-            learns no early decision) and ``out`` (folder to save it in, besides the store).
-
-    Raises:
-        InputError: something in the values or the data cannot be used.
-    """
-    return trained(values_of(values, keys("fit")))[0]
-
-
 def command(arguments: list[str]) -> int:
     """Train one system on all captures and save it, or adapt a saved one to a person."""
     from bench.commands.printing import then
@@ -61,7 +62,7 @@ def command(arguments: list[str]) -> int:
     if arguments and "=" not in arguments[0]:
         return adapted(*parse_words(arguments, keys("fit"), 2))
     values = parse(arguments, keys("fit"))
-    fitted, out = trained(values)
+    fitted, out = trained(values), values.get("out")
     print(fitted, *([out] if out else []), sep="\n")
     stopping = fitted.recogniser.stopping
     if stopping is not None and not stopping.saves:
@@ -73,8 +74,8 @@ def command(arguments: list[str]) -> int:
     return 0
 
 
-def trained(values: Values) -> tuple[Fitted, Path | None]:
-    """Fit and save the system of some values; also return the folder of ``out=``."""
+def trained(values: Values) -> Fitted:
+    """Fit and save the system of some values."""
     from bench.plan.cells import cells
     from bench.work.fit import fit
 
@@ -87,8 +88,7 @@ def trained(values: Values) -> tuple[Fitted, Path | None]:
     cell, *more = cells({k: v for k, v in values.items() if k.partition(".")[0] not in given})
     if more:
         raise InputError("bench fit saves one system; give one value of each key")
-    out = Path(given["out"]) if given["out"] else None
-    return fit(cell, out, given["stopping"], learner), out
+    return fit(cell, Path(given["out"]) if given["out"] else None, given["stopping"], learner)
 
 
 def adapted(words: list[str], values: dict[str, str]) -> int:

@@ -7,12 +7,11 @@ from statistics import mean
 import pandas as pd
 
 from bench import few
-from bench.arguments import settings, values_of
 from bench.commands.printing import output, say, then
 from bench.comparable import MIXED, facts_of
 from bench.errors import InputError
 from bench.measures import Measure, text
-from bench.options import BATCH, STORED
+from bench.options import BATCH, STORED, settings
 from bench.outcomes.candidates import eligible
 from bench.outcomes.groups import Grouping, groupings, reactions
 from bench.outcomes.runs import asked_of, choosing, stored, without_runs
@@ -32,22 +31,6 @@ COLUMNS = (
     Measure("largest", "largest group %"),
     Measure("same", "same choice", lambda row: f"{row['same']} of {row['subjects']}"),
 )
-
-
-def groups(**values: object) -> pd.DataFrame:
-    """Groups of gestures that a stored system can tell apart.
-
-    Args:
-        values: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`, among whose runs the
-            most accurate system is used; ``batch`` (``yes`` to include systems whose labels depend on the batch).
-
-    Returns:
-        One row per number of groups, from one per gesture down to 2: `bench.outcomes.groups.groupings`.
-
-    Raises:
-        InputError: something in the values cannot be used, or no run is stored for them.
-    """
-    return grouped(values_of(values, KEYS))[0]
 
 
 def printed(values: Values) -> int:

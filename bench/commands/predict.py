@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.arguments import parse_words, settings
 from bench.errors import InputError
 from bench.option import Option
-from bench.options import SHIP, TRUSTED, Command, following, keys
+from bench.options import SHIP, TRUSTED, Command, following, keys, parse_words, settings
 from bench.words import Values, quoted
 
 if TYPE_CHECKING:

@@ -15,12 +15,12 @@ from bench.comparable import notes_on
 from bench.errors import InputError
 from bench.few import INTERVAL, too_few
 from bench.measures import Interval, Measure, Row, known, text
-from bench.options import commands as known_commands
 from bench.outcomes.frame import grouped, names
 from bench.progress import console
+from bench.registry import names as registered
 from bench.result import Result
 from bench.table import Table, rows_of
-from bench.usual import BUSY
+from bench.words import BUSY
 from bench.work.bar import named
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def say(*lines: str) -> None:
 
 def then(*commands: str) -> None:
     """Print the next commands to type, those that are here."""
-    here = [line for line in commands if not (found := COMMAND.search(line)) or found[1] in known_commands()]
+    here = [line for line in commands if not (found := COMMAND.search(line)) or found[1] in registered("commands")]
     if here:
         say(*(f"{'      ' if i else 'next: '}{command}" for i, command in enumerate(here)))
 

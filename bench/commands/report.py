@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.arguments import limits_of, parse, settings
 from bench.comparable import several
 from bench.option import Option
-from bench.options import START, STORED, Command, keys
+from bench.options import START, STORED, Command, keys, limits_of, parse, settings
 
 COMMAND = Command(
     START,

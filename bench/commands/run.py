@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.arguments import KEYS, backend_of, jobs_of, parse, values_of
 from bench.errors import InputError
 from bench.option import Option
-from bench.options import COMPARE, START, Command, keys, makers, measured
-from bench.registry import check_loaded, circumstance_views, classes, views
+from bench.options import (
+    COMPARE,
+    KEYS,
+    START,
+    Command,
+    backend_keys,
+    backend_of,
+    keys,
+    parse,
+    values_of,
+)
+from bench.registry import load, loaded, names, view
 from bench.words import SMALL, Values
 
 if TYPE_CHECKING:
@@ -66,71 +75,13 @@ STRESS = Command(
 )
 
 
-def run(**values: object) -> pd.DataFrame:
-    """Evaluate every combination of the values; stored runs are not repeated.
-
-    Args:
-        values: keys of ``bench run``. A list of values runs each of them. ``model__C=8`` sets a parameter of a part, as
-            ``model.C=8`` does on the command line. Scikit-learn estimators, feature sets and splitters may stand
-            instead of names.
-
-    Returns:
-        One row per run, as `bench.runs` has them; `bench.predictions` takes it and gives the labels.
-
-    Raises:
-        InputError: something in the values or the data cannot be used; nothing was run.
-    """
-    return made("run", values)
-
-
-def stress(**values: object) -> pd.DataFrame:
-    """Runs under faults, and on fewer training subjects, as ``bench stress`` makes them; it writes no files.
-
-    Args:
-        values: keys of ``bench stress``, as `run` takes them.
-
-    Raises:
-        InputError: something in the values or the data cannot be used; nothing was run.
-    """
-    return made("stress", values)
-
-
-def plans(**values: object) -> list[Plan]:
-    """The plans of `run`: captures, folds and an untrained system for every combination of the values.
-
-    Args:
-        values: keys of `run`.
-
-    Returns:
-        Plans with ``corpus``, ``folds`` (``name``, positions ``train`` and ``test``) and ``cell.estimator()``.
-
-    Raises:
-        InputError: something in the values or the data cannot be used.
-    """
-    from bench.plan.cells import cells
-    from bench.plan.plan import planned
-
-    typed = values_of(values, KEYS)
-    return planned(cells(typed), jobs_of(typed))
-
-
 def made(name: str, values: Values) -> pd.DataFrame:
     """The runs of a command that makes runs, by its name."""
     from bench.outcomes.frame import frame
     from bench.work.loop import execute
 
-    typed = values_of(values, keys(name))
-    return frame(execute(planned(name, typed)[0], backend_of(typed)))
-
-
-def maker(name: str) -> Callable[..., pd.DataFrame]:
-    """The function of a package's command that makes runs."""
-
-    def make(**values: object) -> pd.DataFrame:
-        return made(name, values)
-
-    make.__name__, make.__doc__ = name, f"{makers()[name].text}\n\nTakes the keys of the command, as `run` does."
-    return make
+    typed = values_of(values, keys(name, [key.replace("__", ".") for key in values]))
+    return frame(execute(planned(name, typed), backend_of(typed)))
 
 
 def command(name: str, arguments: list[str]) -> int:
@@ -138,66 +89,59 @@ def command(name: str, arguments: list[str]) -> int:
     from bench.commands.printing import writable
     from bench.work.loop import execute
 
-    try:
-        values = parse(arguments, keys(name))
-    except InputError:
-        check_loaded()  # the key may be one of such a package
-        raise
-    todo, out = planned(name, values)
+    values = parse(arguments, keys(name, arguments))
+    plans = planned(name, values)
+    out = values.get("out", load("commands", name).out[0])
     folder = writable(Path(out)) if out else None
-    return printed(name, execute(todo, backend_of(values)), folder)
+    circumstances = dict.fromkeys(one.key for plan in plans for one in plan.cell.circumstances)
+    return printed(name, execute(plans, backend_of(values)), [*circumstances], folder)
 
 
-def planned(name: str, values: Values) -> tuple[list, str]:
-    """What a command is to run, and the folder of ``out=``; empty for none."""
+def planned(name: str, values: Values) -> list[Plan]:
+    """What a command is to run."""
     from bench.plan.cells import cells
     from bench.work.loop import prepared
 
-    one = makers()[name]
-    own = {option.key for option in measured(one)} | {*one.given}
-    of_cells = {k: v for k, v in values.items() if k not in own and k.partition(".")[0] not in own}
-    given = {**one.given, **{k: v for k, v in values.items() if k not in of_cells}}
-    out = str(values.get("out", one.out[0])) if one.out[0] else ""
-    every = classes("circumstances")
-    if (study := every.get(one.makes)) and study.study:
-        studies = study.of(given)
-        todo = [replace(cell, study=s) for cell in cells(of_cells) for s in studies]
+    one = load("commands", name)
+    of_cells = {k: v for k, v in values.items() if k.partition(".")[0] in {*KEYS, *backend_keys()}}
+    given = {**one.given, **{k: v for k, v in values.items() if k not in {*of_cells, "out"}}}
+    if one.makes in names("circumstances") and (study := load("circumstances", one.makes)).study:
+        todo = [replace(cell, study=each) for cell in cells(of_cells) for each in study.of(given)]
     else:
-        several = circumstances(given)
+        several = circumstances(given) if given else [()]
         todo = [replace(cell, circumstances=each) for cell in cells(of_cells) for each in several]
-    return prepared(todo, backend_of(values).jobs), out
+    return prepared(todo, backend_of(values).jobs)
 
 
 def circumstances(values: Values) -> list[tuple[Circumstance, ...]]:
     """Every combination of the circumstances that typed values ask for, by their first option."""
     asked = []
-    for one in (c for c in classes("circumstances").values() if not c.study):
-        names = [n for name, (_, alias) in one.fields().items() for n in (name, alias) if n]
+    for one in (c for c in loaded("circumstances").values() if not c.study):
+        options = [n for name, (_, alias) in one.fields().items() for n in (name, alias) if n]
         first, (_, alias) = next(iter(one.fields().items()))
         if {first, alias} & {*values}:
             asked.append(one)
-        elif alone := {*names} & {*values}:
+        elif alone := {*options} & {*values}:
             raise InputError(f"{min(alone)}= needs {one.key}=; add it or leave {min(alone)}= out")
     return [*itertools.product(*(one.of(values) for one in asked))]
 
 
-def printed(name: str, results: list[Result], folder: Path | None = None) -> int:
+def printed(name: str, results: list[Result], keys: Sequence[str] = (), folder: Path | None = None) -> int:
     """Print runs as a command shows them, and write what it writes; the exit code."""
     from bench.commands.printing import output, say, show, then
     from bench.table import Table
 
-    view = views()[makers()[name].makes]
-    shown: list[tuple[View, Sequence[Result]]] = [(view, results)]
+    main = view(load("commands", name).makes)
+    shown: list[tuple[View, Sequence[Result]]] = [(main, results)]
     if name == "run":
-        held = ((one, [r for r in results if one.holds(r)]) for one in circumstance_views())
-        shown += [(one, members) for one, members in held if members]
+        shown += [(view(key), [r for r in results if view(key).holds(r)]) for key in keys]
     code = show(results, shown)
     if folder is not None:
-        say(*view.write([r for r in results if r.scored and view.holds(r)], folder))
+        say(*main.write([r for r in results if r.scored and main.holds(r)], folder))
     for one, members in shown:
         for part in one.printed(members):
             part.print(output()) if isinstance(part, Table) else say(part)
-    then(view.then(results))
+    then(main.then(results))
     return code
 
 

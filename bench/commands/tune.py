@@ -5,18 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bench.amounts import convert, text_of
-from bench.arguments import backend_of, parse, settings, values_of
 from bench.commands.run import evaluated, printed
 from bench.errors import InputError, nearest
 from bench.option import Option
-from bench.options import COMPARE, WORK, Command, keys
+from bench.options import COMPARE, WORK, Command, backend_of, keys, parse, settings
 from bench.registry import parameters
-from bench.words import DEFAULTS, Values, items
+from bench.words import DEFAULTS, Values, convert, items, text_of
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from bench.models.search.space import Space, Tuning
     from bench.plan.cells import Cell
     from bench.result import Result
@@ -42,25 +38,6 @@ COMMAND = Command(
         Option("inner", "text", "3", "inner folds: number of groups of training subjects, or loso"),
     ),
 )
-
-
-def tune(**values: object) -> pd.DataFrame:
-    """Search parameters inside each training part; a row per run.
-
-    Args:
-        values: keys of `run`; values of ``model__X`` to try; ``trials`` (combinations in each fold, default 50),
-            ``seconds`` (of searching in a fold) and ``inner`` (groups of training subjects that judge, default 3, or
-            ``loso``). ``smallest`` (a parameter, or ``features``) looks for its smallest value that suffices.
-
-    Returns:
-        The columns of `run`.
-
-    Raises:
-        InputError: something in the values or the data cannot be used; nothing was run.
-    """
-    from bench.outcomes.frame import frame
-
-    return frame(searched(values_of(values, keys("tune"))))
 
 
 def command(arguments: list[str]) -> int:

@@ -10,10 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.arguments import parse, settings
 from bench.errors import InputError
 from bench.option import Option
-from bench.options import COMPARE, Command, keys
+from bench.options import COMPARE, Command, keys, parse, settings
 from bench.registry import run_views
 
 if TYPE_CHECKING:

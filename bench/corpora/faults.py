@@ -24,8 +24,8 @@ import numpy as np
 
 from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError, nearest
-from bench.usual import ALL
-from bench.usual import SEVERITIES as SEVERITIES
+from bench.words import ALL
+from bench.words import SEVERITIES as SEVERITIES
 
 Damage = Callable[..., Any]  # of the arguments above; gives frames
 VIBRATION_HZ = 3.0  # of a motor or a step

@@ -9,7 +9,7 @@ import pandas as pd
 from bench.candidate import Losses
 from bench.outcomes.reactions import Reactions
 from bench.result import Result
-from bench.usual import CLEAN
+from bench.words import CLEAN
 from bench.work.curves import unharmed
 
 

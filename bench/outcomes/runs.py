@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Never, TypeVar
 
-from bench.amounts import convert
 from bench.comparable import COMPARABLE, SAME_SYSTEM
 from bench.errors import InputError
 from bench.progress import warn
@@ -14,7 +13,7 @@ from bench.registry import KEYS as PARTS
 from bench.registry import names, run_views, views
 from bench.result import Result
 from bench.store import Store
-from bench.words import Values, items, labelled, typed
+from bench.words import Values, convert, items, labelled, typed
 
 ROOMS = {key: room for room, key in PARTS.items() if room != "corpora"}  # of the key of a part
 COLUMNS = {"where": "subset", "shots": "protocol.shots", "run": "run_id"}  # names in a result of other keys

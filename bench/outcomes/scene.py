@@ -10,13 +10,12 @@ from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 
-from bench.amounts import quantity
 from bench.candidate import Losses
 from bench.errors import InputError, nearest
 from bench.measures import Measure, costs
 from bench.outcomes.reactions import Reactions
 from bench.sentences import sentences
-from bench.words import FAULTS
+from bench.words import FAULTS, quantity
 
 KEYS = ("by", "margin", "unit")  # of a scene and of `bench choose`
 OTHER = {  # lines of each section that are no budgets: a key, and that of `bench choose`, empty for those read here

@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from bench import contract
-from bench.amounts import convert, text_of
 from bench.corpora import faults
 from bench.corpora.synth import generate
 from bench.errors import InputError, nearest
 from bench.models import recipe
 from bench.registry import load, names, parameters, required
 from bench.source import source_digest, versions
-from bench.words import DEFAULTS, PARTS, Values, items
+from bench.words import DEFAULTS, PARTS, Values, convert, items, text_of
 
 if TYPE_CHECKING:
     from bench.models.search.space import Tuning

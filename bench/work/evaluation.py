@@ -10,7 +10,7 @@ import pandas as pd
 
 from bench import contract, scores
 from bench.result import Result
-from bench.usual import LABELS
+from bench.words import LABELS
 from bench.work import fold as fold_of
 from bench.work.fitted import Fitted
 from bench.work.fold import batch_effects, check_agreement, computing, decisions, footprint, latency

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bench import contract, scores
-from bench.usual import CLEAN
+from bench.words import CLEAN
 from bench.work.case import Case
 from bench.work.fold import batch_effects, decisions
 

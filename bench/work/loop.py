@@ -14,7 +14,7 @@ from bench.errors import ClusterError, InputError
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, planned, usable_cores
 from bench.progress import console, warn
-from bench.registry import check_loaded, imported
+from bench.registry import imported
 from bench.result import Result
 from bench.store import Store, connect, only_one
 from bench.work.backend import HERE, Backend
@@ -34,7 +34,6 @@ def prepared(cells: Iterable[Cell], jobs: int | None) -> list[Plan]:
     Raises:
         InputError: something in the cells, the data or what installed packages add cannot be used.
     """
-    check_loaded()
     plans = planned(list(cells), jobs)
     for plan in plans:
         if taken := reserved(map(str, plan.corpus.captures), columns_of(plan.cell)):

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from bench import few, scores
-from bench.usual import CLEAN
+from bench.words import CLEAN
 from bench.work.curves import COLUMNS, clean_accuracy, curve, unharmed
 
 if TYPE_CHECKING:

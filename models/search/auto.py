@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.amounts import quantity
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import usual_faults
 from bench.errors import InputError
@@ -23,6 +22,7 @@ from bench.models.search.study import Study, Tried, identity, within
 from bench.models.sizes import sizes
 from bench.models.temperature import fit_temperature
 from bench.timing import timed
+from bench.words import quantity
 
 LIMITS = {  # by parameter: the cost, its unit, and the factor of that
     "max_flash": ("flash_bytes", "kB", 1e3),

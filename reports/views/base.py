@@ -14,7 +14,7 @@ from bench.comparable import shared
 from bench.measures import Measure, percent
 from bench.result import Result
 from bench.table import Table
-from bench.usual import LABELS
+from bench.words import LABELS
 
 if TYPE_CHECKING:
     import pandas as pd

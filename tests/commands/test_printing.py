@@ -7,13 +7,12 @@ import pytest
 from rich.console import Console
 
 from bench import measures
-from bench.arguments import backend_of, parse
 from bench.cli import main
 from bench.commands import printing
 from bench.commands.run import planned
 from bench.comparable import BATCH, MARKED
 from bench.measures import Measure
-from bench.options import keys
+from bench.options import backend_of, keys, parse
 from bench.registry import views
 from bench.table import Table
 from bench.words import quoted

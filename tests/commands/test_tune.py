@@ -7,13 +7,12 @@ import pandas as pd
 import pytest
 
 import bench
-from bench.arguments import parse
 from bench.cli import main
 from bench.commands import tune
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
-from bench.options import keys
+from bench.options import keys, parse
 from bench.plan.plan import planned
 from tests.conftest import predictions, runs
 from tests.work.test_loop import SMALL

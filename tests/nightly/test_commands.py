@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bench.work.loop as loop
-from bench.amounts import text_of
 from bench.cli import main
 from bench.registry import load, names, parameters
+from bench.words import text_of
 from bench.work.workers import Here
 from tests.nightly.bounded import bounded
 

@@ -8,7 +8,6 @@ import pytest
 from scipy.stats import ttest_rel
 
 from bench import measures
-from bench.amounts import quantity
 from bench.candidate import Wish
 from bench.errors import InputError
 from bench.measures import Measure, budgets
@@ -16,6 +15,7 @@ from bench.outcomes.candidates import PLAIN, Candidates, People, candidates, eli
 from bench.outcomes.choice import decide, expectation, expected, reasons
 from bench.outcomes.runs import NothingTracked, selected, without_runs
 from bench.result import Result
+from bench.words import quantity
 from tests.results import evaluated, made_up, systems_of
 
 

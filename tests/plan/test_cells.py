@@ -2,9 +2,9 @@
 
 import pytest
 
-from bench.arguments import KEYS, jobs_of, parse
 from bench.cli import main
 from bench.errors import InputError
+from bench.options import KEYS, jobs_of, parse
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.model_selection import GroupKFold, KFold, PredefinedSplit
 
-from bench.arguments import KEYS, parse
 from bench.errors import InputError
-from bench.options import keys
+from bench.options import KEYS, keys, parse
 from bench.plan.cells import Part, cells
 from bench.plan.plan import Fold, Plan, folds_of, mixes_subjects, planned, shared_ratio
 from bench.registry import load, names, parameters, required

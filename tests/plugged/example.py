@@ -8,10 +8,9 @@ import pandas as pd
 from sklearn.dummy import DummyClassifier
 from sklearn.pipeline import make_pipeline
 
-from bench.arguments import parse
 from bench.circumstances.base import Case, Circumstance, option
 from bench.measures import Measure, in_percent
-from bench.options import DATA, Command, Option, keys
+from bench.options import DATA, Command, Option, keys, parse
 from bench.reports.views.base import View
 from bench.work.fitted import Fitted
 
@@ -55,7 +54,7 @@ COUNT = Command(
     options=(DATA, Option("least", "count", 1, "least letters")),
     module="example",
 )
-LOUD = Option("loud", "yes", False, "yes: say so", commands="fit predict")
+LOUD = Option("loud", "yes", False, "yes: say so")
 
 
 def count(arguments):

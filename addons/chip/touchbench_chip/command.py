@@ -5,17 +5,15 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from bench.arguments import parse_words, settings
 from bench.errors import InputError
 from bench.option import Option
-from bench.options import START, TRUSTED, Command, keys
+from bench.options import START, TRUSTED, Command, keys, parse_words, settings
 
 CLOCK = Option(
     "clock",
     "MHz",
     None,
     "clock rate of the chip, such as 64MHz; adds its cycles to decision times",
-    commands="choose",
 )
 EXPORT = Command(
     START,

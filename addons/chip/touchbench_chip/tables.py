@@ -15,7 +15,7 @@ from bench.features.jung28 import Jung28
 from bench.features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
-from bench.usual import SATURATED
+from bench.words import SATURATED
 from touchbench_chip.classifiers import HAVE, Decider, decider, has_c, number
 
 if TYPE_CHECKING:

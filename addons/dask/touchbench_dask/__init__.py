@@ -7,6 +7,5 @@ CLUSTER = Option(
     "text",
     "",
     "Dask scheduler that runs the folds: tcp://HOST:8786 or its file",
-    commands="makers tune check",
     uses="touchbench_dask.cluster:Cluster",
 )

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import bench
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import FAULTS, as_readings
 from bench.errors import InputError
@@ -18,6 +17,7 @@ from bench.models.classic.lda import lda
 from bench.outcomes.runs import every_result
 from bench.store import connect
 from tests.conftest import SMALL, runs
+from touchbench_streams import watch
 from touchbench_streams.detectors.frames import CALM, Frames, Hysteresis, Levels, Times, disturbance, features
 from touchbench_streams.detectors.named import detectors
 from touchbench_streams.detectors.names import BEGUN_S, SHIFTS_S, learned_names, of_all, touches
@@ -311,7 +311,7 @@ def test_a_detector_of_a_file_watches_like_any_other(tmp_path):
     file = tmp_path / "my.py"
     file.write_text(MINE)
     words = dict(word.split("=", 1) for word in SMALL) | {"model": "lda", "features": "touch"}
-    bench.watch(**words, detector=[f"{file}:Mine", "threshold"], **{"detector.up": 30.0})
+    watch(**words, detector=[f"{file}:Mine", "threshold"], **{"detector.up": 30.0})
     mine, own = sorted(runs("watch")[1], key=lambda run: "my.py" not in run.data.params["watch.detector"])
     assert mine.data.params["watch.detector"] == f"{file}:Mine[up=30.0]"
     assert own.data.params["watch.detector"] == "threshold[up=30.0]"

@@ -4,15 +4,15 @@ from pathlib import Path
 
 import pytest
 
-import bench
 from tests.net import numbers
+from touchbench_streams import watch
 
 STREAMS = {name: value for name, value in numbers.ON.items() if name != "where"}
 
 
 @pytest.mark.parametrize("detector", ["frames", "threshold"])
 def test_numbers_are_what_they_were(detector, request, monkeypatch):
-    monkeypatch.setitem(numbers.RUNS, detector, lambda: bench.watch(model="bayes", detector=detector, **STREAMS))
+    monkeypatch.setitem(numbers.RUNS, detector, lambda: watch(model="bayes", detector=detector, **STREAMS))
     stored = numbers.read(Path(__file__).parent / f"numbers/watch_{detector}.csv")
     numbers.tables(detector).to_csv("found.csv", index=False)
     exact = request.config.getoption("exact")

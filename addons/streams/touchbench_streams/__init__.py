@@ -1,6 +1,12 @@
 """Endless streams: systems that find touches in recordings and in frames as they come."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FALSE_ALARMS = 5.0  # per hour of background, which are accepted on training subjects unless told otherwise
 NO_TOUCH = "notouch"  # class of background, where captures have it and no other is named
@@ -11,3 +17,10 @@ RATES = (1, 5, 10, 60)  # false alarms per hour of background, at which missed t
 def others(detector: str | None) -> str | None:
     """A detector in words, None for a run that does not tell; one of a file without its folder."""
     return Path(detector).name if detector else None
+
+
+def watch(**values: object) -> pd.DataFrame:
+    """A row per run on recordings; takes the keys of ``bench watch``, as `bench.run` does those of ``bench run``."""
+    from bench.commands.run import made
+
+    return made("watch", values)

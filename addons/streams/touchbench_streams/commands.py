@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 
-from bench.arguments import parse_words, settings
 from bench.errors import InputError
-from bench.options import keys
+from bench.options import keys, parse_words, settings
 
 
 def live(arguments: list[str]) -> int:

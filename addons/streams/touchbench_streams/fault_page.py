@@ -14,7 +14,7 @@ from bench.reports.figures import DASHES, MARKERS, plain, save
 from bench.reports.part import Part
 from bench.result import Result
 from bench.table import Table, rows_of
-from bench.usual import CLEAN
+from bench.words import CLEAN
 from bench.work.curves import joined
 from touchbench_streams import others
 from touchbench_streams.stress import FAULTS

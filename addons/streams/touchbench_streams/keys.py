@@ -9,7 +9,6 @@ WATCH = Option(
     "yes",
     True,
     "no: skip the post-processing for endless streams",
-    commands="fit",
     uses="touchbench_streams.teaching:Watching",
 )
 FINDS = Option(
@@ -17,16 +16,14 @@ FINDS = Option(
     "text",
     DETECTOR,
     "finds the touches of a stream: {touchbench_streams.detectors}, or my.py:Mine; detector.NAME= sets a parameter",
-    commands="fit",
 )
 ALARMS = Option(
     "false_alarms",
     "number",
     FALSE_ALARMS,
     "false alarms per hour of background accepted in training",
-    commands="fit",
 )
-IDLE = Option("background", "text", "", "background of the stream, as of bench watch", commands="fit")
+IDLE = Option("background", "text", "", "background of the stream, as of bench watch")
 WATCHES = Command(
     "compare",
     "find touches in continuous recordings: false alarms, misses, latency",

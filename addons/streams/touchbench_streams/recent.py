@@ -10,7 +10,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import SETTLED_S
-from bench.usual import SATURATED
+from bench.words import SATURATED
 
 
 def saturated(frames: np.ndarray, full_scale: float) -> np.ndarray:

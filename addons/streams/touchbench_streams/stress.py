@@ -13,7 +13,7 @@ import pandas as pd
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import Fault, all_faults, as_readings, as_shares, asked_faults, seeded
 from bench.errors import InputError
-from bench.usual import CLEAN, SEVERITIES
+from bench.words import CLEAN, SEVERITIES
 from bench.work.results import table_of, tables_of
 from touchbench_streams.recordings import Recordings
 from touchbench_streams.scored import numbers_of

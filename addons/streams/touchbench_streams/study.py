@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 from bench.circumstances.base import Study, option
 from bench.result import Result
-from bench.usual import ALL
-from bench.words import FAULTS, LATER, LOSSY, Values, items, labelled
+from bench.words import ALL, FAULTS, LATER, LOSSY, Values, items, labelled
 from touchbench_streams import DETECTOR, FALSE_ALARMS
 
 if TYPE_CHECKING:

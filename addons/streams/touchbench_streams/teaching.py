@@ -10,12 +10,11 @@ from typing import ClassVar
 import numpy as np
 
 from bench import contract
-from bench.amounts import quantity
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.plan.cells import Cell, Part
 from bench.plan.plan import Fold, corpus_of
-from bench.words import Values
+from bench.words import Values, quantity
 from touchbench_streams import FALSE_ALARMS
 from touchbench_streams.background import further, joined
 from touchbench_streams.composer import check_background, pieces
