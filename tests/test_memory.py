@@ -1,26 +1,13 @@
 """Sizes that cannot be are refused before any memory is asked for."""
 
 import resource
-from pathlib import Path
 
-import psutil
 import pytest
 
 from bench.errors import InputError
-from bench.memory import available
 from bench.options import KEYS, parse
 from bench.plan.cells import cells
 from bench.plan.plan import planned
-
-
-def test_the_limit_of_a_container_counts_where_it_is_lower(monkeypatch):
-    free, real = psutil.virtual_memory().available, Path.read_text
-    assert 0 < available() <= psutil.virtual_memory().total
-    for text, expected in (("1000\n", 1000), ("max\n", free), (f"{2**62}", free)):
-        read = lambda self, text=text: text if "cgroup" in str(self) else real(self)  # noqa: E731
-        monkeypatch.setattr(Path, "read_text", read)
-        monkeypatch.setattr(psutil, "virtual_memory", lambda: type("M", (), {"available": free}))
-        assert available() == expected
 
 
 @pytest.mark.parametrize(

@@ -28,26 +28,6 @@ OWN = dict(re.findall(r"```python\n# (\w+\.py)\n(.*?)```", DOCS["your_system.md"
 LEVEL = OWN["my.py"]
 
 
-def words(text):
-    """Number of words, without blocks of code and the bars of tables."""
-    return len(re.findall(r"[^\s|]+", re.sub(r"```.*?```", "", text, flags=re.DOTALL)))
-
-
-def test_people_can_read_all_of_it():
-    """Notes are for contributors, and in no menu."""
-    assert len(README.splitlines()) <= 80
-    assert sum(map(words, (README, *DOCS.values()))) <= 8_000
-    assert sum(len(path.read_text().split()) for path in PAGES if path.parent.name == "notes") <= 12_000
-    menu = (ROOT / "mkdocs.yml").read_text().partition("\nnav:")[2]
-    assert "notes/" not in menu and all(f" {name}\n" in menu for name in DOCS)
-
-
-def test_the_test_line_installs_every_add_on():
-    (line,) = (line for line in README.splitlines() if "-m pytest" in line)
-    folders = [path.parent.name for path in (ROOT / "addons").glob("*/pyproject.toml")]
-    assert [name for name in folders if f" -e addons/{name} " not in line] == []
-
-
 def test_every_command_is_introduced_and_every_command_line_is_taken():
     """Commands of README and docs, with `NAME=` and `...` as they write them, go through the parser."""
     texts = [README, *DOCS.values(), *(path.read_text() for path in (ROOT / "docs" / "notes").glob("*.md"))]

@@ -45,7 +45,7 @@ def test_lines_are_keys_of_choose(tmp_path):
         "min_worst_person": "60",
         "min_worst_tenth": "70.5",
     }
-    assert {*scene.values} - {"clock"} <= keys("choose") and scene.faults == Losses(("noise",), 2)
+    assert {*scene.values} - {"clock"} <= {*keys("choose")} and scene.faults == Losses(("noise",), 2)
     assert scene.faults.circumstances == [("noise", 1), ("noise", 2)]
     robot = scene.reactions
     assert (robot.groups, robot.costs, robot.silence, robot.ignored) == (
@@ -71,22 +71,12 @@ def test_shipped_scenes_and_boards_can_be_read():
     ("text", "fact"),
     [
         ("[reactions", "not TOML"),
-        ("[budgets]\nflash = '1kB'", "budgets: there is no such line; did you mean budget"),
         ("[budget]\nflsh = '1kB'", r"\[budget\] flsh: there is no such line; did you mean flash"),
         ("[budget]\nboard = 'pico'\nshare = 2", "share = 2: give a number from 0 to 1"),
         ("[reactions]\ncalm = 'stroke'", "give a list"),
-        ("[costs]\nscratch = { calm = true }", "give a number from 0"),
-        ("[budget]\nboard = 'pico'\nshare = 0", "share above 0"),
-        ("[faults]\nseverity = true", "from 1 to 5"),
-        ("by = ['flash']", "by: give one value"),
-        ("[costs]\nsilence = 1e308", "silence = 1e[+]308: give a number from 0 to 1000000"),
-        ("[costs]\nscratch = { calm = 1000001 }", "from 0 to 1000000"),
-        ("[costs]\nsilence = nan", "from 0 to 1000000"),
         ("[costs]\nsilence = -" + "9" * 400, r"costs silence: a whole number is too large"),
-        ("[people]\nworst_person = " + "9" * 5000, "is not TOML: Exceeds the limit"),
         ("[people]\nworst_person = 0x" + "F" * 9000, "people worst_person: a whole number is too large"),
         ("by = " + "[" * 500 + "]" * 500, "nested more deeply"),
-        ("by." + "a." * 3000 + "a = 1", "nested more deeply"),
     ],
 )
 def test_a_line_that_means_nothing_is_refused_in_one_line(text, fact, tmp_path):

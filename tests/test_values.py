@@ -71,11 +71,6 @@ def test_costs_have_their_budgets_units_and_lines():
     )
 
 
-def test_a_cost_fills_in_its_words():
-    plain = Measure("battery_life", unit="h")
-    assert (plain.noun, plain.words, plain.axis) == ("battery life", "of battery life", "battery life (h)")
-
-
 def test_columns_of_runs_by_hand():
     run = {"accuracy": 0.8, "subject_accuracy_mean": 0.75, "subject_accuracy_sd": 0.125, "fit_seconds": 1.234}
     run |= {"subjects": 4}
@@ -166,12 +161,6 @@ def test_stored_text_stays_text(tmp_path_factory, labels):
     pd.testing.assert_frame_equal(read_table(folder / file_of("touches"), "touches"), table, check_dtype=False)
 
 
-def test_a_column_of_several_types_is_stored_as_text(tmp_path):
-    mixed = pd.DataFrame({"value": pd.Series([8, "auto", None, 0.5], dtype=object), "fold": "1"})
-    write_table(mixed, tmp_path / "tried.parquet")
-    assert read_table(tmp_path / "tried.parquet", "tried")["value"].fillna("-").tolist() == ["8", "auto", "-", "0.5"]
-
-
 def test_a_column_is_stored_as_numbers_or_as_text(tmp_path):
     values = {
         "class": [int, None, str],
@@ -199,12 +188,3 @@ def test_a_column_is_stored_as_numbers_or_as_text(tmp_path):
     assert [read[name].dtype.kind for name in ("number", "all whole", "whole and not")] == ["f", "i", "f"]
     twice = uniform(pd.DataFrame([[1, "a", 2, 3]], columns=["a", "a.1", "a", 4]))
     assert [*twice] == ["a", "a.1", "a.2", "4"] and twice.iloc[0].tolist() == [1, "a", 2, 3]
-
-
-@pytest.mark.parametrize("name", ["chosen", "trials", "confusion", "per_class"])
-def test_a_stored_table_has_its_types(name, tmp_path):
-    """Words that look like numbers or like nothing, and a class that is called as a column of text is."""
-    table = pd.DataFrame({"fold": ["01", "2"], "C": ["None", "03"], "first": [1, 2], "share": [0.1 + 0.2, 1]})
-    write_table(table, tmp_path / file_of(name))
-    pd.testing.assert_frame_equal(read_table(tmp_path / file_of(name), name), table, check_dtype=False)
-    assert read_table(tmp_path / file_of(name), name)["first"].dtype.kind == "i"

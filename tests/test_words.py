@@ -67,9 +67,3 @@ def test_sentences_of_help_are_short():
     sentences = [s for command in commands().values() for s in re.split(r"[.:;] (?=[A-Za-z0-9])", command.text)]
     sentences += [option.help for name in commands() for option in options(name).values()]
     assert not [s for s in sentences if len(s.split()) > LONGEST]
-
-
-def test_the_glossary_lists_the_terms_in_one_sentence_each():
-    entries = re.findall(r"^- (.*(?:\n  .*)*)", (ROOT / "docs" / "concepts.md").read_text(), re.MULTILINE)
-    assert sorted(re.findall(r"\*\*(.+?)\*\*", "\n".join(entries))) == sorted(t.replace("_", " ") for t in TERMS)
-    assert all(len(re.findall(r"[.!?](?:\s|$)", entry)) == 1 for entry in entries)
