@@ -11,13 +11,16 @@ import json
 import logging
 import os
 import re
+import sqlite3
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
-from urllib.parse import unquote, urlparse
+from urllib.parse import quote, unquote, urlparse
 
 from filelock import FileLock, Timeout
 
@@ -32,8 +35,11 @@ if TYPE_CHECKING:
     import pandas as pd
     from mlflow import MlflowClient
     from mlflow.entities import Run
+    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
 EXPERIMENT = "touchbench"
+SQLITE = ("sqlite:///", "sqlite+pysqlite:///")  # before a file
+BESIDE = "touchbench"  # scheme of the addresses of artifacts that lie beside MLflow's SQLite file, wherever it is moved
 FORMAT = "3"  # version of stored runs; others are left out
 PAGE = 5000  # runs of one request
 OF_FOLDS = "fold/"  # numbers of a run whose steps are its folds
@@ -54,24 +60,41 @@ def reached() -> Iterator[None]:
         if not isinstance(e, (MlflowException, RequestException, SQLAlchemyError, OSError)):
             raise
         raise StoreError(
-            f"the MLflow store {_shown(store_uri())} failed: {_first_line(e)}; stored results are kept; repeat the "
-            "command when the store works again"
+            f"the MLflow store {_shown()} failed: {_first_line(e)}; stored results are kept; repeat the command when "
+            "the store works again"
         ) from e
 
 
 def _first_line(error: BaseException) -> str:
     lines = [line for line in str(error).splitlines() if line.strip() and "Query-invoked autoflush" not in line]
-    return (lines or [type(error).__name__])[0].strip()[-150:]  # what MLflow cites ends with the cause
+    line = _masked((lines or [type(error).__name__])[0].strip())
+    return line if len(line) <= 250 else f"{line[:100]} ... {line[-150:]}"  # what MLflow cites ends with the cause
 
 
-def _shown(uri: str) -> str:
-    """An address without its password, as messages end in logs."""
-    return re.sub("(//[^/:@]*):[^/]*@", r"\1:***@", uri)
+def _masked(text: str) -> str:
+    """A text without the password of an address, as messages end in logs."""
+    return re.sub("(//[^/:@]*):[^/]*@", r"\1:***@", text)
+
+
+def _shown() -> str:
+    """Address of the store for people."""
+    path = _file(store_uri())
+    return _masked(store_uri()) if path is None else f"sqlite:///{path.absolute()}"
+
+
+def _unusable(error: Exception) -> str:
+    """Why a store cannot be opened."""
+    if schemas := re.search(r"found version (\w+), but expected (\w+)", str(error)):
+        return (
+            f"its schema is {schemas[1]}, and the installed MLflow expects {schemas[2]}: another version of MLflow "
+            "wrote it; install that version, or set MLFLOW_TRACKING_URI to another store"
+        )
+    return _first_line(error.__cause__ or error)
 
 
 def store_uri() -> str:
     """Address of the store: ``MLFLOW_TRACKING_URI``, or MLflow's SQLite file in the working folder."""
-    return os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{Path.cwd() / 'mlflow.db'}"
+    return os.environ.get("MLFLOW_TRACKING_URI") or _address(Path.cwd() / "mlflow.db")
 
 
 class Store:
@@ -255,16 +278,39 @@ class Store:
         self.client.delete_run(run_id)
 
 
+def artifacts_beside(artifact_uri: str, tracking_uri: str | None = None, registry_uri: str | None = None) -> object:
+    """MLflow's place of artifacts for addresses of the scheme `BESIDE`; its entry point, so MLflow's pages take it."""
+    from mlflow.store.artifact.local_artifact_repo import LocalArtifactRepository
+
+    served = os.environ.get("_MLFLOW_SERVER_FILE_STORE")  # in MLflow's server
+    folder = _beside(artifact_uri, tracking_uri or served or store_uri())
+    return LocalArtifactRepository(folder.absolute().as_uri(), tracking_uri, registry_uri)
+
+
+def _beside(address: str, uri: str) -> Path:
+    return (_file(uri) or Path("mlflow.db")).parent / urlparse(address).path.lstrip("/")
+
+
 def _local(address: str) -> Path | None:
     """The folder of an address of artifacts, None if it is not on this machine."""
     uri = urlparse(address)
+    if uri.scheme == BESIDE:
+        return _beside(address, store_uri())
     if uri.scheme == "file":
         return Path(unquote(uri.path))
     return Path(address) if len(uri.scheme) <= 1 else None  # a drive letter is no scheme
 
 
+def _address(path: Path) -> str:
+    """The address of SQLite's file; of a quoted one behind sqlite:, MLflow would make the folders."""
+    place = quote(str(path.absolute()))
+    return f"{SQLITE[place != str(path.absolute())]}{place}"
+
+
 def _file(uri: str) -> Path | None:
-    return Path(urlparse(uri).path.removeprefix("/")) if uri.startswith("sqlite:///") else None
+    """SQLite's file of an address, as SQLAlchemy reads it."""
+    driver = next((driver for driver in SQLITE if uri.startswith(driver)), None)
+    return Path(unquote(uri.removeprefix(driver).partition("?")[0])) if driver else None
 
 
 def exists() -> bool:
@@ -282,7 +328,7 @@ def connect(writes: bool = False) -> Store:
     os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or "2"  # a wrong address is no reason to wait long
     if fixed := path is not None and not _is_writable(path, writes):
         # SQLite leaves such a file and its folder alone; MLflow makes folders of a plain sqlite:///file:
-        uri = f"sqlite+pysqlite:///{path.absolute().as_uri()}?mode=ro&uri=true"
+        uri = f"sqlite+pysqlite:///{quote(path.absolute().as_uri())}?mode=ro&uri=true"
     from mlflow import MlflowClient
     from mlflow.exceptions import MlflowException
     from sqlalchemy.exc import SQLAlchemyError
@@ -296,29 +342,72 @@ def connect(writes: bool = False) -> Store:
                 sweep(path.parent, f".{path.name}.")
                 if not path.exists() or not path.stat().st_size:
                     create(path)
+                _upgrade(path)
             client = MlflowClient(uri)
-            return Store(client, _experiment(client))
+            return Store(client, _experiment(client, None if fixed else path))
         except (MlflowException, SQLAlchemyError, StoreError, ImportError, UnicodeError) as e:  # a driver, a name
-            cause = _first_line(e.__cause__ or e)
-            raise InputError(f"MLflow store {_shown(store_uri())} cannot be used: {cause}") from e
+            raise InputError(f"MLflow store {_shown()} cannot be used: {_unusable(e)}") from e
         finally:
             os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or RETRIES
 
 
 @reached()
-def _experiment(client: MlflowClient) -> str:
+def _experiment(client: MlflowClient, path: Path | None) -> str:
+    """Id of touchbench's experiment, made where there is none; its artifacts lie beside a SQLite file."""
     experiment = client.get_experiment_by_name(EXPERIMENT)
-    return experiment.experiment_id if experiment else client.create_experiment(EXPERIMENT)
+    if experiment and experiment.lifecycle_stage == "deleted":
+        raise InputError(
+            f"the experiment {EXPERIMENT} of {_shown()} was deleted in MLflow; restore it with: mlflow experiments "
+            f"restore -x {experiment.experiment_id}; or set MLFLOW_TRACKING_URI to another store"
+        )
+    if experiment:
+        return experiment.experiment_id
+    if path is None:
+        return client.create_experiment(EXPERIMENT)
+    with _tables(path) as tables:
+        return tables.create_experiment(EXPERIMENT)
+
+
+@contextmanager
+def _tables(path: Path) -> Iterator[SqlAlchemyStore]:
+    """MLflow's SQLite file, made if it is not there; artifacts of its experiments lie beside it."""
+    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
+
+    tables = SqlAlchemyStore(_address(path), f"{BESIDE}:/mlruns")
+    try:
+        yield tables
+    finally:
+        tables.engine.dispose()
 
 
 def create(path: Path) -> None:
     """Make MLflow's SQLite file with its tables, beside its name and renamed: a kill leaves none or a good one."""
-    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
-
     with tempfile.TemporaryDirectory(prefix=f".{path.name}.{owner()}", dir=path.parent) as folder:
         beside = Path(folder) / path.name
-        SqlAlchemyStore(f"sqlite:///{beside}", "./mlruns").engine.dispose()
+        with _tables(beside):
+            pass
         beside.replace(path)
+
+
+def _upgrade(path: Path) -> None:
+    """Upgrade a SQLite file of an older MLflow, which could not read it any more; a copy is kept beside it."""
+    from mlflow.store import db_migrations
+
+    with closing(sqlite3.connect(path)) as file:
+        if not file.execute("SELECT 1 FROM sqlite_master WHERE name = 'alembic_version'").fetchone():
+            return
+        (schema,) = file.execute("SELECT version_num FROM alembic_version").fetchone() or [""]
+        steps = (step.read_text() for step in Path(db_migrations.__file__).parent.glob("versions/*.py"))
+        if not any(f'down_revision = "{schema}"' in step for step in steps):
+            return
+        copy = path.with_name(f"{path.name}.{schema}")
+        with closing(sqlite3.connect(copy)) as beside:
+            file.backup(beside)
+    warn(f"{path} is of an older MLflow and is upgraded now; that version can read the copy {copy}")
+    words = [sys.executable, "-m", "mlflow", "db", "upgrade", f"sqlite:///{path.name}"]
+    done = subprocess.run(words, cwd=path.parent, capture_output=True, text=True)
+    if done.returncode:
+        raise InputError(f"{path} cannot be upgraded ({done.stderr.strip()[-150:]}); {copy} is as it was")
 
 
 def _is_writable(path: Path, must: bool) -> bool:

@@ -1,11 +1,17 @@
 """The store when it is locked, of another version or gone; kills and full disks are in tests/nightly."""
 
 import errno
+import shutil
 import sqlite3
+import types
 from pathlib import Path
 
 import pytest
 import sqlalchemy
+from alembic.config import Config
+from alembic.script import ScriptDirectory
+from mlflow import MlflowClient
+from mlflow.store import db_migrations
 
 import bench
 from bench import store
@@ -46,6 +52,61 @@ def test_a_store_of_another_version_or_a_broken_one_is_refused_in_one_line(harm,
     said = capsys.readouterr().err.strip()
     assert said.startswith("bench: MLflow store sqlite") and len(said) < 400, said
     assert dump() == before
+
+
+@pytest.mark.parametrize("name", ["run #1", "what?", pytest.param("a%20b", marks=pytest.mark.real_store)])
+def test_a_store_lies_in_its_folder_whatever_its_name_is_and_wherever_it_is_moved(name, tmp_path, monkeypatch):
+    (first := tmp_path / name).mkdir()
+    monkeypatch.chdir(first)
+    (tmp_path / "note.txt").write_text("kept")
+    here = store.connect()
+    run = here.create("first", {"touchbench.kind": "cell"})
+    here.keep(run.info.run_id, tmp_path / "note.txt")
+    shutil.copytree(first, copy := tmp_path / "copy")
+    before = sorted(first.rglob("*"))
+    monkeypatch.chdir(copy)
+    there = store.connect()
+    (again,) = there.of_kind("cell")
+    assert there.path(again.info.run_id, again.info.artifact_uri, "note.txt").resolve().is_relative_to(copy)
+    there.keep(there.create("second", {"touchbench.kind": "cell"}).info.run_id, tmp_path / "note.txt")
+    assert len([*copy.glob("mlruns/*/*/artifacts/note.txt")]) == 2
+    assert [file.path for file in MlflowClient(store.store_uri()).list_artifacts(run.info.run_id)] == ["note.txt"]
+    assert sorted(first.rglob("*")) == before
+    assert {path.name for path in tmp_path.iterdir()} <= {name, "copy", "note.txt", "home"}
+
+
+def test_a_deleted_experiment_is_named_with_the_way_back(capsys):
+    here = store.connect()
+    here.client.delete_experiment(here.experiment_id)
+    for words in (SMALL, ["choose"]):
+        assert main(words) == 2
+        assert "mlflow experiments restore -x 1" in capsys.readouterr().err
+
+
+@pytest.mark.real_store
+def test_a_store_of_an_older_mlflow_is_upgraded_beside_a_copy(tmp_path, capsys, empty_store):
+    """Its schema is one step back, as alembic makes it."""
+    shutil.copy(empty_store, "mlflow.db")
+    config = Config()
+    config.set_main_option("script_location", str(Path(db_migrations.__file__).parent))
+    config.set_main_option("sqlalchemy.url", "sqlite:///mlflow.db")
+    newest, before = ([*ScriptDirectory.from_config(config).walk_revisions()][k].revision for k in (0, 1))
+    with sqlite3.connect("mlflow.db") as db:
+        db.execute("update alembic_version set version_num = ?", [before])
+    done = types.SimpleNamespace(returncode=0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.store.subprocess.run", lambda words, **_: upgraded(words, newest) or done)
+        store.connect()
+    assert f"mlflow.db.{before}" in capsys.readouterr().err
+    with sqlite3.connect(f"mlflow.db.{before}") as db:
+        assert db.execute("select version_num from alembic_version").fetchone() == (before,)
+
+
+def upgraded(words, newest):
+    """What the command does, without the step itself, which this file has had."""
+    assert words[-3:] == ["db", "upgrade", "sqlite:///mlflow.db"]
+    with sqlite3.connect("mlflow.db") as db:
+        db.execute("update alembic_version set version_num = ?", [newest])
 
 
 def test_a_store_that_can_only_be_read_is_read_and_left_alone(in_net, tmp_path, monkeypatch, capsys):
