@@ -90,11 +90,7 @@ class Balli(FeatureSet):
         self.selected = selected
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
-
-        Raises:
-            InputError: ``selected`` is below 0.
-        """
+        """Refuse parameters that cannot be, before anything is run."""
         if self.selected < 0:
             raise InputError(f"features.selected={self.selected}: give at least 1, or 0 for all 208")
 

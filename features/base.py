@@ -82,10 +82,6 @@ def labels(capture: np.ndarray, copy: np.ndarray) -> pd.MultiIndex:
 
 
 def one_of(parameter: str, value: str, values: Sequence[str]) -> None:
-    """Check a parameter that has a few values.
-
-    Raises:
-        InputError: it is none of them.
-    """
+    """Refuse a parameter that has none of its values."""
     if value not in values:
         raise InputError(f"features.{parameter}={value}: give {' or '.join(values)}")

@@ -65,11 +65,7 @@ class Gaus(FeatureSet):
         self.families = families
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
-
-        Raises:
-            InputError: ``families`` is empty, or has an unknown or repeated one.
-        """
+        """Refuse parameters that cannot be, before anything is run."""
         families = self.families if isinstance(self.families, (tuple, list)) else ()
         if not families or any(family not in FAMILIES or families.count(family) > 1 for family in families):
             text = "+".join(map(str, families)) or self.families

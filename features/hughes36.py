@@ -83,11 +83,7 @@ class Hughes36(FeatureSet):
         self.seed = seed
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
-
-        Raises:
-            InputError: a count below 1.
-        """
+        """Refuse parameters that cannot be, before anything is run."""
         for name in ("states", "iterations", "epochs"):
             if getattr(self, name) < 1:
                 raise InputError(f"features.{name}={getattr(self, name)}: give at least 1")

@@ -45,11 +45,7 @@ class Jung28(FeatureSet):
         self.peaks = peaks
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
-
-        Raises:
-            InputError: ``area`` or ``peaks`` is none of its values.
-        """
+        """Refuse parameters that cannot be, before anything is run."""
         one_of("area", self.area, ("frame", "capture"))
         one_of("peaks", self.peaks, [*PEAKS])
 

@@ -51,11 +51,7 @@ class Jung54(FeatureSet):
         self.area = area
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
-
-        Raises:
-            InputError: ``area`` is neither ``frame`` nor ``capture``.
-        """
+        """Refuse parameters that cannot be, before anything is run."""
         one_of("area", self.area, ("frame", "capture"))
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:

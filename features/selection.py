@@ -33,11 +33,7 @@ class Subset(FeatureSet):
         self.count = count
 
     def fit(self, X: Corpus, y: object = None) -> Subset:
-        """Select the columns on the training captures alone; labels are the captures' gestures if none are given.
-
-        Raises:
-            InputError: ``count`` is below 1.
-        """
+        """Select the columns on the training captures alone; labels are the captures' gestures if none are given."""
         if self.count < 1:
             raise InputError(f"count={self.count}: keep at least 1 column")
         self.features_ = clone(self.features).fit(X, y)

@@ -50,11 +50,7 @@ class Ta273(FeatureSet):
         self.levels = levels
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
-
-        Raises:
-            InputError: ``levels`` is none of its values.
-        """
+        """Refuse parameters that cannot be, before anything is run."""
         one_of("levels", self.levels, ("training", "fixed"))
 
     def fit(self, X: Corpus, y: object = None) -> Ta273:

@@ -39,11 +39,7 @@ def can_be(classifier: object) -> bool:
 
 
 def in_bits(system: Pipeline, bits: int) -> Pipeline:
-    """A fitted pipeline that decides with weights of so many bits; it stays as it is itself.
-
-    Raises:
-        InputError: its classifier is another one.
-    """
+    """A fitted pipeline that decides with weights of so many bits; it stays as it is itself."""
     *before, (name, classifier) = system.steps
     few, weights = copy(classifier), np.size(getattr(classifier, "coef_", ()))
     if isinstance(classifier, Guarded):

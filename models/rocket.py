@@ -69,11 +69,7 @@ class Rocket(MostProbable):
     seed: int = 0
 
     def check(self) -> None:
-        """Refuse invalid parameters before anything is run.
-
-        Raises:
-            InputError: another value than those above, or aeon is not installed.
-        """
+        """Refuse invalid parameters before anything is run."""
         for name, values in (("transform", KERNELS), ("channels", CHANNELS)):
             if getattr(self, name) not in values:
                 raise InputError(f"model.{name}={getattr(self, name)}: give {' or '.join(values)}")
@@ -85,19 +81,11 @@ class Rocket(MostProbable):
             )
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Refuse a training part before anything is run.
-
-        Raises:
-            InputError: it has fewer than two subjects.
-        """
+        """Refuse a training part before anything is run."""
         inner_folds(X.subjects.astype(str), "loso")
 
     def fit(self, X: Corpus, y: np.ndarray) -> Rocket:
-        """Learn from captures and their class names.
-
-        Raises:
-            InputError: fewer than two subjects, or what `check` refuses.
-        """
+        """Learn from captures and their class names."""
         self.check()
         left_out = [one for _, one in inner_folds(X.subjects.astype(str), "loso")]
         with _own_randomness():

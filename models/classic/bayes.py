@@ -80,9 +80,6 @@ def bayes(features: TransformerMixin, ridge: float = 1e-2) -> Pipeline:
         features: transformer from captures to a table.
         ridge: number added to the diagonal of every class covariance. Default: chosen on generated captures, without
             test subjects.
-
-    Raises:
-        InputError: the ridge is not above 0.
     """
     if not ridge > 0:
         raise InputError(f"model.ridge={ridge:g}: give a value above 0, such as 0.01")

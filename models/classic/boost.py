@@ -20,9 +20,6 @@ def boost(features: TransformerMixin, rounds: int = 300, depth: int = 8, seed: i
         rounds: number of trees. Default: our reading.
         depth: largest depth of a tree. Default: our reading.
         seed: random seed of the tried features.
-
-    Raises:
-        InputError: a count below 1.
     """
     if rounds < 1 or depth < 1:
         raise InputError(f"model.rounds={rounds} model.depth={depth}: give at least 1")

@@ -95,9 +95,6 @@ def mlp(
         runs: networks trained from different starts; the best on its held captures is kept. Default: Jung et al. 2017.
         scaling: ``range`` to -1..1, or ``z`` to mean 0 and SD 1, of the training captures. Default: Jung et al. 2017.
         seed: random seed of weights, batches and draws.
-
-    Raises:
-        InputError: a count below 1, a share that is none, or another scaling.
     """
     units = tuple(int(n) if n.isdecimal() else 0 for n in layers.split("+"))
     if min(*units, patience, runs) < 1:

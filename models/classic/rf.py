@@ -18,9 +18,6 @@ def rf(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float
         tried: share of the features that is tried at each split; 0 for the square root of their number. Default: that
             of scikit-learn.
         seed: random seed of the bootstrap and the tried features.
-
-    Raises:
-        InputError: a count below 1, or a share that is none.
     """
     return _forest(RandomForestClassifier, features, trees, leaf, tried, seed)
 
@@ -37,9 +34,6 @@ def et(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float
         tried: share of the features that is tried at each split; 0 for the square root of their number. Default: that
             of scikit-learn.
         seed: random seed of the tried features and splits.
-
-    Raises:
-        InputError: a count below 1, or a share that is none.
     """
     return _forest(ExtraTreesClassifier, features, trees, leaf, tried, seed)
 

@@ -17,9 +17,6 @@ def softmax(features: TransformerMixin, C: float = 1.0) -> Pipeline:
     Args:
         features: transformer from captures to a table.
         C: inverse strength of the penalty. Default: that of scikit-learn.
-
-    Raises:
-        InputError: a strength that is not above 0.
     """
     if not C > 0:
         raise InputError(f"model.C={C:g}: give a value above 0")

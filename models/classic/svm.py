@@ -43,9 +43,6 @@ def svm(
             of Jung et al. 2017, chosen on generated captures, without test subjects.
         kernel: ``rbf`` or ``linear``. Default: one of the two of Jung et al. 2017.
         scaling: ``range`` to 0..1, or ``z`` to mean 0 and SD 1, of the training captures. Default: Jung et al. 2017.
-
-    Raises:
-        InputError: another kernel or scaling, or a penalty or width that is not above 0.
     """
     if kernel not in ("rbf", "linear"):
         raise InputError(f"model.kernel={kernel}: give rbf or linear")

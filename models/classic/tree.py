@@ -56,9 +56,6 @@ def tree(features: TransformerMixin, level: int = 10, seed: int = 0) -> Pipeline
         level: steps of the pruning sequence that are taken; 0 leaves the full tree. Pruning stops before there are
             fewer leaves than gestures. Default: our reading; Jung et al. 2017 search the level.
         seed: random seed of the order in which equal splits are tried.
-
-    Raises:
-        InputError: a level below 0.
     """
     if level < 0:
         raise InputError(f"model.level={level}: give a number from 0 on")

@@ -63,9 +63,6 @@ def xgb(features: TransformerMixin, trees: int = 300, depth: int = 4, rate: floa
         depth: largest depth of a tree. Default: ours.
         rate: learning rate. Default: ours.
         seed: random seed of the samples of captures and features.
-
-    Raises:
-        InputError: a count below 1, or a rate that is not above 0.
     """
     if trees < 1 or depth < 1 or not rate > 0:
         raise InputError(f"model.trees={trees} model.depth={depth} model.rate={rate:g}: all must be above 0")

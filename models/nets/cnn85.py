@@ -47,11 +47,7 @@ class CNN85(FrameNet):
     batch: int = 250
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
-
-        Raises:
-            InputError: a count below 1, no width, an unknown padding or list of rates.
-        """
+        """Refuse parameters that cannot be, before anything is run."""
         super().check()
         if not 0 < self.width <= 16:
             raise InputError(f"model.width={self.width:g}: give a share of the published width, above 0 and up to 16")
@@ -60,11 +56,7 @@ class CNN85(FrameNet):
                 raise InputError(f"model.{name}={value}: give {' or '.join(names)}")
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Refuse a training part before anything is run.
-
-        Raises:
-            InputError: training windows that leave frames out.
-        """
+        """Refuse a training part before anything is run."""
         if (self.hop or 1) > (frames := self.length(X.rate_hz)):
             raise InputError(f"model.hop={self.hop}: frames between windows of {frames} would never be seen")
         super().check_training(X, y)

@@ -29,12 +29,7 @@ class Stretches:
         drawn: True for windows of training: start and length are drawn, and the skin is mirrored or has its rows and
             columns exchanged by a draw. PyTorch draws.
 
-    Attributes:
-        capture: int64 [windows], position in the corpus of the capture that a window is cut from.
-        start: int64 [windows], first frame within the capture.
-        seen: int64 [windows], frames in the window.
-        steps: int64 [windows], decisions on each: one.
-        values: float32 [frames, signals] of all captures.
+    Attributes are those of `bench.models.nets.training.Windows`, and ``values``, float32 [frames, signals].
     """
 
     def __init__(self, corpus: Corpus, frames: int, hop: int, drawn: bool = False) -> None:
@@ -120,11 +115,7 @@ class TouchNet(WindowNet):
     smoothing: float = 0.1
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
-
-        Raises:
-            InputError: as of `WindowNet.check`; a count that cannot be; no share.
-        """
+        """Refuse parameters that cannot be, before anything is run."""
         super().check()
         for name, most in (("width", 4096), ("kernel", 99), ("updates", 10_000_000)):
             if not 1 <= getattr(self, name) <= most:
@@ -139,11 +130,7 @@ class TouchNet(WindowNet):
             raise InputError(f"model.smoothing={self.smoothing:g}: give 0 to below 1")
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Refuse a training part before anything is run.
-
-        Raises:
-            InputError: as of `WindowNet.check_training`; one window, with which batch norm has nothing to compare.
-        """
+        """Refuse a training part before anything is run."""
         super().check_training(X, y)
         frames = self.length(X.rate_hz)
         if (np.maximum(X.lengths - frames, 0) // ((frames + 1) // 2) + 1).sum() < 2:

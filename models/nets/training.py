@@ -70,19 +70,9 @@ class Windows:
 
 
 class Sequences:
-    """Runs of consecutive windows of a capture, for networks that read them one after another.
+    """Runs of at most ``longest`` consecutive windows of a capture, for networks that read them one after another.
 
-    A capture with more windows than ``longest`` makes several sequences.
-
-    Args:
-        windows: the windows of a corpus.
-        longest: most windows in a sequence.
-
-    Attributes:
-        capture: int64 [sequences], position in the corpus of the capture that a sequence is cut from.
-        start: int64 [sequences], its first frame within the capture.
-        seen: int64 [sequences], frames of touch in it.
-        steps: int64 [sequences], number of its windows.
+    Attributes are those of `Windows`, ``steps`` the number of windows of each.
     """
 
     def __init__(self, windows: Windows, longest: int) -> None:

@@ -38,11 +38,7 @@ class Zhou2016(FrameNet):
     rate: float = 1e-3
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Refuse a training part before anything is run.
-
-        Raises:
-            InputError: fewer than one or more frames averaged than a window has, or one training subject.
-        """
+        """Refuse a training part before anything is run."""
         frames = self.length(X.rate_hz)
         if not 1 <= self.average <= frames:
             raise InputError(f"model.average={self.average}: give 1 to {frames}, the frames of a window")

@@ -119,11 +119,7 @@ class Auto(MostProbable):
         return tuple(sorted({name for part in self.best_.members for name in contract.trained_faults(part)}))
 
     def fit(self, X: Corpus, y: np.ndarray) -> Auto:
-        """Search on the captures and their class names, then fit the best system to all of them.
-
-        Raises:
-            InputError: fewer than two subjects, or no trial is within the limits.
-        """
+        """Search on the captures and their class names, then fit the best system to all of them."""
         began = time.perf_counter()
         self.check()
         study = Study(

@@ -13,11 +13,7 @@ from bench.errors import InputError
 
 
 def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
-    """(train, test) positions of inner folds; no subject is on both sides.
-
-    Raises:
-        InputError: fewer than two subjects, which leaves nobody to judge by.
-    """
+    """(train, test) positions of inner folds; no subject is on both sides."""
     count = len(np.unique(subjects))
     if count < 2:
         raise InputError(f"parameters are chosen by leaving training subjects out, and there is {count}; train on more")
@@ -28,11 +24,7 @@ def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.n
 
 
 def labelled_folds(X: Corpus, y: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The inner folds of captures and their class names.
-
-    Raises:
-        InputError: fewer than two subjects, or an inner training part of a single class.
-    """
+    """The inner folds of captures and their class names."""
     folds = inner_folds(X.subjects.astype(str), inner)
     if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
         raise InputError(
