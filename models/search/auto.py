@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
+from sklearn.base import clone
 
 from bench import contract
 from bench.corpora.corpus import Corpus
@@ -250,6 +251,11 @@ class Part:
         self.subjects = X.subjects.astype(str)
         self.classes, self.codes = np.unique(y, return_inverse=True)
         self.judged = X if touch is None else _beginning(X, touch)
+        self.widths = {name: len(clone(one).fit(X[:1]).names_) for name, one in portfolio.FEATURES.items()}
+
+    def work(self, trial: Trial) -> float:
+        """Seconds that a fit of a trial should take (`bench.models.search.portfolio.work`)."""
+        return portfolio.work(trial, self.X, self.widths[str(trial["features"])], len(self.classes))
 
     def fitted(self, trial: Trial, part: np.ndarray | slice) -> tuple[contract.System, float]:
         """The system of a trial, fitted to some of the captures, and the seconds of that."""
@@ -295,8 +301,8 @@ def _next(study: Study, part: Part) -> Trial | None:
         trial = study.drawn({}, draw)
         same = [t for t in study.tried if t.state == "complete" and t.trial["model"] == trial["model"]]
         best = max(same, key=lambda t: t.accuracy, default=None)
-        allowed = max(SMALL, GROWTH * portfolio.work(best.trial, part.X, len(part.classes))) if best else SMALL
-        if trial not in earlier and portfolio.work(trial, part.X, len(part.classes)) <= allowed:
+        allowed = max(SMALL, GROWTH * part.work(best.trial)) if best else SMALL
+        if trial not in earlier and part.work(trial) <= allowed:
             return trial
     return None
 

@@ -117,18 +117,22 @@ def system(trial: Trial, seed: int) -> contract.System:
     return recipe.build(lambda: pipeline, None, **{k: trial[k] for k in ("window", "repair", "faults", "scale")})
 
 
-def work(trial: Trial, X: Corpus, classes: int) -> float:
-    """Seconds that a fit of a complete trial should take on one core of 2024, by how its work grows."""
-    columns = len(clone(FEATURES[str(trial["features"])]).fit(X[:1]).names_)
-    width = max(1, round(columns * float(str(trial["columns"]))))
+def work(trial: Trial, X: Corpus, width: int, classes: int) -> float:
+    """Seconds that a fit of a complete trial should take on one core of 2024, by how its work grows.
+
+    Args:
+        trial: a complete one.
+        X: the captures.
+        width: columns of its feature set.
+        classes: number of classes.
+    """
+    width = max(1, round(width * float(str(trial["columns"]))))
     window = float(str(trial["window"]))
     rows = len(Windows(window).rows(X) if window else X) * (1 + COPIES * bool(trial["faults"]))
-    return LEAST_S + _work(trial, rows, width, classes)
+    return LEAST_S + _fit(trial, rows, width, classes)
 
 
-def _work(trial: Trial, rows: int, width: int, classes: int) -> float:
-    """The same by the size of its table."""
-
+def _fit(trial: Trial, rows: int, width: int, classes: int) -> float:
     def value(name: str) -> float:
         return float(str(trial[f"{trial['model']}.{name}"]))
 

@@ -171,17 +171,16 @@ class Search(ClassifierMixin, BaseEstimator):
         return grid is not None and self._size() == _count(grid)
 
     def _listed(self) -> Iterator[Trial]:
-        """Combinations of listed values of each model, ranges left at their defaults.
-
-        Each value is there, and every combination where there are not too many of them to be made.
-        """
+        """Combinations of listed values of each model, or of too many each value alone; ranges at their defaults."""
         for model in self.models:
             lists = {name: values for name, values in self._space(model).items() if not isinstance(values, Range)}
             first = {"model": model} | {name: values[0] for name, values in lists.items()}
-            yield from ({**first, name: value} for name, values in lists.items() for value in values)
             if _count(lists) <= COMBINATIONS:
-                for values in itertools.product(*lists.values()):
-                    yield {"model": model} | dict(zip(lists, values, strict=True))
+                yield from (
+                    first | dict(zip(lists, values, strict=True)) for values in itertools.product(*lists.values())
+                )
+            else:
+                yield from (first | {name: value} for name, values in lists.items() for value in values)
 
     def _first(self, number: int) -> Trial:
         """What is not left to the sampler: the points of a grid, or each model with each feature set once.
