@@ -52,19 +52,6 @@ def labelled(seed, captures=120, columns=8, classes=3, subjects=6):
     return values @ rng.normal(size=(columns, columns)) * 10.0 ** rng.integers(-3, 4, columns), label, subject
 
 
-@pytest.mark.parametrize("subjects", [2, 6, 11])
-def test_the_criterion_is_discriminant_analysis_left_out_by_subject(subjects):
-    values, label, subject = labelled(1, subjects=subjects)
-    label[np.flatnonzero(subject == "1")[::2]] = 3  # a class that nobody else has
-    fold = selection.left_out(label, subject)
-    assert len(np.unique(fold)) == min(subjects, 5)
-    parts = [selection.Discriminant(values, label, fold != i) for i in np.unique(fold)]
-    for size in (1, 2, 5):
-        sets = np.array([np.random.default_rng(i).permutation(8)[:size] for i in range(10)])
-        hits = sum(part.hits(sets) for part in parts)
-        assert hits.tolist() == [naive_hits(values, label, subject, s) for s in sets] and len(set(hits)) > 1
-
-
 @pytest.mark.parametrize("seed", [0, 8, 17])
 def test_selection_equals_a_slow_search(seed, monkeypatch):
     values, label, subject = labelled(seed, captures=60, columns=7)
