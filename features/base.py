@@ -75,6 +75,12 @@ class FeatureSet(TransformerMixin, BaseEstimator):
         return True
 
 
+def extracts_alone(features: object) -> bool:
+    """Return True for a feature set whose table is what it extracts, whatever it is fitted to."""
+    kind = type(features)
+    return isinstance(features, FeatureSet) and (kind.fit, kind.transform) == (FeatureSet.fit, FeatureSet.transform)
+
+
 def labels(capture: np.ndarray, copy: np.ndarray) -> pd.MultiIndex:
     """Capture and copy of each row of a table; three times as fast as pandas' own way."""
     levels, codes = zip(*(np.unique(each, return_inverse=True) for each in (capture, copy)), strict=True)

@@ -33,17 +33,12 @@ def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
     if not stored.digest or stored.path is None:
         return features.extract(X)
     contents = _contents(features, stored.digest, stored.steps)
-    path = _path(contents)
-    try:
-        table = _read(path, contents)
-    except Exception:  # not there yet, or damaged: pyarrow raises a dozen types where bytes mean nothing
-        if not _writable(path.parent):
-            return features.extract(X)
-        corpus = open_folder(stored.path)
-        if corpus.digest != stored.digest:  # replaced by another corpus while this one is mapped
+    if (table := _kept(contents)) is None:
+        corpus = open_folder(stored.path) if _writable(_path(contents).parent) else None
+        if corpus is None or corpus.digest != stored.digest:  # replaced by another corpus while this one is mapped
             return features.extract(X)
         table = _extracted(features, corpus.blind(visible), stored.steps)
-        _keep(table, path, contents)
+        _keep(table, contents)
     if not stored.steps:
         return table.iloc[stored.index].reset_index(drop=True)
     pieces = pd.MultiIndex.from_arrays([stored.index, stored.piece])
@@ -56,10 +51,14 @@ def after(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | No
     stored = origin(X)
     if not stored.digest or stored.path is None or stored.steps or not steps:
         return None
-    contents = _contents(features, stored.digest, steps)
+    return _kept(_contents(features, stored.digest, steps))
+
+
+def _kept(contents: tuple[str, ...]) -> pd.DataFrame | None:
+    """The table that was computed from these; None if there is none, or a damaged one."""
     try:
         return _read(_path(contents), contents)
-    except Exception:  # not there, or damaged: as above
+    except Exception:  # pyarrow raises a dozen types where bytes mean nothing
         return None
 
 
@@ -125,9 +124,9 @@ def _writable(folder: Path) -> bool:
     return os.access(folder, os.W_OK)
 
 
-def _keep(table: pd.DataFrame, path: Path, contents: tuple[str, ...]) -> None:
+def _keep(table: pd.DataFrame, contents: tuple[str, ...]) -> None:
     """Write a table; where that cannot be done, such as on a full disk, the values are merely computed again."""
     signed = table.copy(deep=False)
     signed.attrs = {"about": contents, "sum": _sum(table)}
-    with suppress(OSError), replacing(path) as beside:
+    with suppress(OSError), replacing(_path(contents)) as beside:
         signed.to_parquet(beside, index=False)

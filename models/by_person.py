@@ -17,7 +17,7 @@ import pandas as pd
 from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus, origin
-from bench.features.base import FeatureSet
+from bench.features.base import extracts_alone
 from bench.features.cache import cache_key
 
 MOST = 1 << 28  # bytes of statistics that a process keeps
@@ -48,7 +48,7 @@ class ByPerson(Pipeline):
         """Learn from captures and their class names."""
         (_, features), (_, classifier) = self.steps
         wall, cpu = time.perf_counter(), time.process_time()
-        persons = _persons(X) if _stateless(features) and origin(X).path is not None and not origin(X).steps else []
+        persons = _persons(X) if extracts_alone(features) and origin(X).path is not None and not origin(X).steps else []
         width = len(features.fit(X).get_feature_names_out()) if persons else 0
         if not persons or 8 * len(persons) * width**2 > MOST:
             super().fit(X, y)
@@ -88,11 +88,6 @@ def _persons(X: Corpus) -> list[np.ndarray]:
     codes, names = pd.factorize(X.subjects)
     order = np.argsort(codes, kind="stable")
     return np.split(order, np.cumsum(np.bincount(codes, minlength=len(names)))[:-1])
-
-
-def _stateless(features: object) -> bool:
-    kind = type(features)
-    return isinstance(features, FeatureSet) and (kind.fit, kind.transform) == (FeatureSet.fit, FeatureSet.transform)
 
 
 def _key(X: Corpus, rows: np.ndarray, y: np.ndarray) -> bytes:

@@ -19,7 +19,7 @@ from bench.corpora.corpus import COPY, Corpus, origin, storage
 from bench.corpora.faults import usual_faults
 from bench.corpora.steps import Faulted, Repair, Scale, Step, Turned, Windows
 from bench.errors import InputError
-from bench.features.base import FeatureSet, labels
+from bench.features.base import FeatureSet, extracts_alone, labels
 from bench.features.cache import PIECES, after
 from bench.memory import ensure
 from bench.models.by_person import ByPerson
@@ -182,7 +182,7 @@ class Recipe(MostProbable):
             seen, row = taken(X, steps)
             return system.fit(seen, y[row])
         name, first = system.steps[0]
-        if (stored := after(first, X, tuple(steps)) if _plain(first) else None) is not None:
+        if (stored := after(first, X, tuple(steps)) if extracts_alone(first) else None) is not None:
             table, row = rows_of(stored, X.index)
             first.fit(X)
         else:
@@ -252,12 +252,6 @@ def _behind_features(system: contract.System) -> list | None:
         if name == "features" or isinstance(first, FeatureSet):
             return system.steps[1:]
     return None
-
-
-def _plain(first: object) -> bool:
-    """Whether a part is a feature set whose table is what it extracts, whatever it is fitted to."""
-    kind = type(first)
-    return isinstance(first, FeatureSet) and (kind.fit, kind.transform) == (FeatureSet.fit, FeatureSet.transform)
 
 
 def rows_of(stored: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:
