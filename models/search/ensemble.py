@@ -6,16 +6,16 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.special import softmax
-from sklearn.base import BaseEstimator, ClassifierMixin
 
 from bench import contract
 from bench.corpora.corpus import Corpus
+from bench.models.most_probable import MostProbable
 
 LEAST = 1e-9  # of a probability, inside a logarithm
 PICKS = 15  # of a selection: weights are multiples of about 1/15
 
 
-class Ensemble(ClassifierMixin, BaseEstimator):
+class Ensemble(MostProbable):
     """Fitted recognisers that decide together by a weighted mean of their tempered probabilities.
 
     Args:
@@ -34,10 +34,6 @@ class Ensemble(ClassifierMixin, BaseEstimator):
         """Class probabilities [captures, classes]."""
         parts = zip(self.members, self.weights, self.temperatures, strict=True)
         return sum(w * tempered(contract.probabilities(member, X), t) for member, w, t in parts)
-
-    def predict(self, X: Corpus) -> np.ndarray:
-        """Class name of each capture."""
-        return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
 
 def tempered(proba: np.ndarray, temperature: float) -> np.ndarray:

@@ -27,28 +27,16 @@ WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial i
 
 @dataclass
 class Tried:
-    """A finished trial.
-
-    Attributes:
-        trial: trial.
-        state: ``complete``; ``pruned``, as it was worse; of `Auto` also ``large``, as it exceeds a limit; ``failed``.
-        seconds: seconds of the trial.
-        subjects: accuracy of each left-out training subject, in the order in which they were left out.
-        fit_seconds: expected seconds of a fit to the whole training part.
-        costs: milliseconds of a decision, bytes in flash and memory with 32 bits a number, by name.
-        proba: probabilities of left-out captures, float16 [captures, classes]; None if they are not stored.
-        heat: temperature of the probabilities.
-        error: error of a failed trial.
-    """
+    """A finished trial, the accuracy of each left-out training subject in the order in which they were left out."""
 
     trial: Trial
-    state: str
+    state: str  # complete; pruned, as it was worse; of Auto also large, as it exceeds a limit, or failed
     seconds: float = 0.0
     subjects: dict[str, float] = field(default_factory=dict)
-    fit_seconds: float = 0.0
+    fit_seconds: float = 0.0  # expected, of a fit to the whole training part
     costs: dict[str, float] = field(default_factory=dict)
-    proba: np.ndarray | None = None
-    heat: float = 1.0
+    proba: np.ndarray | None = None  # of left-out captures, float16 [captures, classes]
+    heat: float = 1.0  # temperature of these
     error: str = ""
 
     @property
@@ -113,7 +101,7 @@ class Study:
     def search(self, step: Callable[[], Tried | None], key: dict[str, object], X: Corpus, y: np.ndarray) -> None:
         """Try one after the other, until there are as many as wanted or none comes any more.
 
-        Of a stored corpus trials are stored. Those of an earlier search come first, but no more of them than this one
+        Trials on a stored corpus are stored. Those of an earlier search come first, but no more of them than this one
         would have made; their seconds count as spent. The file is locked against other processes.
 
         Args:
