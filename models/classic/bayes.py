@@ -20,9 +20,6 @@ class GaussianBayes(ClassifierMixin, BaseEstimator):
     """Maximum posterior under a multivariate normal per class, priors as in the training captures.
 
     scikit-learn's `QuadraticDiscriminantAnalysis` refuses the nearly singular covariances that these features have.
-
-    Args:
-        ridge: added to the diagonal of every class covariance; the features have variance 1.
     """
 
     ridge: float = 1e-2

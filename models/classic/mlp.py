@@ -22,14 +22,8 @@ BATCH = 32
 class EarlyStoppedNet(MostProbable):
     """Tanh layers and a softmax, trained by Adam until a part of the training captures stops getting better.
 
-    The papers train with Levenberg-Marquardt (2017) or do not say how (2014); Adam stands in for both.
-
-    Args:
-        layers: units of each hidden layer.
-        held: share of the training captures, drawn at random within each class, that decides when to stop.
-        patience: epochs without a better accuracy on these before training stops; the best epoch is kept.
-        runs: networks trained from different starts; the one that is best on its held captures is kept.
-        seed: random seed of weights, batches and draws.
+    The papers train with Levenberg-Marquardt (2017) or do not say how (2014); Adam stands in for both. Parameters are
+    those of `mlp`.
     """
 
     layers: tuple[int, ...] = (54, 27)

@@ -18,11 +18,9 @@ from bench.models.most_probable import MostProbable
 class PrunedTree(MostProbable):
     """CART with Gini impurity, grown in full and cut back some steps of its cost-complexity sequence.
 
-    Args:
-        level: steps of the sequence; one step cuts all links that are equally weak, the first one also those that cost
-            nothing. 0 leaves the full tree. A step that leaves fewer leaves than there are classes is not taken, nor
-            what follows it: the trees of separable classes have few steps, and the root alone knows one class.
-        seed: random seed of the order in which equal splits are tried.
+    One step cuts all links that are equally weak, the first one also those that cost nothing. A step that leaves fewer
+    leaves than there are classes is not taken, nor what follows it: the trees of separable classes have few steps, and
+    the root alone knows one class.
     """
 
     level: int = 10

@@ -16,14 +16,7 @@ from bench.models.search.space import Range
 
 @dataclass(eq=False, repr=False)
 class BoostedTrees(MostProbable):
-    """`xgboost.XGBClassifier` with class names, which it does not take itself.
-
-    Args:
-        trees: boosting rounds.
-        depth: largest depth of a tree.
-        rate: learning rate.
-        seed: random seed of the row and column samples.
-    """
+    """`xgboost.XGBClassifier` with class names, which it does not take itself."""
 
     trees: int = 300
     depth: int = 4
