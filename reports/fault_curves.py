@@ -1,106 +1,31 @@
-"""Systems under faults: a section of the page, and figures, in which systems differ by dashes, markers and numbers."""
+"""Figures of accuracy under faults and with fewer training subjects; systems differ by dashes, markers and numbers."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.comparable import Row
-from bench.measures import Measure, percent, text
-from bench.reports.contexts import context_words, contexts
-from bench.reports.figures import DASHES, MARKERS, bars, save, write_svg
-from bench.reports.part import Part, Section
+from bench.reports.figures import bars, look, write_svg
 from bench.result import Result
-from bench.sentences import sentences
-from bench.table import Table
 from bench.work.curves import clean_accuracy
 from bench.work.stability import learning
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FAULTS = "Faults"  # heading
 NAME = 36  # characters of a line of a method's name
 PANELS = 4  # side by side
-FAILING = (  # columns of the table of systems under faults
-    text("system", read=lambda r: r.method),
-    Measure("accuracy", "clean %", lambda r: 100 * clean_accuracy(r)),
-    text("halves", "half of the margin is lost at", read=lambda r: _halves(r)),
-)
-CAPTION = (
-    "{}: faults and groups of captures on which each system fails. The number after each fault is the severity "
-    "from 1 to 5 at which half of the margin over chance is lost. Groups are subjects, gestures, conditions, "
-    "faults and pairs of these; failing groups have an accuracy significantly below that of the system "
-    "(Benjamini-Hochberg). faults.csv has every severity; bench stress writes all groups, and curves over "
-    "severities, training subjects and lengths."
-)
+STYLE = {"markersize": 5, "linewidth": 1.4}
 
 
-def fault_section(results: Sequence[Result], folder: Path, failing: Callable[[Row], Any]) -> Section | None:
-    """The loss under each fault, and where each system fails first."""
-    parts = []
-    for i, (context, members) in enumerate(contexts(results, more="loss."), 1):
-        losses, picture = pd.DataFrame({r.method: losses_of(r) for r in members}).T, None
-        if losses.size:  # else learning curves alone
-            figure = heat_map(losses, [clean_accuracy(r) for r in members], context)
-            caption = "Points of accuracy lost under each fault, mean over five severities, worst fault first."
-            picture = save(figure, folder, f"0-stress-{i}", context, f"{context}: {caption}")
-        worst = dict.fromkeys(f"worst.{name}" for r in members for name in under(r, "worst."))
-        groups = Measure("failing", "failing of tested groups", failing)
-        columns = [*FAILING, groups, *(percent(name, name.replace(".", " ")) for name in worst)]
-        parts.append(Part(picture, Table(columns, members), CAPTION.format(context)))
-    return Section(FAULTS, parts) if parts else None
-
-
-def robust(results: Sequence[Result]) -> tuple[str, str] | None:
-    """A sentence on the most robust system under faults, on the first of all comparable captures."""
-    for _, runs in contexts(results, more="loss."):
-        losses = {r.method: losses_of(r) for r in runs if r.alone}
-        sets = Counter(frozenset(loss) for loss in losses.values() if loss)
-        if not sets:
-            continue
-        tested = max(sets, key=lambda each: (sets[each], len(each)))  # by most systems
-        means = {m: 100 * np.mean([*loss.values()]) for m, loss in losses.items() if set(loss) == tested}
-        least, most = min(means, key=means.__getitem__), max(means, key=means.__getitem__)
-        worst = max(losses[least], key=losses[least].__getitem__)
-        named = {"least": least, "most": most, "worst": worst, "loss": 100 * losses[least][worst]}
-        words = sentences(
-            *("bench.reports", "sentences", "robust"),
-            context=context_words(runs[0]),
-            means=means,
-            faults=len(tested),
-            **named,
-        )
-        return FAULTS, words[0]
-    return None
-
-
-def losses_of(run: Row) -> dict[str, float]:
-    """Mean loss of accuracy under each fault of a run."""
-    names = str(run.get("faults", "")).split(", ")
-    return {name: value for name, value in under(run, "loss.").items() if name in names}
-
-
-def under(run: Row, prefix: str) -> dict[str, float]:
-    """Metrics of a run whose names begin alike, by the rest of their names."""
-    return {k.removeprefix(prefix): v for k, v in run.items() if k.startswith(prefix) and pd.notna(v)}
-
-
-def _halves(run: Row) -> str:
-    """Each fault with the severity at which half of the margin is lost, the lowest first."""
-    halves = sorted(under(run, "half_margin.").items(), key=lambda item: item[1])
-    return ", ".join(f"{fault.replace('_', ' ')} {severity:.1f}" for fault, severity in halves) or "nowhere"
-
-
-def draw(results: Sequence[Result], folder: Path) -> list[Path]:
-    """All figures for which there is something to show, as SVG."""
+def draw(results: Sequence[Result], folder: Path) -> None:
+    """Write all figures for which there is something to show, as SVG."""
     figures = {}
     if len(results[0].tables["faults"]):
         losses = pd.DataFrame({r.method: r.tables["margins"].set_index("fault")["loss"] for r in results}).T
@@ -108,11 +33,8 @@ def draw(results: Sequence[Result], folder: Path) -> list[Path]:
         figures["severities"] = severities(results)
     if any("learning" in r.tables for r in results):
         figures["training_subjects"] = training_subjects(results)
-    paths = []
     for name, figure in figures.items():
-        paths.append(folder / f"stability_{name}.svg")
-        write_svg(figure, paths[-1])
-    return paths
+        write_svg(figure, folder / f"stability_{name}.svg")
 
 
 def heat_map(losses: pd.DataFrame, clean: list[float], context: str) -> Figure:
@@ -154,7 +76,7 @@ def severities(results: Sequence[Result]) -> Figure:
         for k, r in enumerate(results):
             part = r.tables["faults"].query("fault == @fault").sort_values("severity")
             accuracy = 100 * np.append(clean_accuracy(r), part["accuracy"])
-            ax.plot(np.append(0, part["severity"]), accuracy, label=r.method, **_look(k))
+            ax.plot(np.append(0, part["severity"]), accuracy, label=r.method, **look(k), **STYLE)
         ax.axhline(100 * results[0]["chance"], color="0.5", linewidth=0.8, linestyle=(0, (1, 2)))
         amounts = [text.partition(" ") for text in part["amount"]]
         ax.set_xticks(range(len(amounts) + 1), ["none", *(number for number, _, _ in amounts)], fontsize=8)
@@ -180,7 +102,7 @@ def training_subjects(results: Sequence[Result]) -> Figure:
         middle, low, high = (100 * curve[name].to_numpy() for name in ("accuracy", "low", "high"))
         x = curve["train_subjects"] + 0.03 * (k - (len(results) - 1) / 2)  # aside, so that no bar hides another
         ends = bars(middle, low, high)
-        ax.errorbar(x, middle, yerr=ends, capsize=3, elinewidth=0.8, label=r.method, **_look(k))
+        ax.errorbar(x, middle, yerr=ends, capsize=3, elinewidth=0.8, label=r.method, **look(k), **STYLE)
     ax.xaxis.get_major_locator().set_params(integer=True)
     ax.set(xlabel="training subjects", ylabel="correctly classified captures, %")
     ax.grid(alpha=0.3)
@@ -188,11 +110,6 @@ def training_subjects(results: Sequence[Result]) -> Figure:
     _name(figure, ", ".join(results[0].context), words)
     _legend(figure, ax)
     return figure
-
-
-def _look(k: int) -> dict[str, object]:
-    look = {"color": f"C{k % 10}", "marker": MARKERS[k % len(MARKERS)], "linestyle": DASHES[k % len(DASHES)]}
-    return look | {"markersize": 5, "linewidth": 1.4}
 
 
 def _legend(figure: Figure, ax: Axes) -> None:

@@ -131,6 +131,11 @@ def bars(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.nan_to_num([value - np.asarray(low), np.asarray(high) - value]).clip(0)
 
 
+def look(i: int) -> dict[str, object]:
+    """Colour, marker and dashes of the line of a system, which differ in print, too."""
+    return {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "linestyle": DASHES[i % len(DASHES)]}
+
+
 def log_ticks(axis: Axis, subs: tuple[int, ...] = (1, 2, 5)) -> None:
     """Plain numbers at some multiples of each power of ten, on a log axis."""
     from matplotlib.ticker import LogLocator, NullFormatter

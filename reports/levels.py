@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from bench.measures import text
 from bench.reports.contexts import contexts, scarce
-from bench.reports.figures import DASHES, MARKERS, bars, new_figure, plain, save
+from bench.reports.figures import bars, look, new_figure, plain, save
 from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.table import Table
@@ -39,9 +39,8 @@ def levels(key: str, noun: str, results: Sequence[Result]) -> Figure:
             curve = curve.sort_values("level")
             middle, low, high = (100 * curve[name].to_numpy() for name in ("accuracy", "low", "high"))
             name = r.method if case == key else f"{r.method}, {case}"
-            look = {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "linestyle": DASHES[i % len(DASHES)]}
             ends = bars(middle, low, high)
-            ax.errorbar(curve["level"], middle, yerr=ends, capsize=3, markersize=5, label=plain([name])[0], **look)
+            ax.errorbar(curve["level"], middle, yerr=ends, capsize=3, markersize=5, label=plain([name])[0], **look(i))
         ax.axhline(100 * clean_accuracy(r), color=f"C{i % 10}", linewidth=0.8, linestyle=":")
     ax.set(xlabel=noun, ylabel="correctly classified captures, %")
     ax.grid(alpha=0.3)

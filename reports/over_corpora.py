@@ -104,4 +104,4 @@ def section(found: Mapping[str, pd.DataFrame]) -> Section | None:
         remarks = [[note for data in corpora for note in notes_on(row["system"], data)] for row in rows]
         caption = CAPTION.format(title, table.attrs["people"])
         parts.append(Part(None, Table(columns, rows, remarks=remarks), caption))
-    return Section("Over several corpora", parts) if parts else None
+    return Section("Over several corpora", parts, "systems ranked within each person") if parts else None

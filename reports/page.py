@@ -5,18 +5,22 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARKED, several
+from bench.comparable import MARKED, notes_on, several
 from bench.errors import InputError, nearest
 from bench.measures import costs
+from bench.options import makers
+from bench.outcomes.candidates import repeated
 from bench.outcomes.frame import grouped
 from bench.outcomes.runs import every_result, of_captures, wanted
+from bench.registry import views
 from bench.reports import over_corpora
 from bench.reports.chart import cost_chart, marks
 from bench.reports.comparison import comparison, provenance, provenance_section, published, runs_section
@@ -25,17 +29,16 @@ from bench.reports.details import pictures
 from bench.reports.figures import save
 from bench.reports.latex import latex, papers, sheet, side_by_side
 from bench.reports.layout import markdown, page
+from bench.reports.new_person import gained, new_person_section
 from bench.reports.papers import against as beside_papers
 from bench.reports.papers import published_section
 from bench.reports.part import Part, Section
-from bench.reports.sections import briefs, joined, sections, sheets, unmeasured
-from bench.reports.summary import GROUPS, Chart, Summary, labels, largest_groups, summary_of
+from bench.reports.summary import Chart, Summary, labels, largest_groups, summary_of
 from bench.result import Result
 from bench.scratch import owner, sweep
 from bench.store import Store
 from bench.table import write_sheet
-
-PEOPLE = "People"  # heading
+from bench.words import typed
 
 
 def write_report(
@@ -92,30 +95,30 @@ def _write(
     paper: Sequence[str],
 ) -> list[Path]:
     """Write a report into an empty folder; its files, the page last, relative to the folder."""
-    (folder / "figures").mkdir()
+    figures = folder / "figures"
+    figures.mkdir()
     groups = grouped(runs)
     largest, left_out = largest_groups(groups)
-    summaries = summarised(largest, results, budgets, against, folder / "figures")
+    summaries = summarised(largest, results, budgets, against, figures)
     ranked = over_corpora.rankings(groups)
     tables = csv_tables(groups, results, summaries, ranked, against)
     made = papers(runs, paper)
-    shown = runs or results
+    shown_runs = runs or results
     values = {
-        "title": f"Which system to choose: {', '.join(sorted({r.context[0] for r in shown}))}",
-        "counts": f"{several(len(shown), 'run')} of {several(len({r.system for r in shown}), 'system')}",
+        "title": f"Which system to choose: {', '.join(sorted({r.context[0] for r in shown_runs}))}",
+        "counts": f"{several(len(shown_runs), 'run')} of {several(len({r.system for r in shown_runs}), 'system')}",
         "synthetic": any(r["synthetic"] == "true" for r in results),
         "failed": sorted({r.system for r in runs if r["folds_failed"] > 0}),
         "on_batch": sorted({r.system for r in runs if not r.alone}),
         "marked": MARKED,
         "groups": summaries,
-        "largest": GROUPS,
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
-        "sections": page_sections(summaries, results, ranked, folder / "figures"),
-        "unmeasured": unmeasured(results, _arguments(summaries)),
+        "sections": sections(summaries, results, ranked, figures),
+        "unmeasured": unmeasured(results, next((group.arguments for group in summaries if group.arguments), "")),
         "published": published_section(tables["published"]),
         "few": few.INTERVAL,
         "runs": runs_section(tables["comparison"], [*largest, *left_out]) if runs else None,
-        "provenance": provenance_section(shown, tables["provenance"]),
+        "provenance": provenance_section(shown_runs, tables["provenance"]),
     }
     tables = {name: table for name, table in tables.items() if runs or len(table)}
     tables |= {"paper": sheet(made)} if made else {}
@@ -126,7 +129,7 @@ def _write(
     texts["index.html"] = page("report.jinja", **values)
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    drawn = sorted(path.relative_to(folder) for path in (folder / "figures").iterdir())
+    drawn = sorted(path.relative_to(folder) for path in figures.iterdir())
     return [*drawn, *(Path(f"{name}.csv") for name in tables), *map(Path, texts)]
 
 
@@ -143,8 +146,7 @@ def summarised(
     known = {*published()["system"]} - {""}
     made = []
     for i, (label, (name, members)) in enumerate(zip(labels(groups), groups.items(), strict=True), 1):
-        group, file = summary_of(name, members, alone, budgets, against), f"{i}-{slug(name)}"
-        charts = []
+        group, file, charts = summary_of(name, members, alone, budgets, against), f"{i}-{slug(name)}", []
         if group.among is not None and len(group.subjects) and len(group.among.table) > 1:
             points = marks(group, models, known)
             left = len(group.among.table) - len(points)
@@ -170,8 +172,9 @@ def csv_tables(
         parts = [table.assign(group=name) for name, table in tables.items()]
         return pd.concat([pd.DataFrame(columns=columns or None), *parts], ignore_index=True)
 
+    of_views = {name: table for view, members in shown(results) for name, table in view.sheets(members).items()}
     tested = {group.name: (group.subjects, group.rows) for group in summaries}
-    tables = sheets(results) | {
+    tables = {name: table for name, table in of_views.items() if len(table)} | {
         "comparison": comparison(groups, published(), against, tested),
         "published": beside_papers(published(), [r for members in groups.values() for r in members]),
         "statistics": together({group.name: group.rows for group in summaries}),
@@ -182,28 +185,47 @@ def csv_tables(
     data_of |= {title: "haart" for title, table in ranked.items() if "haart_place" in table}
     people_of = {group.name: group.subjects.shape[1] for group in summaries if len(group.subjects)}
     tables = {name: noted(table, data_of, people_of) for name, table in tables.items()}
-    return tables | {"provenance": provenance(grouped(results))}
+    return tables | {"provenance": provenance(groups)}
 
 
-def page_sections(
+def shown(results: Sequence[Result]) -> Iterator[tuple[Any, list[Result]]]:
+    """The view of captures, and of each study and circumstance that there is a result of, with these results."""
+    for view in views().values():
+        if members := [r for r in results if view.holds(r)]:
+            yield view, members
+
+
+def sections(
     summaries: Sequence[Summary], results: Sequence[Result], ranked: Mapping[str, pd.DataFrame], folder: Path
-) -> list[tuple[Section, str]]:
-    """The sections of circumstances, of people and of several corpora, each with the line beside its heading."""
-    people = [Part(picture=group.pictures["subjects"]) for group in summaries if "subjects" in group.pictures]
-    every = [*sections(results, folder), *([Section(PEOPLE, people)] if people else [])]
-    lines = dict(briefs(results))
-    spread = next((group.people for group in summaries if group.people), "")
-    lines[PEOPLE] = " ".join(filter(None, [spread, lines.get(PEOPLE, "")]))
-    made = [(section, lines.get(section.heading, "")) for section in joined(every)]
-    if over := over_corpora.section(ranked):
-        made.append((over, "systems ranked within each person"))
-    return made
+) -> list[Section]:
+    """The sections of circumstances, of people and of several corpora; those of one heading are one."""
+    made = [view.section(members, folder) for view, members in shown(results)]
+    personal = [r for r in results if "protocol.shots" in r]
+    if section := new_person_section(personal):
+        made.append(replace(section, line=(gained(personal) or ("", ""))[1]))
+    if people := [Part(picture=group.pictures["subjects"]) for group in summaries if "subjects" in group.pictures]:
+        made.append(Section("People", people, next((group.people for group in summaries if group.people), "")))
+    joined: dict[str, Section] = {}
+    for section in [*filter(None, made), *filter(None, [over_corpora.section(ranked)])]:
+        before = joined.get(section.heading, Section(section.heading))
+        parts, line = [*before.parts, *map(_noted, section.parts)], f"{section.line} {before.line}".strip()
+        joined[section.heading] = replace(section, parts=parts, line=line)
+    return [*joined.values()]
 
 
-def _arguments(summaries: Sequence[Summary]) -> str:
-    """Arguments of the run of the first chosen system; empty if it was not typed."""
-    choices = [group.choice for group in summaries if group.choice is not None]
-    return next((str(c.table.loc[c.chosen, "arguments"]) for c in choices if c.chosen is not None), "")
+def _noted(part: Part) -> Part:
+    """A part whose table of results has the footnotes of their systems."""
+    if part.table is None or not all(isinstance(row, Result) for row in part.table.rows):
+        return part
+    remarks = [notes_on(row["system"], str(row["data"])) for row in part.table.rows]
+    return replace(part, table=replace(part.table, remarks=remarks))
+
+
+def unmeasured(results: Sequence[Result], arguments: str) -> list[tuple[str, str]]:
+    """Commands that would measure what no result has, each with its summary."""
+    held = {view.key for view, _ in shown(results)}
+    words = repeated(arguments, impersonal=True)
+    return [(typed(name, words), one.summary) for name, one in makers().items() if one.makes not in held]
 
 
 def slug(text: str, most: int = 48) -> str:

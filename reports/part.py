@@ -33,9 +33,11 @@ class Section:
     """A section of the page.
 
     Attributes:
-        heading: heading.
+        heading: heading; sections with one heading are shown as one.
         parts: figures, tables and sentences below it.
+        line: words beside the heading, while the section is closed.
     """
 
     heading: str
     parts: list[Part] = field(default_factory=list)
+    line: str = ""

@@ -1,33 +1,34 @@
-"""The results of `bench stress` to read: tables in text for the console and markdown, CSV files and figures."""
+"""Files of a run under faults or with fewer training subjects: ``stability.md``, CSV tables and figures."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from scipy.stats import kendalltau
 
 from bench import scores
 from bench.comparable import notes_on
 from bench.errors import InputError
 from bench.measures import Measure, percent, text
-from bench.reports import fault_curves as figures
 from bench.reports.contexts import noted
+from bench.reports.fault_curves import draw
 from bench.reports.layout import markdown
 from bench.result import Result
 from bench.sentences import sentences
 from bench.table import Table, of_text, rows_of, write_sheet
 from bench.words import CLEAN
-from bench.work.curves import joined, unharmed
-from bench.work.stability import ALPHA, learning, ranks, seeds
+from bench.work.curves import clean_accuracy, joined, unharmed
+from bench.work.stability import ALPHA, learning
 
 TOP = 10  # rows of a table
-SEEDS = (
-    text("system"),
-    text("seeds"),
-    *(percent(name) for name in ("accuracy", "sd", "lowest", "highest")),
-    Measure("changed", read=lambda r: f"{r['changed']} of {r['captures']} ({100 * r['share_changed']:.1f} %)"),
+FILES = {"faults": "faults", "half_margins": "margins", "conditions": "conditions", "slices": "slices"}
+FAULTS = (
+    "Accuracy in percent at severities 1 to 5, mean loss in points, and the lowest severity at which accuracy is "
+    "significantly below that of the system."
 )
 SLICES = (
     text("slice", "group"),
@@ -55,71 +56,56 @@ def write_all(results: Sequence[Result], out: Path) -> list[str]:
         if len(groups) > 1:
             name = re.sub(r"[^A-Za-z0-9]+", "-", " ".join(members[0].context)).strip("-").lower()
             folder = out / name if out / name not in lines else out / f"{name}-{len(lines) + 1}"
-        write(members, folder)
+        try:
+            write(members, folder)
+        except OSError as e:
+            raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
         words = "failing subjects, classes, conditions and faults, with figures"
         lines[folder] = f"{title}: {words}: {folder / 'stability.md'}"
     return [*lines.values()]
 
 
-def write(results: Sequence[Result], folder: Path) -> list[Path]:
-    """Write the tables as CSV, ``stability.md``, and the figures as SVG, for results of one context.
-
-    Raises:
-        InputError: the folder cannot be written.
-    """
-    files = {"faults": "faults", "half_margins": "margins", "conditions": "conditions", "slices": "slices"}
-    tables = {name: joined(results, table) for name, table in files.items()}
+def write(results: Sequence[Result], folder: Path) -> None:
+    """Write the tables as CSV, ``stability.md``, and the figures as SVG, for results of one context."""
+    about = dict(zip(("data", "subset", "protocol"), results[0].context, strict=True))
+    tables = {name: joined(results, table) for name, table in FILES.items()}
     tables["learning"] = joined(results, "learning", lambda r: learning(r.tables["labels"]))
-    tables |= {"ranks": _in_context(results[0], ranks(results)), "seeds": _in_context(results[0], seeds(results))}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for old in folder.glob("stability_*.[ps][nv]g"):  # of an earlier command
-            old.unlink()
-        paths = []
-        for name, table in tables.items():
-            paths.append(folder / f"stability_{name}.csv")
-            write_sheet(noted(table), paths[-1])
-        paths.append(folder / "stability.md")
-        text = markdown("stability.jinja", context=", ".join(results[0].context), sections=sections(results))
-        paths[-1].write_text(text, encoding="utf-8")
-        return paths + figures.draw(results, folder)
-    except OSError as e:
-        raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
+    for name, table in (("ranks", ranks(results)), ("seeds", seeds(results))):
+        tables[name] = table.assign(**about)[[*about, *table.columns]]
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.glob("stability_*.[ps][nv]g"):  # of an earlier command
+        old.unlink()
+    for name, table in tables.items():
+        write_sheet(noted(table), folder / f"stability_{name}.csv")
+    words = markdown("stability.jinja", context=", ".join(results[0].context), sections=[*sections(results)])
+    (folder / "stability.md").write_text(words, encoding="utf-8")
+    draw(results, folder)
 
 
-def _in_context(result: Result, table: pd.DataFrame) -> pd.DataFrame:
-    about = dict(zip(("data", "subset", "protocol"), result.context, strict=True))
-    return table.assign(**about)[[*about, *table.columns]]
-
-
-def sections(results: Sequence[Result]) -> list[tuple[str, str, Table | None]]:
-    """Heading, remark and table of everything that is shown to a reader, in percent and points."""
-    note = f"Chance is the share of the most frequent class: {100 * results[0]['chance']:.1f} %."
-    parts = [("Clean", note, _clean_table(results))]
-    if len(table := _condition_table(results)):
-        parts.append(("By class, condition and length", "Accuracy in percent; subjects are in the CSV.", table))
+def sections(results: Sequence[Result]) -> Iterator[tuple[str, str, Table | None]]:
+    """Heading, remark and table of what is shown to a reader, in percent and points."""
+    yield (
+        "Clean",
+        f"Chance is the share of the most frequent class: {100 * results[0]['chance']:.1f} %.",
+        _clean(results),
+    )
     under_faults = len(results[0].tables["faults"]) > 0
     if under_faults:
-        note = "Accuracy in percent at severities 1 to 5, mean loss in points, and the lowest severity at which "
-        note += "accuracy is significantly below that of the system."
-        parts.append(("Worst faults", note, _worst_faults(results)))
-    parts += [(f"Failing groups: {r.method}", *_failing(r)) for r in results]
+        yield "Worst faults", FAULTS, _worst_faults(results)
+    for r in results:
+        yield f"Failing groups: {r.method}", *_failing(r)
     if len(results) > 1 and under_faults:
         note = "By mean accuracy over severities; Kendall's tau compares the order with the clean one."
-        parts.append(("Ranks", note, _rank_table(results)))
-    if len(varied := seeds(results)):
-        parts.append(("Seeds", "", Table(SEEDS, rows_of(varied))))
+        table = ranks(results).replace({"fault": {CLEAN: "clean"}})
+        systems = [Measure(name, form="g") for name in table if name not in ("fault", "kendall_tau")]
+        tau = Measure("kendall_tau", "Kendall's tau", form=".2f")
+        yield "Ranks", note, Table([text("fault"), *systems, tau], rows_of(table))
     if any("learning" in r.tables for r in results):
-        parts.append(("Fewer training subjects", "", _learning_table(results)))
-    return [(heading, note, table if len(table) else None) for heading, note, table in parts]
+        yield "Fewer training subjects", "", _learning(results)
 
 
-def _clean_table(results: Sequence[Result]) -> Table:
-    columns = [
-        text("system", read=lambda row: row["result"].method),
-        Measure("units", "captures", form=".0f"),
-        percent("accuracy", "accuracy [95 %]", ends="accuracy"),
-    ]
+def _clean(results: Sequence[Result]) -> Table:
+    """Accuracy of the captures as they are, and where it is worst."""
     rows, names = [], {}
     for r in results:
         units = unharmed(r.tables["labels"])
@@ -131,20 +117,13 @@ def _clean_table(results: Sequence[Result]) -> Table:
             names[f"worst {factor}"] = None
             row[f"worst {factor}"] = f"{worst['value']}: {100 * worst['accuracy']:.1f}"
         rows.append(row)
-    remarks = [notes_on(r.system, str(r["data"])) for r in results]
-    return Table([*columns, *(text(name) for name in names)], rows, remarks=remarks)
-
-
-def _condition_table(results: Sequence[Result]) -> Table:
-    keys = ["factor", "value"]
-    rest = [r.tables["conditions"].query("factor != 'subject'").set_index(keys) for r in results]
-    shown = {r.method: part["accuracy"] for r, part in zip(results, rest, strict=True)}
-    table = pd.DataFrame(shown).reindex(rest[0].index).assign(captures=rest[0]["captures"]).reset_index()
-    columns = [text("factor"), text("value"), *(percent(r.method) for r in results), Measure("captures", form=".0f")]
-    return Table(columns, rows_of(table))
+    columns = [text("system", read=lambda row: row["result"].method), Measure("units", "captures", form=".0f")]
+    columns += [percent("accuracy", "accuracy [95 %]", ends="accuracy"), *map(text, names)]
+    return Table(columns, rows, remarks=[notes_on(r.system, str(r["data"])) for r in results])
 
 
 def _worst_faults(results: Sequence[Result]) -> Table:
+    """Accuracy at each severity of the faults that cost most."""
     rows, severities = [], []
     for r in results:
         slices, margins = r.tables["slices"], r.tables["margins"].sort_values("loss", ascending=False).head(TOP)
@@ -155,18 +134,12 @@ def _worst_faults(results: Sequence[Result]) -> Table:
         for row in rows_of(margins):
             by_severity = dict(zip(severities, by.loc[row["fault"]], strict=True))
             rows.append(row | by_severity | {"method": r.method, "fails": lowest.get(row["fault"])})
-    columns = [
-        text("method", "system"),
-        text("fault"),
-        *map(percent, severities),
-        percent("loss"),
-        text("fails", "fails from"),
-        text("where", "half of the margin is lost at"),
-    ]
+    columns = [text("method", "system"), text("fault"), *map(percent, severities), percent("loss")]
+    columns += [text("fails", "fails from"), text("where", "half of the margin is lost at")]
     return Table(columns, rows)
 
 
-def _failing(result: Result) -> tuple[str, Table]:
+def _failing(result: Result) -> tuple[str, Table | None]:
     """How many groups of captures were tested and fail, and the worst of those that fail without a fault."""
     slices = result.tables["slices"]
     tested = slices[slices["tested"]]
@@ -179,20 +152,52 @@ def _failing(result: Result) -> tuple[str, Table]:
         untested=len(slices) - len(tested),
     )
     rows = tested[tested["failing"] & (tested["fault"] == "")].sort_values("gap", ascending=False)
-    return words[0], Table(SLICES, rows_of(rows.head(TOP)))
+    return words[0], Table(SLICES, rows_of(rows.head(TOP))) if len(rows) else None
 
 
-def _rank_table(results: Sequence[Result]) -> Table:
-    table = ranks(results).replace({"fault": {CLEAN: "clean"}})
-    systems = [name for name in table if name not in ("fault", "kendall_tau")]
-    columns = [text("fault"), *(Measure(name, form="g") for name in systems)]
-    return Table([*columns, Measure("kendall_tau", "Kendall's tau", form=".2f")], rows_of(table))
-
-
-def _learning_table(results: Sequence[Result]) -> Table:
+def _learning(results: Sequence[Result]) -> Table:
+    """Accuracy by number of training subjects."""
     accuracy = percent("accuracy", ends="accuracy")
     shown = {}
     for r in results:
         curve = rows_of(learning(r.tables["labels"]).rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
         shown[r.method] = {f"{row['train_subjects']:g}": accuracy.of(row) for row in curve}
     return of_text(pd.DataFrame(shown).fillna("-").rename_axis("training subjects").reset_index())
+
+
+def seeds(results: Sequence[Result]) -> pd.DataFrame:
+    """Variation over seeds, a row per system: SD of its clean accuracy, and captures whose label changes."""
+    rows = []
+    for system in dict.fromkeys(r["system"] for r in results):
+        same = [r for r in results if r["system"] == system]
+        if len(same) < 2:
+            continue
+        units = [unharmed(r.tables["labels"]) for r in same]
+        labels = [each.set_index(["fold", "capture"])["predicted"].sort_index() for each in units]
+        both = pd.concat(labels, axis=1, join="inner")
+        changed = int((both.nunique(axis=1) > 1).sum())
+        accuracy = np.array([clean_accuracy(r) for r in same])
+        spread = accuracy.mean(), accuracy.std(ddof=1), accuracy.min(), accuracy.max()
+        rows.append([system, ", ".join(r["seed"] for r in same), *spread, len(both), changed, changed / len(both)])
+    names = ["system", "seeds", "accuracy", "sd", "lowest", "highest", "captures", "changed", "share_changed"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def ranks(results: Sequence[Result]) -> pd.DataFrame:
+    """Rank of each system (1 is best, ties share) when clean and under each fault, by mean accuracy over severities.
+
+    Seeds of a system are averaged. ``kendall_tau`` compares the order with the clean one: 1 is the same, -1 the
+    reverse, NaN for a single system or where all are equal.
+    """
+    rows = []
+    for r in results:
+        rows.append((r["system"], CLEAN, clean_accuracy(r)))
+        by_fault = r.tables["faults"].groupby("fault", sort=False)["accuracy"].mean()
+        rows += [(r["system"], str(fault), value) for fault, value in by_fault.items()]
+    table = pd.DataFrame(rows, columns=["system", "fault", "accuracy"])
+    means = table.groupby(["fault", "system"], sort=False)["accuracy"].mean().unstack()
+    means = means.reindex(index=table["fault"].unique(), columns=table["system"].unique())
+    order = means.rank(axis=1, ascending=False)
+    alone = len(means.columns) < 2
+    tau = [np.nan if alone else kendalltau(means.loc[CLEAN], means.loc[fault]).statistic for fault in means.index]
+    return order.assign(kendall_tau=tau).rename_axis("fault").reset_index()

@@ -23,7 +23,6 @@ from bench.outcomes.frame import by_subject
 from bench.outcomes.scene import EVERY
 from bench.paired import interval
 from bench.registry import circumstance_views
-from bench.reports.contexts import listed
 from bench.reports.figures import Picture
 from bench.result import Result
 from bench.scores import captures
@@ -97,6 +96,13 @@ class Summary:
     def mixed(self) -> bool:
         """True if a fold has captures of one subject on both sides."""
         return any(facts_of(r).mixes_subjects for r in self.results)
+
+    @property
+    def arguments(self) -> str:
+        """Arguments of the run of the chosen system; empty if it was not typed."""
+        if self.choice is None or self.choice.chosen is None:
+            return ""
+        return str(self.choice.table.loc[self.choice.chosen, "arguments"])
 
     @property
     def about(self) -> str:
@@ -218,31 +224,6 @@ class Summary:
             return "too few subjects"
         p = known(dict(zip(self.rows["system"], self.rows["p_holm"], strict=True)).get(system))
         return "not tested" if p is None else "not significant" * (p >= 0.05)
-
-    @property
-    def told_apart(self) -> str:
-        """The systems that differ from the compared one, and the others, by the p Holm of the table."""
-        systems, n = len(self.rows), self.subjects.shape[1]
-        parts, scarce = [], False
-        if systems > 1 and not few.too_few(n):
-            rows = self.rows.set_index("system").drop(self.base)
-            differs, below = rows["p_holm"] < 0.05, rows["difference"] < 0
-            words = {"is significantly more accurate than": differs & below}
-            words |= {"is significantly less accurate than": differs & ~below}
-            words |= {"does not differ significantly from": ~differs}
-            parts = [(verb, listed([*rows.index[those]])) for verb, those in words.items() if those.any()]
-            scarce = statistics.least_p(n, systems - 1) > 0.05
-        return sentences(
-            *("bench.reports", "sentences", "told_apart"),
-            base=self.base,
-            systems=systems,
-            few=few.too_few(n),
-            parts=parts,
-            chosen=self.base != self.subjects.index[0],
-            people=n,
-            scarce=scarce,
-            mixed=self.mixed,
-        )[0]
 
     @property
     def people(self) -> str:

@@ -7,19 +7,15 @@ all units in one case of a circumstance, such as a fault at one severity, or wha
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bench import few, scores
-from bench.words import CLEAN
-from bench.work.curves import COLUMNS, clean_accuracy, curve, unharmed
-
-if TYPE_CHECKING:
-    from bench.result import Result
+from bench.work.curves import COLUMNS, curve, unharmed
 
 NOT_CONDITIONS = {*scores.RESERVED, *COLUMNS, "split"}
 ALPHA = 0.05
@@ -55,11 +51,6 @@ def sliced(
     return numbers | {f"worst.{_plain(str(factor))}": accuracy for factor, accuracy in worst.items()}, tables
 
 
-def clean_of(units: pd.DataFrame) -> float:
-    """Accuracy of the captures as they are, mean over subjects."""
-    return scores.over_people(units)["accuracy"]
-
-
 def chance_of(units: pd.DataFrame) -> float:
     """Accuracy of always naming the most frequent class."""
     return float(units["true"].value_counts(normalize=True).max())
@@ -71,7 +62,10 @@ def fault_tables(labels: pd.DataFrame, key: str) -> dict[str, pd.DataFrame]:
     units = unharmed(labels)
     names = ["fault", "severity", "amount", "captures", "accuracy", "low", "high", "loss", "broken", "mended"]
     names += [name for name in ("abstained",) if name in table]
-    return {"faults": table[names], "margins": half_margins(table, clean_of(units), chance_of(units))}
+    return {
+        "faults": table[names],
+        "margins": half_margins(table, scores.over_people(units)["accuracy"], chance_of(units)),
+    }
 
 
 def fault_metrics(tables: Mapping[str, pd.DataFrame]) -> dict[str, float]:
@@ -291,43 +285,3 @@ def flipped(difference: np.ndarray) -> np.ndarray:
         part = difference[i : i + 64]
         p[i : i + 64] = (signs @ part.T <= part.sum(axis=1) + 1e-9).mean(axis=0)
     return p
-
-
-def seeds(results: Sequence[Result]) -> pd.DataFrame:
-    """Variation over seeds, a row per system: SD of its clean accuracy, and captures whose label changes."""
-    rows = []
-    for system in dict.fromkeys(r["system"] for r in results):
-        same = [r for r in results if r["system"] == system]
-        if len(same) < 2:
-            continue
-        units = [unharmed(r.tables["labels"]) for r in same]
-        labels = [each.set_index(["fold", "capture"])["predicted"].sort_index() for each in units]
-        both = pd.concat(labels, axis=1, join="inner")
-        changed = int((both.nunique(axis=1) > 1).sum())
-        accuracy = np.array([clean_accuracy(r) for r in same])
-        spread = accuracy.mean(), accuracy.std(ddof=1), accuracy.min(), accuracy.max()
-        rows.append([system, ", ".join(r["seed"] for r in same), *spread, len(both), changed, changed / len(both)])
-    names = ["system", "seeds", "accuracy", "sd", "lowest", "highest", "captures", "changed", "share_changed"]
-    return pd.DataFrame(rows, columns=names)
-
-
-def ranks(results: Sequence[Result]) -> pd.DataFrame:
-    """Rank of each system (1 is best, ties share) when clean and under each fault, by mean accuracy over severities.
-
-    Seeds of a system are averaged. ``kendall_tau`` compares the order with the clean one: 1 is the same, -1 the
-    reverse, NaN for a single system or where all are equal.
-    """
-    from scipy.stats import kendalltau  # heavy
-
-    rows = []
-    for r in results:
-        rows.append((r["system"], CLEAN, clean_accuracy(r)))
-        by_fault = r.tables["faults"].groupby("fault", sort=False)["accuracy"].mean()
-        rows += [(r["system"], str(fault), value) for fault, value in by_fault.items()]
-    table = pd.DataFrame(rows, columns=["system", "fault", "accuracy"])
-    means = table.groupby(["fault", "system"], sort=False)["accuracy"].mean().unstack()
-    means = means.reindex(index=table["fault"].unique(), columns=table["system"].unique())
-    order = means.rank(axis=1, ascending=False)
-    alone = len(means.columns) < 2
-    tau = [np.nan if alone else kendalltau(means.loc[CLEAN], means.loc[fault]).statistic for fault in means.index]
-    return order.assign(kendall_tau=tau).rename_axis("fault").reset_index()

@@ -5,7 +5,6 @@ Pure functions of the replay table, which `bench.work.replay` describes.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -58,11 +57,6 @@ def learn_stopping(table: pd.DataFrame, rate_hz: float) -> tuple[float, pd.DataF
     allowed = series[series["allowed"]]
     best = allowed.sort_values(["mean_ms", "threshold"], ascending=[True, False], kind="stable").iloc[0]
     return float(best["threshold"]), series
-
-
-def saves(measured: Mapping[str, float]) -> bool:
-    """Return True if early decisions take less touch than whole captures, by the metrics of a run with ``after=``."""
-    return measured["adaptive_ms"] < measured.get("mean_ms", math.inf) - 0.5  # ms, as they are printed
 
 
 def _hits(labelled: pd.DataFrame) -> pd.Series:

@@ -117,10 +117,6 @@ class View:
 
         return level_section(self, results, folder)
 
-    def brief(self, results: Sequence[Result]) -> tuple[str, str] | None:
-        """Topic and sentence for the main results of the page."""
-        return None
-
     def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """CSV files of the report, by name: the curves of all systems."""
         from bench.work.curves import joined

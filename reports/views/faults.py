@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bench.measures import Cell as Shown
-from bench.measures import Measure, Row, text
+from bench.measures import Measure, Row, percent, text
 from bench.reports.views.base import View
 
 if TYPE_CHECKING:
@@ -26,10 +26,15 @@ def losses(row: Row) -> dict[str, float]:
     return {name: row[f"loss.{name}"] for name in names if f"loss.{name}" in row}
 
 
-def _clean(row: Result) -> Shown:
-    from bench.work.curves import clean_accuracy
+def _halves(row: Row) -> str:
+    """Each fault with the severity at which half of the margin is lost, the lowest first."""
+    halves = {k.removeprefix("half_margin."): v for k, v in row.items() if k.startswith("half_margin.")}
+    lowest = sorted(halves.items(), key=lambda item: item[1])
+    return ", ".join(f"{fault.replace('_', ' ')} {severity:.1f}" for fault, severity in lowest) or "nowhere"
 
-    return 100 * clean_accuracy(row)
+
+def _clean(row: Row) -> Shown:
+    return 100 * row["subject_accuracy_mean"]
 
 
 def _mean_loss(row: Row) -> Shown:
@@ -49,6 +54,20 @@ def _of(part: str, whole: str) -> Any:
 _failing = _of("failing_slices.under", "tested_slices.under")  # of captures as they are, and of damaged ones
 
 
+ON_PAGE = (  # columns of the table of systems on the page, before the worst groups of captures
+    text("system", read=lambda r: r.method),
+    Measure("accuracy", "clean %", _clean),
+    text("halves", "half of the margin is lost at", read=_halves),
+    Measure("failing", "failing of tested groups", _failing),
+)
+CAPTION = (
+    "{}: faults and groups of captures on which each system fails. The number after each fault is the severity "
+    "from 1 to 5 at which half of the margin over chance is lost. Groups are subjects, gestures, conditions, "
+    "faults and pairs of these; failing groups have an accuracy significantly below that of the system "
+    "(Benjamini-Hochberg). faults.csv has every severity; bench stress writes all groups, and curves over "
+    "severities, training subjects and lengths."
+)
+HEAT = "{}: Points of accuracy lost under each fault, mean over five severities, worst fault first."
 _LOSS = Measure(
     "loss",
     unit="points",
@@ -103,15 +122,24 @@ class Faults(View):
 
     def section(self, results: Sequence[Result], folder: Path) -> Section | None:
         """The loss under each fault, and where each system fails first."""
-        from bench.reports.fault_curves import fault_section
+        import pandas as pd
 
-        return fault_section(results, folder, _failing)
+        from bench.reports.contexts import contexts
+        from bench.reports.fault_curves import heat_map
+        from bench.reports.figures import save
+        from bench.reports.part import Part, Section
+        from bench.table import Table
 
-    def brief(self, results: Sequence[Result]) -> tuple[str, str] | None:
-        """The most robust system."""
-        from bench.reports.fault_curves import robust
-
-        return robust(results)
+        parts = []
+        for i, (context, members) in enumerate(contexts(results, more="loss."), 1):
+            lost, picture = pd.DataFrame({r.method: losses(r) for r in members}).T, None
+            if lost.size:  # else learning curves alone
+                figure = heat_map(lost, [r.metrics["subject_accuracy_mean"] for r in members], context)
+                picture = save(figure, folder, f"0-stress-{i}", context, HEAT.format(context))
+            worst = dict.fromkeys(name for r in members for name in r.metrics if name.startswith("worst."))
+            columns = [*ON_PAGE, *(percent(name, name.replace(".", " ")) for name in worst)]
+            parts.append(Part(picture, Table(columns, members), CAPTION.format(context)))
+        return Section("Faults", parts, "points of accuracy lost under each fault") if parts else None
 
     def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """Accuracy under each fault."""

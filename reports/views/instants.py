@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.measures import Measure, percent
+from bench.measures import Measure, percent, text
 from bench.reports.views.base import View
 
 if TYPE_CHECKING:
@@ -15,6 +15,19 @@ if TYPE_CHECKING:
     from bench.candidate import Candidate, Wish
     from bench.reports.part import Section
     from bench.result import Result
+
+CONTEXT = ("system", "data", "synthetic", "subset", "target", "protocol_label")  # of a run, in its tables
+ON_PAGE = (  # columns of the table on the page, after system and times
+    percent("replay_accuracy", "whole"),
+    percent("adaptive_accuracy", "adaptive", spare=1),
+    Measure("adaptive_ms", "after ms", form=".0f", spare=1),
+    Measure("replay_ms", "decision ms p50 / p95", ("replay_ms_p50", "replay_ms_p95")),
+)
+CAPTION = (
+    "{}: accuracy in percent, mean over subjects, after given milliseconds of touch, and with adaptive stopping after "
+    "a mean time of touch; computing time per decision."
+)
+DRAWN = "{}: Left: accuracy against milliseconds of touch. Right: fixed windows and adaptive stopping."
 
 
 class Instants(View):
@@ -89,21 +102,32 @@ class Instants(View):
 
     def section(self, results: Sequence[Result], folder: Path) -> Section | None:
         """Accuracy against touch seen, and the result of stopping at the learned threshold."""
-        from bench.reports.streaming import stream_section
+        from bench.reports.contexts import contexts, scarce
+        from bench.reports.figures import save
+        from bench.reports.part import Part, Section
+        from bench.reports.streaming import draw
+        from bench.table import Table
 
-        return stream_section(results, folder, self.alike, self.seen)
-
-    def brief(self, results: Sequence[Result]) -> tuple[str, str] | None:
-        """The best system with early decisions."""
-        from bench.reports.streaming import early
-
-        return early(results, self.alike)
+        parts = []
+        for i, (context, members) in enumerate(contexts(results, self.alike, self.score), 1):
+            picture = save(draw(members, self.alike), folder, f"0-stream-{i}", context, DRAWN.format(context))
+            columns = [text("system", read=lambda r: r.method), *self.seen(members), *ON_PAGE]
+            parts.append(Part(picture, Table(columns, members), CAPTION.format(context), scarce(members)))
+        return Section("Early decisions", parts, "accuracy against milliseconds of touch") if parts else None
 
     def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
-        """Both curves of all systems."""
-        from bench.reports.streaming import sheets
+        """Accuracy by instant of all systems, and of stopping at each threshold where it was learned."""
+        import pandas as pd
 
-        return sheets(results) if results else {}
+        made = {}
+        for name, table in (("streaming", "instants"), ("stopping", "stopping")):
+            parts = []
+            for r in (r for r in results if table in r.tables):
+                about = {k: r[k] for k in CONTEXT} | {"start": r["stream.start"]}
+                parts.append(r.tables[table].assign(**about)[[*about, *r.tables[table]]])
+            if parts:
+                made[name] = pd.concat(parts, ignore_index=True)
+        return made
 
     def offers(self, result: Result, wish: Wish) -> bool:
         """True for a replay from the onset, where a time of decision was asked for."""

@@ -23,7 +23,6 @@ from bench.reports import page
 from bench.reports.chart import marks
 from bench.reports.comparison import comparison, published, shown
 from bench.reports.pair import compared
-from bench.reports.sections import unmeasured
 from bench.reports.summary import summary_of
 from bench.store import connect
 from tests.reports.store import keep, tracked_run
@@ -171,12 +170,6 @@ def test_the_table_of_systems_by_hand(store):
     assert [row["flash kB"] for row in table.texts] == ["4", "12", "8"] and table.bars[0] == pytest.approx((96,) * 3)
     few = verdict([evaluated(name, with_hits(each[:5])) for name, each in hits.items()], {})
     assert {row["test"] for row in few.table.texts} == {"", "too few subjects"}
-
-
-def test_commands_for_what_is_not_measured_repeat_the_chosen_run():
-    runs = [evaluated("svm"), stressed("svm", 0.6, {"noise": 0.1})]
-    lines = dict(unmeasured(runs, '{"data": "haart", "protocol": "loso", "model": "svm", "jobs": "2"}'))
-    assert not [line for line in lines if line.startswith(("bench run", "bench stress"))]
 
 
 def test_keys_select_what_is_reported(quick, store):
