@@ -1,7 +1,4 @@
-"""Figures of a group and of single runs, from subjects and predictions, and intervals of class scores over subjects.
-
-Each figure comes with its caption; `bench.reports.figures.save` writes it.
-"""
+"""Figures of a group and of single runs, each with its caption, and intervals of class scores over subjects."""
 
 from __future__ import annotations
 
@@ -19,15 +16,14 @@ from bench.paired import interval
 from bench.reports.figures import LINE, MARKERS, WIDEST, Picture, bars, new_figure, plain, save, width_of
 from bench.result import Result
 
-BINS = 10
 WRITTEN = 20  # classes up to which the numbers fit into their cells
 SYSTEMS = 2  # systems of a group whose predictions are read and drawn
 
 
 def pictures(
     results: Sequence[Result], subjects: pd.DataFrame, group: str, folder: Path, file: str
-) -> tuple[dict[str, Picture], list[str]]:
-    """The figures of a group, written into a folder, by kind; and systems with labels only, which are not calibrated.
+) -> dict[str, Picture]:
+    """The figures of a group, written into a folder, by kind.
 
     Predictions are those of the most accurate systems, one seed each, not the luckiest.
     """
@@ -35,7 +31,7 @@ def pictures(
     for r in sorted((r for r in results if r.complete), key=lambda r: seed_number(r["seed"])):
         lowest.setdefault(r.system, r)
     figures: dict[str, tuple[Figure, str]] = {}
-    recalls, reliability = {}, {}
+    recalls = {}
     for system in subjects.index[:SYSTEMS]:
         if (table := lowest[system].tables.get("predictions")) is None:
             continue
@@ -43,15 +39,11 @@ def pictures(
         if not recalls:
             figures["confusion"] = confusion_figure(scores.confusion(labelled, classes), system, group)
         recalls[system] = recall_interval(labelled, classes)
-        reliability[system] = calibration(table)
     if recalls:
         figures["gestures"] = gesture_figure(recalls, group)
-    if calibrated := {s: table for s, table in reliability.items() if table}:
-        figures["calibration"] = calibration_figure(calibrated, group)
     if len(subjects):
         figures["subjects"] = strip_plot(subjects, group)
-    saved = {kind: save(drawn, folder, f"{file}-{kind}", group, words) for kind, (drawn, words) in figures.items()}
-    return saved, [system for system in reliability if system not in calibrated]
+    return {kind: save(drawn, folder, f"{file}-{kind}", group, words) for kind, (drawn, words) in figures.items()}
 
 
 def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Figure, str]:
@@ -97,46 +89,6 @@ def gesture_figure(tables: dict[str, pd.DataFrame], group: str) -> tuple[Figure,
     figure.legend(loc="lower center", ncols=1, frameon=False)
     return figure, (
         "Correctly classified captures of each gesture, with 95 % bootstrap intervals over subjects, one seed each."
-    )
-
-
-def calibration(predictions: pd.DataFrame) -> tuple[pd.DataFrame, float] | None:
-    """The share of correctly classified captures by confidence.
-
-    Confidence is the highest mean probability of a capture, in ten bins of equal width.
-
-    Returns:
-        ``confidence``, ``accuracy`` and ``n`` of each bin that is not empty, and the expected calibration error: the
-        mean over captures of the gap between the two in their bin; None where there are labels only.
-    """
-    columns = [scores.PREFIX + c for c in scores.classes_of(predictions)]
-    if np.isin(predictions[columns].to_numpy(), (0, 1)).all():
-        return None
-    labelled = scores.captures(predictions)
-    top = predictions.groupby(["fold", "capture"], sort=False)[columns].mean().to_numpy().max(axis=1)
-    hit = (labelled["true"] == labelled["predicted"]).to_numpy()
-    bin_of = np.minimum((top * BINS).astype(int), BINS - 1)
-    bins = pd.DataFrame({"confidence": top, "accuracy": hit.astype(float), "n": 1}).groupby(bin_of)
-    table = bins.agg({"confidence": "mean", "accuracy": "mean", "n": "size"})
-    gap = (table["n"] * (table["confidence"] - table["accuracy"]).abs()).sum() / table["n"].sum()
-    return table.reset_index(drop=True), float(gap)
-
-
-def calibration_figure(tables: dict[str, tuple[pd.DataFrame, float]], group: str) -> tuple[Figure, str]:
-    """Reliability diagrams of some systems, from `calibration` of each."""
-    size = (3.5 * len(tables) + 0.3, 4.05)
-    figure, axes = new_figure(size, (1, len(tables)), (0.6, 0.15, 0.65, 0.75), (0.7, 0), group)
-    for i, (ax, (system, (table, gap))) in enumerate(zip(axes[0], tables.items(), strict=True)):
-        ax.plot([0, 1], [0, 1], color="0.6", linewidth=0.8, linestyle="--")
-        ax.plot(table["confidence"], table["accuracy"], color=f"C{i}", linewidth=1)
-        ax.scatter(table["confidence"], table["accuracy"], 10 + 150 * table["n"] / table["n"].sum(), f"C{i}")
-        ax.set(xlim=(-0.04, 1.06), ylim=(-0.04, 1.06), aspect="equal")
-        ax.set(xlabel="highest probability", ylabel="share classified correctly")
-        ax.set_title(f"{plain([system])[0]}\nexpected calibration error {gap:.3f}")
-        ax.grid(alpha=0.25)
-    return figure, (
-        "Reliability of the probabilities of whole captures in ten bins; the area of a dot is its share of captures, "
-        "the dashed line is perfect calibration."
     )
 
 

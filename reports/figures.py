@@ -102,17 +102,18 @@ def save(figure: Figure, folder: Path, name: str, group: str, caption: str) -> P
     picture = Picture(name, caption, folder)
     in_one_size(figure)
     write_svg(figure, picture.path)
-    drawing = picture.path.read_text(encoding="utf-8")
-    picture.path.write_text(re.sub(f'<g id="{TITLE}(.*?)">', r"<g><title>\1</title>", drawing), encoding="utf-8")
+    drawing = re.sub(f'<g id="{TITLE}(.*?)">', r"<g><title>\1</title>", picture.path.read_text(encoding="utf-8"))
+    drawing = re.sub('<g id="[^"]*">', "<g>", drawing)  # which every figure of a page would have
+    picture.path.write_text(drawing, encoding="utf-8")
     return picture
 
 
 def write_svg(figure: Figure, path: Path) -> None:
-    """Write a figure as SVG with its text as text; drawn again, it is the same file."""
+    """Write a figure as SVG with its text as text; drawn again, it is the same file, with names of its own."""
     import matplotlib
 
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "touchbench"}):
-        figure.savefig(path, metadata={"Date": None})
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": path.stem}):
+        figure.savefig(path, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
 
 
 def in_one_size(figure: Figure) -> None:

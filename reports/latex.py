@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import nan
 from statistics import mean
 from typing import Any
 
@@ -21,7 +23,7 @@ from bench.result import Result
 from bench.sentences import sentences
 from bench.table import Table, rows_of
 
-TOGETHER = ("data", "subset", "protocol", "unit")  # rows that may stand in one table
+TOGETHER = ("data", "subset", "protocol", "unit", "group")  # rows that may stand in one table
 ESCAPED = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
@@ -68,9 +70,8 @@ def latex(table: pd.DataFrame) -> str:
         table: table of `bench.reports.comparison.comparison`. Rows on the same captures, under the same protocol and in
             the same unit share one table.
     """
-    same = [name for name in (*TOGETHER, "group") if name in table]
-    parts = [part for _, part in table.groupby(same, sort=False)]
-    return HEAD + "".join(f"\n{_one(part, i)}" for i, part in enumerate(parts, 1))
+    parts = table.groupby([name for name in TOGETHER if name in table], sort=False)
+    return HEAD + "".join(f"\n{_one(part, i)}" for i, (_, part) in enumerate(parts, 1))
 
 
 def side_by_side(made: Sequence[Paper]) -> str:
@@ -84,13 +85,9 @@ def _side_by_side(one: Paper, position: int) -> str:
         if row is not None:
             cells.iloc[row, column] = rf"\textbf{{{cells.iloc[row, column]}}}"
     data, subset = one.data
-    words = sentences(
-        *("bench.reports", "sentences", "paper"),
-        data=data,
-        subset=subset,
-        notes=one.notes,
-        classifiers=definitions(str(row["system"]) for row in one.table.rows),
-    )
+    names = definitions(str(row["system"]) for row in one.table.rows)
+    about = {"data": data, "subset": subset, "notes": one.notes, "classifiers": names}
+    words = sentences("bench.reports", "sentences", "paper", **about)
     return _written(cells.rename(columns=escaped), escaped(" ".join(words)), f"tab:touchbench-paper-{position}")
 
 
@@ -102,19 +99,16 @@ def escaped(words: object) -> str:
 def _one(part: pd.DataFrame, position: int) -> str:
     """One table, its best accuracy in bold."""
     rows = rows_of(part.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
-    measures = [framed(measure) for measure in columns(run_columns(), "latex")]
     cells = pd.DataFrame({"system": [escaped(_named(row)) for row in rows]}, part.index)
-    for measure in measures:
+    for measure in map(framed, columns(run_columns(), "latex")):
         values = [measure.cell(row) for row in rows]
         if all(value is None for value in values) and measure.spare:
             continue
-        heading, plain = measure.latex or escaped(measure.name), replace(measure, ends="")
-        cells[heading] = [escaped(plain.of(row)) for row in rows]
+        plain = replace(measure, ends="")
+        cells[measure.latex or escaped(measure.name)] = [escaped(plain.of(row)) for row in rows]
+        ends = [(v.low, v.high) if isinstance(v, Interval) else (None, None) for v in values]
         if any(isinstance(value, Interval) for value in values):
-            ends = [value if isinstance(value, Interval) else None for value in values]
-            cells[r"95\,\% interval"] = [
-                "-" if v is None or v.low is None else f"{v.low:.1f}--{v.high:.1f}" for v in ends
-            ]
+            cells[r"95\,\% interval"] = ["-" if low is None else f"{low:.1f}--{high:.1f}" for low, high in ends]
     compared = ~part["system"].astype(str).str.endswith(MARK)
     best = compared & (part["accuracy"] == part["accuracy"][compared].max()) & (len(part) > 1)
     cells["accuracy"] = cells["accuracy"].mask(best, r"\textbf{" + cells["accuracy"] + "}")
@@ -123,34 +117,25 @@ def _one(part: pd.DataFrame, position: int) -> str:
 
 def _written(cells: pd.DataFrame, caption: str, label: str) -> str:
     """A table of LaTeX cells."""
-    return (
-        cells.replace("-", "--")
-        .style.hide(axis="index")
-        .to_latex(
-            hrules=True,
-            column_format="l" + "r" * (len(cells.columns) - 1),
-            caption=caption,
-            label=label,
-            position_float="centering",
-        )
-        .replace("\\centering\n", "\\centering\\small\\setlength{\\tabcolsep}{4pt}\n", 1)
-    )
+    form = "l" + "r" * (len(cells.columns) - 1)
+    about = {"column_format": form, "caption": caption, "label": label, "position_float": "centering"}
+    text = cells.replace("-", "--").style.hide(axis="index").to_latex(hrules=True, **about)
+    return text.replace("\\centering\n", "\\centering\\small\\setlength{\\tabcolsep}{4pt}\n", 1)
 
 
 def _caption(part: pd.DataFrame) -> str:
     """Data, subset, protocol, unit, number of captures and subjects, and what the numbers are."""
-    one = part.iloc[0]
+    one, data = part.iloc[0], str(part["data"].iloc[0])
     corpus = re.search(r"corpus [0-9a-f]+$", str(one.get("group", "")))
     subset = "all captures" if one["subset"] == "all" else f"captures with {one['subset']}"
-    where = f"{one['data']}{f' ({corpus[0]})' if corpus else ''}, {subset}, {one['protocol']}"
-    tested = f"{_numbers(part['captures'])} captures of {_numbers(part['subjects'])} subjects, scored by {one['unit']}"
-    against = [name for name in dict.fromkeys(part.get("against", [])) if name]
-    notes = [note for system in part["system"] for note in notes_on(str(system), str(one["data"]))]
+    against = [name for name in part.get("against", []) if name]
+    notes = [note.rstrip(".") for system in part["system"] for note in notes_on(str(system), data)]
     words = sentences(
         *("bench.reports", "sentences", "caption"),
-        where=where,
-        tested=tested,
-        synthetic="(synthetic)" in str(one["data"]),
+        where=f"{data}{f' ({corpus[0]})' if corpus else ''}, {subset}, {one['protocol']}",
+        captures=_numbers(part["captures"]),
+        subjects=_numbers(part["subjects"]),
+        synthetic="(synthetic)" in data,
         unit=one["unit"],
         interval=part["low"].notna().any(),
         few=[few.too_few(n) for n in sorted({int(n) for n in part["subjects"].dropna()}) if n < few.TEST],
@@ -158,7 +143,7 @@ def _caption(part: pd.DataFrame) -> str:
         busy=[*dict.fromkeys(note for row in rows_of(part) for note in busy(row))],
         against=against[0] if against and part["p_holm"].notna().any() else "",
         classifiers=definitions(part["system"].astype(str)),
-        notes=[note.rstrip(".") for note in dict.fromkeys(notes)],
+        notes=[*dict.fromkeys(notes)],
     )
     return escaped(" ".join(words)).replace(r"95 \%", r"95\,\%")
 
@@ -172,18 +157,17 @@ def _numbers(column: pd.Series) -> str:
 def _named(row: dict) -> str:
     """A run with what makes its row another one: failed folds, how windows are combined."""
     done, _, folds = str(row.get("folds", "")).partition("/")
-    words = [f"{row['folds']} folds"] if folds and done != folds else []
-    words += [str(row["combined"])] if row.get("combined") else []
-    return ", ".join([str(row["name"]), *words])
+    words = [str(row["name"]), f"{row['folds']} folds" if folds and done != folds else "", row.get("combined") or ""]
+    return ", ".join(filter(None, words))
 
 
-def columns_of(value: object) -> list[str]:
+def columns_of(value: str | Iterable[str]) -> list[str]:
     """The columns that ``paper=`` names: those of `SCORES` and `COSTS`.
 
     Raises:
         InputError: there is no such column, or no score is among them.
     """
-    asked = [str(name) for name in (value.split(",") if isinstance(value, str) else value)]  # type: ignore[attr-defined]
+    asked = value.split(",") if isinstance(value, str) else [*value]
     known = [*SCORES, *COSTS]
     for name in asked:
         if name not in known:
@@ -199,55 +183,51 @@ def papers(runs: Sequence[Result], asked: Sequence[str]) -> list[Paper]:
     for r in (r for r in runs if r.complete):
         data, subset, protocol = r.context
         corpora.setdefault((data, subset, str(r["corpus_digest"])), {}).setdefault(protocol, []).append(r)
-    made = []
-    for (data, subset, digest), protocols in corpora.items():
-        several = len([key for key in corpora if key[:2] == (data, subset)]) > 1
-        made.append(_paper((data + f" (corpus {digest[:8]})" * several, subset), protocols, asked))
-    return made
+    names = Counter(key[:2] for key in corpora)
+    return [
+        _paper((data + f" (corpus {digest[:8]})" * (names[data, subset] > 1), subset), protocols, asked)
+        for (data, subset, digest), protocols in corpora.items()
+    ]
 
 
 def _paper(data: tuple[str, str], protocols: Mapping[str, list[Result]], asked: Sequence[str]) -> Paper:
     """The table of results on the same captures, by protocol."""
     people = {name: by_subject(results)[0] for name, results in protocols.items()}
     mixed = {name for name, results in protocols.items() if any(facts_of(r).mixes_subjects for r in results)}
-    first, *others = sorted(protocols, key=lambda name: (name in mixed, -people[name].shape[1], name))
+    ordered = sorted(protocols, key=lambda name: (name in mixed, -people[name].shape[1], name))
     brief = {name: re.split(r"[,(]", name)[0].strip() for name in protocols}
     heads = brief if len({*brief.values()}) == len(brief) else {name: name for name in protocols}
-    heads = {name: head + f" {MIXED_MARK}" * (name in mixed) for name, head in heads.items()}
     costs = [measure for measure in run_columns() if measure.key in [COSTS[name] for name in asked if name in COSTS]]
     rows: dict[str, dict[str, Any]] = {}
     measures: list[Measure] = []
-    best: list[int | None] = []
-    for name in (first, *others):
+    best: list[str | None] = []
+    for name in ordered:
+        head = heads[name] + f" {MIXED_MARK}" * (name in mixed)
+        accuracy, sd, macro = f"{head}: accuracy", f"{head}: SD", f"{head}: macro_f1"
         for system, scores in people[name].iterrows():
             seeds = [r for r in protocols[name] if r.system == system]
             row = rows.setdefault(str(system), {"system": str(system)})
-            row |= {f"{heads[name]}: accuracy": scores.mean(), f"{heads[name]}: SD": scores.std(ddof=1)}
-            row |= {f"{heads[name]}: macro_f1": mean(r["macro_f1"] for r in seeds)}
-            if name == first:
-                for key in (str(cost.read or cost.key) for cost in costs):
-                    row[key] = mean(r.get(key, float("nan")) for r in seeds)
-    table = [*rows.values()]  # by accuracy, as `by_subject` has them
-    for words in (heads[name] for name in (first, *others)):
-        compared = {i: row[f"{words}: accuracy"] for i, row in enumerate(table) if f"{words}: accuracy" in row}
-        compared = {i: accuracy for i, accuracy in compared.items() if not table[i]["system"].endswith(MARK)}
+            row |= {accuracy: scores.mean(), sd: scores.std(ddof=1), macro: mean(r["macro_f1"] for r in seeds)}
+            if name == ordered[0]:
+                row |= {key: mean(r.get(key, nan) for r in seeds) for key in (str(c.read or c.key) for c in costs)}
         if "accuracy" in asked:
-            keys = (f"{words}: accuracy", f"{words}: SD")
-            measures.append(Measure(keys[0], words, keys, join=" ± "))
-            best.append(max(compared, key=compared.__getitem__) if len(compared) > 1 else None)
+            compared = [str(system) for system in people[name].index if not str(system).endswith(MARK)]
+            measures.append(Measure(accuracy, head, (accuracy, sd), join=" ± "))
+            best.append(compared[0] if len(compared) > 1 else None)
         if "macro_f1" in asked:
-            measures.append(percent(f"{words}: macro_f1", f"{words}, macro-F1"))
+            measures.append(percent(macro, f"{head}, macro-F1"))
             best.append(None)
     notes = sentences(
         *("bench.reports", "sentences", "paper_notes"),
         synthetic="(synthetic)" in data[0],
-        protocols=[first, *others],
+        protocols=ordered,
         asked=asked,
-        costs=heads[first] if costs else "",
+        costs=heads[ordered[0]] + f" {MIXED_MARK}" * (ordered[0] in mixed) if costs else "",
         mixed=f"{MIXED_MARK} {MIXED}" if mixed else "",
-        notes=[*dict.fromkeys(note.rstrip(".") for row in table for note in notes_on(row["system"], data[0]))],
+        notes=[*dict.fromkeys(note.rstrip(".") for system in rows for note in notes_on(system, data[0]))],
     )
-    return Paper(data, Table([text("system"), *measures, *costs], table), [None, *best, *([None] * len(costs))], notes)
+    places = [None, *(None if system is None else [*rows].index(system) for system in best), *([None] * len(costs))]
+    return Paper(data, Table([text("system"), *measures, *costs], [*rows.values()]), places, notes)
 
 
 def sheet(made: Sequence[Paper]) -> pd.DataFrame:

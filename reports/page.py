@@ -154,8 +154,8 @@ def summarised(
                 if chart := cost_chart(name, points, costs()[key], budgets.get(key), left):
                     picture = save(chart[0], folder, f"{file}-speed-{slug(key)}", name, chart[1])
                     charts.append(Chart(costs()[key].title, picture))
-        drawn, labels_only = pictures(members, group.subjects, name, folder, file)
-        made.append(replace(group, label=label, charts=charts, pictures=drawn, labels_only=labels_only))
+        drawn = pictures(members, group.subjects, name, folder, file)
+        made.append(replace(group, label=label, charts=charts, pictures=drawn))
     return made
 
 

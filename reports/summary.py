@@ -69,7 +69,6 @@ class Summary:
         label: name of the group's tab.
         charts: a chart for each cost.
         pictures: figures by kind.
-        labels_only: systems whose predictions would be drawn, but hold no probabilities.
     """
 
     name: str
@@ -85,7 +84,6 @@ class Summary:
     label: str = ""
     charts: Sequence[Chart] = ()
     pictures: Mapping[str, Picture] = field(default_factory=dict)
-    labels_only: Sequence[str] = ()
 
     @property
     def data(self) -> str:

@@ -81,17 +81,17 @@ def test_csv_files_are_golden(folder, name, request):
 
 
 class Parsed(HTMLParser):
-    """What a page would fetch, its text, and tags that are never closed."""
+    """What a page would fetch, its text, its ids, and tags that are never closed."""
 
     def __init__(self, text):
         super().__init__()
-        self.loaded, self.scripts, self.open, self.words, self.ids = [], 0, [], [], []
+        self.loaded, self.open, self.words, self.ids = [], [], [], []
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
         found = dict(attributes)
-        self.scripts += tag == "script"
         self.ids += [found["id"]] if "id" in found else []
+        self.loaded += [tag] * (tag == "script")
         self.loaded += [found[k] for k in ("src", "srcset", "data", "poster", "action") if k in found]
         self.loaded += [found[k] for k in ("href", "xlink:href") if k in found and found[k][0] != "#"]
         if tag not in ("meta", "br", "img", "input"):
@@ -113,44 +113,30 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(folder):
     text = (folder / "index.html").read_text(encoding="utf-8")
     parsed = Parsed(text)
     assert not parsed.open and not parsed.loaded and len(set(parsed.ids)) == len(parsed.ids)
-    assert "<script>alert" not in text and not parsed.scripts
     assert {link for link in re.findall(r'href="#([^"]+)"', text)} <= set(parsed.ids)
-    assert "default-src 'none'; style-src 'unsafe-inline'; img-src data:\"" in text and "http" not in "".join(
-        re.findall(r"(?:src|href)\s*=\s*[\"']?([^\"'>]*)", text)
-    )
+    assert "default-src 'none'; style-src 'unsafe-inline'; img-src data:\"" in text
     words = " ".join(" ".join(parsed.words).split())
     assert HOSTILE in words
     for row in published().itertuples():
         assert " ".join(row.classifier.split()) in words and row.reference in words
     for table in re.findall(r"(?:^\|.*\n)+", (folder / "comparison.md").read_text(), re.M):
         assert len({len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}) == 1
-
-
-def test_every_part_of_the_page_is_there(folder):
-    text = (folder / "index.html").read_text(encoding="utf-8")
-    closed = [*re.findall(r'<details id="([^"]+)"><summary><h2>', text)]
-    wanted = "early-decisions faults people gestures published-numbers runs statistics provenance"
-    assert closed == wanted.split() and text.count("<h2") == len(closed)
-    assert "<details open" not in text and "<nav" not in text
-    files = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
-    assert {*re.findall(r"speed-flash|subjects\.|gestures|confusion|calibration", str(files))} == {
-        *("speed-flash", "subjects.", "gestures", "confusion", "calibration")
-    }
-    assert "0-stress-1" in str(files) and "0-stream-1" in str(files)
     warnings = " ".join(re.findall(r'<p class="warning">(.*?)</p>', text, re.DOTALL))
     assert all(fact in warnings for fact in ("(synthetic)", "gaus2015_rf", f"batchy {MARK}"))
-    assert MARK not in text[text.index('class="answer"') :].split("</div>")[0]
 
 
 def test_the_front_of_the_page(folder):
-    """A tab for each protocol, the answer, a chart of each cost and the systems by accuracy; no table is too wide."""
+    """A tab for each protocol, the answer, a chart of each cost and the systems by accuracy; all else is closed."""
     text = (folder / "index.html").read_text(encoding="utf-8")
-    front = text[: text.index('<details id="early-decisions"')]
+    front, *closed = text.split('<details id="')
+    while not re.match('[^"]+"><summary><h2>', closed[0]):
+        front += closed.pop(0)
+    wanted = "early-decisions faults people gestures published-numbers runs statistics provenance"
+    assert [part.split('"')[0] for part in closed if "<summary><h2>" in part] == wanted.split()
     tabs = re.findall(r'<label for="t-\d">(.*?)<small>(.*?)</small>', front)
     assert len(tabs) == 3 and {about for _, about in tabs} == {"tests new people"}
-    assert len(re.findall(r' name="t" id="t-\d" checked', front)) == 1
     first = front[: front.index('<label for="t-2"')]
-    assert '<p class="first"' in first and "<strong>" in first
+    assert '<p class="first"' in first and "<strong>" in first and MARK not in first.split('class="beside"')[0]
     assert "<code>bench choose " in first and first.count('<div class="charts">') == 1
     rows = re.findall(r'<tr(?: class="chosen")?><th scope="row">(.*?)[<(].*?<td>([\d.]+) \[', first, re.DOTALL)
     assert [float(a) for _, a in rows] == sorted((float(a) for _, a in rows), reverse=True)
@@ -187,6 +173,8 @@ def test_p_values_compare_with_the_system_that_was_asked_for(quick, store):
     assert rows["difference"].tolist() == pytest.approx([5, 0, -5]) and np.isnan(rows.loc["b", "p"])
     assert rows["p_holm"].dropna().tolist() == pytest.approx([4 / 2**6] * 2)  # six of one sign, two tests
     assert set(pd.read_csv("report/comparison.csv")["against"]) == {"b"}
+    pairs = pd.read_csv("report/pairs.csv").set_index(["system", "other"])
+    assert pairs.loc[("a", "b"), "p_holm"] == pytest.approx(6 / 2**6) and pairs["gain"].tolist() == [6] * 3
     text = Path("report/index.html").read_text()
     assert "every system against b" in text and "was selected by these results" not in text
     with pytest.raises(InputError, match="against=d: no complete run of this system is stored"):
@@ -226,17 +214,6 @@ def test_numbers_are_those_of_the_predictions():
     assert (row["flash_bytes"], row["fit_seconds"], row["captures"], row["subjects"]) == (8000, 6, 60, 5)
 
 
-def test_pairs_by_hand(quick, store):
-    # All of seven subjects lose one capture of 20: p = 2 / 2 ** 7, times three pairs.
-    for i, name in enumerate("bcd"):
-        tracked_run(store, name, with_hits([17 - i] * 7))
-    page.write_report(store, Path("report"))
-    pairs = pd.read_csv("report/pairs.csv").set_index(["system", "other"])
-    assert [*pairs.index] == [("b", "c"), ("b", "d"), ("c", "d")]
-    assert pairs["difference"].tolist() == pytest.approx([5, 10, 5]) and pairs["gain"].tolist() == [7, 7, 7]
-    assert pairs.loc[("b", "c"), "p_holm"] == pytest.approx(6 / 2**7) and not pairs["lose"].any()
-
-
 @pytest.mark.parametrize(
     ("predictions", "failed"),
     [
@@ -253,10 +230,6 @@ def test_one_subject_one_class_labels_only_folds_of_several_and_no_complete_run(
     page.write_report(store, Path("report"))
     text = Path("report/index.html").read_text()
     assert not Parsed(text).open and ("no complete run" in text) == bool(failed)
-    hard = np.isin(predictions.filter(like="p_").to_numpy(), (0, 1)).all()
-    assert ("Labels only" in text) == bool(hard) and (
-        "calibration.svg" in str([*Path("report/figures").iterdir()])
-    ) != (hard or failed)
     rows = pd.read_csv("report/statistics.csv") if not failed else pd.DataFrame()
     if predictions["fold"].nunique() < predictions["subject"].nunique():
         assert np.isfinite(rows["nb_low"].iloc[1]) and rows["nb_p"].iloc[1] == 1
@@ -284,15 +257,6 @@ def test_a_report_that_is_cut_off_leaves_the_earlier_one(quick, store, monkeypat
     left.mkdir()
     page.write_report(store, Path("report"))
     assert files() != before and not left.exists()
-
-
-def test_corpora_of_one_name_and_seeds():
-    one = evaluated("a", made_up(3), corpus_digest="1" * 64)
-    seeds = [evaluated("b", made_up(3), corpus_digest="2" * 64, seed=seed) for seed in (10, 9, 100)]
-    groups = grouped([one, *seeds])
-    assert {name.rpartition(" ")[2]: members for name, members in groups.items()} == {"1" * 8: [one], "2" * 8: seeds}
-    table = comparison(groups, published())
-    assert table.loc[table["system"] == "b", "seed"].tolist() == ["9", "10", "100"]
 
 
 def verdict(results, budgets):
