@@ -185,7 +185,7 @@ def csv_tables(
     data_of |= {title: "haart" for title, table in ranked.items() if "haart_place" in table}
     people_of = {group.name: group.subjects.shape[1] for group in summaries if len(group.subjects)}
     tables = {name: noted(table, data_of, people_of) for name, table in tables.items()}
-    return tables | {"provenance": provenance(groups)}
+    return tables | {"provenance": provenance(grouped(results))}
 
 
 def shown(results: Sequence[Result]) -> Iterator[tuple[Any, list[Result]]]:

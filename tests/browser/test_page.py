@@ -69,7 +69,7 @@ def seen(folder):
 @pytest.mark.skipif(bool(LACKING), reason=LACKING or "-")
 class TestPage:
     def test_it_is_small_and_loads_nothing(self, folder, seen):
-        assert (folder / "index.html").stat().st_size < 3e5
+        assert (folder / "index.html").stat().st_size < 1e6
         assert seen["console"] == [] and seen["requests"] == []
 
     def test_it_has_no_fault_that_axe_finds(self, seen):
