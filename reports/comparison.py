@@ -50,20 +50,10 @@ def comparison(
 ) -> pd.DataFrame:
     """Table with a row per run and way to score it, best first within each data, subset, protocol and unit.
 
-    ``name`` tells what differs from other runs of the system. ``unit`` is what is labelled, a capture or a window;
-    ``combined`` is how a system on windows labels a capture.
-    Accuracies, SDs and F1 are in percent. ``accuracy`` is the mean over subjects, ``low`` and ``high`` are the ends of
-    its t-interval, ``interval`` says so, or that subjects are too few; ``pooled_accuracy`` is over captures.
-    ``difference`` (points, mean over subjects) and ``p_holm`` compare the system with ``against``, the best of its
-    group, as `bench.outcomes.statistics.against_best` does; a system on windows with its captures by mean probability.
-    ``published`` holds numbers of the same system, data, subset, protocol and unit; rows from generated captures have
-    none, whatever they are called.
-
-    Args:
-        groups: results from `bench.outcomes.frame.grouped`.
-        papers: `published`.
-        against: the system to compare with, in groups that have it; empty for the best one of each.
-        before: accuracies of subjects and statistics of groups that are known before.
+    Accuracies, SDs and F1 are in percent. ``accuracy`` is the mean over subjects with its t-interval,
+    ``pooled_accuracy`` is over captures. ``difference`` and ``p_holm`` compare the system with ``against``, or with the
+    best of its group; a system on windows with its captures by mean probability. ``before`` has accuracies of subjects
+    and statistics of groups that are known before.
     """
     rows: list[Row] = []
     numbers = {key: list(part.itertuples()) for key, part in papers.groupby(SAME)}

@@ -24,17 +24,11 @@ def contexts(
     score: str = "",
     more: str = "",
 ) -> list[tuple[str, list[Result]]]:
-    """Complete results by comparability: for each system, the newest of its lowest seed.
+    """At most `CONTEXTS` groups of comparable results, in words, each with its `METHODS` most accurate systems.
 
-    Args:
-        results: results that have one circumstance, or are of one kind of run.
-        same: parameters that comparable results share, besides captures and protocol (`bench.comparable.shared`).
-        score: number by which systems are ordered; empty for the accuracy of the captures as they are.
-        more: beginning of the names of numbers of which a result with more stands before a newer one with fewer.
-
-    Returns:
-        At most `CONTEXTS` groups with their words, people first and the largest first, each with its `METHODS` most
-        accurate systems.
+    Of each system it is the newest complete result of the lowest seed; one with more numbers whose names begin with
+    ``more`` stands before a newer one. Comparable results share the parameters ``same``; ``score`` orders them, else
+    the accuracy of the captures as they are.
     """
     counted = lambda r: sum(name.startswith(more) for name in r.metrics) if more else 0  # noqa: E731
     complete = [r for r in results if r.complete][::-1]  # the newest first

@@ -26,16 +26,10 @@ DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure as it was written.
-
-    Attributes:
-        name: name of the file ``<name>.svg``.
-        caption: description of the figure, including everything left out.
-        folder: folder of the file.
-    """
+    """A figure as it was written."""
 
     name: str
-    caption: str
+    caption: str  # with everything left out
     folder: Path
 
     @property
@@ -53,15 +47,8 @@ def new_figure(
 ) -> tuple[Figure, np.ndarray]:
     """An empty figure and its axes [rows, columns]; pyplot's global state is not used.
 
-    All places are given in inches: finding them out by drawing, as matplotlib's layout engines do, takes longer than
-    the drawing itself.
-
-    Args:
-        size: width and height.
-        panels: rows and columns.
-        margins: left, right, bottom and top of all panels.
-        between: gaps between columns and between rows.
-        title: heading of the figure.
+    All places are given in inches (margins: left, right, bottom, top): finding them out by drawing, as matplotlib's
+    layout engines do, takes longer than the drawing itself.
     """
     from matplotlib.figure import Figure
 

@@ -48,28 +48,16 @@ SIDE_BY_SIDE = r"% One table for each corpus and subset. Needs \usepackage{bookt
 
 @dataclass(frozen=True)
 class Paper:
-    """The systems on one corpus, subset and target.
+    """The systems on one corpus, subset and target, the most accurate under the first protocol first."""
 
-    Attributes:
-        data: corpus and subset in words.
-        table: a row per system, the most accurate under the first protocol first; protocols for new people come first.
-        best: for each column, the row of its most accurate system; None for columns without one.
-        notes: sentences on what the numbers are.
-    """
-
-    data: tuple[str, str]
+    data: tuple[str, str]  # corpus and subset in words
     table: Table
-    best: list[int | None]
+    best: list[int | None]  # for each column, the row of its most accurate system
     notes: list[str]
 
 
 def latex(table: pd.DataFrame) -> str:
-    """Tables that compare systems, each with a caption that names corpus, protocol and unit.
-
-    Args:
-        table: table of `bench.reports.comparison.comparison`. Rows on the same captures, under the same protocol and in
-            the same unit share one table.
-    """
+    """The rows of `bench.reports.comparison.comparison`, a table for each of `TOGETHER`."""
     parts = table.groupby([name for name in TOGETHER if name in table], sort=False)
     return HEAD + "".join(f"\n{_one(part, i)}" for i, (_, part) in enumerate(parts, 1))
 
@@ -162,11 +150,7 @@ def _named(row: dict) -> str:
 
 
 def columns_of(value: str | Iterable[str]) -> list[str]:
-    """The columns that ``paper=`` names: those of `SCORES` and `COSTS`.
-
-    Raises:
-        InputError: there is no such column, or no score is among them.
-    """
+    """The columns that ``paper=`` names: those of `SCORES` and `COSTS`."""
     asked = value.split(",") if isinstance(value, str) else [*value]
     known = [*SCORES, *COSTS]
     for name in asked:

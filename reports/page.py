@@ -51,19 +51,8 @@ def write_report(
 ) -> list[Path]:
     """Write ``index.html``, ``comparison.md``, LaTeX tables, a CSV file for each table, figures as SVG.
 
-    Args:
-        store: store of the runs.
-        folder: destination folder; it is created.
-        budgets: budget of each cost (`bench.measures.costs`) of the system to choose.
-        against: the system that tests compare with, in each group that has it; empty for the best one of each.
-        asked: the runs to report, as `bench.outcomes.runs.selected` takes them; empty for all.
-        paper: columns of ``paper.tex`` and ``paper.csv`` (`bench.reports.latex.columns_of`).
-
-    Returns:
-        The files written.
-
-    Raises:
-        InputError: no scored run is selected, or none of ``against``, or the folder cannot be written.
+    Tests compare with the system ``against``, in each group that has it, else with the best one. ``asked`` selects
+    runs as `bench.outcomes.runs.selected` does, ``paper`` columns of ``paper.tex`` and ``paper.csv``.
     """
     results = wanted(every_result(store, asked), asked or {})
     runs = of_captures(results)

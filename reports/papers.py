@@ -42,15 +42,10 @@ NOTHING = dict.fromkeys(("ours", "low", "high", "ours_sd", "subjects", "differen
 
 
 def against(papers: pd.DataFrame, results: Sequence[Result]) -> pd.DataFrame:
-    """Published numbers, a row for each and each seed of ours; one without ours if there is none.
+    """Published numbers in percent, a row for each and each seed of ours; one without ours if there is none.
 
-    Only complete runs of the very system count, with the parameters of the paper, on captures of people. Numbers are
-    percent. ``note`` holds what a reader must know, a remark a line, ``verdict`` one of those of this module, or why
-    there is none.
-
-    Args:
-        papers: `bench.reports.comparison.published`.
-        results: results of ``bench run``; predictions are read for units whose interval is not tracked.
+    Only complete runs of the very system count, with the parameters of the paper, on captures of people. ``note`` has
+    a remark a line.
     """
     real, systems = [r for r in results if r["synthetic"] != "true"], {*papers["system"]}
     here = {r["data"] for r in real}
@@ -151,11 +146,7 @@ def _interval(run: Result, prefix: str, metric: str) -> tuple[float, float]:
 
 
 def published_section(beside: pd.DataFrame) -> dict[str, object]:
-    """Every published number beside ours; numbers on corpora that nothing is tracked on wait behind a switch.
-
-    Returns:
-        The table; the verdicts, each with how often it was given; how many rest on few subjects; whether HAART is here.
-    """
+    """Every published number beside ours; numbers on corpora that nothing is tracked on wait behind a switch."""
     ends = {"low": "ours_low", "high": "ours_high"}
     rows = [
         row | {"away": row["verdict"] == "data not here", "words": _unit(row)}

@@ -13,14 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Part:
-    """A figure, a table and sentences on one set of comparable runs; each may be absent.
-
-    Attributes:
-        picture: figure as it was written.
-        table: table below it.
-        caption: caption of the table.
-        sentences: paragraphs below these.
-    """
+    """A figure, a table with its caption, and sentences on one set of comparable runs; each may be absent."""
 
     picture: Picture | None = None
     table: Table | None = None
@@ -30,14 +23,8 @@ class Part:
 
 @dataclass(frozen=True)
 class Section:
-    """A section of the page.
-
-    Attributes:
-        heading: heading; sections with one heading are shown as one.
-        parts: figures, tables and sentences below it.
-        line: words beside the heading, while the section is closed.
-    """
+    """A section of the page; those with one heading are shown as one."""
 
     heading: str
     parts: list[Part] = field(default_factory=list)
-    line: str = ""
+    line: str = ""  # beside the heading, while the section is closed

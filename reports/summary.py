@@ -53,37 +53,21 @@ class Chart(NamedTuple):
 
 @dataclass(frozen=True)
 class Summary:
-    """A group of comparable runs in the report.
+    """A group of comparable runs in the report."""
 
-    Attributes:
-        name: captures and protocol in words.
-        results: results of the group.
-        subjects: accuracy in percent [systems, subjects], best first; empty without complete runs.
-        rows: statistics of `bench.outcomes.statistics.against_best`, a row per system.
-        against: the system that others are compared with, if that was asked for; else empty.
-        lines: the verdict, its reasons, and all else that is known of the choice.
-        command: the command that gives the same verdict; empty without one.
-        choice: result of `bench.outcomes.choice.decide`; None if nothing can be chosen.
-        among: candidates of the choice.
-        budgets: budget of each cost.
-        label: name of the group's tab.
-        charts: a chart for each cost.
-        pictures: figures by kind.
-    """
-
-    name: str
+    name: str  # captures and protocol in words
     results: Sequence[Result]
-    subjects: pd.DataFrame
-    rows: pd.DataFrame
-    against: str = ""
-    lines: Sequence[str] = ()
-    command: str = ""
-    choice: Choice | None = None
+    subjects: pd.DataFrame  # accuracy in percent [systems, subjects], best first; empty without complete runs
+    rows: pd.DataFrame  # statistics of each system against the compared one
+    against: str = ""  # the system to compare with, if that was asked for
+    lines: Sequence[str] = ()  # the verdict, its reasons, and all else that is known of the choice
+    command: str = ""  # that gives the same verdict
+    choice: Choice | None = None  # None if nothing can be chosen
     among: Candidates | None = None
     budgets: Mapping[str, float] = field(default_factory=dict)
-    label: str = ""
+    label: str = ""  # of the group's tab
     charts: Sequence[Chart] = ()
-    pictures: Mapping[str, Picture] = field(default_factory=dict)
+    pictures: Mapping[str, Picture] = field(default_factory=dict)  # by kind
 
     @property
     def data(self) -> str:

@@ -42,22 +42,13 @@ class Failed(Exception):
 
 @dataclass(frozen=True)
 class Block:
-    """A block of a page.
-
-    Attributes:
-        language: ``sh`` or ``python``.
-        text: what is typed.
-        left_out: why it is not run; empty if it is.
-        shown: whether the page shows what it prints.
-        end: ``first`` or ``last`` where only so many `lines` are shown.
-        lines: of the output that are shown; 0 for all.
-    """
+    """A block of a page: what is typed, why it is not run if it is not, and which lines of its output are shown."""
 
     language: str
     text: str
     left_out: str
     shown: bool
-    end: str
+    end: str  # first or last, where only so many lines are shown
     lines: int
 
     @property
@@ -65,11 +56,6 @@ class Block:
         """The name under which a Python block is saved for others; empty if it is run."""
         named = re.match(r"# (\w+\.py)\n", self.text)
         return named[1] if named and self.language == "python" else ""
-
-
-def blocks(page: str) -> list[Block]:
-    """The blocks of a page, in order."""
-    return [block(match) for match in BLOCK.finditer(page)]
 
 
 def block(match: re.Match[str]) -> Block:
@@ -104,12 +90,8 @@ def environment(folder: Path) -> dict[str, str]:
     }
 
 
-def outputs(page: str, store: Path | None = None) -> list[str]:
-    """Run a page; what each of its blocks printed on standard output, "" of those that are left out.
-
-    Args:
-        page: its text.
-        store: an empty one to begin with; without it the first command makes one, which takes seconds.
+def outputs(page: str, store: Path) -> list[str]:
+    """Run a page on a copy of an empty store; what each of its blocks printed, "" of those that are left out.
 
     Raises:
         Failed: a block ends with an error, or takes too long.
@@ -117,9 +99,8 @@ def outputs(page: str, store: Path | None = None) -> list[str]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         variables = environment(folder)
-        if store:
-            shutil.copy(store, folder / "mlflow.db")
-        return [printed(each, folder, variables) for each in blocks(page)]
+        shutil.copy(store, folder / "mlflow.db")  # the first command would take seconds to make one
+        return [printed(block(match), folder, variables) for match in BLOCK.finditer(page)]
 
 
 def printed(block: Block, folder: Path, variables: dict[str, str]) -> str:
@@ -135,15 +116,8 @@ def printed(block: Block, folder: Path, variables: dict[str, str]) -> str:
         return ""
     command = ["bash", "-euo", "pipefail", "-c"] if block.language == "sh" else [sys.executable, "-c"]
     try:
-        done = subprocess.run(
-            [*command, block.text],
-            cwd=folder,
-            env=variables,
-            capture_output=True,
-            text=True,
-            timeout=LONGEST,
-            stdin=subprocess.DEVNULL,
-        )
+        about = {"capture_output": True, "text": True, "timeout": LONGEST, "stdin": subprocess.DEVNULL}
+        done = subprocess.run([*command, block.text], cwd=folder, env=variables, **about)
     except subprocess.TimeoutExpired as e:
         raise Failed(f"takes more than {LONGEST} s:\n{block.text}") from e
     if done.returncode:

@@ -72,9 +72,10 @@ def test_a_text_that_would_be_a_formula_is_led_by_an_apostrophe_and_numbers_stay
 
 
 def test_a_figure_drawn_twice_is_the_same_file(tmp_path):
-    for name in ("a", "b"):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
         figure, axes = figures.new_figure((3, 2))
         axes[0, 0].plot([1, 2], [3, 4], label="line")
         axes[0, 0].legend()
-        figures.write_svg(figure, tmp_path / f"{name}.svg")
-    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+        figures.write_svg(figure, tmp_path / folder / "c.svg")
+    assert (tmp_path / "a" / "c.svg").read_bytes() == (tmp_path / "b" / "c.svg").read_bytes()

@@ -136,7 +136,8 @@ def test_the_front_of_the_page(folder):
     tabs = re.findall(r'<label for="t-\d">(.*?)<small>(.*?)</small>', front)
     assert len(tabs) == 3 and {about for _, about in tabs} == {"tests new people"}
     first = front[: front.index('<label for="t-2"')]
-    assert '<p class="first"' in first and "<strong>" in first and MARK not in first.split('class="beside"')[0]
+    assert '<p class="first"' in first and "<strong>" in first
+    assert MARK not in first[first.index('class="answer"') :].split("</div>")[0]
     assert "<code>bench choose " in first and first.count('<div class="charts">') == 1
     rows = re.findall(r'<tr(?: class="chosen")?><th scope="row">(.*?)[<(].*?<td>([\d.]+) \[', first, re.DOTALL)
     assert [float(a) for _, a in rows] == sorted((float(a) for _, a in rows), reverse=True)
