@@ -110,7 +110,7 @@ def _open_output() -> None:
     """Let standard output take whatever is printed: where it is closed, and names of files that are no text."""
     if sys.stdout is None:
         sys.stdout = open(os.devnull, "w")  # for as long as the process lives
-    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors in ("strict", "surrogateescape"):
         sys.stdout.reconfigure(errors="backslashreplace")
 
 

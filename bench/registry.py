@@ -166,6 +166,13 @@ def is_library(path: str) -> bool:
     return bool({"site-packages", "dist-packages"} & {*place.parts}) or any(p in place.parents for p in _libraries())
 
 
+def is_own(path: str) -> bool:
+    """Whether a file is code of the user's."""
+    packages = (f"bench.{room}" for room in ("features", "models", "protocols", "reports"))
+    ours = {place_of("bench"), *map(place_of, packages)}
+    return Path(path).is_file() and not is_library(path) and not ours & {*Path(path).parents}
+
+
 @cache
 def _libraries() -> set[Path]:
     """Folders of Python's own modules and of installed packages."""

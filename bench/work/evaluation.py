@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,7 @@ from bench.work import fold as fold_of
 from bench.work.fitted import Fitted
 from bench.work.fold import batch_effects, check_agreement, computing, decisions, footprint, latency
 from bench.work.personal import met
-from bench.work.results import FoldResult, costs, measured, tables_of
+from bench.work.results import FoldResult, costs, failure, measured, tables_of
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
@@ -37,7 +36,7 @@ def folded(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         try:
             done = circumstance.fold(at)
         except (Exception, SystemExit):  # a system may raise anything
-            result.failed[circumstance.key] = traceback.format_exc()
+            result.failed[circumstance.key] = failure()
             continue
         result.metrics |= done.metrics
         result.times |= done.times

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import SupportsFloat
 
 import numpy as np
 import pandas as pd
 
 from bench import scores
+from bench.registry import is_own
 from bench.tables import uniform
 
 
@@ -64,12 +68,19 @@ class FoldResult:
         return self.predictions
 
 
+def failure() -> str:
+    """The traceback of the exception that is handled, as text that every file takes."""
+    return traceback.format_exc().encode(errors="backslashreplace").decode()
+
+
 def reason_of(error: str) -> str:
-    """The exception of a traceback in one line: the first line after the last place in the code."""
+    """The exception of a traceback in one line, with the last place in the user's own code."""
     lines = error.strip().splitlines()
     last = max((i for i, line in enumerate(lines) if line.startswith('  File "')), default=-1)
     line = next((line for line in lines[last + 1 :] if line and not line[0].isspace()), lines[-1])
-    return line.removeprefix("bench.errors.")
+    places = re.findall(r'^  File "(.+)", line ([0-9]+)', error, flags=re.MULTILINE)
+    own = [f" ({Path(file).name}, line {number})" for file, number in places if is_own(file)]
+    return line.removeprefix("bench.errors.") + (own[-1] if own else "")
 
 
 def table_of(results: list[FoldResult]) -> pd.DataFrame:

@@ -155,7 +155,7 @@ class TrackedRun:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"{place}.txt"
             if result.error or result.failed:
-                path.write_text(result.error or "\n".join(result.failed.values()))
+                path.write_text(result.error or "\n".join(result.failed.values()), encoding="utf-8")
                 self.store.keep(self.run_id, path, FOLDS)
                 name = ", ".join([result.name, *(f"{key}=" for key in result.failed)])
                 self.reasons[result.name] = result.reason

@@ -6,7 +6,6 @@ import os
 import signal
 import threading
 import time
-import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
@@ -24,7 +23,7 @@ from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
 from bench.work.evaluation import folded
 from bench.work.fold import forget_peak
-from bench.work.results import FoldResult
+from bench.work.results import FoldResult, failure
 
 Done = tuple[FoldResult, Machine | None]  # None if the machine is unknown
 
@@ -139,7 +138,7 @@ def do_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
     except KeyboardInterrupt:  # in this process
         raise
     except BaseException:  # whatever a system raises is this fold's result; even `sys.exit` does not end the command
-        result = FoldResult(fold.name, error=traceback.format_exc())
+        result = FoldResult(fold.name, error=failure())
     result.seconds = time.perf_counter() - began
     return result
 
