@@ -42,6 +42,7 @@ class Subjects(Circumstance):
             InputError: one of them.
         """
         from bench import contract
+        from bench.corpora.corpus import untrained
         from bench.work.subset import subset
 
         estimator, corpus = plan.cell.untrained, plan.corpus
@@ -54,6 +55,11 @@ class Subjects(Circumstance):
                         f"training subjects; give fewer than that (all of them are always used too)"
                     )
                 part = subset(corpus, fold.train, fold.test, count, plan.cell.seed or 0)
+                if lacking := untrained(corpus.gestures, part, fold.test):
+                    raise InputError(
+                        f"train_subjects={count}: in fold {fold.name} of protocol={plan.cell.protocol} nobody is left "
+                        f"who shows {lacking[0]}; give larger numbers"
+                    )
                 contract.check_training(estimator, corpus[part], corpus.gestures[part])
 
     def cases(self, at: Fitted) -> Iterator[Case]:

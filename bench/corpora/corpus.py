@@ -379,6 +379,11 @@ def storage(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
     return corpus._frames, corpus._starts
 
 
+def untrained(labels: np.ndarray, train: np.ndarray, test: np.ndarray) -> list[str]:
+    """The labels of the tested captures that no training capture has, sorted."""
+    return sorted({*map(str, pd.unique(labels[test]))} - {*map(str, pd.unique(labels[train]))})
+
+
 def origin(corpus: Corpus) -> Origin:
     """Source of the captures of a corpus, also of a blind one, for caches."""
     return Origin(*(corpus.__dict__[f"_{name}"] for name in ("digest", "path", "index", "piece", "steps")))

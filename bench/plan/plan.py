@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, untrained
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import UNTAUGHT, open_corpus
 from bench.errors import InputError
@@ -226,12 +226,10 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
     if untaught := corpus.info.get(UNTAUGHT, []):
         taught = ~np.isin(gestures, untaught)
         folds = [Fold("", fold.train[taught[fold.train]], fold.test, fold.known) for fold in folds]
-    codes, names = pd.factorize(gestures)
     for i, fold in enumerate(folds, 1):
         tested = pd.unique(subjects[fold.test])
         fold.name = tested[0] if len(tested) == 1 and not mixed else f"fold{i:02d}"
-        trained, needed = (np.bincount(codes[side], minlength=len(names)) > 0 for side in (fold.train, fold.test))
-        if lacking := sorted({*names[needed & ~trained]} - {*untaught}):
+        if lacking := [label for label in untrained(gestures, fold.train, fold.test) if label not in untaught]:
             leave = "" if "+" in corpus.target else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
             raise InputError(
                 f"protocol={cell.protocol}: fold {fold.name} tests {corpus.target} {lacking[0]} but has no training "

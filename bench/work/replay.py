@@ -20,7 +20,7 @@ from scipy.special import logsumexp, softmax
 from sklearn.linear_model import Ridge
 
 from bench import contract
-from bench.corpora.corpus import Corpus, storage
+from bench.corpora.corpus import Corpus, storage, untrained
 from bench.errors import InputError
 from bench.models.search.inner_folds import inner_folds
 from bench.scores import PREFIX, classes_of, windows
@@ -317,7 +317,7 @@ def unlearnable(estimator: contract.System, corpus: Corpus) -> str:
     for inner, judged in inner_folds(subjects, INNER):
         if len(set(gestures[inner])) < 2:
             return "leaving subjects out leaves one class"
-        if lacking := sorted(set(gestures[judged]) - set(gestures[inner])):
+        if lacking := untrained(gestures, inner, judged):
             return f"without some of them nobody is left who shows {lacking[0]}"
         contract.check_training(estimator, corpus[inner], gestures[inner])
     return ""

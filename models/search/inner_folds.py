@@ -8,7 +8,7 @@ from sklearn.base import TransformerMixin, clone
 from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
 
 from bench import contract
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, untrained
 from bench.errors import InputError
 
 
@@ -26,10 +26,17 @@ def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.n
 def labelled_folds(X: Corpus, y: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
     """The inner folds of captures and their class names."""
     folds = inner_folds(X.subjects.astype(str), inner)
-    if any(len(np.unique(np.asarray(y)[train].astype(str))) < 2 for train, _ in folds):
+    labels = np.asarray(y).astype(str)
+    for train, judged in folds:
+        if len(np.unique(labels[train])) < 2:
+            what = "one class"
+        elif lacking := untrained(labels, train, judged):
+            what = f"nobody who shows {lacking[0]}"
+        else:
+            continue
         raise InputError(
-            "a search leaves training subjects out, which here leaves one class; "
-            f"choose another inner= than {inner}, or more captures"
+            f"a search leaves training subjects out, which here leaves {what}; choose another inner= than {inner}, or "
+            "more captures"
         )
     return folds
 

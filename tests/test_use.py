@@ -1,0 +1,43 @@
+"""What went wrong in use: each test is a kind of fault with a small input."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bench.cli import main
+
+MODEL = """
+import joblib
+from sklearn.base import BaseEstimator, ClassifierMixin
+
+class Bad(ClassifierMixin, BaseEstimator):
+    def fit(self, X, y):
+        raise ValueError("file \\udcff")
+"""
+
+
+def test_a_failed_fold_names_the_line_of_the_users_code_and_other_systems_go_on(capsys):
+    Path("bad.py").write_text(MODEL)
+    words = ["run", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "features=jung28", "jobs=1"]
+    assert main([*words, "model=bad.py:Bad,bayes"]) == 1
+    told = capsys.readouterr()
+    assert "(bad.py, line 7)" in told.out + told.err and "file \\udcff" in told.out + told.err
+    assert "bayes" in told.out
+
+
+def test_output_is_written_where_the_locale_knows_no_such_letter():
+    code = "from bench.cli import _open_output; _open_output(); print('\\xb7')"
+    plain = {"LC_ALL": "POSIX", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run([sys.executable, "-c", code], env=os.environ | plain, capture_output=True, check=True)
+    assert done.stdout.strip() == b"\\xb7"
+
+
+@pytest.mark.parametrize("words", [["run", "model=bayes", "train_subjects=1"], ["tune", "model=tree", "inner=loso"]])
+def test_a_training_part_without_a_gesture_is_refused_in_a_learning_curve_and_in_a_search(words, capsys):
+    few = "where=gesture in ('pat', 'rub', 'tap') and (gesture != 'rub' or subject in ('1', '2'))"
+    on = ["data.subjects=4", "data.variants=normal", "data.repetitions=1", "features=jung28", "jobs=1"]
+    assert main([*words, few, *on]) == 2
+    assert "nobody" in (told := capsys.readouterr().err) and "rub" in told
