@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 from bench.errors import InputError, nearest
-from bench.measures import budgets
 from bench.words import UNITS, Values, convert, items, quantity, text_of
 
 ROOM = re.compile(r"{([\w.]+)}")  # in the help of an option
@@ -93,8 +92,6 @@ def value_of(one: Option, value: object) -> Any:
     key = one.key
     if one.type == "number":
         return quantity(key, value)
-    if one.type == "amount":
-        return budgets()[key].typed(value)
     if one.type in UNITS:
         return quantity(key, value, one.type)
     if one.type == "counts":

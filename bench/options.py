@@ -202,7 +202,13 @@ def settings(command: str, values: Values, listed: Iterable[Option] = ()) -> dic
     shared = (*WORK, *added("makers").values())
     own = {one.key: one for one in listed or options(command).values() if one not in shared}
     given = {key: values[key] for key in own if values.get(key) is not None}
-    return {key: value_of(one, given[key]) if key in given else one.default for key, one in own.items()}
+
+    def typed(one: Option) -> Any:
+        if one.key not in given:
+            return one.default
+        return budgets()[one.key].typed(given[one.key]) if one.type == "amount" else value_of(one, given[one.key])
+
+    return {key: typed(one) for key, one in own.items()}
 
 
 def limits_of(given: Mapping[str, Any]) -> dict[str, float]:

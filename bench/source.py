@@ -15,7 +15,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
 
-from bench.registry import FILE_MODULE, is_library, place_of
+from bench.errors import InputError
+from bench.registry import FILE_MODULE, is_library, is_own, place_of
 
 BESIDE = ("features", "models", "protocols", "reports")  # folders of the package bench that stand beside it
 Code = ModuleType | Callable | str  # a module or its name, a class, a function
@@ -25,6 +26,10 @@ def source_digest(*parts: Code) -> str:
     """Hash of the files of modules, classes or functions, and of every file that these import, late or not.
 
     Comments, docstrings and layout do not count. Files of installed packages are left out: versions identify them.
+    Further files that a module of the user's reads are those that it names in its list ``depends``, beside itself.
+
+    Raises:
+        InputError: such a file cannot be read.
     """
     code: dict[str, bytes] = {}
     todo = [*dict.fromkeys(map(_module_of, parts))]
@@ -37,6 +42,7 @@ def source_digest(*parts: Code) -> str:
             code[name] = _typed_in(parts, name)
             continue
         code[name], imported = _read(str(path), Path(path).stat().st_mtime_ns)
+        code[name] += b"".join(_opened(path, getattr(sys.modules.get(name), "depends", ())))
         package = name if Path(path).stem == "__init__" else name.rpartition(".")[0]
         todo += {found for module, names in imported for found in _modules(module, names, package)} - code.keys()
     h = hashlib.sha256()
@@ -44,6 +50,15 @@ def source_digest(*parts: Code) -> str:
         # The rest of the name of a file's module tells the path and every letter.
         h.update((FILE_MODULE if name.startswith(FILE_MODULE) else name).encode() + code[name])
     return h.hexdigest()
+
+
+def _opened(path: str | Path, names: object) -> Iterator[bytes]:
+    """Hashes of the files that a file of the user's says that it reads."""
+    for name in names if is_own(str(path)) and isinstance(names, list | tuple) else ():
+        try:
+            yield hashlib.sha256(Path(path).with_name(str(name)).read_bytes()).digest()
+        except (OSError, ValueError) as e:
+            raise InputError(f"{path}: depends names {name!r}, which cannot be read ({e}); correct the name") from e
 
 
 def _module_of(part: Code) -> str:

@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from bench import registry
 from bench.cli import main
+from bench.errors import InputError
+from bench.source import source_digest
 
 MODEL = """
 import joblib
@@ -41,3 +44,16 @@ def test_a_training_part_without_a_gesture_is_refused_in_a_learning_curve_and_in
     on = ["data.subjects=4", "data.variants=normal", "data.repetitions=1", "features=jung28", "jobs=1"]
     assert main([*words, few, *on]) == 2
     assert "nobody" in (told := capsys.readouterr().err) and "rub" in told
+
+
+def test_files_that_a_system_names_are_part_of_its_key():
+    Path("my.py").write_text("depends = ['table.txt']\ndef tree(): pass\n")
+    keys = []
+    for text in ("1", "2", "1"):
+        Path("table.txt").write_text(text)
+        registry.forget()
+        keys.append(source_digest(registry.load("models", "my.py:tree")))
+    assert keys[0] == keys[2] != keys[1]
+    Path("table.txt").unlink()
+    with pytest.raises(InputError, match="depends names 'table.txt'"):
+        source_digest(registry.load("models", "my.py:tree"))
