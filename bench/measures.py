@@ -74,6 +74,7 @@ class Measure:
         command: command that measures it, with its arguments; empty for any. ``{faults}`` are those that count.
         among: its amount for some people [candidates], of a cost that depends on which are counted; from
             `bench.outcomes.candidates.People`.
+        at_clock: cost to which its thousands add milliseconds at the clock of the target in MHz; empty for none.
     """
 
     key: str
@@ -97,6 +98,7 @@ class Measure:
     on: tuple[str, ...] = EVERY
     command: str = ""
     among: Callable[[Any], Any] | None = None
+    at_clock: str = ""
 
     def __post_init__(self) -> None:
         """Fill in the words that were left out."""
@@ -109,6 +111,11 @@ class Measure:
     def name(self) -> str:
         """Heading of its column."""
         return self.heading or self.key
+
+    @property
+    def source(self) -> str:
+        """Name of the one stored value that it reads; empty where it reads several."""
+        return (self.read if isinstance(self.read, str) else "") or ("" if self.read else self.key)
 
     @property
     def left(self) -> bool:

@@ -5,9 +5,9 @@ Its sentences stand in ``templates/choice.jinja``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,7 @@ from bench.candidate import Losses, Wish
 from bench.comparable import MARKED, MIXED, Row, notes_on, several
 from bench.errors import InputError
 from bench.measures import costs, costs_of
-from bench.outcomes.candidates import Candidates, People, candidates, missing
+from bench.outcomes.candidates import Candidates, candidates, missing
 from bench.outcomes.runs import without_runs
 from bench.outcomes.scene import EVERY, Scene
 from bench.paired import TOLERANCE, interval, mean_and_error, within_one_standard_error
@@ -31,53 +31,32 @@ SHOWN = 3  # commands that a sentence names
 BRIEF = 5  # sentences without why=yes, beside those on what else there is and what to type next
 
 
-@dataclass(frozen=True)
-class Budget:
-    """The effect of one budget on the candidates.
-
-    Attributes:
-        cost: name of the cost.
-        budget: largest or smallest allowed amount.
-        over: number of candidates outside of it.
-        unknown: number of candidates with unknown cost.
-        least: index of the candidate with the best amount, None if no cost is measured.
-        without: index of the best one that fits all the other budgets, None if none does.
-        gain: accuracy of that candidate minus that of the best one that fits all budgets, mean over subjects in points;
-            NaN if none does.
-        error: the standard error of that.
-    """
+class Budget(NamedTuple):
+    """The effect of one budget on the candidates."""
 
     cost: str
     budget: float
-    over: int
-    unknown: int
-    least: int | None
-    without: int | None
-    gain: float
-    error: float
+    over: int  # candidates outside of it
+    unknown: int  # candidates whose cost is unknown
+    least: int | None  # index of the candidate with the best amount
+    without: int | None  # index of the best one that fits all other budgets
+    gain: float  # accuracy of that one minus that of the best one that fits all, mean over subjects in points
+    error: float  # the standard error of that
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(NamedTuple):
     """The result of a choice.
 
-    Attributes:
-        table: candidates with ``loss`` (mean over subjects of best minus own accuracy, in points), ``error`` (its
-            standard error) and ``verdict``, cheapest first; those with unknown cost come last.
-        chosen: index in it, None if no candidate fits the budgets.
-        best: index of the most accurate one that fits them.
-        costlier: index of the next costlier one that fits them and is more accurate than the chosen, None if there is
-            none.
-        unranked: indices of those that fit the budgets but have an unknown cost, most accurate first.
-        budgets: effect of each budget.
+    ``table`` has the candidates with ``loss`` (mean over subjects of best minus own accuracy, in points), ``error``
+    (its standard error) and ``verdict``, cheapest first; those with unknown cost come last.
     """
 
     table: pd.DataFrame
-    chosen: int | None
-    best: int | None
-    costlier: int | None
-    unranked: list[int] = field(default_factory=list)
-    budgets: list[Budget] = field(default_factory=list)
+    chosen: int | None  # index in it, None if no candidate fits the budgets
+    best: int | None  # the most accurate one that fits them
+    costlier: int | None  # the next costlier one that fits them and is more accurate than the chosen
+    unranked: list[int]  # those that fit the budgets but have an unknown cost, most accurate first
+    budgets: list[Budget]
 
 
 def within(name: str, amounts: np.ndarray, budget: float) -> np.ndarray:
@@ -88,18 +67,25 @@ def within(name: str, amounts: np.ndarray, budget: float) -> np.ndarray:
 
 
 def pick(
-    scores: np.ndarray, fits: np.ndarray, burden: np.ndarray, margin: float | None = None
+    table: pd.DataFrame, scores: np.ndarray, by: str, budgets: Mapping[str, float], margin: float | None = None
 ) -> tuple[int | None, int | None, np.ndarray]:
-    """The cheapest candidate whose score is not below that of the best.
+    """The cheapest candidate within all budgets whose score is not below that of the best of these.
 
     Not below means: the mean over people of the difference is at most its standard error; or, with a margin, a
     one-sided paired t-test finds it smaller than the margin (p < 0.05); fewer than `bench.few.TEST` people show
     nothing.
 
+    A candidate whose cost ``by`` is unknown is neither chosen nor the best, one whose cost with a budget is unknown
+    does not fit.
+
     Returns:
         Numbers of the chosen and of the best candidate, None where none fits, and which candidates that fit are not
         below the best, bool [candidates].
     """
+    fits = np.ones(len(table), bool)
+    for name, budget in budgets.items():
+        fits &= within(name, table[name].to_numpy(float), budget)
+    burden = costs()[by].burden(table[by].to_numpy(float))
     means = pd.DataFrame(scores).mean(axis=1).round(9).to_numpy()  # equal sums in another order are ties
     can = fits & np.isfinite(burden) & np.isfinite(means)
     if not can.any():
@@ -124,49 +110,38 @@ def _not_below(losses: np.ndarray, margin: float | None) -> np.ndarray:
     return np.where(error > 0, stdtr(people - 1, t) < 0.05, mean < margin)
 
 
-def _picked(
-    table: pd.DataFrame, scores: np.ndarray, by: str, budgets: Mapping[str, float], margin: float | None = None
-) -> tuple[int | None, int | None, np.ndarray]:
-    """`pick` from a table of costs."""
-    fits = np.ones(len(table), bool)
-    for name, budget in budgets.items():
-        fits &= within(name, table[name].to_numpy(float), budget)
-    return pick(scores, fits, costs()[by].burden(table[by].to_numpy(float)), margin)
-
-
 def decide(
     table: pd.DataFrame, subjects: pd.DataFrame, by: str, budgets: Mapping[str, float], margin: float | None
 ) -> Choice:
-    """Take the cheapest candidate whose score is not below that of the best (`pick`).
-
-    The best one is sought among those that fit the budgets; a candidate whose cost is not known fits no budget of it.
-    One whose cost ``by`` is not known cannot be the cheapest, so neither chosen nor the best is such a one; its loss is
-    told.
-    """
-    accuracy, scores, cost = table["accuracy"].round(9), subjects.to_numpy(float), costs()[by]
+    """Take the cheapest candidate whose score is not below that of the best (`pick`), and say so of each."""
+    scores, cost = subjects.to_numpy(float), costs()[by]
+    chosen, best, near = pick(table, scores, by, budgets, margin)
     verdicts = [_excess(row, budgets) for row in rows_of(table)]
-    table = table.assign(verdict=verdicts, loss=np.nan, error=np.nan, accuracy=accuracy)
-    fits, burden = np.array(verdicts) == "", cost.burden(table[by].to_numpy(float))
-    unranked = [int(i) for i in table[fits & table[by].isna()].sort_values("accuracy", ascending=False).index]
-    chosen, best, near = _picked(table, scores, by, budgets, margin)
-    limits = [_limit(table, scores, by, budgets, name, best) for name in budgets]
-    if best is None or chosen is None:
-        table.loc[unranked, "verdict"] = f"{cost.title} unknown"
-        return Choice(table.sort_values(by, key=cost.burden), None, None, None, unranked, limits)
+    fits, burden = np.array([not verdict for verdict in verdicts]), cost.burden(table[by].to_numpy(float))
     lost = np.full((len(table), 2), np.nan)
     for i in np.flatnonzero(fits):
+        known = not np.isnan(burden[i])
+        if best is None or chosen is None:
+            verdicts[i] = "" if known else f"{cost.title} unknown"
+            continue
         lost[i] = mean_and_error(scores[best] - scores[i])
         verdict = "the best" if i == best else "near the best" if near[i] else "below the best"
-        if i in unranked:
+        if not known:
             verdict += f", {cost.title} unknown"
         elif near[i]:
             verdict += ", costlier" if burden[i] > burden[chosen] else ", equally cheap"
         verdicts[i] = "chosen" if i == chosen else verdict
-    table = table.assign(verdict=verdicts, loss=lost[:, 0], error=lost[:, 1])
-    order = table.assign(burden=burden).sort_values(["burden", "accuracy"], ascending=[True, False]).index
-    better = fits & (burden > burden[chosen]) & (accuracy > accuracy[chosen]).to_numpy()
-    costlier = next((int(i) for i in order if better[i]), None)
-    return Choice(table.loc[order], chosen, best, costlier, unranked, limits)
+    accuracy = table["accuracy"].round(9)
+    table = table.assign(verdict=verdicts, loss=lost[:, 0], error=lost[:, 1], accuracy=accuracy, burden=burden)
+    unranked = table[fits & np.isnan(burden)].sort_values("accuracy", ascending=False).index
+    order, better = table.sort_values("burden"), []
+    if chosen is not None:
+        order = table.sort_values(["burden", "accuracy"], ascending=[True, False])
+        dearer = order[fits[order.index] & (order["burden"] > burden[chosen])]
+        better = [*dearer.index[dearer["accuracy"] > accuracy[chosen]]]
+    limits = [_limit(table, scores, by, budgets, name, best) for name in budgets]
+    costlier = next(map(int, better), None)
+    return Choice(order.drop(columns="burden"), chosen, best, costlier, [*map(int, unranked)], limits)
 
 
 def _excess(row: Row, budgets: Mapping[str, float]) -> str:
@@ -187,7 +162,7 @@ def _limit(
     """What one of the budgets does."""
     amounts = table[cost].dropna()
     least = int(amounts.index[int(costs()[cost].burden(amounts).argmin())]) if len(amounts) else None
-    without = _picked(table, scores, by, {k: v for k, v in budgets.items() if k != cost})[1]
+    without = pick(table, scores, by, {k: v for k, v in budgets.items() if k != cost})[1]
     gain = error = np.nan
     if best is not None and without is not None:
         gain, error = mean_and_error(scores[without] - scores[best])
@@ -211,31 +186,12 @@ def expected(
     if chosen is None or count < few.INTERVAL or len(scores) < 2:
         return None
     found = np.full(count, np.nan)
-    personal = [name for name in {by, *budgets} if costs()[name].among is not None]
     for person in range(count):
-        people: People = among.people.without(person)
-        table = among.table.assign(**{name: people.cost(name) for name in personal})
-        other = _picked(table, people.scores, by, budgets, margin)[0]
+        people = among.people.without(person)
+        other = pick(among.table.assign(**people.costs({by, *budgets})), people.scores, by, budgets, margin)[0]
         if other is not None:
             found[person] = scores[other, person]
     return found
-
-
-def expectation(scores: np.ndarray | None, among: Candidates, chosen: int | None) -> list[str]:
-    """What to expect for new people, and the worst person, in sentences."""
-    if scores is None or chosen is None:
-        return []
-    low, high = interval(scores)
-    return said(
-        "expectation",
-        chosen=among.table.loc[chosen],
-        people=len(scores),
-        mixed=among.mixed,
-        failed=int(np.isnan(scores).sum()),
-        mean=scores.mean(),
-        interval=(low, min(high, 100.0)),
-        own=among.subjects.loc[chosen],
-    )
 
 
 # Sentences.
@@ -254,55 +210,47 @@ def named(row: Mapping[Any, Any], comma: str = "") -> str:
     return str(row["system"]) + ("" if unit == "capture" else words)
 
 
-def said(block: str, **values: object) -> list[str]:
-    """Sentences of a block of ``templates/choice.jinja``."""
-    return sentences("bench.outcomes", "choice", block, named=named, points=points, **values)
+def said(blocks: str, **values: object) -> list[str]:
+    """Sentences of some blocks of ``templates/choice.jinja``."""
+    values |= {"named": named, "points": points}
+    return [line for block in blocks.split() for line in sentences("bench.outcomes", "choice", block, **values)]
 
 
 def reasons(choice: Choice, by: str, margin: float | None, subjects: int, mixed: bool = False) -> list[str]:
-    """The choice, its reason, the cost of the next better system and of each budget, and its scope.
-
-    Arguments are those of `verdict` and `scope`.
-    """
-    lines = [*verdict(choice, by, margin, subjects), *details(choice, by, subjects)]
-    return lines if choice.chosen is None else [*lines, *scope(subjects, mixed)]
+    """The choice, its reason, the cost of the next better system and of each budget, and its scope."""
+    return said("verdict details prices scope", **told(choice, by, margin, subjects, mixed))
 
 
-def verdict(choice: Choice, by: str, margin: float | None, subjects: int, told: str = "") -> list[str]:
-    """The choice and its reason; the first sentence alone if nothing can be chosen."""
-    return said("verdict", **_told(choice, by), margin=margin, subjects=subjects, told=told)
-
-
-def details(choice: Choice, by: str, subjects: int) -> list[str]:
-    """What the choice loses to the best system, the next better system, systems of unknown cost, and each budget."""
-    lines = [] if choice.chosen is None else said("details", **_told(choice, by), subjects=subjects)
-    return [*lines, *prices(choice)]
-
-
-def prices(choice: Choice, binding: bool = False) -> list[str]:
-    """What each budget costs, or where nothing fits, how far the systems are from it."""
-    rows = _rows(choice)
+def told(
+    choice: Choice, by: str, margin: float | None, subjects: int, mixed: bool, binding: bool = False
+) -> dict[str, Any]:
+    """The values of sentences on a choice; with ``binding`` without budgets that rule out nothing."""
+    rows = {None: None, **dict(zip(choice.table.index, rows_of(choice.table), strict=True))}
     kept = [limit for limit in choice.budgets if limit.over or limit.unknown or not binding]
-    limits = [(limit, costs()[limit.cost], rows[limit.without], rows[limit.least]) for limit in kept]
-    return said("prices", limits=limits, best=rows[choice.best], candidates=len(choice.table))
+    return {
+        **{"cost": costs()[by], "by": by, "margin": margin, "subjects": subjects, "told": ""},
+        **{name: rows[getattr(choice, name)] for name in ("chosen", "best", "costlier")},
+        "unranked": [rows[i] for i in choice.unranked],
+        "limits": [(limit, costs()[limit.cost], rows[limit.without], rows[limit.least]) for limit in kept],
+        **{"candidates": len(choice.table), "few": few.too_few(subjects), "mixed": MIXED if mixed else ""},
+    }
 
 
-def scope(subjects: int, mixed: bool) -> list[str]:
-    """The limits of the conclusion: few subjects, or subjects on both sides of a fold."""
-    return said("scope", few=few.too_few(subjects), mixed=MIXED if mixed else "")
-
-
-def _told(choice: Choice, by: str) -> dict[str, object]:
-    """What sentences on a choice name."""
-    rows = _rows(choice)
-    named_by = {name: rows[i] for name, i in (("chosen", choice.chosen), ("best", choice.best))}
-    unranked = [rows[i] for i in choice.unranked]
-    return named_by | {"better": rows[choice.costlier], "unranked": unranked, "cost": costs()[by], "by": by}
-
-
-def _rows(choice: Choice) -> dict[int | None, Row | None]:
-    """The candidates by index; None has none."""
-    return {None: None, **dict(zip(choice.table.index, rows_of(choice.table), strict=True))}
+def expectation(scores: np.ndarray | None, among: Candidates, chosen: int | None) -> list[str]:
+    """What to expect for new people, and the worst person, in sentences."""
+    if scores is None or chosen is None:
+        return []
+    low, high = interval(scores)
+    return said(
+        "expectation",
+        chosen=among.table.loc[chosen],
+        people=len(scores),
+        mixed=among.mixed,
+        failed=int(np.isnan(scores).sum()),
+        mean=scores.mean(),
+        interval=(low, min(high, 100.0)),
+        own=among.subjects.loc[chosen],
+    )
 
 
 # The choice of ``bench choose``.
@@ -347,11 +295,10 @@ class Chosen:
     @property
     def study(self) -> str:
         """The study whose runs it is among; empty for runs on captures."""
-        return self.kind.tag if self.kind.apart else ""
+        return self._view.tag if self._view.apart else ""
 
     @property
-    def kind(self) -> Any:
-        """Kind of run of the candidates."""
+    def _view(self) -> Any:
         return run_views()[self.among.first.kind]
 
     def __str__(self) -> str:
@@ -361,50 +308,56 @@ class Chosen:
 
     def lines(self) -> list[str]:
         """The choice, its reason and what to expect, or the binding budgets and a remedy; all with ``why``."""
-        brief, every = self._sentences(False)[:BRIEF], self._sentences(True)
+        brief, every = self._brief()[:BRIEF], self._every()
         more = 0 if self.why else sum(line not in brief for line in every)
         command = None if self.choice.chosen is not None else f"{_command(self.study)} {SMALL}"
         return [*(every if self.why else brief), *said("rest", more=more, command=command)]
 
-    def _sentences(self, every: bool) -> list[str]:
-        """All sentences but the remedy, or those that come first."""
-        among, chosen, people = self.among, self.choice.chosen, self.among.subjects.shape[1]
-        told = "" if chosen is None else self.kind.chosen(among.table.loc[chosen].to_dict())
-        lines = verdict(self.choice, self.by, self.margin, people, told)
-        if every:
-            lines += details(self.choice, self.by, people)
-        elif chosen is None:
+    def _brief(self) -> list[str]:
+        """The sentences that come first."""
+        values = self._told(binding=True)
+        if self.choice.chosen is None:
             first = {what: commands[:1] for what, commands in self.lacking.items()}
-            return [*lines, *prices(self.choice, binding=True), *said("lacking", lacking=first, shown=1)[:1]]
-        expect = expectation(self.expected, among, chosen)
-        lines += expect if every else expect[:1]
-        lines += [] if chosen is None else scope(people, among.mixed)
-        data, systems = str(among.first["data"]), [*map(str, among.table["system"])]
-        notes = {system: notes_on(system, data) for system in systems}
-        footnotes = [note for system in systems if every or system == self.system for note in notes[system]]
-        footnotes += [MARKED] * any(MARKED in listed for listed in notes.values())
-        footnotes = list(dict.fromkeys(f"{note.rstrip('.')}." for note in footnotes))
-        if not every:
-            return [*lines, *footnotes]
-        lines += [*self._meaning(), *self.notes, *among.notes, *footnotes]
+            return [*said("verdict prices", **values), *said("lacking", lacking=first, shown=1)[:1]]
+        expect = expectation(self.expected, self.among, self.choice.chosen)[:1]
+        return [*said("verdict", **values), *expect, *said("scope", **values), *self._footnotes([self.system or ""])]
+
+    def _every(self) -> list[str]:
+        """All sentences but the remedy."""
+        values = self._told()
+        lines = said("verdict details prices", **values)
+        lines += [*expectation(self.expected, self.among, self.choice.chosen), *said("scope", **values)]
+        lines += [*self._meaning(), *self.notes, *self.among.notes, *self._footnotes(self.among.table["system"])]
         return [*lines, *said("lacking", lacking=self.lacking, shown=SHOWN)]
+
+    def _told(self, binding: bool = False) -> dict[str, Any]:
+        values = told(self.choice, self.by, self.margin, self.among.subjects.shape[1], self.among.mixed, binding)
+        return values | {"told": self._view.chosen(values["chosen"]) if values["chosen"] else ""}
+
+    def _footnotes(self, shown: Iterable[str]) -> list[str]:
+        """Footnotes of some systems, and that on marked ones if any candidate is."""
+        notes = {str(s): notes_on(str(s), str(self.among.first["data"])) for s in self.among.table["system"]}
+        lines = [note for system in shown for note in notes[system]]
+        lines += [MARKED] * any(MARKED in listed for listed in notes.values())
+        return list(dict.fromkeys(f"{note.rstrip('.')}." for note in lines))
 
     def _meaning(self) -> list[str]:
         """What decision times, the score and the losses are of, where that is not usual."""
         reactions, faults, table = self.scene.reactions, self.scene.faults, self.among.table
         listed = {gesture for members in reactions.groups.values() for gesture in members}
-        every = faults is not None and {*faults.names} == {*EVERY}
+        gestures = () if reactions.plain else self._view.gestures(self.among.first)
+        counted = [name for name, cost in costs().items() if cost.at_clock and name in table]
         return said(
             "meaning",
             clock=self.clock,
-            timed=int(table["cycles"].notna().sum()) if "cycles" in table else 0,
+            timed=int(table[counted].notna().any(axis=1).sum()),
             systems=len(table),
             decision="decision" in {self.by, *self.budgets},
-            kind=self.kind.meaning,
+            kind=self._view.meaning,
             reactions=reactions,
-            unlisted={*self.among.gestures} - listed,
+            unlisted={*gestures} - listed,
             faults=faults,
-            names=["all faults"] if every else list(faults.names) if faults else [],
+            names=[] if faults is None else ["all faults"] if {*faults.names} == {*EVERY} else faults.names,
         )
 
 

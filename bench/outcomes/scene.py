@@ -24,7 +24,6 @@ OTHER = {  # lines of each section that are no budgets: a key, and that of `benc
     "people": {"shots": "shots"},
 }
 EVERY = tuple(FAULTS.split())
-DEEPEST = 3  # levels of a scene: section, line, list or table
 NESTED = "it is nested more deeply than any line of a scene; see docs/scenes.md"
 COSTLIEST = 1e6  # of one mistake, so that sums of costs and scores stay finite
 
@@ -50,24 +49,19 @@ class Board:
         """What its budgets are, as far as no other line sets them, and how far counted instructions hold for it."""
         own = self.budgets(timed=False)
         names = [name for name in ("flash", "RAM") if values.get(f"max_{name.lower()}") == own[f"max_{name.lower()}"]]
-        timed = bool({"max_cycles", "max_decision"} & {*values})
-        return sentences("bench.outcomes", "choice", "board", board=self, names=names, timed=timed)
+        timed = {
+            costs()[name].budget for cost in costs().values() if cost.at_clock for name in (cost.key, cost.at_clock)
+        }
+        return sentences("bench.outcomes", "choice", "board", board=self, names=names, timed=bool(timed & {*values}))
 
 
 @dataclass(frozen=True)
 class Scene:
-    """The needs of a robot.
+    """The needs of a robot."""
 
-    Attributes:
-        values: its lines as keys of ``bench choose``.
-        reactions: reactions to gestures and costs of mistakes.
-        faults: circumstances over which losses are taken; None if the scene names none.
-        board: board of the robot, with the share of it that touch may use; None if the scene names none.
-    """
-
-    values: Mapping[str, str] = field(default_factory=dict)
+    values: Mapping[str, str] = field(default_factory=dict)  # its lines as keys of ``bench choose``
     reactions: Reactions = field(default_factory=Reactions)
-    faults: Losses | None = None
+    faults: Losses | None = None  # over which losses are taken; None if the scene names none
     board: Board | None = None
 
 
@@ -98,7 +92,7 @@ def read_scene(name: str) -> Scene:
         file = Path(str(shipped[name])) if name in shipped else Path(name)
         if file.exists() and not (file.is_file() or file.is_dir()):  # a device may have no end
             raise OSError(errno.EINVAL, "not a plain file")
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
+        return scene_of(tomllib.loads(file.read_text(encoding="utf-8")))
     except (OSError, UnicodeError) as e:
         why = getattr(e, "strerror", None) or "not UTF-8 text"
         raise InputError(f"scene={name}: {why}; give a TOML file, or {', '.join(sorted(shipped))}") from e
@@ -106,22 +100,8 @@ def read_scene(name: str) -> Scene:
         raise InputError(f"scene={name}: {NESTED}") from e
     except ValueError as e:  # also a number of thousands of digits
         raise InputError(f"scene={name} is not TOML: {str(e).partition(';')[0]}") from e
-    try:
-        _check_size(table)
-        return scene_of(table)
     except InputError as e:
         raise InputError(f"scene={name}: {e}") from e
-
-
-def _check_size(value: object, where: str = "", depth: int = 0) -> None:
-    """Refuse deep nesting and very large numbers: TOML allows them, and no line of a scene needs them."""
-    if depth > DEEPEST:
-        raise InputError(NESTED)
-    if isinstance(value, int) and not -(2**63) <= value < 2**63:  # as TOML bounds whole numbers
-        raise InputError(f"{where}: a whole number is too large; give one below 2^63")
-    inside = value.items() if isinstance(value, dict) else [("", v) for v in value] if isinstance(value, list) else ()
-    for key, v in inside:
-        _check_size(v, f"{where} {key}".strip(), depth + 1)
 
 
 def scene_of(table: Mapping[str, object]) -> Scene:
@@ -129,17 +109,14 @@ def scene_of(table: Mapping[str, object]) -> Scene:
     limits = lines()
     _check("", table, {*KEYS, *limits, "unlisted", "reactions", "costs"})
     sections = {name: _section(table, name) for name in limits}
+    values = {key: _text(key, table[key]) for key in KEYS if key in table}
     for name, given in sections.items():
-        _check(f"[{name}] ", given, {*limits[name], *OTHER.get(name, ())})
-    values = {k: _text(k, table[k]) for k in KEYS if k in table}
-    for name, given in sections.items():
-        values |= {
-            key: _text(f"[{name}] {k}", given[k]) for k, key in OTHER.get(name, {}).items() if key and k in given
-        }
-        values |= {c.budget: _text(f"[{name}] {k}", given[k]) for k, c in limits[name].items() if k in given}
-    for name, given in sections.items():
-        for k in given:
-            _check_amount(f"[{name}] {k} = {given[k]}", limits[name].get(k), OTHER.get(name, {}).get(k, ""), values)
+        others = OTHER.get(name, {})
+        _check(f"[{name}] ", given, {*limits[name], *others})
+        for key, value in given.items():
+            if typed := others[key] if key in others else limits[name][key].budget:
+                values[typed] = _text(f"[{name}] {key}", value)
+                _check_amount(f"[{name}] {key} = {value}", limits[name].get(key), typed, values[typed])
     if apart := [name for name in limits if name not in OTHER and sections[name]]:  # budgets of a study
         unmeasured = [k for k, cost in limits["budget"].items() if "studies" not in cost.on] + ["clock"]
         if lacking := [k for k in unmeasured if k in sections["budget"]]:
@@ -165,42 +142,39 @@ def _of_board(budget: Mapping[str, object]) -> Board | None:
     return replace(known[name], share=share)
 
 
-def _check_amount(line: str, cost: Measure | None, key: str, values: Mapping[str, str]) -> None:
+def _check_amount(line: str, cost: Measure | None, key: str, value: str) -> None:
     """Refuse a number or a unit that `bench choose` would refuse, by the name of its line."""
     try:
         if cost is not None:
-            cost.typed(values[cost.budget])
-        elif key in ("clock", "margin"):
-            quantity(key, values[key], "MHz" if key == "clock" else "")
+            cost.typed(value)
+        elif key == "clock":
+            quantity(key, value, "MHz")
     except InputError as e:
         raise InputError(f"{line}:{str(e).partition(':')[2]}") from e
 
 
 def _reactions(table: Mapping[str, object]) -> Reactions:
     groups: dict[str, list[str]] = {}
+    listed: set[str] = set()
     for name, members in _section(table, "reactions").items():
-        if not isinstance(members, list) or not members or not all(isinstance(g, str) for g in members):
-            raise InputError(f'[reactions] {name}: give a list of gestures, such as ["stroke", "rub"]')
-        groups[name] = members
-    every = [g for members in groups.values() for g in members]
-    for gesture in every:
-        if every.count(gesture) > 1:
-            raise InputError(f"[reactions] the gesture {gesture} is listed twice; list it once")
+        groups[name] = _names(f"[reactions] {name}", members, "gestures", '["stroke", "rub"]')
+        for gesture in groups[name]:
+            if gesture in listed:
+                raise InputError(f"[reactions] the gesture {gesture} is listed twice; list it once")
+            listed.add(gesture)
     unlisted = table.get("unlisted", "own")
     if unlisted not in ("own", "ignored"):
         raise InputError(f"unlisted = {unlisted}: give own or ignored")
-    costs: dict[str, dict[str, float]] = {}
-    silence = 1.0
-    for name, row in _section(table, "costs").items():
-        if name == "silence":
-            silence = _number("[costs] silence", row, 0, COSTLIEST)
-        elif isinstance(row, dict):
-            costs[name] = {k: _number(f"[costs] {name}: {k}", v, 0, COSTLIEST) for k, v in row.items()}
-            if name in row:
-                raise InputError(f"[costs] {name}: {name} taken for itself is no mistake; leave it out")
-        else:
+    costs = dict(_section(table, "costs"))
+    silence = _number("[costs] silence", costs.pop("silence", 1.0), 0, COSTLIEST)
+    rows: dict[str, dict[str, float]] = {}
+    for name, row in costs.items():
+        if not isinstance(row, dict):
             raise InputError(f"[costs] {name}: give the reactions that it is taken for, such as {{ calm = 3 }}")
-    return Reactions(groups, unlisted == "ignored", costs, silence)
+        rows[name] = {k: _number(f"[costs] {name}: {k}", v, 0, COSTLIEST) for k, v in row.items()}
+        if name in row:
+            raise InputError(f"[costs] {name}: {name} taken for itself is no mistake; leave it out")
+    return Reactions(groups, unlisted == "ignored", rows, silence)
 
 
 def _faults(lines: Mapping[str, object]) -> Losses | None:
@@ -208,9 +182,7 @@ def _faults(lines: Mapping[str, object]) -> Losses | None:
         return None
     from bench.corpora.faults import SEVERITIES, all_faults  # loads SciPy
 
-    names = lines.get("names", [*EVERY])
-    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
-        raise InputError('[faults] names: give a list of faults, such as ["dead_taxels"]')
+    names = _names("[faults] names", lines.get("names", [*EVERY]), "faults", '["dead_taxels"]')
     for name in names:
         if name not in all_faults():
             raise InputError(f"[faults] names: no fault is called {name}; {nearest(name, all_faults())}")
@@ -231,6 +203,12 @@ def _check(where: str, given: Mapping[str, object], known: Collection[str]) -> N
     for key in given:
         if key not in known:
             raise InputError(f"{where}{key}: there is no such line; {nearest(key, known)}")
+
+
+def _names(where: str, value: object, noun: str, example: str) -> list[str]:
+    if not isinstance(value, list) or not value or not all(isinstance(one, str) for one in value):
+        raise InputError(f"{where}: give a list of {noun}, such as {example}")
+    return value
 
 
 def _number(where: str, value: object, least: float, most: float) -> float:

@@ -138,8 +138,8 @@ class View:
         """Numbers of its costs that hold for the system in other runs, too; those of a study are of its runs alone."""
         if self.tag:
             return {}
-        names = [cost.read or cost.key for cost in self.costs if cost.among is None]
-        return {name: result.metrics[name] for name in names if isinstance(name, str) and name in result.metrics}
+        names = [cost.source for cost in self.costs if cost.among is None]
+        return {name: result.metrics[name] for name in names if name in result.metrics}
 
     def lost(self, results: Sequence[Result], asked: Losses, reactions: Any) -> pd.DataFrame | None:
         """Points lost in some cases [cases, subjects], for costs of losses; None if it knows none."""

@@ -91,8 +91,6 @@ class Captures(View):
 def _without(ways: Iterable[Candidate], result: Result, mine: View | None) -> Iterator[Candidate]:
     """Candidates without the costs of other circumstances of the run, unless these lend them."""
     others = [view for view, _ in held([result]) if view is not mine]
-    costs = [
-        cost for v in others for cost in v.costs if cost.command and (cost.read or cost.key) not in v.lends(result)
-    ]
+    costs = [cost for v in others for cost in v.costs if cost.command and cost.source not in v.lends(result)]
     for way in ways:
         yield replace(way, stored={cost.key: "" for cost in costs} | dict(way.stored))

@@ -11,12 +11,12 @@ from tests.test_structure import modules
 
 
 def test_an_empty_line_ends_a_paragraph_and_a_forgotten_value_is_an_error():
-    words = {"few": "3 subjects: too few for an interval", "mixed": "Mixed."}
+    words = {"chosen": {}, "few": "3 subjects: too few for an interval", "mixed": "Mixed."}
     lines = ["3 subjects: too few for an interval. The order may differ for other people.", "Mixed."]
     assert sentences("bench.outcomes", "choice", "scope", **words) == lines
-    assert sentences("bench.outcomes", "choice", "scope", few="", mixed="") == []
+    assert sentences("bench.outcomes", "choice", "scope", chosen={}, few="", mixed="") == []
     with pytest.raises(UndefinedError, match="mixed"):
-        sentences("bench.outcomes", "choice", "scope", few="")
+        sentences("bench.outcomes", "choice", "scope", chosen={}, few="")
     command = "bench stress 'where=gesture  !=  ''\n'"
     lacking = {"lacking": {"The loss": [command]}, "shown": 1}
     assert sentences("bench.outcomes", "choice", "lacking", **lacking) == [
@@ -33,7 +33,7 @@ def test_every_block_of_a_template_is_used_and_every_used_one_exists():
         used |= {*re.findall(r'"(bench\.\w+)",\s*"(\w+)",\s*"(\w+)"', source)}
         for node in ast.walk(ast.parse(source)):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "said":
-                used.add(("bench.outcomes", "choice", node.args[0].value))
+                used |= {("bench.outcomes", "choice", block) for block in node.args[0].value.split()}
         for template in (path.parent / "templates").glob("*.jinja"):
             package = f"bench.{path.parent.name}"
             there |= {(package, template.stem, name) for name in re.findall(r"{% block (\w+) %}", template.read_text())}

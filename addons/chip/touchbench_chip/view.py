@@ -66,6 +66,7 @@ class InC(View):
             on=("captures",),
             spare=5,
             command="run form=c",
+            at_clock="decision",
             shows=(),
         ),
     )

@@ -31,8 +31,7 @@ def watched_candidates(result: Result, wish: Wish, unit: str) -> Iterator[Candid
     shipped["false_alarms"] = f"{aim:g}"
     usual = {"background": "", "detector": DETECTOR, "false_alarms": f"{FALSE_ALARMS:g}"}  # of bench fit
     shipped = {key: value for key, value in shipped.items() if usual.get(key) != value}
-    stored = {"decision": "", "cycles": ""}
-    yield Candidate(unit, scores, stored, counts=(alarms, hours), whole=True, shipped=shipped)
+    yield Candidate(unit, scores, counts=(alarms, hours), whole=True, shipped=shipped)
 
 
 def watched_gestures(result: Result) -> tuple[str, ...]:
