@@ -1,8 +1,6 @@
 """What runs measure: circumstances, in which a fitted system labels its test captures again, and studies of other data.
 
-The loop fits, decides, checks and times; then each circumstance follows in turn (`bench.work.evaluation`). A new one is
-a file with `Circumstance.cases`, and an entry in `bench.circumstances` or an entry point ``touchbench.circumstances``.
-What is shown of it stands in another file, which `Producer.view` names.
+The loop fits, decides, checks and times; then each circumstance follows in turn (`bench.work.evaluation`).
 """
 
 from __future__ import annotations
@@ -60,11 +58,7 @@ class Producer(Options):
         return [type(self)]
 
     def refuse(self, plan: Plan) -> None:
-        """Refuse impossible plans before anything is run.
-
-        Raises:
-            InputError: it cannot be.
-        """
+        """Refuse impossible plans before anything is run, with an `InputError`."""
 
     def warnings(self, plan: Plan) -> list[str]:
         """Warnings before the run; equal ones of several runs are printed once."""
@@ -88,12 +82,13 @@ class Circumstance(Producer):
         texts = {name: typed_as(getattr(self, name)) for name in self.fields()}
         return {f"{self.key}.{name}" if i else self.key: text for i, (name, text) in enumerate(texts.items())}
 
-    def cases(self, at: Fitted) -> Iterator[Case]:
-        """What is changed, a case at a time.
+    @property
+    def spent(self) -> tuple[str, ...]:
+        """Names of the seconds of a fold, of which a run has the mean; the first are those of all cases."""
+        return (f"{self.key}_seconds",)
 
-        Args:
-            at: the fitted system of a fold, with its captures.
-        """
+    def cases(self, at: Fitted) -> Iterator[Case]:
+        """What is changed, a case at a time, of the fitted system of a fold and its captures."""
         raise NotImplementedError
 
     def fold(self, at: Fitted) -> FoldResult:
@@ -109,13 +104,8 @@ class Circumstance(Producer):
                 parts.append(at.labels(self.key, last))
             effects = at.effects(last)
         tables = {LABELS: pd.concat(parts, ignore_index=True)} if parts else {}
-        return FoldResult(
-            at.fold.name, metrics=self.seconds(time.perf_counter() - begun), tables=tables, batch_effects=effects
-        )
-
-    def seconds(self, wall: float) -> dict[str, float]:
-        """What its cases took."""
-        return {f"{self.key}_seconds": wall}
+        seconds = {self.spent[0]: time.perf_counter() - begun}
+        return FoldResult(at.fold.name, metrics=seconds, tables=tables, batch_effects=effects)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Tracked numbers of a fold: the accuracy in each case, by name."""
@@ -145,8 +135,7 @@ class Circumstance(Producer):
 
     def labels(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
         """Its rows of the table ``labels``, also where its own table has more than labels."""
-        table = tables[LABELS]
-        return table[table["circumstance"] == self.key]
+        return tables[LABELS][tables[LABELS]["circumstance"] == self.key]
 
 
 @dataclass(frozen=True)
@@ -160,22 +149,11 @@ class Study(Producer):
         return {f"{self.key}.{name}": getattr(self, name) for name in self.fields()}
 
     def captures(self, cell: Cell) -> Corpus | None:
-        """What it is done on; None for the captures of the cell.
-
-        Raises:
-            InputError: they cannot be opened or chosen.
-        """
+        """What it is done on, None for the captures of the cell; an `InputError` where they cannot be opened."""
         return None
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-        """Do one fold, in a worker process; an exception is recorded as the fold's failure.
-
-        Args:
-            cell: cell of the run.
-            corpus: the captures that the fold is of.
-            fold: names its training and test captures by position.
-            threads: threads for computing.
-        """
+        """Do one fold of a corpus, in a worker process; an exception is recorded as the fold's failure."""
         raise NotImplementedError
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
@@ -183,7 +161,7 @@ class Study(Producer):
         return result.metrics
 
     def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
-        """Measure the run from the folds that went well, at least one, in the order of the protocol.
+        """The run from the folds that went well, at least one, in the order of the protocol.
 
         Args:
             plan: plan of the run.

@@ -33,11 +33,7 @@ class Faults(Circumstance):
 
     @classmethod
     def of(cls, values: Values) -> list[Self]:
-        """The faults that were asked for, in the order in which they are known.
-
-        Raises:
-            InputError: there is no such fault.
-        """
+        """The faults that were asked for, in the order in which they are known."""
         from bench.corpora.faults import asked_faults, usual_faults  # loads SciPy
 
         key = "faults" if "faults" in values else "under"
@@ -66,6 +62,11 @@ class Faults(Circumstance):
 
         return [*super().code(), *(all_faults()[name].damage for name in self.under)]
 
+    @property
+    def spent(self) -> tuple[str, ...]:
+        """Wall time of all cases, and time of the processor."""
+        return "fault_seconds", "fault_cpu_seconds"
+
     def cases(self, at: Fitted) -> Iterator[Case]:
         """The test captures under each fault at each severity."""
         from bench.corpora.faults import all_faults, as_shares, damaged
@@ -85,10 +86,6 @@ class Faults(Circumstance):
         trained = {*contract.trained_faults(at.system)}  # of a search by what it has chosen
         spent = {"fault_cpu_seconds": time.process_time() - begun}
         return replace(done, metrics=done.metrics | spent | {"faults_trained": len({*self.under} & trained)})
-
-    def seconds(self, wall: float) -> dict[str, float]:
-        """Seconds under faults."""
-        return {"fault_seconds": wall}
 
     def result(
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float

@@ -48,11 +48,7 @@ class Instants(Circumstance):
 
     @classmethod
     def of(cls, values: Values) -> list[Self]:
-        """Every combination of the typed values.
-
-        Raises:
-            InputError: a value cannot be used.
-        """
+        """Every combination of the typed values."""
         times = items("after", values["after"])
         if EACH not in times:
             if "hop_ms" in values:
@@ -72,12 +68,7 @@ class Instants(Circumstance):
     def params(self) -> dict[str, object]:
         """Times, hop, start, and whether stopping is learned."""
         times = ", ".join(map(typed_as, self.after)) or EACH
-        return {
-            "stream.start": self.start,
-            "stream.hop_ms": self.hop_ms,
-            "stream.after": times,
-            "stream.stopping": self.stopping,
-        }
+        return dict(zip(self.tracked, (self.start, self.hop_ms, times, self.stopping), strict=True))
 
     def arguments(self) -> dict[str, str]:
         """The options as typed."""
@@ -85,11 +76,7 @@ class Instants(Circumstance):
         return {"after": times} | {k: v for k, v in super().arguments().items() if k != "after"}
 
     def refuse(self, plan: Plan) -> None:
-        """Refuse a replay that cannot be, and training parts from which no threshold can be learned.
-
-        Raises:
-            InputError: a training part of one subject, or of subjects one of whom has all but one class.
-        """
+        """Refuse a replay that cannot be, and training parts from which no threshold can be learned."""
         from bench.work.replay import unlearnable
 
         self.replay.check(plan.corpus.rate_hz)

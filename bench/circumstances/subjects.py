@@ -33,14 +33,10 @@ class Subjects(Circumstance):
 
     def params(self) -> dict[str, object]:
         """Numbers of subjects."""
-        return {"train_subjects": ", ".join(map(str, self.train_subjects))}
+        return {self.key: ", ".join(map(str, self.train_subjects))}
 
     def refuse(self, plan: Plan) -> None:
-        """Refuse numbers of training subjects that a fold has not, or that the system cannot learn from.
-
-        Raises:
-            InputError: one of them.
-        """
+        """Refuse numbers of training subjects that a fold has not, or that the system cannot learn from."""
         from bench import contract
         from bench.corpora.corpus import untrained
         from bench.work.subset import subset
@@ -62,6 +58,11 @@ class Subjects(Circumstance):
                     )
                 contract.check_training(estimator, corpus[part], corpus.gestures[part])
 
+    @property
+    def spent(self) -> tuple[str, ...]:
+        """Wall time of the fits."""
+        return ("refit_seconds",)
+
     def cases(self, at: Fitted) -> Iterator[Case]:
         """A system fitted on each number of training subjects."""
         from bench.work.subset import subset
@@ -69,10 +70,6 @@ class Subjects(Circumstance):
         for count in self.train_subjects:
             part = subset(at.corpus, at.fold.train, at.fold.test, count, at.cell.seed or 0)
             yield Case(level=count, system=at.refitted(part), train_subjects=count)
-
-    def seconds(self, wall: float) -> dict[str, float]:
-        """Seconds of the fits."""
-        return {"refit_seconds": wall}
 
     def result(
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float

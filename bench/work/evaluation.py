@@ -95,7 +95,7 @@ def run_of(plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Res
     if plan.cell.study:
         return plan.cell.study.result(plan, about, folds)
     rate_hz = plan.corpus.rate_hz
-    numbers, tables, unit = measured(folds, rate_hz)
+    numbers, tables, unit = measured(folds, rate_hz, [name for c in plan.cell.circumstances for name in c.spent])
     stored = tables_of(folds)
     more: dict[str, float] = {}
     whole = [c for c in plan.cell.circumstances if not any(c.key in fold.failed for fold in folds)]

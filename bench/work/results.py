@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import SupportsFloat
@@ -15,6 +15,12 @@ import pandas as pd
 from bench import scores
 from bench.registry import is_own
 from bench.tables import uniform
+
+COMBINED: dict[str, Callable[[list[float]], SupportsFloat]] = {  # numbers of folds; of any other the largest counts
+    **dict.fromkeys((f"{work}{kind}_seconds" for work in ("fit", "adapt") for kind in ("", "_wall", "_cpu")), np.mean),
+    "search_seconds": np.mean,
+    **dict.fromkeys(("reference_ms", "quiet_ms", "slowdown", "predict_relative"), np.median),
+}
 
 
 @dataclass
@@ -94,7 +100,9 @@ def tables_of(results: Sequence[FoldResult]) -> dict[str, pd.DataFrame]:
     return {n: pd.concat([r.tables[n] for r in results if n in r.tables], ignore_index=True) for n in names}
 
 
-def measured(folds: list[FoldResult], rate_hz: float) -> tuple[dict[str, float], dict[str, pd.DataFrame], str]:
+def measured(
+    folds: list[FoldResult], rate_hz: float, spent: Iterable[str] = ()
+) -> tuple[dict[str, float], dict[str, pd.DataFrame], str]:
     """Scores and costs of a run; its predictions, confusions, subjects and classes; the unit of its decisions."""
     predictions = table_of(folds)
     labelled, classes = scores.captures(predictions), scores.classes_of(predictions)
@@ -106,36 +114,37 @@ def measured(folds: list[FoldResult], rate_hz: float) -> tuple[dict[str, float],
         "per_class": scores.per_class(labelled, classes),
     }
     unit = "window" if len(predictions) > len(labelled) else "capture"
-    return measure(predictions, folds, rate_hz), tables, unit
+    return measure(predictions, folds, rate_hz, spent), tables, unit
 
 
-def measure(predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float) -> dict[str, float]:
+def measure(
+    predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float, spent: Iterable[str] = ()
+) -> dict[str, float]:
     """Scores and costs of a run.
 
     ``decision_ms`` is the touch that one decision of the system sees (a window, or the whole capture) plus its
     computing time, ``capture_decision_ms`` the same for the label of a whole capture; both are medians.
     """
-    numbers = scores.summary(predictions, rate_hz) | costs(results)
+    numbers = scores.summary(predictions, rate_hz) | costs(results, spent)
     numbers["decision_ms"] = numbers["observed_ms"] + numbers["decide_ms_p50"]
     numbers["capture_decision_ms"] = numbers["capture_ms"] + numbers["predict_ms_p50"]
     return numbers
 
 
-def costs(results: list[FoldResult]) -> dict[str, float]:
-    """Seconds are means over folds, milliseconds quantiles over their timed captures.
+def costs(results: list[FoldResult], spent: Iterable[str] = ()) -> dict[str, float]:
+    """Numbers of a run from those of its folds (`COMBINED`); milliseconds are quantiles over all timed captures.
 
-    For sizes and other amounts the largest fold counts. For the reference workload, and for times as a multiple of it,
-    the median fold counts. All times but those with wall in their name are of the quiet machine (`bench.timing`).
+    All times but those with wall in their name are of the quiet machine (`bench.timing`).
+
+    Args:
+        results: results of the folds.
+        spent: names of seconds in circumstances, of which the run has the mean.
     """
+    combined = COMBINED | dict.fromkeys(spent, np.mean)
     names = dict.fromkeys(name for r in results for name in r.metrics)  # a fold may have one that another has not
-    metrics = {k: [r.metrics[k] for r in results if k in r.metrics] for k in names}
-    kinds: dict[str, Callable[[list[float]], SupportsFloat]]
-    kinds = {"seconds": np.mean}
-    kinds |= dict.fromkeys(("reference_ms", "quiet_ms", "slowdown", "predict_relative"), np.median)
-    numbers = {}
-    for name, values in metrics.items():
-        combine = next((f for end, f in kinds.items() if name.endswith(end)), max)
-        numbers[name] = float(combine(values))
+    numbers = {
+        name: float(combined.get(name, max)([r.metrics[name] for r in results if name in r.metrics])) for name in names
+    }
     timed = [{"predict_ms": r.predict_ms, "decide_ms": r.decide_ms} | r.times for r in results]
     for name in dict.fromkeys(name for each in timed for name in each):
         spent = np.concatenate([each.get(name, []) for each in timed])
