@@ -1,8 +1,8 @@
 """Measures: every number that is tracked, printed or chosen by, with all that is known of it, once.
 
-A `Measure` is a column of tables; one with ``help`` is also a cost, by which systems are chosen. `costs` has them all:
-those of circumstances and studies stand in their views. Budgets, ``by=``, help, scene files, chart axes, sentences and
-columns read them. Nothing heavy is imported, so that help comes at once.
+A `Measure` is a column of tables; a `Cost` is one by which systems are chosen. `costs` has all costs: those of
+circumstances and studies stand in their views. Budgets, ``by=``, help, scene files, chart axes, sentences and columns
+read them. Nothing heavy is imported, so that help comes at once.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ def in_thousands(value: float) -> float:
 
 @dataclass(frozen=True)
 class Measure:
-    """A number of a run, or of a row of a table: how it is shown, and how systems are chosen by it.
+    """A column: a number of a run, or of a row of a table, and how it is shown.
 
     Attributes:
-        key: name in tables of numbers (CSV, Python), and of its budget.
+        key: name in tables of numbers (CSV, Python).
         heading: heading of its column; empty for the key.
         read: name of the value in a row, several names, or a function of the row; empty for the key.
         form: format of a number, a function that writes it, or ``text`` or ``code`` (a command), which stand left.
@@ -60,21 +60,7 @@ class Measure:
         join: text between several numbers.
         spare: 0 for a column that every table shows; else a narrow terminal leaves out the highest first, and a column
             without any value is not shown.
-        latex: its heading in LaTeX; empty for the usual one.
         shows: outputs that have this column: terminal, page, latex, csv.
-        help: help of its budget; empty for a number by which nothing is chosen. What follows is of costs alone.
-        unit: unit of its amounts. One of `bench.words.UNITS` is typed with a unit, any other as a plain number.
-        better: ``low`` or ``high``: a budget is the most of the former (``max_<key>``), the least of the latter.
-        noun: name in a sentence; empty for the key with spaces.
-        words: words behind an amount of it; empty for "of" and the noun.
-        axis: label of its axis in figures; empty for the noun and the unit.
-        unknown: reason why it may be unknown.
-        section: section of its budget in a scene file; with another key than this one, ``section.key``.
-        on: runs that have it: those on ``captures``, of all ``studies``, or of those that it names.
-        command: command that measures it, with its arguments; empty for any. ``{faults}`` are those that count.
-        among: its amount for some people [candidates], of a cost that depends on which are counted; from
-            `bench.outcomes.candidates.People`.
-        at_clock: cost to which its thousands add milliseconds at the clock of the target in MHz; empty for none.
     """
 
     key: str
@@ -85,27 +71,7 @@ class Measure:
     ends: str = ""
     join: str = " / "
     spare: int = 0
-    latex: str = ""
     shows: tuple[str, ...] = ("terminal", "page")
-    help: str = ""
-    unit: str = ""
-    better: str = "low"
-    noun: str = ""
-    words: str = ""
-    axis: str = ""
-    unknown: str = "it was not measured"
-    section: str = "budget"
-    on: tuple[str, ...] = EVERY
-    command: str = ""
-    among: Callable[[Any], Any] | None = None
-    at_clock: str = ""
-
-    def __post_init__(self) -> None:
-        """Fill in the words that were left out."""
-        noun = self.noun or self.title
-        axis = f"{noun} ({self.unit})" if self.unit else noun
-        for name, usual in (("noun", noun), ("words", f"of {noun}"), ("axis", axis)):
-            object.__setattr__(self, name, getattr(self, name) or usual)  # the class is frozen
 
     @property
     def name(self) -> str:
@@ -115,7 +81,7 @@ class Measure:
     @property
     def source(self) -> str:
         """Name of the one stored value that it reads; empty where it reads several."""
-        return (self.read if isinstance(self.read, str) else "") or ("" if self.read else self.key)
+        return (self.read or self.key) if isinstance(self.read, str) else ""
 
     @property
     def left(self) -> bool:
@@ -124,13 +90,12 @@ class Measure:
 
     def cell(self, row: Row) -> Cell:
         """Its value in a row, in the shown unit; None if it is unknown."""
-        read = self.read or self.key
-        if callable(read):
-            return known(read(row))
-        if isinstance(read, tuple):
-            values = tuple(self._shown(row.get(name)) for name in read)
+        if isinstance(self.read, tuple):
+            values = tuple(self._shown(row.get(name)) for name in self.read)
             return None if all(v is None for v in values) else values
-        value = self._shown(row.get(read))
+        if not isinstance(self.read, str):
+            return known(self.read(row))
+        value = self._shown(row.get(self.source))
         if value is None or not self.ends:
             return value
         low, high = (self._shown(row.get(f"{self.ends}_{side}")) for side in ("low", "high"))
@@ -163,6 +128,47 @@ class Measure:
             return value
         return format(value, self.form) if isinstance(self.form, str) else self.form(value)
 
+
+@dataclass(frozen=True)
+class Cost(Measure):
+    """A measure by which systems are chosen, with its budget: ``max_<key>``, or ``min_<key>`` if more is better.
+
+    Attributes:
+        help: help of its budget.
+        unit: unit of its amounts. One of `bench.words.UNITS` is typed with a unit, any other as a plain number.
+        better: ``low`` or ``high``.
+        noun: name in a sentence; empty for the key with spaces.
+        words: words behind an amount of it; empty for "of" and the noun.
+        axis: label of its axis in figures; empty for the noun and the unit.
+        unknown: reason why it may be unknown.
+        section: section of its budget in a scene file; with another key than this one, ``section.key``.
+        on: runs that have it: those on ``captures``, of all ``studies``, or of those that it names.
+        command: command that measures it, with its arguments; empty for any. ``{faults}`` are those that count.
+        among: its amount for some people [candidates], of a cost that depends on which are counted; from
+            `bench.outcomes.candidates.People`.
+        at_clock: cost to which its thousands add milliseconds at the clock of the target in MHz; empty for none.
+    """
+
+    help: str = ""
+    unit: str = ""
+    better: str = "low"
+    noun: str = ""
+    words: str = ""
+    axis: str = ""
+    unknown: str = "it was not measured"
+    section: str = "budget"
+    on: tuple[str, ...] = EVERY
+    command: str = ""
+    among: Callable[[Any], Any] | None = None
+    at_clock: str = ""
+
+    def __post_init__(self) -> None:
+        """Fill in the words that were left out."""
+        noun = self.noun or self.title
+        axis = f"{noun} ({self.unit})" if self.unit else noun
+        for name, usual in (("noun", noun), ("words", f"of {noun}"), ("axis", axis)):
+            object.__setattr__(self, name, getattr(self, name) or usual)  # the class is frozen
+
     @property
     def title(self) -> str:
         """Its name in tables and verdicts."""
@@ -174,19 +180,9 @@ class Measure:
         return f"{'max' if self.better == 'low' else 'min'}_{self.key}"
 
     @property
-    def limit(self) -> str:
-        """Words before a budget."""
-        return "at most" if self.better == "low" else "at least"
-
-    @property
     def extreme(self) -> str:
         """The best amount in words."""
         return "lowest" if self.better == "low" else "highest"
-
-    @property
-    def needs(self) -> str:
-        """Words before a worse amount, which is set against a better one."""
-        return "needs" if self.better == "low" else "has only"
 
     @property
     def line(self) -> tuple[str, str]:
@@ -205,11 +201,7 @@ class Measure:
         return self.unit in ("%", "points")
 
     def typed(self, given: object) -> float:
-        """A typed budget.
-
-        Raises:
-            InputError: it is no amount of this cost.
-        """
+        """A typed budget; an `InputError` if it is no amount of this cost."""
         value = quantity(self.budget, given, self.unit, self.linear)
         if self.unit == "%" and value > 100:
             raise InputError(f"{self.budget}={given}: give a number from 0 to 100")
@@ -254,11 +246,7 @@ def percent(key: str, heading: str = "", read: str = "", **more: Any) -> Measure
 def over_people(key: str, heading: str = "", prefix: str = "", **more: Any) -> Measure:
     """The mean over subjects of their accuracies in percent, with its 95 % t-interval; none for too few subjects.
 
-    Args:
-        key: name in tables of numbers.
-        heading: heading of its column.
-        prefix: beginning of the names under which a run stores mean and SD.
-        more: further attributes of `Measure`.
+    A run stores mean and SD under names that begin with the prefix.
     """
 
     def read(row: Row) -> Cell:
@@ -300,24 +288,22 @@ def three(value: float) -> str:
     return f"{value:.3g}" if value < 100 else whole(value)
 
 
-_PERSON = {"unit": "%", "unknown": "a person has no score", "better": "high", "section": "people", "shows": ()}
+_PERSON: dict[str, Any] = {"unit": "%", "better": "high", "section": "people", "shows": ()}
+_PERSON |= {"unknown": "a person has no score"}
 OF_SYSTEMS = (  # costs of every run
-    Measure(
+    Cost(
         "flash",
         "flash kB",
         "flash_bytes",
         three,
         in_thousands,
         unit="kB",
-        noun="flash",
-        words="of flash",
         axis="kB of flash (learnt and stored numbers; in C, linked code)",
         unknown="their size cannot be counted",
         help="largest flash, such as 256kB or 256KiB",
-        latex="kB",
         shows=OUTPUTS,
     ),
-    Measure(
+    Cost(
         "ram",
         "RAM kB",
         "ram_bytes",
@@ -325,18 +311,16 @@ OF_SYSTEMS = (  # costs of every run
         in_thousands,
         unit="kB",
         noun="RAM",
-        words="of RAM",
         axis="kB of RAM during one decision",
         unknown="their memory cannot be counted",
         help="largest RAM, such as 32kB",
         shows=("page", "csv"),
     ),
-    Measure(
+    Cost(
         "predict",
         read="predict_ms_p50",
         unit="ms",
         noun="computing time",
-        words="of computing time",
         axis="ms to compute a label (p50, one thread)",
         unknown="exported C is not timed",
         help="longest computing time per label on this machine when quiet, such as 2ms",
@@ -345,7 +329,7 @@ OF_SYSTEMS = (  # costs of every run
     ),
 )
 OF_PEOPLE = (
-    Measure(
+    Cost(
         "worst_person",
         noun="accuracy of the worst person",
         words="correct for the worst person",
@@ -354,7 +338,7 @@ OF_PEOPLE = (
         among=lambda people: people.lowest(1),
         **_PERSON,
     ),
-    Measure(
+    Cost(
         "worst_tenth",
         noun="accuracy of the worst tenth of people",
         words="correct for the worst tenth of people",
@@ -367,33 +351,28 @@ OF_PEOPLE = (
 
 
 @cache
-def costs() -> dict[str, Measure]:
-    """All costs by name: of every run, of circumstances, of people and of kinds.
-
-    Raises:
-        InputError: a package adds one whose key or line in a scene file is taken.
-    """
-    every: dict[str, Measure] = {}
-    lines: dict[tuple[str, str], Measure] = {}
+def costs() -> dict[str, Cost]:
+    """All costs by name: of every run, of circumstances, of people and of studies."""
     of_circumstances, of_runs = (
         [cost for view in each for cost in view.costs] for each in (circumstance_views(), run_views().values())
     )
+    every: dict[str, Cost] = {}
     for cost in (*OF_SYSTEMS, *of_circumstances, *OF_PEOPLE, *of_runs):
-        if cost.key in every:
-            raise InputError(f"two costs have the key {cost.key}; remove the package that adds one")
-        if cost.line in lines:
-            raise InputError("two costs have the line [{}] {}; remove the package that adds one".format(*cost.line))
-        every[cost.key] = lines[cost.line] = cost
+        if cost.key in every or cost.line in {other.line for other in every.values()}:
+            raise InputError(
+                f"two costs have the key {cost.key}, or its line in scenes; remove the package that adds one"
+            )
+        every[cost.key] = cost
     return every
 
 
-def costs_of(study: str) -> dict[str, Measure]:
+def costs_of(study: str) -> dict[str, Cost]:
     """The costs of the runs of a study, or of those on captures."""
     named = {study, "studies"} if study else {"captures"}
     return {k: c for k, c in costs().items() if named & {*c.on}}
 
 
-def budgets() -> dict[str, Measure]:
+def budgets() -> dict[str, Cost]:
     """Costs by the key of their budget."""
     return {cost.budget: cost for cost in costs().values()}
 
@@ -405,7 +384,7 @@ def columns(measures: Iterable[Measure], output: str) -> list[Measure]:
 
 def framed(measure: Measure) -> Measure:
     """The measure, read from a table of numbers that `bench.table.Table.frame` made of the columns of CSV files."""
-    as_stored = measure.help and isinstance(measure.read, str)
+    as_stored = isinstance(measure, Cost) and measure.source
     if as_stored or isinstance(measure.read, tuple) or "csv" not in measure.shows:  # what it reads is there
         return measure
     return replace(measure, read=measure.key, scale=None, ends=measure.key if measure.ends else "")
@@ -420,22 +399,22 @@ def run_columns() -> list[Measure]:
     page, csv, every = ("page",), ("csv",), OUTPUTS
 
     return [
-        over_people("accuracy", "accuracy %", latex="accuracy", shows=every),
+        over_people("accuracy", "accuracy %", shows=every),
         percent("subject_sd", "SD", "subject_accuracy_sd", spare=11, shows=every),
         text("interval", read=interval_words, shows=csv),
         Measure("difference", form="+.1f", shows=csv),
-        Measure("p_holm", "p Holm", form=p_value, latex="$p$ (Holm)", spare=1, shows=("page", "latex", "csv")),
+        Measure("p_holm", "p Holm", form=p_value, spare=1, shows=("page", "latex", "csv")),
         text("against", shows=csv),
         text("unit", shows=csv),
         text("combined", "windows combined by", spare=1, shows=("page", "csv")),
         text("seed", shows=csv),
         percent("pooled_accuracy", read="accuracy", shows=csv),
-        percent("macro_f1", "macro-F1 %", latex="macro-F1", spare=12, shows=every),
+        percent("macro_f1", "macro-F1 %", spare=12, shows=every),
         percent("macro_precision", shows=csv),
-        percent("abstained", "abstained %", latex="abstained", spare=1, shows=every),
+        percent("abstained", "abstained %", spare=1, shows=every),
         percent("window_accuracy", "window accuracy %", "window_subject_accuracy_mean", spare=13, shows=("terminal",)),
-        Measure("fit_seconds", "fit s", form=".2f", spare=1, latex="fit s", shows=("page", "latex", "csv")),
-        Measure("predict_ms_p50", "predict ms", form=".2f", latex="ms", shows=("terminal", "latex", "csv")),
+        Measure("fit_seconds", "fit s", form=".2f", spare=1, shows=("page", "latex", "csv")),
+        Measure("predict_ms_p50", "predict ms", form=".2f", shows=("terminal", "latex", "csv")),
         Measure("predict_ms_p95", shows=csv),
         Measure("predict_wall_ms_p50", shows=csv),
         Measure("fit_wall_seconds", shows=csv),

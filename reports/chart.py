@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.measures import Measure, costs, costs_of
+from bench.measures import Cost, costs, costs_of
 from bench.outcomes.choice import Choice, named
 from bench.paired import interval
 from bench.pareto import staircase
@@ -70,7 +70,7 @@ def drawn(choice: Choice) -> pd.DataFrame:
     return table[table.index.isin(best)]
 
 
-def cost_chart(group: str, points: pd.DataFrame, cost: Measure, budget: float | None = None, left: int = 0) -> Drawn:
+def cost_chart(group: str, points: pd.DataFrame, cost: Cost, budget: float | None = None, left: int = 0) -> Drawn:
     """Accuracy against one cost, on a log axis unless the cost is linear, and the caption; None if it is unknown."""
     points, every = points[(points[cost.key] > 0) | points[cost.key].notna() & cost.linear], len(points)
     if not len(points):
@@ -97,7 +97,7 @@ def cost_chart(group: str, points: pd.DataFrame, cost: Measure, budget: float | 
     return figure, caption[0]
 
 
-def _panel(ax: Axes, points: pd.DataFrame, cost: Measure, budget: float | None, inches: tuple[float, float]) -> None:
+def _panel(ax: Axes, points: pd.DataFrame, cost: Cost, budget: float | None, inches: tuple[float, float]) -> None:
     """One cost; the names stand in a column on the right."""
     x, y = (points[c].to_numpy(float) for c in (cost.key, "accuracy"))
     ends = bars(y, points["low"], points["high"])
@@ -149,7 +149,7 @@ def _limits(values: np.ndarray, log: bool) -> tuple[float, float, float]:
     return (10**low, 10**right, 10**edge) if log else (low, right, edge)
 
 
-def _about(point: object, cost: Measure) -> str:
+def _about(point: object, cost: Cost) -> str:
     """The numbers of a mark."""
     bounds = "" if np.isnan(point.low) else f" [{point.low:.1f}, {point.high:.1f}]"
     return f"{point.name}: {point.accuracy:.1f}{bounds} %, {cost.amount(getattr(point, cost.key))}; {point.verdict}"

@@ -15,7 +15,7 @@ import pandas as pd
 from bench import few
 from bench.comparable import notes_on, seed_number
 from bench.described import definitions
-from bench.measures import Measure, Row, columns, framed, run_columns, text
+from bench.measures import Cost, Measure, Row, columns, framed, run_columns, text
 from bench.outcomes import statistics
 from bench.outcomes.frame import by_subject, names
 from bench.reports.contexts import busy
@@ -65,7 +65,7 @@ def comparison(
                 tested = row["combined"] != "majority vote" and row["unit"] == "capture"
                 rows.append({**row, **first, "name": name} | (tests.get(r.system, {}) if tested else {}))
     measures = columns(run_columns(), "csv")
-    stored = [Measure(m.read or m.key) if m.help and isinstance(m.read, str) else m for m in measures]
+    stored = [Measure(m.source) if isinstance(m, Cost) and m.source else m for m in measures]
     frame = Table([text("name"), text("system"), *stored], rows).frame()
     table = frame.rename(columns={"accuracy_low": "low", "accuracy_high": "high"})
     table = table.reindex(columns=[*dict.fromkeys(["name", "system", "accuracy", "low", "high", *table])])

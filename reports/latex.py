@@ -42,6 +42,8 @@ ESCAPED = {
 } | {sign: rf"\{sign}" for sign in "&%$#_{}"}
 HEAD = r"% One table for each corpus, subset, protocol and unit. Needs \usepackage{booktabs}." + "\n"
 SCORES = ("accuracy", "macro_f1")  # columns under each protocol
+HEADINGS = {"accuracy": "accuracy", "p_holm": "$p$ (Holm)", "macro_f1": "macro-F1", "abstained": "abstained"}
+HEADINGS |= {"fit_seconds": "fit s", "predict_ms_p50": "ms", "flash": "kB"}
 COSTS = {"fit": "fit_seconds", "predict": "predict_ms_p50", "flash": "flash"}  # columns of `run_columns`, of a system
 SIDE_BY_SIDE = r"% One table for each corpus and subset. Needs \usepackage{booktabs}." + "\n"
 
@@ -93,7 +95,7 @@ def _one(part: pd.DataFrame, position: int) -> str:
         if all(value is None for value in values) and measure.spare:
             continue
         plain = replace(measure, ends="")
-        cells[measure.latex or escaped(measure.name)] = [escaped(plain.of(row)) for row in rows]
+        cells[HEADINGS.get(measure.key) or escaped(measure.name)] = [escaped(plain.of(row)) for row in rows]
         ends = [(v.low, v.high) if isinstance(v, Interval) else (None, None) for v in values]
         if any(isinstance(value, Interval) for value in values):
             cells[r"95\,\% interval"] = ["-" if low is None else f"{low:.1f}--{high:.1f}" for low, high in ends]
@@ -193,7 +195,7 @@ def _paper(data: tuple[str, str], protocols: Mapping[str, list[Result]], asked: 
             row = rows.setdefault(str(system), {"system": str(system)})
             row |= {accuracy: scores.mean(), sd: scores.std(ddof=1), macro: mean(r["macro_f1"] for r in seeds)}
             if name == ordered[0]:
-                row |= {key: mean(r.get(key, nan) for r in seeds) for key in (str(c.read or c.key) for c in costs)}
+                row |= {key: mean(r.get(key, nan) for r in seeds) for key in (c.source for c in costs)}
         if "accuracy" in asked:
             compared = [str(system) for system in people[name].index if not str(system).endswith(MARK)]
             measures.append(Measure(accuracy, head, (accuracy, sd), join=" ± "))

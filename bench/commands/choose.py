@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
-from bench.measures import Measure, Row, costs, costs_of, text
+from bench.measures import Cost, Measure, Row, costs, costs_of, text
 from bench.option import Option
 from bench.options import BATCH, START, STORED, Command, keys, limits_of, makers, parse, settings
 from bench.words import Values, typed
@@ -105,14 +105,17 @@ def table_of(result: Chosen) -> Table:
     from bench.table import Table, rows_of
 
     choice, by = result.choice, costs()[result.by]
-    limits = [f"{costs()[k].title} {costs()[k].limit} {costs()[k].amount(v)}" for k, v in result.budgets.items()]
+    words = {"low": "at most", "high": "at least"}
+    limits = [
+        f"{c.title} {words[c.better]} {c.amount(v)}" for c, v in ((costs()[k], v) for k, v in result.budgets.items())
+    ]
     score = "score" if result.scene.reactions.weighted else "accuracy"
     asked = {result.by, *result.budgets, *(k for k, c in costs().items() if c.losses and result.scene.faults)}
     shown = [cost for cost in costs_of(result.study).values() if not (cost.losses or cost.line[0] == "people")]
     shown.sort(key=lambda cost: "captures" in cost.on)
     shown += [cost for cost in costs().values() if cost.key in asked and cost not in shown]
 
-    def column(cost: Measure) -> Measure:
+    def column(cost: Cost) -> Measure:
         kept = cost.key in (result.by, *result.budgets) or cost.line[0] != "budget"
 
         def amount(row: Row) -> str:

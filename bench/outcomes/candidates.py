@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -120,11 +120,12 @@ def candidates(
     same = table.duplicated(["system", "unit"], keep=False)  # such as early decisions with two hops
     apart = pd.Series([", ".join(seeds[0][0].apart) for seeds in ways])
     table.loc[same & (apart != ""), "unit"] += ", " + apart
-    subjects = _over_seeds(ways, lambda way, _: way.scores)
-    amounts = _over_seeds(ways, lambda way, r: _amounts(r.metrics | lent[str(r["system"])], way, study))
+    each = [one for seeds in ways for one in seeds]
+    subjects = _over_seeds(ways, (way.scores for way, _ in each))
+    amounts = _over_seeds(ways, (_amounts(r.metrics | lent[str(r["system"])], way, study) for way, r in each))
     table = pd.concat([table.assign(accuracy=subjects.mean(axis=1)), amounts], axis=1)
-    for name in amounts if clock is not None else ():
-        if (slower := costs()[name].at_clock) in table:
+    for name in map(str, amounts):
+        if clock is not None and (slower := costs()[name].at_clock) in table:
             table[slower] += (table[name] / clock).fillna(0)  # thousands by MHz: ms
     lost = np.empty((len(table), 0, subjects.shape[1]))
     if losses is not None:
@@ -168,17 +169,17 @@ def _amounts(numbers: Mapping[str, float], way: Candidate, study: str) -> dict[s
     return {name: c.value if isinstance(c, Interval) else c for name, c in cells.items()} | dict(way.costs)
 
 
-def _over_seeds(ways: Sequence[Way], numbers: Callable[[Candidate, Result], Mapping[str, Any] | pd.Series]) -> Any:
-    """Numbers of each candidate by name, means over its seeds [candidates, names]."""
-    rows = [dict(numbers(way, r)) for seeds in ways for way, r in seeds]
-    return pd.DataFrame(rows, dtype=float).groupby(np.repeat(range(len(ways)), [*map(len, ways)])).mean()
+def _over_seeds(ways: Sequence[Way], numbers: Iterable[Mapping[str, Any] | pd.Series]) -> pd.DataFrame:
+    """Numbers of each candidate by name, means over its seeds, from those of every seed [candidates, names]."""
+    rows = pd.DataFrame([dict(each) for each in numbers], dtype=float)
+    return rows.groupby(np.repeat(range(len(ways)), [*map(len, ways)])).mean()
 
 
 def _counts(ways: Sequence[Way], subjects: list[str]) -> np.ndarray:
     """What is counted of each person [kinds of counts, candidates, people]; those without a score come last."""
-    kinds = range(len(ways[0][0][0].counts))
-    parts = [_over_seeds(ways, lambda way, _, kind=kind: way.counts[kind]) for kind in kinds]
-    order = [*subjects, *sorted({name for part in parts for name in part} - {*subjects})]
+    every = zip(*(way.counts for seeds in ways for way, _ in seeds), strict=True)
+    parts = [_over_seeds(ways, kind) for kind in every]
+    order = [*subjects, *sorted({str(name) for part in parts for name in part} - {*subjects})]
     return np.array([part.reindex(columns=order) for part in parts]).reshape(-1, len(ways), len(order))
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from bench.candidate import Losses
 from bench.errors import InputError, nearest
-from bench.measures import Measure, costs
+from bench.measures import Cost, costs
 from bench.outcomes.reactions import Reactions
 from bench.sentences import sentences
 from bench.words import FAULTS, quantity
@@ -76,9 +76,9 @@ def boards() -> dict[str, Board]:
     }
 
 
-def lines() -> dict[str, dict[str, Measure]]:
+def lines() -> dict[str, dict[str, Cost]]:
     """The budgets that each section can have, by their keys there."""
-    sections: dict[str, dict[str, Measure]] = {name: {} for name in OTHER}
+    sections: dict[str, dict[str, Cost]] = {name: {} for name in OTHER}
     for cost in costs().values():
         section, key = cost.line
         sections.setdefault(section, {})[key] = cost
@@ -142,7 +142,7 @@ def _of_board(budget: Mapping[str, object]) -> Board | None:
     return replace(known[name], share=share)
 
 
-def _check_amount(line: str, cost: Measure | None, key: str, value: str) -> None:
+def _check_amount(line: str, cost: Cost | None, key: str, value: str) -> None:
     """Refuse a number or a unit that `bench choose` would refuse, by the name of its line."""
     try:
         if cost is not None:

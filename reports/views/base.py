@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from bench.candidate import Candidate, Losses, Wish
 from bench.comparable import shared
-from bench.measures import Measure, percent
+from bench.measures import Cost, Measure, percent
 from bench.result import Result
 from bench.table import Table
 from bench.words import LABELS
@@ -52,7 +52,7 @@ class View:
     ranked: ClassVar[bool] = False
     searches: ClassVar[bool] = False
     score: ClassVar[str] = "accuracy"
-    costs: ClassVar[tuple[Measure, ...]] = ()
+    costs: ClassVar[tuple[Cost, ...]] = ()
     alike: ClassVar[Mapping[str, tuple[str, str]]] = {}
     noun: ClassVar[str] = ""
     chooses: ClassVar[bool] = True

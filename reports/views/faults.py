@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bench.measures import Cell as Shown
-from bench.measures import Measure, Row, percent, text
+from bench.measures import Cost, Measure, Row, percent, text
 from bench.reports.views.base import View
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ CAPTION = (
     "severities, training subjects and lengths."
 )
 HEAT = "{}: Points of accuracy lost under each fault, mean over five severities, worst fault first."
-_LOSS = Measure(
+_LOSS = Cost(
     "loss",
     unit="points",
     unknown="losses are of whole captures, in runs of bench stress with all these faults",
@@ -91,7 +91,7 @@ class Faults(View):
         text("worst_fault", "worst fault", _worst_fault),
         Measure("failing", "failing groups", _failing),
     )
-    costs: ClassVar[tuple[Measure, ...]] = (
+    costs: ClassVar[tuple[Cost, ...]] = (
         replace(
             _LOSS,
             key="fault_loss",

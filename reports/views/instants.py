@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.measures import Measure, percent, text
+from bench.measures import Cost, Measure, percent, text
 from bench.reports.views.base import View
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ class Instants(View):
         Measure("decisions_per_second", "decisions per s", form=".0f", spare=15),
         Measure("system_hop_ms", "system hop ms", form=".0f", spare=17),
     )
-    costs: ClassVar[tuple[Measure, ...]] = (
-        Measure(
+    costs: ClassVar[tuple[Cost, ...]] = (
+        Cost(
             "decision",
             read="capture_ms",
             unit="ms",

@@ -96,9 +96,6 @@ def test_what_has_no_known_cost_is_compared_and_never_chosen():
 
 
 def test_ties_and_one_subject():
-    rows, subjects = table([[80, 70, 60, 90], [79, 71, 60, 89.9], [60] * 4], flash=[5.0, 5.0, 5.0])
-    verdicts = decide(rows, subjects, "flash", {}, None).table["verdict"].to_dict()
-    assert verdicts == {0: "chosen", 1: "near the best, equally cheap", 2: "below the best"}
     tied, subjects = table([[0.1, 0.2, 0.3, 0.0], [0.3, 0.2, 0.1, 0.0]], flash=[9.0, 1.0])  # sums differ by 1e-17
     choice = decide(tied, subjects, "flash", {}, None)
     assert (choice.chosen, choice.best, choice.costlier) == (1, 1, None)
@@ -205,16 +202,6 @@ def test_seeds_are_averaged():
     assert among.subjects.loc[1].to_dict() == pytest.approx({s: (one[s] + other[s]) / 2 for s in one})
     assert not among.mixed and among.context == "synth (synthetic), all, LOSO"
     assert candidates([run("lda", mixes_subjects="true")], {}).mixed
-
-
-def test_windows_alone_are_scored_in_percent_of_windows():
-    predictions = made_up(per_class=1, windows=3)
-    results = [run("lda", predictions, windows=36.0), run("svm")]
-    among = candidates(results, {}, Wish(PLAIN, windows=True))
-    assert among.table[["system", "unit", "decision", "predict"]].to_numpy().tolist() == [["lda", "window", 100, 0.5]]
-    assert among.subjects.loc[0].to_dict() == pytest.approx(percents(predictions))
-    with pytest.raises(NothingTracked):
-        candidates(results[1:], {}, Wish(PLAIN, windows=True))
 
 
 def test_a_replayed_system_decides_as_late_as_the_budget_allows():

@@ -50,10 +50,3 @@ def test_the_accuracy_that_users_see_is_the_mean_over_subjects_with_its_t_interv
     assert row["interval"] == "95 % t-interval over subjects" and row["subject_sd"] == pytest.approx(each.std(ddof=1))
     people = scores.over_people(scores.captures(table))
     assert 100 * people["accuracy"] == pytest.approx(each.mean()) and 100 * people["low"] == pytest.approx(ends[0])
-
-
-def test_of_three_subjects_the_table_says_why_there_is_no_interval():
-    run = evaluated(predictions=with_hits([5, 20, 11]))
-    assert over_people("accuracy").cell(run) == pytest.approx(60)
-    row = comparison({"g": [run]}, published()).iloc[0]
-    assert row["interval"] == "3 subjects: too few for an interval" and np.isnan(row["low"])

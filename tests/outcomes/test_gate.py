@@ -101,11 +101,11 @@ def test_captures_are_drawn_where_subjects_are_too_few():
 def test_verdicts_on_accuracy_and_labels():
     then = measured([1, 0] * 60)
     assert words(then, measured([1, 0] * 60)) == ()
-    assert words(then, measured([0, 0] * 12 + [1, 0] * 48)) == ("worse",)
     assert words(then, measured([1, 1] * 12 + [1, 0] * 48)) == ("better",)
     assert words(then, measured([0, 1] * 6 + [1, 0] * 54)) == ("changed",)  # 12 labels, none too many right or wrong
     assert words(then, measured([0, 1] + [1, 0] * 59)) == ()  # rounding
     (verdict,) = compare([then], [measured([0, 0] * 12 + [1, 0] * 48)], **LIMITS)
+    assert verdict.wrong == ("worse",)
     assert verdict.line.startswith("worse    s | toy* | loso: pooled 50.0 -> 40.0 %, -10.0 [-15.8, -5.0], p ")
 
 
@@ -133,8 +133,7 @@ def test_verdicts_on_cost():
 def test_what_has_no_counterpart_is_no_pass():
     then = measured([1, 0, 1], seed="0")
     for current, told in (
-        ([], "make one with: bench run model=svm"),
-        ([measured([1, 0, 1], seed="0", system="t")], "make one with"),
+        ([measured([1, 0, 1], seed="0", system="t")], "make one with: bench run model=svm"),
         ([measured([1, 0, 1], seed="0", corpus_digest="e")], "other captures than the baseline"),
     ):
         (verdict,) = compare([then], current, **LIMITS)
@@ -189,11 +188,9 @@ def test_a_baseline_is_read_as_it_was_written(tmp_path_factory, data):
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ('"format": 1', '"format": 2'),
         ('"seed"', '"seeds"'),
         ('"model=svm"', '"modl=svm"'),
         ("]}\n", ""),
-        (None, ""),
         (None, '{"format": 1, "systems": []}'),
     ],
 )

@@ -82,12 +82,6 @@ def test_nothing_of_a_person_decides_on_the_groups_of_that_person(seed, counts):
     assert found["accuracy"].tolist() == pytest.approx(np.mean(expected, axis=0).tolist())
 
 
-def test_reactions_are_toml_whatever_the_gestures_are_called():
-    grouping = (("rub", "tap"), ("pat",), ('a "b"', "é\n|c"))
-    names = {"rub_tap": ["rub", "tap"], 'a "b"_é\n|c': ['a "b"', "é\n|c"]}
-    assert tomllib.loads(reactions(grouping)) == {"reactions": names}
-
-
 def test_a_scene_with_the_pasted_groups_has_the_accuracy_of_the_table():
     predictions = table(["ab ba ac bc cd", "ab ba ca dc", "ab ac dc"])
     for row in groupings(predictions).to_dict("records"):  # all people have the same groups

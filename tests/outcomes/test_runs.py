@@ -15,7 +15,7 @@ from bench.outcomes.runs import (
     stored,
     wanted,
 )
-from bench.result import COUNTS, SMALL
+from bench.result import COUNTS
 from bench.tables import file_of, write_table
 from tests.reports.store import keep
 from tests.results import evaluated, in_c, made_up, result, streamed, stressed
@@ -57,20 +57,6 @@ def test_the_newest_of_equal_runs_counts_and_complete_ones_first(store):
     assert [r["run_id"] for r in every_result(store)] == [whole, broken]
 
 
-def test_without_runs_on_captures_the_command_is_told(store):
-    keep(store, evaluated("svm", made_up(3), kind="fit"))
-    with pytest.raises(NothingTracked, match="bench run model=svm"):
-        stored(store)
-
-
-def test_options_and_seeds_make_other_runs(store):
-    for about in ({"seed": "0"}, {"seed": "1"}, {"protocol": "kfold"}, {"corpus_digest": "e" * 64}):
-        keep(store, evaluated("a", made_up(3), **about))
-    for faults in ("noise", "noise, shift"):
-        keep(store, evaluated("a", made_up(3), faults=faults))
-    assert len(every_result(store)) == 6 and len(stored(store)) == 4
-
-
 def test_of_a_system_in_several_circumstances_one_result_is_plain(store):
     """The newest of those in the fewest circumstances; a complete one comes first."""
     faults = {"faults": "noise"}
@@ -97,18 +83,6 @@ def test_text_stays_text_in_tables(store, tmp_path):
     write_table(pd.DataFrame({"value": [1, "a", 0.5, None]}), tmp_path / "mixed.parquet")
     values = pd.read_parquet(tmp_path / "mixed.parquet")["value"]
     assert values[:3].tolist() == ["1", "a", "0.5"] and values.isna().tolist() == [False, False, False, True]
-
-
-def test_a_table_is_read_once_if_it_is_small(store):
-    keep(store, evaluated("a", made_up(3)))
-    (one,) = stored(store)
-    assert {"per_subject", "predictions"} < {*one.tables} and "nothing" not in one.tables
-    first = one.tables["per_subject"]
-    assert one.tables["per_subject"] is first
-    large = evaluated("b", made_up(9, per_class=SMALL // 9))
-    keep(store, large)
-    two = stored(store)[1]
-    assert len(two.tables["predictions"]) > SMALL and two.tables["predictions"] is not two.tables["predictions"]
 
 
 def test_a_table_that_is_gone_is_named(store):

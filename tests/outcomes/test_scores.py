@@ -64,11 +64,6 @@ def test_interval_equals_a_loop_over_drawn_subjects():
     assert scores.subject_interval(table) == pytest.approx(tuple(expected))
 
 
-def test_one_subject_has_no_spread():
-    found = scores.summary(PREDICTIONS[PREDICTIONS["subject"] == "1"], rate_hz=100)
-    assert "subject_accuracy_sd" not in found and "accuracy_low" not in found
-
-
 def test_an_abstention_is_wrong_and_counted_by_hand():
     """Capture 0 abstains on its last window, capture 1 on its only one, capture 2 names b twice."""
     table = PREDICTIONS.assign(p_a=[0.6, 0.6, 0, 0, 0.1, 0.2], p_b=[0.4, 0.4, 0, 0, 0.9, 0.8])

@@ -9,7 +9,7 @@ from scipy.stats import binomtest
 
 from bench.reports.stability_tables import ranks, seeds, write
 from bench.work.curves import curve, unharmed
-from bench.work.stability import chance_of, fault_metrics, flipped, half_margins, sliced, slices
+from bench.work.stability import chance_of, flipped, half_margins, sliced, slices
 from tests.results import under_stress
 
 WORDS = {"under": "fault"}
@@ -63,11 +63,8 @@ def found_in(table):
     ("failing", "name", "touched"),
     [
         (lambda r: 0.05 if r["true"] == "rub" else None, "gesture rub", "rub"),
-        (lambda r: 0.2 if r["cover"] == "fur" else None, "cover fur", "fur"),
-        (lambda r: 0.1 if r["subject"] == "3" else None, "subject 3", "subject 3"),
         (lambda r: 0.1 if r["case"] == "noise" and r["level"] > 2 else None, "noise 3 %", "noise [345]"),
         (lambda r: 0.05 if r["true"] == "rub" and r["cover"] == "fur" else None, "gesture rub, cover fur", "rub|fur"),
-        (lambda r: 0.0 if r["true"] == "rub" and r["case"] == "shift" else None, "gesture rub, shift 1 %", "shift"),
         (lambda r: 0.0 if (r["subject"], r["true"]) == ("4", "tap") else None, "subject 4, gesture tap", "ct 4|tap"),
     ],
 )
@@ -79,16 +76,13 @@ def test_a_planted_failure_is_found(failing, name, touched):
     assert innocent["failing"].sum() <= 1 and len(innocent) > 100
 
 
-@pytest.mark.parametrize(("accuracy", "spread"), [(0.8, 0.0), (0.6, 0.1), (0.2, 0.0)])
-def test_nothing_planted_raises_no_alarm(accuracy, spread):
+def test_nothing_planted_raises_no_alarm():
     """One draw in twenty may alarm: of 20, more than 4 would happen once in 400 times."""
     alarms = 0
     for seed in range(20):
-        table = made_up(seed, accuracy=accuracy, spread=spread, faults=("noise",), repetitions=4)
+        table = made_up(seed, spread=0.1, faults=("noise",), repetitions=4)
         found = slices(table.assign(hit=table["true"] == table["predicted"]), WORDS, "gesture")
-        if spread:  # subjects differ, and a weak one is rightly told
-            found = found[~found["kind"].str.contains("subject")]
-        alarms += found["failing"].any()
+        alarms += found["failing"][~found["kind"].str.contains("subject")].any()  # a weak subject is rightly told
     assert alarms <= 4
 
 
@@ -166,14 +160,6 @@ def test_small_slices_of_weak_methods_that_could_never_fail_are_not_tested():
     found = slices(table, WORDS, "gesture").set_index("slice")
     assert found.loc["gesture a", "captures"] == 12 and found.loc["gesture a", "floor"] == pytest.approx(0.8**12)
     assert not found.loc["gesture a", "tested"] and found.loc["gesture b", "tested"]
-
-
-def test_conditions_that_differ_between_subjects_only_are_not_tested():
-    table = made_up(subjects=12)
-    found = found_in(table.assign(site=np.where(table["subject"].astype(int) < 6, "here", "there")))
-    assert not found.loc["site here", "tested"] and found.loc["cover fur", "tested"]
-    split = found_in(table.assign(split=np.where(table["subject"].astype(int) < 6, "train", "test")))
-    assert not split.index.str.contains("split").any()  # of a protocol, not a condition
 
 
 def test_curves_by_hand():
@@ -266,20 +252,3 @@ def test_everything_is_written_for_few_subjects_without_faults_and_marked_synthe
     write([under_stress(table, "svm[C=8 | x]")], tmp_path / "out")
     assert len([*(tmp_path / "out").glob("*.csv")]) == 7
     assert "(synthetic)" in (tmp_path / "out" / "stability.md").read_text()
-
-
-def test_numbers_of_a_run_are_those_of_its_tables():
-    one = under_stress(made_up(accuracy=0.8, failing=lambda r: 0.1 if r["level"] > 3 else None))
-    by_fault, tables = one.tables["faults"].set_index(["fault", "severity"]), one.tables
-    assert one["accuracy.noise.4"] == by_fault.loc[("noise", 4), "accuracy"]
-    margins = tables["margins"].set_index("fault")
-    assert one["loss.noise"] == margins.loc["noise", "loss"] == by_fault.loc["noise", "loss"].mean()
-    assert one["half_margin.noise"] == margins.loc["noise", "half_margin"]
-    subjects = tables["conditions"].query("factor == 'subject'")
-    assert one["worst.subject"] == subjects["accuracy"].min()
-    assert (one["failing_slices"], one["tested_slices"]) == (
-        tables["slices"]["failing"].sum(),
-        tables["slices"]["tested"].sum(),
-    )
-    firm = {**tables, "margins": tables["margins"].assign(half_margin=np.inf)}
-    assert not any(name.startswith("half_margin.") for name in fault_metrics(firm))

@@ -9,7 +9,7 @@ from sklearn.dummy import DummyClassifier
 from sklearn.pipeline import make_pipeline
 
 from bench.circumstances.base import Case, Circumstance, option
-from bench.measures import Measure, in_percent
+from bench.measures import Cost, in_percent
 from bench.options import DATA, Command, Option, keys, parse
 from bench.reports.views.base import View
 from bench.work.fitted import Fitted
@@ -36,7 +36,7 @@ class Shown(View):
     noun = "captures of each class"
     heading = "Accuracy in percent by training captures of each class"
     costs = (
-        Measure("each_loss", read="loss.each", scale=in_percent, unit="points", noun="loss to few captures",
+        Cost("each_loss", read="loss.each", scale=in_percent, unit="points", noun="loss to few captures",
              words="lost to few captures", help="largest mean loss with few training captures, in points",
              shows=()),
     )  # fmt: skip

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.measures import TEXT, Measure, in_thousands, over_people, percent, text
+from bench.measures import TEXT, Cost, Measure, in_thousands, over_people, percent, text
 from bench.reports.views.base import View
 from bench.table import Table
 from touchbench_chip.circumstance import C
@@ -52,8 +52,8 @@ class InC(View):
         Measure("chip_frame_instructions", "instructions a frame", form=",.0f", spare=3),
         Measure("chip_most_instructions", "at most", form=",.0f"),
     )
-    costs: ClassVar[tuple[Measure, ...]] = (
-        Measure(
+    costs: ClassVar[tuple[Cost, ...]] = (
+        Cost(
             "cycles",
             read="chip_most_instructions",
             scale=in_thousands,

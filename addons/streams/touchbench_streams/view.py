@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from bench.measures import TEXT, Measure, percent
+from bench.measures import TEXT, Cost, Measure, percent
 from bench.reports.views.base import View
 from touchbench_streams import DETECTOR, FALSE_ALARMS, RATES, others
 
@@ -56,8 +56,8 @@ class Continuous(View):
         percent("late", spare=11),
         *(percent(f"missed_at_{rate}", f"missed at {rate}/h", ends=f"missed_at_{rate}", spare=12) for rate in RATES),
     )
-    costs: ClassVar[tuple[Measure, ...]] = (
-        Measure(
+    costs: ClassVar[tuple[Cost, ...]] = (
+        Cost(
             "false_alarms",
             unit="per hour",
             noun="false-alarm rate",
@@ -70,7 +70,7 @@ class Continuous(View):
             section="stream",
             shows=(),
         ),
-        Measure(
+        Cost(
             "latency",
             read="latency_s_p50",
             scale=lambda seconds: 1000 * seconds,
