@@ -45,7 +45,7 @@ def test_lines_are_keys_of_choose(tmp_path):
         "min_worst_person": "60",
         "min_worst_tenth": "70.5",
     }
-    assert {*scene.values} - {"clock"} <= keys("choose") and scene.faults == Losses(("noise",), 2)
+    assert {*scene.values} - {"clock"} <= {*keys("choose")} and scene.faults == Losses(("noise",), 2)
     assert scene.faults.circumstances == [("noise", 1), ("noise", 2)]
     robot = scene.reactions
     assert (robot.groups, robot.costs, robot.silence, robot.ignored) == (
