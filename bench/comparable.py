@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 BATCH, CONDITIONS = "touchbench.depends_on_batch", "touchbench.conditions"  # tags of a run
 MARK = "\N{DAGGER}"  # behind the name of a system whose predictions depend on the batch
@@ -74,19 +73,12 @@ def seed_number(seed: str) -> int:
     return int(seed) if seed.lstrip("-").isdecimal() else 0
 
 
-@dataclass(frozen=True)
-class Facts:
-    """Properties of a protocol that statistics need.
+class Facts(NamedTuple):
+    """Properties of a protocol that statistics need."""
 
-    Attributes:
-        mixes_subjects: True if a fold has captures of one subject on both sides.
-        test_over_train: tested by training captures, None if folds share no training captures.
-        official_split: True if the folds are the published ones; None if none were published.
-    """
-
-    mixes_subjects: bool
-    test_over_train: float | None
-    official_split: bool | None
+    mixes_subjects: bool  # a fold has captures of one subject on both sides
+    test_over_train: float | None  # tested by training captures, None if folds share no training captures
+    official_split: bool | None  # the folds are the published ones; None if none were published
 
 
 def facts_of(run: Row) -> Facts:

@@ -17,7 +17,7 @@ from bench.scratch import replacing
 from bench.words import PARTS
 
 if TYPE_CHECKING:
-    from bench.outcomes.baseline import Measured
+    from bench.outcomes.gate import Measured
     from bench.plan.cells import Cell
     from bench.work.backend import Backend
 
@@ -46,7 +46,6 @@ def command(arguments: list[str]) -> int:
     """Compare with the baseline, or write it; exit code 1 on an alarm, or if a run failed."""
     from bench.commands.printing import say
     from bench.outcomes import gate
-    from bench.outcomes.baseline import read
     from bench.outcomes.runs import SELECTING, asked_of
 
     values = parse(arguments, keys("check"))
@@ -56,7 +55,7 @@ def command(arguments: list[str]) -> int:
         raise InputError(f"error={limits['error']:g}: give a percentage below 100, such as error=1")
     of_runs = {k: v for k, v in values.items() if k not in {*backend_keys(), *how}}
     added = [f"{k}={v}" for k, v in of_runs.items()]
-    path, report = Path(how["baseline"]), how["junit"]
+    path = Path(how["baseline"])
     if how["update"]:
         if how["stored"]:
             raise InputError("stored=yes and update=yes exclude each other: an update needs runs; leave stored= out")
@@ -64,7 +63,7 @@ def command(arguments: list[str]) -> int:
     if new := [f"{k}={v}" for k, v in of_runs.items() if k not in SELECTING and not k.startswith("protocol.")]:
         raise InputError(f"{new[0]} adds systems, which needs update=yes; leave it out to compare with the baseline")
     asked = asked_of(of_runs)
-    baseline = [then for then in read(path, understood) if not asked or _cells([then.run], asked, then)]
+    baseline = [then for then in gate.read(path) if not asked or _cells([then.run], asked, then)]
     if not baseline:
         raise InputError(f"baseline={path} holds no system with {' '.join(added)}; leave a key out")
     if how["stored"]:
@@ -73,8 +72,8 @@ def command(arguments: list[str]) -> int:
         current, _ = _run([then.run for then in baseline], backend_of(values), asked)
     verdicts = gate.compare(baseline, current, **limits)
     say(*(verdict.line for verdict in verdicts))
-    if report:
-        _write(Path(report), gate.junit(verdicts), "junit")
+    if how["junit"]:
+        _write(Path(how["junit"]), gate.junit(verdicts), "junit")
     alarms = [v for v in verdicts if v.wrong]
     accept = f"; to accept the changes: bench check baseline={path} update=yes" if alarms else ""
     say(
@@ -84,20 +83,14 @@ def command(arguments: list[str]) -> int:
     return 1 if alarms else 0
 
 
-def understood(run: str) -> list[Cell]:
-    """The cells of ``bench run`` arguments."""
-    from bench.plan.cells import cells
-
-    return cells(parse(shlex.split(run), RUN_KEYS))
-
-
 def _cells(runs: list[str], asked: Mapping[str, list], then: Measured | None = None) -> list[tuple[Cell, str]]:
     """The selected cells of ``bench run`` arguments, with these; each once."""
     from bench.outcomes.runs import selected
+    from bench.plan.cells import cells
 
     planned: dict[str, tuple[Cell, str]] = {}
     for run in dict.fromkeys(runs):
-        for cell in understood(run):
+        for cell in cells(parse(shlex.split(run), RUN_KEYS)):
             row = {"data": cell.data, "subset": cell.where or "all", "target": cell.target}
             row |= {"protocol": str(cell.protocol), "system": cell.system()}
             parts = {part.room: part for part in cell.parts}
@@ -139,9 +132,8 @@ def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, fl
     """Run again what the baseline names, and what is added; write it if every run is complete."""
     from bench.commands.printing import say
     from bench.outcomes import gate
-    from bench.outcomes.baseline import read, text
 
-    before = read(path, understood) if path.exists() or not added else []
+    before = gate.read(path) if path.exists() or not added else []
     after, code = _run([then.run for then in before] + ([shlex.join(added)] if added else []), backend)
     if code:
         say(f"a run failed; {path} is unchanged")
@@ -155,7 +147,7 @@ def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, fl
     for then in before:
         if then not in kept:
             say(f"{'gone':8} {gate.named(then)}: bench run {then.run} no longer makes it")
-    _write(path, text(after), "baseline")
+    _write(path, gate.text(after), "baseline")
     say(f"{path}: {several(len(after), 'system')}")
     return 0
 

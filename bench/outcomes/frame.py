@@ -20,24 +20,31 @@ IS = ["system", "model", "features", "parameters", "seed", "unit", "subset", "ta
 PARTS = ("model", "features", "protocol", "data")  # whose parameters are ``<part>.<name>``
 SHARES = ("accuracy", "macro_")  # in names of numbers that are shown in percent
 SHOWN = ("accuracy", "low", "high", "subject_sd", "loss")  # of a case, in percent
-SILENT = (
-    "touchbench. version. mlflow. run_id status started artifacts git threads cpu simd unit synthetic mixes_subjects "
+TOLD = (  # beginnings of tags and parameters that other columns tell, or that tell no reader anything
+    *(
+        "touchbench.",
+        "version.",
+        "mlflow.",
+        "run_id",
+        "status",
+        "started",
+        "artifacts",
+        "git",
+        "threads",
+        "cpu",
+        "simd",
+    ),
+    *("unit", "synthetic", "mixes_subjects", "test_over_train", "official_split", "model", "features", "system"),
+    *("data", "subset", "where", "target", "protocol"),
 )
-SILENT += "test_over_train official_split model features system data subset where target protocol"
-TOLD = tuple(
-    SILENT.split()
-)  # beginnings of tags and parameters that other columns tell, or that tell no reader anything
 WORDS = {"seed": "seed {}", "corpus_digest": "corpus {:.8}", "touchbench.changes": "{}", "run_id": "run {:.8}"}
 
 
 def grouped(results: Sequence[Result], same: Mapping[str, tuple[str, str]] | None = None) -> dict[str, list[Result]]:
     """The results by captures and protocol in words; only results of one group are compared.
 
-    Generated captures say so; where several corpora go by one name, the digest tells them apart.
-
-    Args:
-        results: results.
-        same: further parameters that results of a group share, with their words (`bench.comparable.shared`).
+    Generated captures say so; where several corpora go by one name, the digest tells them apart. Results of a group
+    also share the parameters ``same``, which have words (`bench.comparable.shared`).
     """
     keys = [tuple(str(r.get(name, "")) for name in (*COMPARABLE, *(same or ()))) for r in results]
     words = {key: ", ".join([*context_of(r), *shared(r, same or {})]) for key, r in zip(keys, results, strict=True)}
@@ -52,9 +59,7 @@ def grouped(results: Sequence[Result], same: Mapping[str, tuple[str, str]] | Non
 def names(results: Sequence[Row], context: bool = False) -> list[str]:
     """What the rows of some runs are called: the system, and what else tells a run from others of this system.
 
-    Args:
-        results: runs in one table.
-        context: True if the table has no columns for captures and protocol, so that these are told, too.
+    With ``context`` also captures and protocol, for a table without columns for them.
     """
     systems = [r.system if isinstance(r, Result) else str(r["system"]) for r in results]
     places: dict[tuple, list[int]] = {}

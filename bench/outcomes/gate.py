@@ -3,13 +3,15 @@
 Three questions about each system. Its accuracy, by a paired bootstrap that every system with a current run is put to.
 Its labels, where the same captures must get the same ones: a system without a seed, or one with the same seed on the
 same processor, versions and threads. Its cost, computing time and size. The error rate of the first two is ``error``
-for the whole gate, shared evenly (Bonferroni).
+for the whole gate, shared evenly (Bonferroni). A baseline is a JSON file with what was measured of each system.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,11 +19,13 @@ import pandas as pd
 from scipy.stats import binom
 
 from bench import scores
-from bench.outcomes.baseline import NAMES, Measured
+from bench.errors import InputError
 
 if TYPE_CHECKING:
     from bench.result import Result
 
+FORMAT = 1  # of the file of a baseline
+NAMES = ("data", "corpus_digest", "subset", "target", "protocol", "system", "seed")  # of a run, as they are tracked
 CHANGES = 0.002  # share of labels that may change where code is unchanged, such as by rounding
 LARGER = 1.1  # times the learnt numbers of the baseline
 COSTS = {"relative": "predict_relative", "flash": "flash_bytes"}  # what is compared, and what it is tracked as
@@ -31,7 +35,18 @@ NEGLIGIBLE = 1e-30  # probability at the ends of a distribution
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Measured:
+    """What is compared of one run of a system; a baseline holds one for each."""
+
+    run: str  # the arguments of ``bench run`` that make it
+    names: dict[str, str]  # `NAMES`
+    environment: dict[str, str]  # processor, threads and versions
+    costs: dict[str, float]  # known ones of `COSTS`; ``relative`` is a multiple of the reference workload
+    labels: pd.DataFrame  # a row per tested capture: ``fold``, ``capture``, ``subject``, ``true``, ``predicted``
+    synthetic: bool
+
+
+class Verdict(NamedTuple):
     """The line on one system; ``wrong`` is empty if nothing changed, ``current`` is False without a run."""
 
     name: str
@@ -211,3 +226,59 @@ def junit(verdicts: list[Verdict]) -> str:
 def _printable(text: str) -> str:
     """XML has no way to write control characters."""
     return "".join(c if c.isprintable() else " " for c in text)
+
+
+# The file
+
+
+def read(path: Path) -> list[Measured]:
+    """Load a baseline."""
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        if stored["format"] != FORMAT:
+            raise ValueError(f"format {stored['format']}, not {FORMAT}")
+        baseline = [_loaded(dict(entry)) for entry in stored["systems"]]
+    except FileNotFoundError as e:
+        raise InputError(
+            f"baseline={path}: there is no such file; write one, for example: bench check baseline={path} update=yes "
+            "model=svm,rf"
+        ) from e
+    except (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError) as e:
+        raise InputError(
+            f"baseline={path} is damaged or no baseline ({type(e).__name__}: {e}); restore it, or move it away and "
+            "write a new one with update=yes"
+        ) from e
+    if not baseline:
+        raise InputError(f"baseline={path} holds no system; add some with update=yes")
+    return baseline
+
+
+def _loaded(entry: dict) -> Measured:
+    classes = np.array(entry.pop("classes"), dtype=object)
+    tables = []
+    for row in entry.pop("tested"):
+        whole = {"fold": str(row["fold"]), "capture": np.array(row["captures"], dtype=np.int64)}
+        whole |= {"subject": str(row["subject"])} | {name: classes[row[name]] for name in ("true", "predicted")}
+        tables.append(pd.DataFrame(whole))
+    loaded = Measured(**entry, labels=pd.concat(tables, ignore_index=True))
+    if set(loaded.names) != set(NAMES):
+        raise KeyError(", ".join(set(NAMES) ^ set(loaded.names)))
+    return replace(loaded, costs={k: float(v) for k, v in loaded.costs.items()})
+
+
+def text(baseline: list[Measured]) -> str:
+    """A baseline as JSON, with a line for each system and each of its subjects so that differences can be read."""
+    entries = []
+    for one in baseline:
+        labels = one.labels
+        classes = sorted(set(labels["true"]) | set(labels["predicted"]))
+        code = {name: i for i, name in enumerate(classes)}
+        rows = [
+            {"fold": fold, "subject": subject, "captures": rows["capture"].tolist()}
+            | {k: rows[k].map(code).tolist() for k in ("true", "predicted")}
+            for (fold, subject), rows in labels.groupby(["fold", "subject"], sort=False)
+        ]
+        head = {k: v for k, v in vars(one).items() if k != "labels"} | {"classes": classes}
+        tested = ",\n  ".join(json.dumps(row, ensure_ascii=False) for row in rows)
+        entries.append(f'{json.dumps(head, ensure_ascii=False)[:-1]}, "tested": [\n  {tested}]}}')
+    return f'{{"format": {FORMAT}, "systems": [\n' + ",\n".join(entries) + "\n]}\n"

@@ -8,7 +8,7 @@ import pytest
 
 from bench import registry
 from bench.cli import main
-from bench.outcomes.baseline import read, text
+from bench.outcomes.gate import read, text
 from tests.outcomes.test_gate import measured
 
 

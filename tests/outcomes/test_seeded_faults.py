@@ -14,8 +14,7 @@ from bench.features.jung54 import Jung54
 from bench.models.classic.bayes import bayes
 from bench.models.classic.rf import rf
 from bench.models.classic.svm import svm
-from bench.outcomes.baseline import Measured
-from bench.outcomes.gate import compare
+from bench.outcomes.gate import Measured, compare
 from bench.protocols.subjects import LOSO
 from bench.work.fold import decisions
 from tests.outcomes.test_gate import HERE, LIMITS, NAMES
