@@ -72,15 +72,10 @@ class Reactions:
         for true, row in self.costs.items():
             for taken, cost in row.items():
                 table.loc[true, taken] = cost
-        np.fill_diagonal(values := table.to_numpy(copy=True), 0)
-        return pd.DataFrame(values, index=names, columns=names)
+        return table.mask(np.eye(len(names), dtype=bool), 0.0)
 
     def decided(self, probabilities: pd.DataFrame) -> np.ndarray:
-        """The reactions with the lowest expected cost; equal ones go to the first.
-
-        Returns:
-            Names of reactions [decisions].
-        """
+        """The reactions with the lowest expected cost [decisions]; equal ones go to the first."""
         table, reactions = self.cost_table(probabilities.columns), self.of(probabilities.columns)
         member = np.array([[reactions[str(g)] == name for name in table.index] for g in probabilities], dtype=float)
         expected = (probabilities.to_numpy(dtype=float) @ member) @ table.to_numpy()
@@ -91,15 +86,10 @@ class Reactions:
         """The cost of each label, 0 for the right reaction, float [rows]."""
         every = {*labelled["true"], *(g for members in self.groups.values() for g in members)}
         table, reactions = self.cost_table(every), self.of(every)
-        said = "taken" if "taken" in labelled else "predicted"
-        of_said = {name: name for name in table.columns} if said == "taken" else reactions
-
-        def places(names: pd.Series, reaction_of: Mapping[str, str]) -> np.ndarray:
-            codes, unique = pd.factorize(names)  # of few names: faster than to look up each row
-            found = pd.Index([reaction_of.get(name, NOTHING) for name in unique])
-            return table.index.get_indexer(found)[codes]
-
-        return table.to_numpy()[places(labelled["true"], reactions), places(labelled[said], of_said)]
+        true = labelled["true"].astype(object).map(reactions)
+        taken = labelled["taken"] if "taken" in labelled else labelled["predicted"].astype(object).map(reactions)
+        row, column = (table.index.get_indexer(each.fillna(NOTHING)) for each in (true, taken))
+        return table.to_numpy()[row, column]
 
     def scores(self, labelled: pd.DataFrame) -> pd.Series:
         """The score of each subject: 100 less 100 times the mean cost of a label; with default costs its accuracy."""
