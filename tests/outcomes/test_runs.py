@@ -1,7 +1,5 @@
 """Stored runs as results: which of equal ones counts, what they hold, and tables that are gone."""
 
-from pathlib import Path
-
 import pandas as pd
 import pytest
 
@@ -19,11 +17,6 @@ from bench.result import COUNTS
 from bench.tables import file_of, write_table
 from tests.reports.store import keep
 from tests.results import evaluated, in_c, made_up, result, streamed, stressed
-
-
-def artifact(result, name):
-    """The stored file of a table."""
-    return Path(result["artifacts"].removeprefix("file://")) / file_of(name)
 
 
 def test_a_result_is_stored_and_read_as_it_was(store):
@@ -88,7 +81,7 @@ def test_text_stays_text_in_tables(store, tmp_path):
 def test_a_table_that_is_gone_is_named(store):
     run_id = keep(store, evaluated("lda", made_up(3)))
     (one,) = stored(store)
-    artifact(one, "predictions").unlink()
+    store.path(run_id, one["artifacts"], file_of("predictions")).unlink()
     assert one.tables.get("predictions") is None
     with pytest.raises(InputError, match=f"predictions of lda .run {run_id}. is missing"):
         one.tables["predictions"]
@@ -97,7 +90,7 @@ def test_a_table_that_is_gone_is_named(store):
 def test_a_table_that_is_damaged_is_named(store):
     run_id = keep(store, evaluated("lda", made_up(3)))
     (one,) = stored(store)
-    path = artifact(one, "predictions")
+    path = store.path(run_id, one["artifacts"], file_of("predictions"))
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
     with pytest.raises(
