@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.corpora.corpus import Corpus
 from bench.corpora.survey import DURATIONS, PRESSURE, Survey
 from bench.reports.figures import SYNTHETIC, Picture, new_figure, plain, save, short
 from bench.reports.layout import page
@@ -30,22 +29,14 @@ ROOT = 0.5  # colours follow the square root of the pressure, or light touch wou
 INDEX = "index.html"
 
 
-def write(corpus: Corpus, found: Survey, folder: Path) -> list[Path]:
-    """Write the figures and a page that holds them all.
-
-    Args:
-        corpus: the captures.
-        found: `bench.corpora.survey.survey` of them.
-        folder: destination folder; it is made.
-
-    Returns:
-        The files.
-    """
+def write(found: Survey, folder: Path) -> list[Path]:
+    """Write the figures and a page that holds them all into a folder, which is made."""
     folder.mkdir(parents=True, exist_ok=True)
-    group = corpus.name + (" (synthetic)" if corpus.synthetic else "")
-    pictures = [pressure_figure(found, group, folder), film_figure(corpus, found, group, folder)]
+    synthetic = found.corpus.synthetic
+    group = found.corpus.name + (" (synthetic)" if synthetic else "")
+    pictures = [pressure_figure(found, group, folder), film_figure(found, group, folder)]
     values = {"survey": found, "sections": _sections(found), "pictures": pictures}
-    values["synthetic"] = f"Synthetic: {SYNTHETIC}." if corpus.synthetic else ""
+    values["synthetic"] = f"Synthetic: {SYNTHETIC}." if synthetic else ""
     index = folder / INDEX
     index.write_text(page("corpus.jinja", f"Captures of {group}", **values), encoding="utf-8")
     return [*(picture.path for picture in pictures), index]
@@ -53,15 +44,15 @@ def write(corpus: Corpus, found: Survey, folder: Path) -> list[Path]:
 
 def _sections(found: Survey) -> list[tuple[str, str, Table | None]]:
     """Heading, words and table of each part of the page; no table where there is nothing to list."""
-    parts = []
-    if found.target != "gesture":
-        parts.append(("Classes", f"Captures and subjects of each class of target={found.target}.", found.classes))
+    parts: list[tuple[str, str, pd.DataFrame | None]] = []
+    if (target := found.corpus.target) != "gesture":
+        parts.append(("Classes", f"Captures and subjects of each class of target={target}.", found.classes))
     parts += [
         ("Durations", f"{DURATIONS}.", found.durations),
         ("Pressure", f"{PRESSURE}.", found.pressure),
         ("Gaps", f"{found.gap_lines()[0]}.", found.gaps),
         ("Taxels", f"{found.taxel_lines()[0]}.", found.odd_taxels),
-        *([("Seams", f"{'; '.join(found.seam_lines())}.", None)] if found.seams else []),
+        *([("Seams", f"{'; '.join(map(str, found.seams))}.", None)] if found.seams else []),
         ("Duplicates", f"{found.duplicate_lines()[0]}.", found.duplicates),
     ]
     return [_section(*part) for part in parts]
@@ -123,9 +114,9 @@ def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
     return save(figure, folder, "pressure", group, caption)
 
 
-def film_figure(corpus: Corpus, found: Survey, group: str, folder: Path) -> Picture:
+def film_figure(found: Survey, group: str, folder: Path) -> Picture:
     """A typical capture of each gesture: frames evenly spaced in time, and below them the total pressure."""
-    names = found.gestures[:DRAWN]
+    corpus, names = found.corpus, found.gestures[:DRAWN]
     gap = 1 / 12  # between two frames, as a share of one
     wide, high = _panel(corpus.grid, 0.95)
     across = FILMED * wide * (1 + gap) - gap * wide

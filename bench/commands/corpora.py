@@ -16,7 +16,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.library import ASIDE, import_corpus, imported, left_out, open_corpus, stored_value, verify
 from bench.corpora.read.cost import write
 from bench.corpora.read.limits import briefly
-from bench.corpora.survey import Survey, survey
+from bench.corpora.survey import Survey
 from bench.errors import InputError
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
@@ -82,10 +82,10 @@ def looked(corpus: Corpus, out: Path | None) -> Survey:
     """Survey captures, and draw them if a folder is given."""
     from bench.reports.corpus_page import write as draw
 
-    found = survey(corpus)
+    found = Survey(corpus)
     if out is not None:
         with unwritable(writable(out)):
-            draw(corpus, found, out)
+            draw(found, out)
     return found
 
 

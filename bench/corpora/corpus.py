@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import pandas as pd
@@ -22,29 +22,16 @@ if TYPE_CHECKING:
 COPY = 1 << 40  # of a piece: times the number of the copy, and below that its first frame
 RESERVED = frozenset({"fold", "capture", "start", "frames", "true", "predicted"})  # columns that predictions need
 PROBABILITY = "p_"  # before a class, the name of the column of its probability
-Value = TypeVar("Value")
 
 
-class Hidden(Generic[Value]):
+def _hidden(name: str) -> Any:
     """An attribute of a `Corpus` that a blind one does not have."""
 
-    def __init__(self, doc: str) -> None:
-        self.__doc__ = doc
+    def value(corpus: Corpus) -> object:
+        corpus._refuse_if_blind(name)
+        return corpus.__dict__[f"_{name}"]
 
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    @overload
-    def __get__(self, corpus: None, owner: type) -> Hidden[Value]: ...
-
-    @overload
-    def __get__(self, corpus: Corpus, owner: type) -> Value: ...
-
-    def __get__(self, corpus: Corpus | None, owner: type) -> Value | Hidden[Value]:
-        if corpus is None:
-            return self
-        corpus._refuse_if_blind(self.name)
-        return corpus.__dict__[f"_{self.name}"]
+    return property(value)
 
 
 def reserved(columns: Iterable[str], more: Collection[str] = ()) -> list[str]:
@@ -99,14 +86,14 @@ class Corpus:
         piece: int64 [captures], number of the capture among all with its ``index``; 0 before any step.
     """
 
-    name: Hidden[str] = Hidden("The name under which the corpus was imported.")
-    digest: Hidden[str] = Hidden("Content hash of the whole corpus, empty for one that was never stored.")
-    index: Hidden[np.ndarray] = Hidden("Position of each capture in the whole corpus, int64 [captures].")
-    info: Hidden[dict] = Hidden("Source, licence, synthetic (bool), warnings (list of str).")
-    path: Hidden[Path | None] = Hidden("The folder that the frames are mapped from, None when they are in memory.")
-    target: Hidden[str] = Hidden("The columns of ``captures`` that make up the class, joined by ``+``.")
-    steps: Hidden[tuple[Callable[[Corpus], Corpus], ...]] = Hidden("What was done to the captures, in order.")
-    piece: Hidden[np.ndarray] = Hidden("Tells captures of one ``index`` apart, int64 [captures].")
+    name: str = _hidden("name")
+    digest: str = _hidden("digest")
+    index: np.ndarray = _hidden("index")
+    info: dict = _hidden("info")
+    path: Path | None = _hidden("path")
+    target: str = _hidden("target")
+    steps: tuple[Callable[[Corpus], Corpus], ...] = _hidden("steps")
+    piece: np.ndarray = _hidden("piece")
 
     def __init__(
         self,
@@ -349,14 +336,7 @@ class Corpus:
         )
 
     def plot(self, capture: int = 0) -> Figure:
-        """A picture of one capture: its mean pressure on the grid, and the summed pressure over time.
-
-        Args:
-            capture: position in this corpus.
-
-        Returns:
-            A matplotlib figure.
-        """
+        """A figure of one capture by its position: its mean pressure on the grid, and the summed pressure over time."""
         self._refuse_if_blind("plot")
         from bench.corpora.film_strip import picture
 
@@ -372,10 +352,7 @@ def unblinded(corpus: Corpus) -> tuple[Corpus, tuple[str, ...] | None]:
 
 
 def storage(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
-    """The array that captures are mapped in [frames, rows, cols], and where each begins, int64 [captures].
-
-    For code that gathers frames of many captures at once without a copy. The array may hold other captures, too.
-    """
+    """The array that captures are mapped in, which may hold others, too, and where each begins, int64 [captures]."""
     return corpus._frames, corpus._starts
 
 

@@ -24,50 +24,51 @@ PRESSURE = "sensor values; full_scale: readings at full scale in percent; still:
 NAMED = 12  # of a kind that are named in print; the tables have all
 
 
-@dataclass(frozen=True, eq=False)
 class Survey:
-    """Survey of a corpus; prints as sentences and short tables.
+    """Survey of captures; prints as sentences and short tables, which are its attributes.
+
+    Args:
+        corpus: corpus, or some captures of one; repeated ones are measured as often as they occur.
 
     Attributes:
-        title: corpus, sizes and rate in one line, as `Corpus` prints.
-        synthetic: True for generated captures.
-        factors: the columns that ``counts`` crosses: ``subject``, ``gesture`` and conditions.
-        counts: a row for each combination of the factors, whether recorded or not, with its number of ``captures``.
-        target: the columns that make the class to predict.
-        classes: ``captures`` and ``subjects`` by class of the target.
-        durations: ``captures``, ``subjects``, and seconds ``median``, ``shortest``, ``longest`` by gesture.
-        pressure: sensor values by gesture: ``lowest``, ``mean`` and ``highest`` reading; ``full_scale``, percent of
-            readings at full scale; ``still``, captures in which nothing varies.
-        taxels: a row for each taxel, row by row: ``row`` and ``col`` from 0, ``lowest``, ``mean``, ``highest``;
-            ``full_scale``, percent of frames at full scale; ``sd`` around the mean of each capture; ``around``, the
-            median SD of the up to eight taxels around it that do vary; ``still``, percent of captures in which it does
-            not vary while all of those around it do; ``verdict``, empty where nothing is odd.
-        duplicates: rows of captures with the same frames as another one: ``group``, ``capture``, its labels,
-            ``differs``, the columns that differ within a group, and ``quiet``, True if so little changes that they can
-            be equal by chance; such groups come last.
-        means: mean pressure of each gesture, each frame counted once, float64 [gestures, rows, cols].
-        typical: capture nearest to the middle in duration, mean and highest pressure, by gesture.
-        seams: fit of neighbouring rows and columns (`bench.corpora.seams`).
+        gestures: names, in the order of ``means`` and of the tables.
+
+    Raises:
+        InputError: there is no capture.
     """
 
-    title: str
-    synthetic: bool
-    factors: list[str]
-    counts: pd.DataFrame
-    target: str
-    classes: pd.DataFrame
-    durations: pd.DataFrame
-    pressure: pd.DataFrame
-    taxels: pd.DataFrame
-    duplicates: pd.DataFrame
-    means: np.ndarray
-    typical: dict[str, int]
-    seams: list[Seam]
+    def __init__(self, corpus: Corpus) -> None:
+        if not len(corpus):
+            raise InputError(f"{corpus.name} has no captures to show; widen where=")
+        self.corpus = corpus
+        labels = corpus.captures["gesture"].astype(str).to_numpy(dtype=object)
+        gestures, self._code = np.unique(labels, return_inverse=True)
+        self.gestures: list[str] = gestures.tolist()
+        self.title = repr(corpus).strip("<>") + f", full scale {corpus.full_scale:g}"
 
-    @property
-    def gestures(self) -> list[str]:
-        """Gestures, in the order of ``means`` and of the tables."""
-        return self.durations["gesture"].tolist()
+    @cached_property
+    def factors(self) -> list[str]:
+        """Columns that ``counts`` crosses: subject, gesture, and columns of text that repeat, without ``split``."""
+        captures, factors = self.corpus.captures, ["subject", "gesture"]
+        combinations = captures["subject"].nunique() * captures["gesture"].nunique()
+        for column in captures.columns.drop([*factors, "split", "captures", "corpus"], errors="ignore"):
+            values = captures[column]
+            if pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values):
+                continue
+            several = values.nunique(dropna=False)
+            if several > 1 and combinations * several <= CROSSED * len(captures):
+                factors.append(column)
+                combinations *= several
+        return factors
+
+    @cached_property
+    def counts(self) -> pd.DataFrame:
+        """Number of ``captures`` of each combination of the factors, whether recorded or not."""
+        words = self.corpus.captures[self.factors].astype(object)
+        words = words.where(words.notna(), "").astype(str)
+        levels: list[Any] = [sorted(set(words[f]), key=_counted) for f in self.factors]
+        every: Any = pd.MultiIndex.from_product(levels, names=self.factors)
+        return words.groupby(self.factors).size().reindex(every, fill_value=0).rename("captures").reset_index()
 
     @cached_property
     def usual(self) -> int:
@@ -80,19 +81,168 @@ class Survey:
         return self.counts[self.counts["captures"] != self.usual].reset_index(drop=True)
 
     @property
+    def classes(self) -> pd.DataFrame:
+        """Captures and subjects of each class of the target."""
+        labelled = pd.DataFrame({"class": self.corpus.gestures, "subject": self.corpus.subjects})
+        return labelled.groupby("class")["subject"].agg(captures="size", subjects="nunique").reset_index()
+
+    @property
+    def _seconds(self) -> np.ndarray:
+        return self.corpus.lengths / self.corpus.rate_hz
+
+    @cached_property
+    def durations(self) -> pd.DataFrame:
+        """Captures, subjects, and median, shortest and longest seconds of each gesture."""
+        groups = pd.DataFrame({"subject": self.corpus.subjects, "s": self._seconds}).groupby(self._code)
+        durations = groups.agg(
+            captures=("s", "size"),
+            subjects=("subject", "nunique"),
+            median=("s", "median"),
+            shortest=("s", "min"),
+            longest=("s", "max"),
+        )
+        durations.insert(0, "gesture", self.gestures)
+        return durations
+
+    @cached_property
+    def _frames(self) -> np.ndarray:
+        """Frames of each gesture."""
+        return np.bincount(self._code, self.corpus.lengths, len(self.gestures))
+
+    @cached_property
+    def means(self) -> np.ndarray:
+        """Mean pressure of each gesture, each frame counted once, float64 [gestures, rows, cols]."""
+        return (self._read.sums / self._frames[:, None]).reshape(-1, *self.corpus.grid)
+
+    @cached_property
+    def pressure(self) -> pd.DataFrame:
+        """Sensor values of each gesture: lowest, mean and highest reading, percent of readings at full scale.
+
+        ``still`` are captures in which nothing varies.
+        """
+        read, code = self._read, self._code
+        return pd.DataFrame(
+            {
+                "gesture": self.gestures,
+                "lowest": pd.Series(read.lowest.min(axis=1)).groupby(code).min(),
+                "mean": self.means.mean(axis=(1, 2)),
+                "highest": pd.Series(read.highest.max(axis=1)).groupby(code).max(),
+                "full_scale": 100 * read.full.sum(axis=1) / (self._frames * self.means[0].size),
+                "still": pd.Series(read.still.all(axis=1)).groupby(code).sum(),
+            }
+        )
+
+    @cached_property
+    def typical(self) -> dict[str, int]:
+        """Capture nearest to the middle in duration, mean and highest pressure, by gesture."""
+        highest = self._read.highest.max(axis=1)
+        course = pd.DataFrame({"s": self._seconds, "mean": self._read.level, "highest": highest})
+        ranks = course.groupby(self._code).rank(pct=True)
+        size = np.bincount(self._code)[self._code]
+        away = (ranks.sub((1 + 1 / size) / 2, axis=0)).abs().sum(axis=1)
+        nearest = away.groupby(self._code).idxmin()
+        return {g: int(self.corpus.index[i]) for g, i in zip(self.gestures, nearest, strict=True)}
+
+    @cached_property
+    def taxels(self) -> pd.DataFrame:
+        """Readings of each taxel, row by row, and a ``verdict``, empty where nothing is odd.
+
+        ``full_scale`` is the percent of frames at full scale; ``sd`` is around the mean of each capture; ``around`` is
+        the median SD of the up to eight taxels around it that do vary; ``still`` is the percent of captures in which it
+        does not vary while all of those around it do.
+        """
+        read, corpus = self._read, self.corpus
+        frames = int(corpus.lengths.sum())
+        lowest, highest = read.lowest.min(axis=0), read.highest.max(axis=0)
+        sd = np.sqrt(read.within / frames)
+        several = corpus.lengths > 1  # a single frame shows no change
+        never = read.still[several].all(axis=0) if several.any() else lowest == highest
+        moving = _near((~read.still).reshape(-1, *corpus.grid), True)
+        alone = read.still & np.logical_and.reduce(moving).reshape(read.still.shape) & (corpus.grid != (1, 1))
+        still = 100 * alone[several].sum(axis=0) / max(1, several.sum())
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # nan where nothing around varies, and comparisons with it are false
+            around = np.nanmedian(_near(np.where(never, np.nan, sd).reshape(1, *corpus.grid), np.nan), axis=0).ravel()
+            verdicts = {
+                "always at full scale": lowest >= corpus.full_scale,
+                "never varies": lowest == highest,
+                "never varies within a capture": never,
+                "often constant while its neighbours vary": still > ALONE,
+                LESS: ODD * sd < around,
+                "varies far more than its neighbours": sd > ODD * around,
+            }
+        row, col = np.indices(corpus.grid).reshape(2, -1)
+        return pd.DataFrame(
+            {
+                "row": row,
+                "col": col,
+                "lowest": lowest,
+                "mean": read.sums.sum(axis=0) / frames,
+                "highest": highest,
+                "full_scale": 100 * read.full.sum(axis=0) / frames,
+                "sd": sd,
+                "around": around,
+                "still": still,
+                "verdict": np.select([*verdicts.values()], [*verdicts], ""),
+            }
+        )
+
+    @property
     def odd_taxels(self) -> pd.DataFrame:
         """Rows of ``taxels`` with a verdict."""
         return self.taxels[self.taxels["verdict"] != ""].reset_index(drop=True)
 
+    @cached_property
+    def seams(self) -> list[Seam]:
+        """Fit of neighbouring rows and columns."""
+        return seams(self.corpus)
+
+    @cached_property
+    def duplicates(self) -> pd.DataFrame:
+        """Captures with the same frames as another one: their group, labels, and the columns that differ within it.
+
+        ``quiet`` is True if so little changes that they can be equal by chance; such groups come last.
+        """
+        corpus = self.corpus
+        groups = sorted(identical(corpus), key=lambda group: quiet(corpus[group[0]]))
+        labels = corpus.captures.drop(columns=["capture", "group", "differs", "quiet"], errors="ignore")
+        number = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
+        rows = np.array([i for group in groups for i in group], dtype=int)
+        table = labels.iloc[rows]
+        table.insert(0, "group", number + 1)
+        table.insert(1, "capture", corpus.index[rows])
+        several = table.groupby("group")[list(labels)].nunique(dropna=False).to_numpy() > 1
+        differs = np.array([", ".join(labels.columns[row]) for row in several], dtype=object)
+        still = np.array([quiet(corpus[group[0]]) for group in groups], dtype=bool)
+        table = table.assign(differs=differs[number], quiet=still[number])
+        return table.sort_values(["group", "capture"], kind="stable", ignore_index=True)
+
+    @cached_property
+    def _read(self) -> _Readings:
+        """All readings, from one capture at a time."""
+        corpus, taxels = self.corpus, self.corpus.grid[0] * self.corpus.grid[1]
+        lowest, highest = (np.empty((len(corpus), taxels), corpus.frames.dtype) for _ in range(2))
+        level, within = np.empty(len(corpus)), np.zeros(taxels)
+        sums, full = np.zeros((len(self.gestures), taxels)), np.zeros((len(self.gestures), taxels), np.int64)
+        for i, (capture, code) in enumerate(zip(corpus, self._code, strict=True)):
+            frames = capture.reshape(len(capture), taxels)
+            lowest[i], highest[i] = frames.min(axis=0), frames.max(axis=0)
+            level[i] = frames.mean(dtype=np.float64)
+            within += len(frames) * frames.var(axis=0, dtype=np.float64)
+            sums[code] += frames.sum(axis=0, dtype=np.float64)
+            full[code] += (frames >= corpus.full_scale).sum(axis=0)
+        return _Readings(lowest, highest, lowest == highest, level, sums, full, within)
+
     def __str__(self) -> str:
+        target = self.corpus.target
         parts = [
-            [self.title, *(["synthetic: generated captures, not people"] if self.synthetic else [])],
-            *([] if self.target == "gesture" else [[f"Classes of target={self.target}:", _text(self.classes)]]),
+            [self.title, *(["synthetic: generated captures, not people"] if self.corpus.synthetic else [])],
+            *([] if target == "gesture" else [[f"Classes of target={target}:", _text(self.classes)]]),
             [f"Durations: {DURATIONS}", _text(self.durations)],
             [f"Pressure: {PRESSURE}", _text(self.pressure)],
             self.gap_lines(),
             self.taxel_lines(),
-            *([self.seam_lines()] if self.seams else []),
+            *([[*map(str, self.seams)]] if self.seams else []),
             self.duplicate_lines(),
         ]
         return "\n\n".join("\n".join(part) for part in parts)
@@ -129,10 +279,6 @@ class Survey:
         if odd["verdict"].isin([LESS]).any():
             summary += "; a taxel that varies far less may be broken or seldom touched"
         return [summary, *_first(lines, len(lines))]
-
-    def seam_lines(self) -> list[str]:
-        """How rows and columns fit each other, and whether frames look cut."""
-        return [str(seam) for seam in self.seams]
 
     def duplicate_lines(self) -> list[str]:
         """Duplicate captures: a sentence, and the first examples."""
@@ -180,61 +326,6 @@ def _first(lines: list[str], total: int) -> list[str]:
     return [f"  {line}" for line in [*lines[:NAMED], *more]]
 
 
-def survey(corpus: Corpus) -> Survey:
-    """Count, time and measure the captures of a corpus.
-
-    Args:
-        corpus: corpus, or some captures of one; repeated ones are measured as often as they occur.
-
-    Raises:
-        InputError: there is no capture.
-    """
-    if not len(corpus):
-        raise InputError(f"{corpus.name} has no captures to show; widen where=")
-    gestures, code = np.unique(corpus.captures["gesture"].astype(str).to_numpy(dtype=object), return_inverse=True)
-    read = _read(corpus, code, len(gestures))
-    factors = _factors(corpus.captures)
-    seconds = corpus.lengths / corpus.rate_hz
-    groups = pd.DataFrame({"subject": corpus.subjects, "s": seconds}).groupby(code)
-    durations = groups.agg(
-        captures=("s", "size"),
-        subjects=("subject", "nunique"),
-        median=("s", "median"),
-        shortest=("s", "min"),
-        longest=("s", "max"),
-    )
-    durations.insert(0, "gesture", gestures)
-    frames = np.bincount(code, corpus.lengths, len(gestures))
-    means = (read.sums / frames[:, None]).reshape(-1, *corpus.grid)
-    highest = read.highest.max(axis=1)
-    pressure = pd.DataFrame(
-        {
-            "gesture": gestures,
-            "lowest": pd.Series(read.lowest.min(axis=1)).groupby(code).min(),
-            "mean": means.mean(axis=(1, 2)),
-            "highest": pd.Series(highest).groupby(code).max(),
-            "full_scale": 100 * read.full.sum(axis=1) / (frames * means[0].size),
-            "still": pd.Series(read.still.all(axis=1)).groupby(code).sum(),
-        }
-    )
-    typical = _typical(pd.DataFrame({"s": seconds, "mean": read.level, "highest": highest}), code)
-    return Survey(
-        title=repr(corpus).strip("<>") + f", full scale {corpus.full_scale:g}",
-        synthetic=corpus.synthetic,
-        factors=factors,
-        counts=_counts(corpus.captures, factors),
-        target=corpus.target,
-        classes=_classes(corpus),
-        durations=durations,
-        pressure=pressure,
-        taxels=_taxels(read, corpus),
-        duplicates=_duplicates(corpus),
-        seams=seams(corpus),
-        means=means,
-        typical={str(g): int(corpus.index[i]) for g, i in zip(gestures, typical, strict=True)},
-    )
-
-
 @dataclass(frozen=True)
 class _Readings:
     """What is read off the frames: by capture and taxel, by capture, by gesture and taxel, by taxel."""
@@ -248,59 +339,9 @@ class _Readings:
     within: np.ndarray  # squared differences from the mean of the taxel in the capture, summed [taxels]
 
 
-def _read(corpus: Corpus, code: np.ndarray, gestures: int) -> _Readings:
-    """All readings, from one capture at a time."""
-    taxels = corpus.grid[0] * corpus.grid[1]
-    lowest, highest = (np.empty((len(corpus), taxels), corpus.frames.dtype) for _ in range(2))
-    level, within = np.empty(len(corpus)), np.zeros(taxels)
-    sums, full = np.zeros((gestures, taxels)), np.zeros((gestures, taxels), np.int64)
-    for i, capture in enumerate(corpus):
-        frames = capture.reshape(len(capture), taxels)
-        lowest[i], highest[i] = frames.min(axis=0), frames.max(axis=0)
-        level[i] = frames.mean(dtype=np.float64)
-        within += len(frames) * frames.var(axis=0, dtype=np.float64)
-        sums[code[i]] += frames.sum(axis=0, dtype=np.float64)
-        full[code[i]] += (frames >= corpus.full_scale).sum(axis=0)
-    return _Readings(lowest, highest, lowest == highest, level, sums, full, within)
-
-
-def _taxels(read: _Readings, corpus: Corpus) -> pd.DataFrame:
-    """The table of `Survey.taxels`."""
-    frames = int(corpus.lengths.sum())
-    lowest, highest = read.lowest.min(axis=0), read.highest.max(axis=0)
-    sd = np.sqrt(read.within / frames)
-    several = corpus.lengths > 1  # a single frame shows no change
-    never = read.still[several].all(axis=0) if several.any() else lowest == highest
-    moving = _near((~read.still).reshape(-1, *corpus.grid), True)
-    alone = read.still & np.logical_and.reduce(moving).reshape(read.still.shape) & (corpus.grid != (1, 1))
-    still = 100 * alone[several].sum(axis=0) / max(1, several.sum())
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # nan where nothing around varies
-        around = np.nanmedian(_near(np.where(never, np.nan, sd).reshape(1, *corpus.grid), np.nan), axis=0).ravel()
-    with np.errstate(invalid="ignore"):  # comparisons with nan, where nothing around varies, are false
-        verdicts = {
-            "always at full scale": lowest >= corpus.full_scale,
-            "never varies": lowest == highest,
-            "never varies within a capture": never,
-            "often constant while its neighbours vary": still > ALONE,
-            LESS: ODD * sd < around,
-            "varies far more than its neighbours": sd > ODD * around,
-        }
-    row, col = np.indices(corpus.grid).reshape(2, -1)
-    return pd.DataFrame(
-        {
-            "row": row,
-            "col": col,
-            "lowest": lowest,
-            "mean": read.sums.sum(axis=0) / frames,
-            "highest": highest,
-            "full_scale": 100 * read.full.sum(axis=0) / frames,
-            "sd": sd,
-            "around": around,
-            "still": still,
-            "verdict": np.select([*verdicts.values()], [*verdicts], ""),
-        }
-    )
+def _counted(name: str) -> tuple[int, str]:
+    """Sorts subject 10 behind subject 9."""
+    return (len(name) if name.isdigit() else 0, name)
 
 
 def _near(values: np.ndarray, beyond: float) -> list[np.ndarray]:
@@ -308,62 +349,3 @@ def _near(values: np.ndarray, beyond: float) -> list[np.ndarray]:
     _, rows, cols = values.shape
     edged = np.pad(values, ((0, 0), (1, 1), (1, 1)), constant_values=beyond)
     return [edged[:, i : i + rows, j : j + cols] for i, j in np.ndindex(3, 3) if (i, j) != (1, 1)]
-
-
-def _factors(captures: pd.DataFrame) -> list[str]:
-    """Subject, gesture, and the conditions: columns of text that repeat; numbers count, and a split is no condition."""
-    factors = ["subject", "gesture"]
-    combinations = captures["subject"].nunique() * captures["gesture"].nunique()
-    for column in captures.columns.drop([*factors, "split", "captures", "corpus"], errors="ignore"):
-        values = captures[column]
-        if pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values):
-            continue
-        several = values.nunique(dropna=False)
-        if several > 1 and combinations * several <= CROSSED * len(captures):
-            factors.append(column)
-            combinations *= several
-    return factors
-
-
-def _counts(captures: pd.DataFrame, factors: list[str]) -> pd.DataFrame:
-    """The number of captures of every combination, also of those that nobody recorded."""
-    words = captures[factors].astype(object)
-    words = words.where(words.notna(), "").astype(str)
-    levels: list[Any] = [sorted(set(words[f]), key=_counted) for f in factors]
-    every: Any = pd.MultiIndex.from_product(levels, names=factors)
-    return words.groupby(factors).size().reindex(every, fill_value=0).rename("captures").reset_index()
-
-
-def _classes(corpus: Corpus) -> pd.DataFrame:
-    """The table of `Survey.classes`."""
-    labelled = pd.DataFrame({"class": corpus.gestures, "subject": corpus.subjects})
-    return labelled.groupby("class")["subject"].agg(captures="size", subjects="nunique").reset_index()
-
-
-def _counted(name: str) -> tuple[int, str]:
-    """Sorts subject 10 behind subject 9."""
-    return (len(name) if name.isdigit() else 0, name)
-
-
-def _duplicates(corpus: Corpus) -> pd.DataFrame:
-    """The table of `Survey.duplicates`."""
-    groups = sorted(identical(corpus), key=lambda group: quiet(corpus[group[0]]))
-    labels = corpus.captures.drop(columns=["capture", "group", "differs", "quiet"], errors="ignore")
-    number = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
-    rows = np.array([i for group in groups for i in group], dtype=int)
-    table = labels.iloc[rows]
-    table.insert(0, "group", number + 1)
-    table.insert(1, "capture", corpus.index[rows])
-    several = table.groupby("group")[list(labels)].nunique(dropna=False).to_numpy() > 1
-    differs = np.array([", ".join(labels.columns[row]) for row in several], dtype=object)
-    still = np.array([quiet(corpus[group[0]]) for group in groups], dtype=bool)
-    table = table.assign(differs=differs[number], quiet=still[number])
-    return table.sort_values(["group", "capture"], kind="stable", ignore_index=True)
-
-
-def _typical(course: pd.DataFrame, code: np.ndarray) -> list[int]:
-    """Position of the capture of each gesture whose ranks are nearest to the middle."""
-    ranks = course.groupby(code).rank(pct=True)
-    size = np.bincount(code)[code]
-    away = (ranks.sub((1 + 1 / size) / 2, axis=0)).abs().sum(axis=1)
-    return away.groupby(code).idxmin().tolist()

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import identical, seen_before, warning
-from bench.corpora.survey import survey
+from bench.corpora.survey import Survey
 from tests.conftest import random_corpus
 
 
@@ -55,6 +55,6 @@ def test_an_import_warns_of_them_and_a_survey_lists_them():
     corpus = copied(random_corpus(longest=20), [(10, 1), (30, 1), (5, 4)])
     (line,) = warning(corpus)
     assert "\n" not in line and line.startswith("5 captures") and warning(random_corpus()) == []
-    table = survey(corpus).duplicates
+    table = Survey(corpus).duplicates
     assert table[["group", "capture"]].to_numpy().tolist() == [[1, 1], [1, 10], [1, 30], [2, 4], [2, 5]]
-    assert survey(corpus[np.array([30, 9, 1])]).duplicates["capture"].tolist() == [1, 30]  # of the whole corpus
+    assert Survey(corpus[np.array([30, 9, 1])]).duplicates["capture"].tolist() == [1, 30]  # of the whole corpus

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.survey import survey
+from bench.corpora.survey import Survey
 from tests.conftest import random_corpus
 
 
@@ -29,7 +29,7 @@ def test_tables_are_those_of_loops_over_ragged_slices(chosen, kind):
     corpus = random_corpus(grid=(3, 4), full_scale=170.0)
     offset = 0 if kind == "uint16" else 10_000.5  # squares of large readings must not lose the small differences
     some = corpus.changed(frames=corpus.frames.astype(kind) + np.array(offset, kind))[np.array(chosen)]
-    result = survey(some)
+    result = Survey(some)
     names = sorted(set(some.gestures))
     assert result.gestures == names
     for i, name in enumerate(names):
@@ -64,7 +64,7 @@ def test_taxels_are_compared_with_those_around_them(seed, grid):
     arrays = [noise(9, grid, seed=i + seed) for i in range(4)]
     for frames in arrays:  # some taxels are still in some captures
         frames[:, rng.random(grid) < 0.15] = 7
-    taxels = survey(of(arrays)).taxels.set_index(["row", "col"])
+    taxels = Survey(of(arrays)).taxels.set_index(["row", "col"])
     sd = np.sqrt(np.mean([f.var(axis=0) for f in arrays], axis=0))
     varies = np.array([(f != f[0]).any(axis=0) for f in arrays])
     for r, c in np.ndindex(grid):
@@ -85,7 +85,7 @@ def test_broken_and_odd_taxels_are_named():
         frames[:, 5, 0] = 400 + 5 * (frames[:, 5, 0] - 50.0)
         if i < 3:
             frames[:, 5, 5] = 60
-    result = survey(of(arrays))
+    result = Survey(of(arrays))
     assert {(t["row"], t["col"]): t["verdict"] for t in result.odd_taxels.to_dict("records")} == {
         (0, 0): "never varies",
         (0, 3): "always at full scale",
@@ -95,7 +95,7 @@ def test_broken_and_odd_taxels_are_named():
         (5, 5): "often constant while its neighbours vary",
     }
     assert "6 of 36" in str(result) and len(result.taxel_lines()) == 7
-    assert set(survey(of([np.zeros((4, 2, 2), np.uint16)])).taxels["verdict"]) == {"never varies"}
+    assert set(Survey(of([np.zeros((4, 2, 2), np.uint16)])).taxels["verdict"]) == {"never varies"}
 
 
 def test_missing_and_uneven_combinations():
@@ -106,7 +106,7 @@ def test_missing_and_uneven_combinations():
     subjects, gestures, covers = map(list, zip(*rows, strict=True))
     arrays = [noise(seed=i) for i in range(len(rows))]
     more = {"cover": covers, "split": ["train"] * len(rows), "repetition": range(len(rows)), "note": [*map(str, rows)]}
-    result = survey(of(arrays, gestures, subjects, **more))
+    result = Survey(of(arrays, gestures, subjects, **more))
     assert result.factors == ["subject", "gesture", "cover"]  # a number counts, notes were never meant to be crossed
     keys = list(itertools.product(["2", "10"], ["pat", "rub", "tap"], ["bare", "fur"]))
     assert result.counts.to_numpy().tolist() == [[*key, rows.count(key)] for key in keys] and result.usual == 1

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pandas as pd
 
-from bench.corpora.survey import survey
+from bench.corpora.survey import Survey
 from bench.measures import costs
 from bench.reports import chart, corpus_page, figures
 from bench.reports.comparison import command
@@ -45,8 +45,8 @@ def test_the_page_of_a_corpus_is_whole_and_says_that_captures_are_synthetic(tmp_
         lambda figure, folder, name, *more: kept.update({name: figure}) or saved(figure, folder, name, *more),
     )
     corpus = random_corpus(subjects=2, per_class=2, info={"synthetic": True})
-    found = survey(corpus)
-    paths = corpus_page.write(corpus, found, tmp_path)
+    found = Survey(corpus)
+    paths = corpus_page.write(found, tmp_path)
     assert [p.name for p in paths] == [p.name for p in paths if p.stat().st_size] and len(paths) == 3
     text = (tmp_path / "index.html").read_text()
     assert text.count("not people") >= 7  # on top, of every table, of every figure
