@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,9 @@ def looked(corpus: Corpus, out: Path | None) -> Survey:
 
 def read(kind: str, source: Path, values: dict[str, str]) -> int:
     """Import a corpus; print its warnings, the corpus it replaces, and its contents."""
-    before = _stored(values.get("name", kind))
+    before = None
+    with suppress(InputError):  # nothing is stored, or it is damaged
+        before = stored_value(values.get("name", kind))
     corpus = import_corpus(kind, source, values)
     if corpus.info["warnings"]:
         print(f"warning: {briefly(corpus.info['warnings'], f'bench data show {corpus.name}')}", file=sys.stderr)
@@ -100,9 +103,8 @@ def read(kind: str, source: Path, values: dict[str, str]) -> int:
     print(f"{corpus.name}: {_sizes(corpus, corpus.gestures)}, digest {corpus.digest[:16]}")
     aside_gestures = corpus.info.get(ASIDE, [])
     for gesture in aside_gestures:
-        aside = corpus.gestures == gesture
-        minutes = [frames.sum() / corpus.rate_hz / 60 for frames in (corpus.lengths[aside], corpus.lengths)]
-        if aside.any():
+        if (aside := corpus.gestures == gesture).any():
+            minutes = [frames.sum() / corpus.rate_hz / 60 for frames in (corpus.lengths[aside], corpus.lengths)]
             count = several(int(aside.sum()), "capture")
             print(f"{gesture}: {count} without a gesture, {minutes[0]:.3g} of {minutes[1]:.3g} minutes")
     if len(lengths := corpus.lengths[~np.isin(corpus.gestures, aside_gestures)]):
@@ -110,14 +112,6 @@ def read(kind: str, source: Path, values: dict[str, str]) -> int:
         print(f"the median capture lasts {usual}; if that looks wrong, rate_hz and all reported times are wrong")
     then(f"bench data show {corpus.name}")
     return 0
-
-
-def _stored(name: str) -> Corpus | None:
-    """What is stored under a name, if it can be read."""
-    try:
-        return stored_value(name) if name in imported() else None
-    except InputError:
-        return None
 
 
 def check(name: str) -> int:
@@ -147,12 +141,8 @@ def export(name: str, target: Path, values: dict[str, str]) -> int:
         print("the column synthetic marks generated captures; keep it, so that their results are marked as synthetic")
     words = ["cost", str(target), "name=copy"]
     if corpus.info.get("format") != "cost":
-        words = ["table", *words[1:], f"grid={corpus.grid[0]}x{corpus.grid[1]}"]
-        words += [f"rate_hz={_exact(corpus.rate_hz)}", f"full_scale={_exact(corpus.full_scale)}"]
+        rate, most = (repr(float(number)).removesuffix(".0") for number in (corpus.rate_hz, corpus.full_scale))
+        grid = "x".join(map(str, corpus.grid))
+        words = ["table", *words[1:], f"grid={grid}", f"rate_hz={rate}", f"full_scale={most}"]
     then(f"bench data import {shlex.join(words)}")
     return 0
-
-
-def _exact(number: float) -> str:
-    """A number as it is read back, one without a fraction as a whole number."""
-    return repr(float(number)).removesuffix(".0")

@@ -63,17 +63,14 @@ class Windows(Step):
 
     def rows(self, corpus: Corpus) -> np.ndarray:
         """The original capture of each window, as an index."""
-        return np.repeat(np.arange(len(corpus)), self._count(corpus))
-
-    def _count(self, corpus: Corpus) -> np.ndarray:
         frames, hop = self.lengths(corpus.rate_hz)
-        return np.maximum(corpus.lengths - frames, 0) // hop + 1
+        return np.repeat(np.arange(len(corpus)), np.maximum(corpus.lengths - frames, 0) // hop + 1)
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """The windows of each capture."""
         frames, hop = self.lengths(corpus.rate_hz)
-        count, row = self._count(corpus), self.rows(corpus)
-        begin = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)) * hop
+        row = self.rows(corpus)
+        begin = (np.arange(len(row)) - np.searchsorted(row, row)) * hop
         cut = corpus[row] if len(row) > len(corpus) else corpus  # a robot's one window is not worth copying a table
         source = origin(cut)
         return cut.changed(

@@ -35,12 +35,6 @@ def test_new_frames_of_a_slice_lie_as_its_frames_do(corpus):
     assert np.array_equal(corpus[::-1].frames, np.concatenate([*corpus][::-1]))  # all captures, in another order
 
 
-def test_masks_and_the_tuple_that_scikit_learn_asks_with(corpus):
-    mask = corpus.subjects == "2"
-    assert np.array_equal(corpus[mask].index, np.flatnonzero(mask))
-    assert np.array_equal(corpus[np.array([3, 1]), ...].index, [3, 1])
-
-
 def test_stored_and_mapped_again(corpus, tmp_path):
     write_folder(corpus, tmp_path / "c")
     again = open_folder(tmp_path / "c")
@@ -73,14 +67,6 @@ def test_any_change_changes_the_digest(corpus, field):
         "lengths": np.roll(corpus.lengths, 1),
     }
     assert content_digest(corpus.changed(**{field: values[field]})) != content_digest(corpus)
-
-
-def test_select(corpus):
-    rows = zip(corpus.subjects, corpus.captures["repetition"], strict=True)
-    expected = [i for i, (subject, repetition) in enumerate(rows) if subject == "2" and repetition > 1]
-    assert list(corpus.select("subject == '2' and repetition > 1").index) == expected
-    with pytest.raises(InputError):
-        corpus.select("subject == 'x'")  # bad conditions: test_where
 
 
 def test_targets(corpus):

@@ -44,24 +44,21 @@ def refused(kind, path, *facts, **options):
 
 # A second row, and what the message names beside file and line.
 ROWS = [
-    *((f"ann,pat,1,arm,{cell},2", ["a"]) for cell in "0xg 1_0 ٣ nan abc -8 1e39".split()),
-    *((f"ann,pat,{cell},arm,1,2", ["frame"]) for cell in "1_0 1.5 x".split()),
+    *((f"ann,pat,1,arm,{cell},2", ["a"]) for cell in "0xg ٣ nan -8 1e39".split()),
+    *((f"ann,pat,{cell},arm,1,2", ["frame"]) for cell in "1_0 1.5".split()),
     ("ann,pat,1,arm,1,0,2", ["7", "6"]),
-    ("ann,pat,1,arm,1," + LONG, ["b"]),
     ("ann,pat,1,arm,1,2000000000", ["b", "2000000000", "1e+09"]),
     ("ann,pat,1,arm,1,16777217", ["b", "16777217"]),
     ("ann,pat,7,arm,1,2", ["7"]),
     ("ann,pat,1,leg,1,2", ["frame 1"]),  # another place, and frames go on
     ("\udcff,pat,1,arm,1,2", ["UTF-8"]),
-    ('ann,pat,1,"arm,1,2', []),
     ("ann,pat,1,arm\r,1,2", []),
     *((f"{word},pat,0,arm,1,2", ["subject"]) for word in [*UNSEEN, " ", LONG]),
 ]
 HEADERS = [
-    (b"", ["line 1"]),
     (b"\x89PNG\xff\xfe" * 20, ["UTF-8"]),
     (HEADER.encode(), ["no frames"]),
-    *((HEADER.replace("place", name).encode(), ["line 1", "column 4"]) for name in ("", "x" * 201)),
+    (HEADER.replace("place", "").encode(), ["line 1", "column 4"]),
     (HEADER.replace("place", "frame").encode(), ["line 1", "frame"]),
     (HEADER.replace("gesture", "label").encode(), ["line 1", "gesture"]),
     (HEADER.replace("place", ",".join(f"c{i}" for i in range(300))).encode(), ["line 1", "303", "256"]),
@@ -74,19 +71,15 @@ ARRAYS = [
     *(({"frames": frames}, ["frames"]) for frames in (np.zeros((3, 2)), np.ones((3, 1, 2), complex))),
     *(({"frames": np.full((3, 1, 2), v)}, ["frame 1", "channel 1"]) for v in (-1, np.nan, 1e10)),
     ({"subject": ["1"]}, ["subject", "(1,)", "2"]),
-    ({"subject": np.array([1.5, np.nan])}, ["subject", "float64"]),
-    ({"subject": [b"ann", b"\xff\xfe"]}, ["capture 2", "subject"]),
     *(({"day": ["ann", word]}, ["capture 2", "day"]) for word in [*UNSEEN[1:], " "]),
     ({"gesture": np.array(["a", {}], dtype=object)}, ["my.npz"]),
     ({"gesture": None}, ["gesture"]),
-    ({"day": np.array([1j, 2])}, ["day", "complex128"]),
 ]
 COLUMNS = [
     *(({"b": values}, ["b"]) for values in ([True, False], ["1", "2"], [[1], [2]], pa.array([1, 2], pa.duration("s")))),
     *(({"frame": frames}, ["row", "frame"]) for frames in ([0, 1.5], [0, None], [0, 2.0**60], [0, 2], [7, 8])),
     *(({"b": [1, value]}, ["row 2", "b"]) for value in (-1, None, np.inf)),
     *(({"place": ["ann", word]}, ["row 2", "place"]) for word in [*UNSEEN, " "]),
-    ({"subject": [b"ann", b"\xff\xfe"]}, ["row 2", "subject"]),
     ({"subject": [], "gesture": [], "frame": [], "a": [], "b": []}, []),
 ]
 COST = [line(frame=f) for f in (1, 2, 3)]
@@ -97,8 +90,6 @@ COST_LINES = [
     (line(frame=4, values=[*range(63), 1024]), ["ch64", "1024", "1023"]),
     (line(frame=4)[:40], ["19", "68"]),
     (line(gesture=15), ["gesture", "15", "14"]),
-    (line(variant=0), ["variant", "0", "3"]),
-    (line(subject="?"), ["subject", "?"]),
 ]
 COST_HEADERS = [
     ("subject, variant, gesture, frame, ch1", ["line 1", "ch2", "60 more"]),
@@ -115,7 +106,6 @@ BOTH = {"training.csv": TRAINING, "testWITHLABELS.csv": TESTING}
 TWO = training_csv(("P4", "pat"), ("P10", "pat"))
 RELEASES = [
     ({"testWITHLABELS.csv": TESTING}, ["training.csv"]),
-    ({"training.csv": TRAINING}, ["testWITHLABELS.csv"]),
     (BOTH | {"training.csv": without(TRAINING, 432)}, ["training.csv, line 2", "431", "432"]),
     (BOTH | {"training.csv": TRAINING.replace("pat", "wave")}, ["training.csv, line 2", "Gesture", "wave"]),
     (BOTH | {"training.csv": TWO.replace("P10", "X10")}, ["training.csv, line 434", "ParticipantNo", "X10"]),
@@ -167,27 +157,10 @@ def test_options_that_cannot_be(tmp_path, make):
     refused("table", make(tmp_path), grid="1000000x1000000")
 
 
-def encrypted(content):
-    for signature, flag in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
-        at = -1
-        while (at := content.find(signature, at + 1)) >= 0:
-            content[at + flag] |= 1
-
-
-def blanked(content):
-    content[200:400] = bytes(200)
-
-
-def halved(content):
-    del content[len(content) // 2 :]
-
-
-@pytest.mark.parametrize("damage", [blanked, halved, encrypted])
+@pytest.mark.parametrize("damage", [lambda c: c[:200] + bytes(200) + c[400:], lambda c: c[: len(c) // 2]])
 def test_damaged_archives(tmp_path, damage):
     for kind, path in (("haart", archive(tmp_path)), ("table", npz(tmp_path))):
-        content = bytearray(path.read_bytes())
-        damage(content)
-        path.write_bytes(content)
+        path.write_bytes(damage(path.read_bytes()))
         refused(kind, path, path.name)
 
 
@@ -247,7 +220,7 @@ def test_a_refused_import_ends_with_2_and_leaves_the_earlier_corpus(tmp_path, ca
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
-@pytest.mark.parametrize("blank", [[], ["", "", ""], ["\t", " "]])
+@pytest.mark.parametrize("blank", [["", "", ""], ["\t", " "]])
 def test_line_ends_blank_lines_at_the_end_and_a_byte_order_mark(tmp_path, end, blank):
     path = csv(tmp_path, *GOOD, *blank, end=end)
     assert read(path).lengths.tolist() == [2]
@@ -269,21 +242,17 @@ def test_words_and_numbers_of_any_kind(tmp_path):
         assert set(read(make(tmp_path, subject=["jürgen".encode()] * 2)).subjects) == {"jürgen"}
 
 
-def test_the_same_values_are_the_same_frames_from_every_kind_of_file(tmp_path):
-    float32, uint16 = np.float32, np.uint16
-    for values, kind in (
-        ([1, 65535], uint16),
-        ([1, 65536], float32),
-        ([0.1, 2], float32),
-        ([1.0, 2.0], uint16),
-        *(([0, n], float32) for n in (16777216, 16777218, 2**25, 2**62)),
+@pytest.mark.parametrize(
+    ("values", "kind"),
+    [([1, 65535], "uint16"), ([1, 65536], "float32"), ([0.1, 2], "float32"), ([0, 2**62], "float32")],
+)
+def test_the_same_values_are_the_same_frames_from_every_kind_of_file(tmp_path, values, kind):
+    cells = ",".join(map(str, values))
+    frames = np.array([*values, *values]).reshape(2, 1, 2)
+    for path in (
+        csv(tmp_path, f"ann,pat,0,arm,{cells}", f"ann,pat,1,arm,{cells}"),
+        parquet(tmp_path, a=[values[0]] * 2, b=[values[1]] * 2),
+        npz(tmp_path, frames=frames, offsets=[0, 2], subject=["ann"], gesture=["pat"]),
     ):
-        cells = ",".join(map(str, values))
-        frames = np.array([*values, *values]).reshape(2, 1, 2)
-        for path in (
-            csv(tmp_path, f"ann,pat,0,arm,{cells}", f"ann,pat,1,arm,{cells}"),
-            parquet(tmp_path, a=[values[0]] * 2, b=[values[1]] * 2),
-            npz(tmp_path, frames=frames, offsets=[0, 2], subject=["ann"], gesture=["pat"]),
-        ):
-            corpus = read(path, full_scale=1e30)
-            assert corpus.frames.dtype == kind and np.array_equal(corpus.frames, frames.astype(kind)), path
+        corpus = read(path, full_scale=1e30)
+        assert corpus.frames.dtype == kind and np.array_equal(corpus.frames, frames.astype(kind)), path

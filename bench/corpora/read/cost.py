@@ -79,7 +79,9 @@ def read(path: Path) -> Corpus:
     )
     captures["repetition"] = captures.groupby(["subject", "variant", "gesture"]).cumcount() + 1
     lengths = np.diff(starts, append=len(labels))
-    warnings = differences(captures, lengths, _md5(path))
+    with open(path, "rb") as file:
+        md5 = hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
+    warnings = differences(captures, lengths, md5)
     if training := training_subjects(captures, lengths):
         split = np.where(captures["subject"].isin(training), "train", "test")
         captures["split"] = np.where(captures["variant"] == "rough", "", split)
@@ -102,9 +104,7 @@ def read(path: Path) -> Corpus:
 
 
 def write(corpus: Corpus, path: Path) -> None:
-    """Write captures in the format of ``CoST.csv``; reading it back gives identical frames.
-
-    Generated captures have a column ``synthetic`` behind ``frame``, so that no reader takes them for people's.
+    """Write captures in the format of ``CoST.csv``, generated ones with a column ``synthetic`` behind ``frame``.
 
     Raises:
         InputError: the corpus does not fit the format, or the file cannot be written.
@@ -128,14 +128,8 @@ def write(corpus: Corpus, path: Path) -> None:
         raise InputError(
             f"{corpus.name}: CoST's format needs subjects that are whole numbers of up to 9 digits, not {unfit[0]!r}"
         )
-    codes = np.stack(
-        [
-            captures["subject"].astype(int),
-            captures["variant"].map(VARIANTS.index).astype(int) + 1,
-            captures["gesture"].map(GESTURES.index).astype(int) + 1,
-        ],
-        axis=1,
-    ).astype(np.int32)
+    variants, gestures = captures["variant"].map(VARIANTS.index), captures["gesture"].map(GESTURES.index)
+    codes = np.stack([captures["subject"].astype(int), variants.astype(int) + 1, gestures.astype(int) + 1], axis=1)
     columns = [*LABELS, *([SYNTHETIC] if corpus.synthetic else []), *CHANNELS]
     schema = pa.schema([(name, pa.int32()) for name in columns])
     options = pacsv.WriteOptions(include_header=False)
@@ -147,7 +141,8 @@ def write(corpus: Corpus, path: Path) -> None:
                 frame = np.concatenate([np.arange(1, n + 1, dtype=np.int32) for n in some.lengths])
                 values = np.concatenate(list(some))[:, ::-1].reshape(-1, 64)
                 mark = np.ones((len(frame), len(columns) - len(LABELS + CHANNELS)), np.int32)
-                rows = np.column_stack([np.repeat(codes[i : i + 256], some.lengths, axis=0), frame, mark, values])
+                labels = np.repeat(codes[i : i + 256].astype(np.int32), some.lengths, axis=0)
+                rows = np.column_stack([labels, frame, mark, values])
                 table = pa.Table.from_arrays([pa.array(np.ascontiguousarray(c)) for c in rows.T], schema=schema)
                 pacsv.write_csv(table, f, options)
     except OSError as e:
@@ -184,8 +179,3 @@ def training_subjects(captures: pd.DataFrame, lengths: np.ndarray) -> set[str]:
     training = frames[np.logical_and.reduce(matches)]
     exact = all(sorted(training[gesture]) == sorted(sums) for gesture, sums in CHALLENGE_FRAMES.items())
     return set(training.index) if exact else set()
-
-
-def _md5(path: Path) -> str:
-    with open(path, "rb") as f:
-        return hashlib.file_digest(f, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
