@@ -30,7 +30,6 @@ from bench.scratch import home, owner
 SMALL = ("lengths.npy", "captures.parquet")
 FILES = ("frames.npy", *SMALL)
 FIELDS = ("name", "digest", "rate_hz", "full_scale", "info")  # in corpus.json
-_seen: set[tuple] = set()  # frames verified in folders that cannot be written, and so have no seal
 
 
 class Damaged(Exception):
@@ -185,17 +184,12 @@ def _sum(fields: dict, stored: dict) -> str:
 def _check_frames(folder: Path, size: int, sha256: str) -> None:
     """Compare the frames with what was stored, if they have changed since that was last done."""
     path = folder / "frames.npy"
-    look = [sha256, *stamp(path)]
     with suppress(Damaged, ValueError, RecursionError):
-        if json.loads(small_file(folder / "seal.json")) == look:
+        if json.loads(small_file(folder / "seal.json")) == [sha256, *stamp(path)]:
             return
-    if (path, *look) in _seen:
-        return
     _compare(path, size, sha256)
-    try:
+    with suppress(OSError):  # a folder that cannot be written
         _seal(folder, sha256)
-    except OSError:
-        _seen.add((path, *look))
 
 
 def _seal(folder: Path, sha256: str) -> None:
