@@ -131,8 +131,6 @@ def write(corpus: Corpus, path: Path) -> None:
     variants, gestures = captures["variant"].map(VARIANTS.index), captures["gesture"].map(GESTURES.index)
     codes = np.stack([captures["subject"].astype(int), variants.astype(int) + 1, gestures.astype(int) + 1], axis=1)
     columns = [*LABELS, *([SYNTHETIC] if corpus.synthetic else []), *CHANNELS]
-    schema = pa.schema([(name, pa.int32()) for name in columns])
-    options = pacsv.WriteOptions(include_header=False)
     try:
         with replacing(path) as beside, open(beside, "wb") as f:
             f.write(", ".join(columns).encode() + b"\n")
@@ -143,8 +141,8 @@ def write(corpus: Corpus, path: Path) -> None:
                 mark = np.ones((len(frame), len(columns) - len(LABELS + CHANNELS)), np.int32)
                 labels = np.repeat(codes[i : i + 256].astype(np.int32), some.lengths, axis=0)
                 rows = np.column_stack([labels, frame, mark, values])
-                table = pa.Table.from_arrays([pa.array(np.ascontiguousarray(c)) for c in rows.T], schema=schema)
-                pacsv.write_csv(table, f, options)
+                table = pa.Table.from_arrays([pa.array(column) for column in rows.T.copy()], names=columns)
+                pacsv.write_csv(table, f, pacsv.WriteOptions(include_header=False))
     except OSError as e:
         raise InputError(f"{path} cannot be written ({e.strerror}); choose another place") from e
 
