@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
@@ -70,6 +70,38 @@ class FeatureSet(TransformerMixin, BaseEstimator):
         That is the whole capture, unless a set says that signals of it are enough.
         """
         return frames * taxels
+
+    def __sklearn_is_fitted__(self) -> bool:
+        return True
+
+
+class OfFunction(TransformerMixin, BaseEstimator):
+    """A function of the user's from captures to rows as a feature set; it learns nothing.
+
+    Args:
+        function: function of a `Corpus` that gives a row of numbers for each capture: an array [captures, n_features],
+            or a table.
+        parameters: further arguments.
+    """
+
+    def __init__(self, function: Callable[..., object], parameters: dict[str, object]) -> None:
+        self.function, self.parameters = function, parameters
+
+    def fit(self, X: Corpus, y: object = None) -> OfFunction:
+        """Learn nothing."""
+        return self
+
+    def transform(self, X: Corpus) -> pd.DataFrame:
+        """Rows of the function [captures, n_features].
+
+        Raises:
+            InputError: it gives another number of rows.
+        """
+        table = pd.DataFrame(self.function(X, **self.parameters)).rename(columns=str)
+        if len(table) != len(X):
+            name = self.function.__name__
+            raise InputError(f"{name} gives {len(table)} rows for {len(X)} captures; give a row of numbers for each")
+        return table
 
     def __sklearn_is_fitted__(self) -> bool:
         return True

@@ -57,3 +57,13 @@ def test_files_that_a_system_names_are_part_of_its_key():
     Path("table.txt").unlink()
     with pytest.raises(InputError, match="depends names 'table.txt'"):
         source_digest(registry.load("models", "my.py:tree"))
+
+
+@pytest.mark.parametrize(("rows", "code"), [("X", 0), ("X[:1]", 1)])
+def test_a_function_from_captures_to_rows_is_a_feature_set(rows, code, capsys):
+    text = f"def peaks(X, power=1):\n    return [[c.max() ** power, c.mean()] for c in {rows}]\n"
+    Path("feat.py").write_text(text)
+    words = ["data.subjects=3", "data.variants=normal", "data.repetitions=1", "model=bayes", "jobs=1"]
+    assert main(["run", *words, "features=feat.py:peaks", "features.power=2"]) == code
+    told = capsys.readouterr()
+    assert "peaks[power=2]" in told.out + told.err and ("1 rows for" in told.out + told.err) == bool(code)

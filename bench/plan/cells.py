@@ -18,6 +18,7 @@ from bench import contract
 from bench.corpora import faults
 from bench.corpora.synth import generate
 from bench.errors import InputError, nearest
+from bench.features.base import OfFunction
 from bench.models import recipe
 from bench.registry import load, names, parameters, required
 from bench.source import source_digest, versions
@@ -64,8 +65,18 @@ class Part(Generic[Made]):
         return factory
 
     def make(self) -> Made:
-        """Build one that takes nothing from the harness: a protocol or a feature set."""
-        return self.factory(**self.parameters) if self.instance is None else contract.copied(self.instance)
+        """Build one that takes nothing from the harness: a protocol or a feature set.
+
+        Raises:
+            InputError: it needs an argument, and is no function from captures to rows.
+        """
+        if self.instance is not None:
+            return contract.copied(self.instance)
+        if needed := required(self.factory):
+            if self.room == "features" and inspect.isfunction(self.factory) and len(needed) == 1:
+                return OfFunction(self.factory, self.parameters)
+            raise InputError(f"{self.name}: the argument {needed[0]} has no default; give it one")
+        return self.factory(**self.parameters)
 
     def changed(self, seed: int | None = None) -> dict[str, object]:
         """Parameters that are not the default. The seed of a model is no such, as it is that of the run.
