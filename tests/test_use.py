@@ -67,3 +67,21 @@ def test_a_function_from_captures_to_rows_is_a_feature_set(rows, code, capsys):
     assert main(["run", *words, "features=feat.py:peaks", "features.power=2"]) == code
     told = capsys.readouterr()
     assert "peaks[power=2]" in told.out + told.err and ("1 rows for" in told.out + told.err) == bool(code)
+
+
+def test_a_check_that_comes_to_no_verdict_leaves_no_green_file(capsys):
+    on = ["data.subjects=3", "data.variants=normal", "data.repetitions=1", "features=jung28", "jobs=1"]
+    good = "from sklearn.tree import DecisionTreeClassifier\ndef tree():\n    return DecisionTreeClassifier(random_state=0)\n"
+    Path("my.py").write_text(good)
+    check = ["check", "baseline=b.json", "junit=check.xml"]
+    assert main([*check, "update=yes", *on, "model=my.py:tree"]) == main(check) == 0
+    assert 'failures="0" errors="0"' in Path("check.xml").read_text()
+    Path("bad.json").write_text("<<<<<<< HEAD")
+    assert main(["check", "baseline=bad.json", "junit=check.xml"]) == 2
+    assert 'errors="1"' in (told := Path("check.xml").read_text()) and "damaged" in told
+    Path("my.py").write_text(good.replace("random_state=0", "max_depth=-1"))
+    assert main(check) == 1
+    assert 'errors="1"' in (told := Path("check.xml").read_text()) and "InvalidParameterError" in told
+    Path("b.json").write_bytes(b"\xef\xbb\xbf" + Path("b.json").read_bytes())
+    Path("my.py").write_text(good)
+    assert main(check) == 0

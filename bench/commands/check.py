@@ -43,7 +43,21 @@ COMMAND = Command(
 
 
 def command(arguments: list[str]) -> int:
-    """Compare with the baseline, or write it; exit code 1 on an alarm, or if a run failed."""
+    """Compare with the baseline, or write it; exit code 1 on an alarm, or if a run failed.
+
+    What prevents the comparison is written into the JUnit file, too: the one of the last check may have been green.
+    """
+    from bench.outcomes import gate
+
+    try:
+        return _command(arguments)
+    except BaseException as e:
+        for path in [a.removeprefix("junit=") for a in arguments if a.startswith("junit=") and a != "junit="]:
+            _write(Path(path), gate.refused(f"{type(e).__name__}: {e}"), "junit")
+        raise
+
+
+def _command(arguments: list[str]) -> int:
     from bench.commands.printing import say
     from bench.outcomes import gate
     from bench.outcomes.runs import SELECTING, asked_of
@@ -67,10 +81,10 @@ def command(arguments: list[str]) -> int:
     if not baseline:
         raise InputError(f"baseline={path} holds no system with {' '.join(added)}; leave a key out")
     if how["stored"]:
-        current = _stored(baseline)
+        current, failed = _stored(baseline), {}
     else:
-        current, _ = _run([then.run for then in baseline], backend_of(values), asked)
-    verdicts = gate.compare(baseline, current, **limits)
+        current, failed = _run([then.run for then in baseline], backend_of(values), asked)
+    verdicts = gate.compare(baseline, current, **limits, failed=failed)
     say(*(verdict.line for verdict in verdicts))
     if how["junit"]:
         _write(Path(how["junit"]), gate.junit(verdicts), "junit")
@@ -101,20 +115,23 @@ def _cells(runs: list[str], asked: Mapping[str, list], then: Measured | None = N
     return [*planned.values()]
 
 
-def _run(runs: list[str], backend: Backend, asked: Mapping[str, list] | None = None) -> tuple[list[Measured], int]:
-    """Run what is not tracked yet; complete runs of the code, versions and threads as they are, and the exit code."""
+def _run(
+    runs: list[str], backend: Backend, asked: Mapping[str, list] | None = None
+) -> tuple[list[Measured], dict[tuple, str]]:
+    """Run what is not tracked yet; complete runs of the code, versions and threads as they are, and why others fail."""
     from bench.commands.printing import failures
     from bench.outcomes import gate
 
     planned = _cells(runs, asked or {})
     results = evaluated([cell for cell, _ in planned], backend)
-    code = failures(results)
+    failures(results)
     complete: dict[tuple[str, ...], Measured] = {}
     for result, (_, run) in zip(results, planned, strict=True):
         if result.complete:
             measured = gate.measured(result, run)
             complete.setdefault(tuple(measured.names.values()), measured)
-    return list(complete.values()), code
+    reasons = ((r, next(iter(r.errors.values())).reason) for r in results if r.errors)
+    return [*complete.values()], {tuple(str(r[k]) for k in gate.SAME): reason for r, reason in reasons}
 
 
 def _stored(baseline: list[Measured]) -> list[Measured]:
@@ -134,10 +151,10 @@ def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, fl
     from bench.outcomes import gate
 
     before = gate.read(path) if path.exists() or not added else []
-    after, code = _run([then.run for then in before] + ([shlex.join(added)] if added else []), backend)
-    if code:
+    after, failed = _run([then.run for then in before] + ([shlex.join(added)] if added else []), backend)
+    if failed:
         say(f"a run failed; {path} is unchanged")
-        return code
+        return 1
     kept = [then for then in before if gate.counterpart(then, after)]
     say(*(verdict.line for verdict in gate.compare(kept, after, **limits)))
     for now in after:

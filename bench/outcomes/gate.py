@@ -9,6 +9,7 @@ for the whole gate, shared evenly (Bonferroni). A baseline is a JSON file with w
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -60,12 +61,19 @@ class Verdict(NamedTuple):
         return f"{', '.join(self.wrong) or 'same':8} {self.name}: {self.details}"
 
 
-def compare(baseline: list[Measured], current: list[Measured], error: float, slower: float) -> list[Verdict]:
-    """Judge every system of a baseline."""
+def compare(
+    baseline: list[Measured],
+    current: list[Measured],
+    error: float,
+    slower: float,
+    failed: Mapping[tuple, str] | None = None,
+) -> list[Verdict]:
+    """Judge every system of a baseline; ``failed`` has the reason of each run that failed, by its `SAME`."""
     pairs = [(then, counterpart(then, current)) for then in baseline]
     questions = sum(1 + held(then, now) for then, now in pairs if now)
     return [
-        judge(then, now, error / 100 / questions, slower) if now else _missing(then, current) for then, now in pairs
+        judge(then, now, error / 100 / questions, slower) if now else _missing(then, current, failed or {})
+        for then, now in pairs
     ]
 
 
@@ -174,8 +182,11 @@ def counterpart(then: Measured, current: list[Measured]) -> Measured | None:
     return fitting[-1] if fitting else None
 
 
-def _missing(then: Measured, current: list[Measured]) -> Verdict:
+def _missing(then: Measured, current: list[Measured], failed: Mapping[tuple, str]) -> Verdict:
+    reason = failed.get(tuple(then.names[k] for k in SAME))
     details = f"no complete current run; make one with: bench run {then.run}"
+    if reason:
+        details = f"its folds fail: {reason}"
     if any(all(now.names[k] == then.names[k] for k in SAME) for now in current):
         details = f"the run tests other captures than the baseline (digest {then.names['corpus_digest'][:16]})"
     return Verdict(named(then), ("not run",), details, current=False)
@@ -206,6 +217,11 @@ def measured(result: Result, run: str) -> Measured:
     )
 
 
+def refused(reason: str) -> str:
+    """The XML of a check that came to no verdict."""
+    return junit([Verdict("bench check", ("not checked",), reason, current=False)])
+
+
 def junit(verdicts: list[Verdict]) -> str:
     """The verdicts in the XML that CI servers read: a test case for each system."""
     wrong = [v for v in verdicts if v.wrong]
@@ -234,7 +250,7 @@ def _printable(text: str) -> str:
 def read(path: Path) -> list[Measured]:
     """Load a baseline."""
     try:
-        stored = json.loads(path.read_text(encoding="utf-8"))
+        stored = json.loads(path.read_text(encoding="utf-8-sig"))
         if stored["format"] != FORMAT:
             raise ValueError(f"format {stored['format']}, not {FORMAT}")
         baseline = [_loaded(dict(entry)) for entry in stored["systems"]]
