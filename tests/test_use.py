@@ -71,7 +71,7 @@ def test_a_function_from_captures_to_rows_is_a_feature_set(rows, code, capsys):
 
 def test_a_check_that_comes_to_no_verdict_leaves_no_green_file(capsys):
     on = ["data.subjects=3", "data.variants=normal", "data.repetitions=1", "features=jung28", "jobs=1"]
-    good = "from sklearn.tree import DecisionTreeClassifier\ndef tree():\n    return DecisionTreeClassifier(random_state=0)\n"
+    good = "from sklearn.tree import DecisionTreeClassifier as Tree\ndef tree():\n    return Tree(random_state=0)\n"
     Path("my.py").write_text(good)
     check = ["check", "baseline=b.json", "junit=check.xml"]
     assert main([*check, "update=yes", *on, "model=my.py:tree"]) == main(check) == 0
