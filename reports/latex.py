@@ -40,6 +40,14 @@ ESCAPED = {
     MIXED_MARK: r"$^\ddagger$",
     "\N{MULTIPLICATION SIGN}": r"$\times$",
 } | {sign: rf"\{sign}" for sign in "&%$#_{}"}
+GREEK = zip(
+    "αβγδεζηθικλμνξπρστυφχψωΓΔΘΛΞΠΣΥΦΨΩ",  # the other capitals are Latin letters
+    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi psi omega "
+    "Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega".split(),
+    strict=True,
+)
+ESCAPED |= {letter: rf"\ensuremath{{\{word}}}" for letter, word in GREEK}
+LATIN = "\N{LATIN SMALL LETTER LONG S}"  # the last letter that pdflatex sets
 HEAD = r"% One table for each corpus, subset, protocol and unit. Needs \usepackage{booktabs}." + "\n"
 SCORES = ("accuracy", "macro_f1")  # columns under each protocol
 HEADINGS = {"accuracy": "accuracy", "p_holm": "$p$ (Holm)", "macro_f1": "macro-F1", "abstained": "abstained"}
@@ -61,12 +69,18 @@ class Paper:
 def latex(table: pd.DataFrame) -> str:
     """The rows of `bench.reports.comparison.comparison`, a table for each of `TOGETHER`."""
     parts = table.groupby([name for name in TOGETHER if name in table], sort=False)
-    return HEAD + "".join(f"\n{_one(part, i)}" for i, (_, part) in enumerate(parts, 1))
+    return _headed(HEAD + "".join(f"\n{_one(part, i)}" for i, (_, part) in enumerate(parts, 1)))
 
 
 def side_by_side(made: Sequence[Paper]) -> str:
     """The tables of a paper; the most accurate system under each protocol is bold."""
-    return SIDE_BY_SIDE + "".join(f"\n{_side_by_side(one, i)}" for i, one in enumerate(made, 1))
+    return _headed(SIDE_BY_SIDE + "".join(f"\n{_side_by_side(one, i)}" for i, one in enumerate(made, 1)))
+
+
+def _headed(text: str) -> str:
+    """The text, whose first line names the engine where letters need one."""
+    engine = "% Letters beyond Latin and Greek: needs lualatex or xelatex, and a font that has them.\n"
+    return engine * any(c.isalpha() and c > LATIN for c in text) + text
 
 
 def _side_by_side(one: Paper, position: int) -> str:

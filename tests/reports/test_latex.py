@@ -85,6 +85,9 @@ def test_text_is_escaped_and_control_characters_are_gone():
         r"a\_b \& 50 \% \{x\} \#1 \$2 \textasciitilde{} \textasciicircum{} \textbackslash{}"
     )
     assert escaped("a\nb\x1bc\u202e") == "a bc"
+    assert escaped("Tree_α λ") == r"Tree\_\ensuremath{\alpha} \ensuremath{\lambda}"
+    for letter, first in (("α", "% One table"), ("手", "% Letters beyond Latin and Greek: needs lualatex")):
+        assert latex(pd.DataFrame([row(letter, 50.0)] * 2)).startswith(first)
 
 
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")
