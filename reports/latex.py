@@ -42,8 +42,8 @@ ESCAPED = {
 } | {sign: rf"\{sign}" for sign in "&%$#_{}"}
 GREEK = zip(
     "αβγδεζηθικλμνξπρστυφχψωΓΔΘΛΞΠΣΥΦΨΩ",  # the other capitals are Latin letters
-    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi psi omega "
-    "Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega".split(),
+    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi psi "
+    "omega Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega".split(),
     strict=True,
 )
 ESCAPED |= {letter: rf"\ensuremath{{\{word}}}" for letter, word in GREEK}
