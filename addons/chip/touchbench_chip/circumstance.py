@@ -28,6 +28,11 @@ def watchers() -> list[Any]:
     return [*used("fit").values()]
 
 
+def watching(detector: str) -> Any:
+    """What learns to watch with a detector; empty for the usual one of ``bench fit``."""
+    return watchers()[0](labelled("detector", detector) if detector else {})
+
+
 @dataclass(frozen=True)
 class InC(Circumstance):
     """The C that a fitted system is exported as labels the test captures."""
@@ -44,11 +49,7 @@ class InC(Circumstance):
 
     @classmethod
     def of(cls, values: Values) -> list[Self]:
-        """A circumstance for each number of bits.
-
-        Raises:
-            InputError: there is no such form, number or detector.
-        """
+        """A circumstance for each number of bits and detector."""
         for form in items("form", values["form"]):
             if form != C:
                 raise InputError(f"form={form}: give {C}")
@@ -79,8 +80,6 @@ class InC(Circumstance):
     @property
     def part(self) -> Part[Any]:
         """The detector, with all parameters."""
-        from touchbench_chip.fold import watching
-
         return watching(self.detector).part
 
     def code(self) -> list[Code]:
@@ -89,11 +88,7 @@ class InC(Circumstance):
         return [*super().code(), "touchbench_chip.network", *watching]
 
     def refuse(self, plan: Plan) -> None:
-        """Refuse a system that has no C, and a machine without the programs.
-
-        Raises:
-            InputError: either.
-        """
+        """Refuse a system that has no C, and a machine without the programs."""
         from touchbench_chip.fold import refuse
 
         refuse(plan, self.detector)

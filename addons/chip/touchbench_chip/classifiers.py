@@ -79,11 +79,7 @@ def _varies(mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
 
 
 def _affine(steps: list, width: int) -> Affine:
-    """Steps between features and classifier as (x - a) b + c.
-
-    Raises:
-        InputError: one of them is no scaling.
-    """
+    """Steps between features and classifier as (x - a) b + c."""
     scaling = np.zeros(width), np.ones(width), np.zeros(width)
     for step in steps:
         if isinstance(step, PersonScaler):
@@ -284,11 +280,7 @@ class Nodes:
                 waiting += [(int(right[node]), position), (int(left[node]), -1)]
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Tables of all trees.
-
-        Raises:
-            InputError: a tree or a table of leaves is too large for 16 bits.
-        """
+        """Tables of all trees."""
         if max(self.right) >= 2**16 or max(self.feature) >= 2**15:
             raise InputError("a tree or its leaves are too many for 16 bits; fit smaller trees")
         kind = [("feature", np.int16), ("right", np.uint16), ("threshold", SINGLE)]
@@ -395,16 +387,7 @@ def has_c(classifier: object) -> bool:
 
 
 def decider(system: Pipeline, width: int, bits: int) -> Decider:
-    """A classifier and the scaling before it.
-
-    Args:
-        system: features, scaling and classifier, fitted.
-        width: number of features.
-        bits: bits of a learnt weight, 32 or 8.
-
-    Raises:
-        InputError: one of them has no C.
-    """
+    """The classifier of a fitted pipeline on so many features, and the scaling before it, in 32 or 8 bits a weight."""
     classifier = system.steps[-1][1]
     scaling = _affine([step for _, step in system.steps[1:-1]], width)
     for kind, convert in DECIDERS.items():

@@ -35,11 +35,7 @@ EXPORT = Command(
 
 
 def export(arguments: list[str]) -> int:
-    """Write a saved system as C.
-
-    Raises:
-        InputError: something in the arguments cannot be used, the system has no C, or the folder cannot be written.
-    """
+    """Write a saved system as C."""
     from bench.commands.printing import then
     from bench.scratch import made_whole, new_folder
     from bench.work.saved import load

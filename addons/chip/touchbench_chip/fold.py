@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from bench import scores
 from bench.errors import InputError
-from bench.options import used
-from bench.words import labelled
 from bench.work.fitted import Fitted
 from bench.work.fold import computing
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
 from bench.work.results import FoldResult
 from bench.work.saved import Recogniser
+from touchbench_chip.circumstance import watchers, watching
 from touchbench_chip.measure import compiled, lacking, measured, measured_watching
 from touchbench_chip.tables import check
 from touchbench_chip.write import files_of
@@ -30,11 +29,7 @@ UNTAUGHT = Stopping(Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.0,) * len(STATE)
 
 
 def refuse(plan: Plan, detector: str) -> None:
-    """Refuse a system that has no C, a detector that is none, and a machine without the programs.
-
-    Raises:
-        InputError: one of them.
-    """
+    """Refuse a system that has no C, a detector that is none, and a machine without the programs."""
     watches = check(plan.cell.untrained)
     if detector and not watches:
         raise InputError(
@@ -49,13 +44,17 @@ def refuse(plan: Plan, detector: str) -> None:
 
 def warnings(plan: Plan) -> list[str]:
     """Warn where the folds cannot teach a watcher."""
-    why = _unwatched(plan) if check(plan.cell.untrained) and used("fit") else ""
+    why = ""
+    if not check(plan.cell.untrained) or not watchers():
+        return []
+    if any(len(set(plan.corpus.subjects[fold.train])) < 2 for fold in plan.folds):
+        why = "a fold trains on one subject"
+    else:
+        try:
+            watching("").check(plan.corpus)
+        except InputError as e:
+            why = str(e)
     return [f"warning: costs of watching an endless stream are not measured: {why}"] if why else []
-
-
-def watching(detector: str) -> Any:
-    """What learns to watch with a detector; empty for the usual one of ``bench fit``."""
-    return [*used("fit").values()][0](labelled("detector", detector) if detector else {})
 
 
 def fold(at: Fitted, bits: int, detector: str) -> FoldResult:
@@ -73,7 +72,7 @@ def fold(at: Fitted, bits: int, detector: str) -> FoldResult:
         in_c = compiled(folder, len(recogniser.classes))
         proba = np.array([in_c(frames) for frames in test])
         metrics = measured(folder)
-    if check(at.cell.untrained) and used("fit"):
+    if check(at.cell.untrained) and watchers():
         with computing(at.threads):
             metrics |= _watching(at, recogniser, bits, detector)
     table[[f"p_{name}" for name in scores.classes_of(at.predictions)]] = np.float32(0)
@@ -102,17 +101,6 @@ def _watching(at: Fitted, recogniser: Recogniser, bits: int, detector: str) -> d
         return {}
     with tempfile.TemporaryDirectory() as name:
         return measured_watching(_written(recogniser, bits, Path(name)), recording)
-
-
-def _unwatched(plan: Plan) -> str:
-    """The reason why the folds of a plan cannot teach a watcher; empty if they can."""
-    if any(len(set(plan.corpus.subjects[fold.train])) < 2 for fold in plan.folds):
-        return "a fold trains on one subject"
-    try:
-        [*used("fit").values()][0]({}).check(plan.corpus)
-    except InputError as e:
-        return str(e)
-    return ""
 
 
 def compared(table: pd.DataFrame) -> dict[str, float]:

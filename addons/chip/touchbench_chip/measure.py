@@ -23,12 +23,13 @@ REASON = re.compile(r"too small|error:|undefined reference")  # among the lines 
 LIMIT_S = 300  # of one program; QEMU takes seconds
 ROOMY = ("FLASH=1M", "RAM=1M")  # of a chip on which everything is counted, whether or not yours has as much
 PRINTED = (  # by make flash count chip
-    r"flash: (?P<code>\d+) bytes of code, (?P<tables>\d+) of tables",
-    r"RAM of the library: (?P<ram>\d+) bytes of state",
-    r"library: (?P<flash>\d+) bytes of flash",
-    r"stack: (?P<stack>\d+) bytes",
-    r"program: \d+ bytes of flash and (?P<program>\d+) of RAM, and (?P<reserve>\d+) more",
-    r"instructions: (?P<mean>\d+) a frame on average.*; a frame and its label at most (?P<most>\d+)",
+    r"flash: (?P<code_bytes>\d+) bytes of code, (?P<table_bytes>\d+) of tables",
+    r"RAM of the library: (?P<ram_bytes>\d+) bytes of state",
+    r"library: (?P<flash_bytes>\d+) bytes of flash",
+    r"stack: (?P<stack_bytes>\d+) bytes",
+    r"program: \d+ bytes of flash and (?P<program_ram_bytes>\d+) of RAM, and (?P<reserve>\d+) more",
+    r"instructions: (?P<frame_instructions>\d+) a frame on average.*; a frame and its label at most "
+    r"(?P<most_instructions>\d+)",
 )
 WATCHING = (  # besides, by make flash count of a system that watches a stream
     r"watching: (?P<watch_ram_bytes>\d+) bytes of state",
@@ -51,8 +52,7 @@ def lacking() -> list[str]:
 def compiled(folder: Path, classes: int) -> Callable[[np.ndarray], np.ndarray]:
     """The C files of a folder as a function from a capture [frames, rows, cols] to probabilities [classes].
 
-    Raises:
-        ValueError: they do not compile; the function: the capture is refused.
+    Both raise a ValueError: what does not compile, and a capture that is refused.
     """
     (folder / "asked.c").write_text((CODE / "asked.c").read_text(encoding="utf-8"), encoding="utf-8")
     _output(["cc", *FLAGS, "asked.c", "-lm", "-o", "asked.so"], folder)
@@ -87,49 +87,24 @@ def measured(folder: Path) -> dict[str, float]:
         ValueError: they do not compile, or the program does not fit into 256 KiB and 32 KiB, or QEMU does not end.
     """
     numbers = _numbers(["flash", "count", "chip"], PRINTED, folder)
-    return {
-        "chip_flash_bytes": numbers["flash"],
-        "chip_code_bytes": numbers["code"],
-        "chip_table_bytes": numbers["tables"],
-        "chip_ram_bytes": numbers["ram"],
-        "chip_program_ram_bytes": numbers["program"] + numbers["reserve"],
-        "chip_stack_bytes": numbers["stack"],
-        "chip_frame_instructions": numbers["mean"],
-        "chip_most_instructions": numbers["most"],
-    }
+    numbers["chip_program_ram_bytes"] += numbers.pop("chip_reserve")
+    return numbers
 
 
 def measured_watching(folder: Path, recording: np.ndarray | None = None) -> dict[str, float]:
-    """Bytes and instructions of `touch_watch` on a Cortex-M4F, of the C files of a system that watches a stream.
+    """Bytes and instructions of `touch_watch`, as of `measured`, of a system that watches an endless stream.
 
-    Args:
-        folder: the C files.
-        recording: frames that it watches, besides generated ones [frames, rows, cols].
-
-    Returns:
-        ``chip_watch_flash_bytes``: as ``chip_flash_bytes`` of `measured`, of a program that only watches;
-        ``chip_watch_ram_bytes`` (with that of a capture); ``chip_watch_stack_bytes``;
-        ``chip_watch_idle_instructions`` and ``chip_watch_frame_instructions``: of a frame without and with touch,
-        means; ``chip_watch_most_instructions``: of the costliest frame. Of a recording also
-        ``chip_watch_recorded_instructions`` (of a frame, mean), ``chip_watch_recorded_most_instructions`` and
-        ``chip_watch_recorded_reports``, a count.
-
-    Raises:
-        ValueError: they do not compile or do not watch, or QEMU does not end.
+    ``chip_watch_ram_bytes`` has that of a capture, too; instructions are of a frame without and with touch (means), and
+    of the costliest; also on a recording [frames, rows, cols], if there is one, with the number of reports.
     """
     if recording is not None:
         (folder / "recorded.bin").write_bytes(recording.astype("<f4").tobytes())
     patterns = WATCHING if recording is None else WATCHING + RECORDED
-    numbers = _numbers(["flash", "count", *ROOMY], patterns, folder)
-    return {f"chip_{name}": value for name, value in numbers.items()}
+    return _numbers(["flash", "count", *ROOMY], patterns, folder)
 
 
 def _numbers(targets: list[str], patterns: tuple[str, ...], folder: Path) -> dict[str, float]:
-    """Numbers that make prints, by the names of the groups of their patterns.
-
-    Raises:
-        ValueError: it fails or does not print all of them.
-    """
+    """Numbers that make prints, by the names of the groups of their patterns; a ValueError where one is missing."""
     text = _output(["make", "-s", *targets], folder)
     numbers: dict[str, float] = {}
     for pattern in patterns:
@@ -137,16 +112,12 @@ def _numbers(targets: list[str], patterns: tuple[str, ...], folder: Path) -> dic
             raise ValueError(
                 f"make {' '.join(targets)} printed nothing about {pattern.partition(':')[0]}: {text[-300:]}"
             )
-        numbers |= {name: float(value) for name, value in match.groupdict().items()}
+        numbers |= {f"chip_{name}": float(value) for name, value in match.groupdict().items()}
     return numbers
 
 
 def _output(call: list[str], folder: Path) -> str:
-    """What a program prints.
-
-    Raises:
-        ValueError: it fails or does not end.
-    """
+    """What a program prints; a ValueError if it fails or does not end."""
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(call, cwd=folder, start_new_session=True, **pipes) as process:
         try:

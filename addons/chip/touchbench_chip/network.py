@@ -15,11 +15,7 @@ from touchbench_chip.classifiers import HAVE, SINGLE, Decider
 
 
 def check(system: System) -> None:
-    """Refuse other networks and other objects.
-
-    Raises:
-        InputError: it is.
-    """
+    """Refuse other networks and other objects."""
     if type(system) is not Hughes2017CNN:
         raise InputError(f"{type(system).__name__} has no C; use hughes2017_cnn, {HAVE}")
 
@@ -27,12 +23,7 @@ def check(system: System) -> None:
 def convolved(system: Hughes2017CNN, grid: tuple[int, int], bits: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Sizes by name, and the weights of both layers of filters.
 
-    Pools take the most of two times, and of two rows and columns where there are two.
-
-    Args:
-        system: fitted.
-        grid: rows and columns of a frame.
-        bits: bits of a weight, 32 or 8; biases and steps have 32.
+    Pools take the most of two times, and of two rows and columns where there are two. Biases and steps have 32 bits.
     """
     net: Any = system.net_
     first, pool1, _, second, pool2 = net[:5]

@@ -51,11 +51,7 @@ class Chip:
 
 
 def check(estimator: Any) -> bool:
-    """Refuse a system that is not fitted and has no C; True if its C can watch an endless stream.
-
-    Raises:
-        InputError: the message says why.
-    """
+    """Refuse a system that is not fitted and has no C; True if its C can watch an endless stream."""
     if isinstance(estimator, Reflex):
         return True
     system, steps = _opened(estimator, "system")
@@ -71,15 +67,7 @@ def check(estimator: Any) -> bool:
 
 
 def chip_of(recogniser: Recogniser, bits: int) -> Chip:
-    """The contents of a saved system's C.
-
-    Args:
-        recogniser: saved system, from `bench.work.saved.load`.
-        bits: bits of a learnt weight, 32 or 8.
-
-    Raises:
-        InputError: it cannot become C; the message says why.
-    """
+    """The contents of a saved system's C, with 32 or 8 bits a learnt weight."""
     estimator: Any = recogniser.estimator
     reflex = isinstance(estimator, Reflex)
     system, steps = _opened(estimator.whole_ if reflex else estimator)
@@ -109,12 +97,10 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
     if name == "touch" and (watcher := recogniser.watcher) is not None:
         watch = watcher.in_c(recogniser.classes, recogniser.rate_hz)
         if watch is None:
-            finds = watcher.chosen.get("detector", type(watcher).__name__.lower())
+            finds = watcher.chosen["detector"]
             raise InputError(f"detector={finds} has no C; use frames or threshold in bench fit detector=, or watch=no")
-        if taken := {name for _, group in watch.constants for name in group} & {*defines}:
-            raise InputError(f"detector: its C defines {', '.join(sorted(taken))}, as touch.c does; rename it there")
         defines |= _watching(watch, recogniser, sizes, 0 if any(map(is_fraction, steps)) else recogniser.step)
-        points = watcher.points or ((watch.level, np.nan, np.nan),)
+        points = watcher.points
         arrays |= watch.arrays | {"levels": np.array([level for level, _, _ in points], np.float32)}
         for function, part in watch.deciders.items():
             deciders[function] = replace(decider(part, width, bits), classes=str(len(part.classes_)))
@@ -141,12 +127,7 @@ def _sizes(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:
 def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
     """A system, features and classifier or a network, and the steps of the recipe around it, if there is one.
 
-    Args:
-        estimator: the system, or a recipe.
-        inside: the attribute of a recipe that is the system.
-
-    Raises:
-        InputError: it is something else.
+    ``inside`` is the attribute of a recipe that is the system.
     """
     if contract.abstention(estimator) is not None:
         raise InputError("a system that abstains has no C, which always names a gesture; remove abstains")
@@ -161,11 +142,7 @@ def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
 
 
 def _features(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]:
-    """Which C computes the features, and of which windows.
-
-    Raises:
-        InputError: none does.
-    """
+    """Which C computes the features, and of which windows."""
     features = system.steps[0][1]
     windows = next((step for step in steps if isinstance(step, Windows)), None)
     if isinstance(features, TouchFeatures):
@@ -195,16 +172,7 @@ def _steps(steps: list[Step], rate_hz: float) -> dict[str, Any]:
 
 
 def _windows(windows: Windows | None, short: Windows | None, rate_hz: float) -> dict[str, Any]:
-    """Lengths of windows and what depends on them, in frames; windows begin in the middle of the one before.
-
-    Args:
-        windows: None for whole captures.
-        short: the windows that are shorter and come first; None without.
-        rate_hz: frames per second.
-
-    Raises:
-        InputError: another hop.
-    """
+    """Lengths of windows in frames, and of shorter ones that come first; each begins in the middle of the last."""
     if windows is None:
         return {"WINDOW": 0, "EARLY": 0}
     window, hop = windows.lengths(rate_hz)
@@ -234,11 +202,7 @@ def is_fraction(step: Step) -> bool:
 def _watching(watch: Any, recogniser: Recogniser, sizes: dict[str, Any], step: float) -> dict[str, Any]:
     """Constants of a watcher, and of its frames, which share the ring of signals with captures.
 
-    Args:
-        watch: needs of the watcher.
-        recogniser: saved system.
-        sizes: result of `_windows`.
-        step: all readings are multiples of it, so that their sums are exact in few bits; 0 where there is none.
+    Readings are multiples of ``step``, so that their sums are exact in few bits; 0 where there is none.
     """
     steps, longest = recogniser.full_scale / step if step else np.inf, max(watch.part, sizes["HOP"], sizes["EARLY_HOP"])
     ring = max(sizes["WINDOW"], watch.frames)

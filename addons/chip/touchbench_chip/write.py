@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,16 +61,7 @@ CONSTANTS = REMEMBERED | {  # of the feature set touch
 
 
 def files_of(recogniser: Recogniser, bits: int, title: str) -> dict[str, str]:
-    """Names and contents of the files.
-
-    Args:
-        recogniser: a saved system.
-        bits: bits of a learnt weight, 32 or 8.
-        title: description in one line.
-
-    Raises:
-        InputError: it cannot become C.
-    """
+    """Names and contents of the files of a saved system, with a title of one line, and 32 or 8 bits a learnt weight."""
     chip = chip_of(recogniser, bits)
     return {
         "touch.h": _header(chip, title, recogniser.rate_hz),
@@ -92,48 +84,28 @@ def _fixed(name: str) -> str:
     return (CODE / name).read_text(encoding="utf-8")
 
 
+def _template(name: str, values: dict[str, str]) -> str:
+    """A fixed file with values behind ``$``."""
+    return Template(_fixed(name)).substitute(values)
+
+
 def _header(chip: Chip, title: str, rate_hz: float) -> str:
     defines = chip.defines | {"RATE_HZ": repr(rate_hz)}  # in full, as main.c counts hops with it
-    public = "\n".join(f"#define TOUCH_{name} {defines[name]}" for name in PUBLIC if name in defines)
-    settled = SETTLED if defines["STOPPING"] == "1" else NOT_SETTLED
-    return f"""/* {title} */
-#ifndef TOUCH_H
-#define TOUCH_H
-
-#include <stdint.h>
-
-{public}
-
-/* Return codes below 0. */
-#define TOUCH_BAD -1   /* no state or frame, or a reading that is not within 0 and the full scale */
-#define TOUCH_LONG -2  /* the capture is longer than any that was learnt from: begin a new one */
-#define TOUCH_EMPTY -3 /* nothing was touched yet */
-
-{_state(chip)}
-/* Begin a capture; the state is all the memory that is needed. */
-int touch_init(touch_t *t);
-
-/* Take a frame, row by row, readings from 0 to TOUCH_FULL_SCALE: 1 if there is a new decision, 0 if not yet, or a code.
-   A frame that is refused changes nothing. */
-int touch_push(touch_t *t, const float *frame);
-
-/* The class of what has been seen since the beginning, or a code; and probabilities of all classes.
-   {settled}
-   settled may be NULL. */
-int touch_label(touch_t *t, float *probabilities, float *settled);
-
-/* What a class is called. */
-const char *touch_name(int label);
-{WATCH + _points(chip) if defines["WATCH"] == "1" else ""}
-#endif
-"""
+    parts = {
+        "title": title,
+        "public": "\n".join(f"#define TOUCH_{name} {defines[name]}" for name in PUBLIC if name in defines),
+        "state": _state(chip),
+        "settled": SETTLED if defines["STOPPING"] == "1" else NOT_SETTLED,
+        "watch": _fixed("watch.h") + _points(chip) if chip.watch else "",
+    }
+    return _template("touch.h", parts)
 
 
 def _points(chip: Chip) -> str:
     """The function that moves a watcher to another operating point, and what training found at each."""
     rows = [
         f"   {i}: {f'{rate:.3g}' if rate == rate else 'unknown'} false alarms per hour, "
-        f"{f'{100 * found:.1f} %' if found == found else 'unknown share'} found"
+        f"{100 * found:.1f} % found"
         f"{' (after touch_watch_init)' if number(level) == chip.defines['LEVEL'] else ''}"
         for i, (level, rate, found) in enumerate(chip.points)
     ]
@@ -177,7 +149,8 @@ def _state(chip: Chip) -> str:
             "int remembered, label_at[32]; int16_t labels[32];  /* labels so far, and after how many frames */"
         )
     body = "".join(f"    {line}\n" for line in members)
-    part = (SUMS if d["STEPPED"] == "1" else PART).format_map(d) if chip.features == "touch" else ""
+    sums = "part_in_steps.h" if d["STEPPED"] == "1" else "part.h"
+    part = _template(sums, d) if chip.features == "touch" else ""
     return f"{part}typedef struct {{\n{body}}} touch_t;\n{_watch_state(chip)}"
 
 
@@ -192,68 +165,9 @@ def _watch_state(chip: Chip) -> str:
         "touch_counts_t counts; int is_refused, is_saturated;  /* of the last decision, of the last frame */",
         *(line.format_map(chip.defines) for line in chip.watch.state),
     )
-    return COUNTS + "typedef struct {\n" + "".join(f"    {line}\n" for line in members) + "} touch_watch_t;\n"
-
-
-COUNTS = """
-/* Frames since touch_watch_init, of them those of refused decisions, a hop or tick each, and saturated ones; modulo
-   2^32. */
-typedef struct {
-    uint32_t frames, refused, saturated;
-} touch_counts_t;
-
-"""
-WATCH = """
-#define TOUCH_UNKNOWN -1 /* label of a touch that is unlike all gestures */
-#define TOUCH_REPORTED 1 /* news: an event is reported, its label is another one, it is over */
-#define TOUCH_CHANGED 2
-#define TOUCH_ENDED 3
-#define TOUCH_OK 0        /* status */
-#define TOUCH_REFUSED 1   /* the last frames are unlike training */
-#define TOUCH_SATURATED 2 /* a tenth of the taxels, or more, are at full scale in the last frame */
-
-/* An event: its label so far, mean probability of the label, and frames seen when it was reported and when it ended.
-   Frames are counted from touch_watch_init, modulo 2^32; end is 0 while the touch lasts. */
-typedef struct {
-    int label;
-    float confidence;
-    uint32_t reported, end;
-} touch_event_t;
-
-/* Begin to watch: once, at power-on. The state is all the memory that is needed; it holds that of a capture, too. */
-int touch_watch_init(touch_watch_t *w);
-
-/* Take a frame of an endless stream, as touch_push does: 0 without news, TOUCH_REPORTED, TOUCH_CHANGED or TOUCH_ENDED
-   with news, which the event then tells, or a code, which changes nothing. A touch that is over before it was reported
-   is news once, TOUCH_ENDED. */
-int touch_watch(touch_watch_t *w, const float *frame, touch_event_t *event);
-
-/* Whether touches may be missed now: TOUCH_OK, TOUCH_REFUSED or TOUCH_SATURATED, or a code. counts tells how many
-   frames were so, and may be NULL. */
-int touch_status(const touch_watch_t *w, touch_counts_t *counts);
-"""
-
-
-PART = """/* What the taxels did in a part of a window. */
-typedef struct {{
-    int n;
-    float mean[{TAXELS}], m2[{TAXELS}], most[{TAXELS}];
-}} part_t;
-
-"""
-
-
-SUMS = """/* What the taxels did in a part of a window, in steps of their readings; sums are exact. */
-typedef {SUM} sum_t;
-typedef {MOST} most_t;
-typedef struct {{
-    int n;
-    uint32_t squares[{TAXELS}];
-    sum_t sum[{TAXELS}];
-    most_t most[{TAXELS}];
-}} part_t;
-
-"""
+    return (
+        _fixed("counts.h") + "typedef struct {\n" + "".join(f"    {line}\n" for line in members) + "} touch_watch_t;\n"
+    )
 
 
 def _touch_state(d: dict[str, str]) -> list[str]:

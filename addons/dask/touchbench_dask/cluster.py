@@ -28,9 +28,6 @@ class Cluster:
         address: address of the scheduler, or the file that it has written.
         plans: all that is to be run.
         say: prints a line.
-
-    Raises:
-        InputError: Dask is not installed, no scheduler answers there, or it has no worker.
     """
 
     def __init__(self, address: str, plans: Sequence[Plan], say: Callable[[str], None]) -> None:
@@ -64,11 +61,7 @@ class Cluster:
         self.client.close(timeout=5)
 
     def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[Done]:
-        """Do folds of a plan; each result as soon as it is there.
-
-        Raises:
-            ClusterError: the scheduler is gone.
-        """
+        """Do folds of a plan; each result as soon as it is there."""
         from distributed import as_completed
 
         expected = plan.cell.identity()
@@ -93,11 +86,7 @@ class Cluster:
 def there(
     cell: Cell, corpus: Corpus, fold: Fold, threads: int, expected: dict[str, object]
 ) -> tuple[FoldResult, Machine]:
-    """Do a fold, in a worker.
-
-    Raises:
-        InputError: code or versions differ from those of the command.
-    """
+    """Do a fold, in a worker."""
     here = cell.identity()
     if differs := [
         f"{name}: {here[name]} here, {expected[name]} there" for name in here if here[name] != expected[name]

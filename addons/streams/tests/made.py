@@ -6,6 +6,7 @@ import pandas as pd
 from tests.reports.store import keep
 from tests.results import HAART, result
 
+TINY = "data=synth data.subjects=3 data.variants=normal data.rate_hz=20 data.rows=3 data.cols=3 jobs=1".split()
 WATCHED = pd.DataFrame(  # 100 s at 50 Hz, 10 s of it touched; one touch is found, one missed, one false alarm raised
     [("recording", np.nan, 5000, None, np.nan, None, None, np.nan)]
     + [("touch", 500, 750, "pat", np.nan, None, None, np.nan), ("touch", 1000, 1250, "rub", np.nan, None, None, np.nan)]
@@ -27,7 +28,7 @@ def watched(system, end_correct, alarms, latency, flash=4000.0, tables=None, **a
         "per_subject": pd.DataFrame({"subject": names, "end_correct": end_correct, **hours}),
         "curve": pd.DataFrame({"offset": [-1, 0], "missed": [0.5, 0.0], "false_alarms_per_hour": [0.0, 40]}),
     }
-    options = {"watch.false_alarms": "5.0", "watch.background": "", "watch.unknown": ""}
+    options = {"watch.detector": "frames", "watch.false_alarms": "5.0", "watch.background": "", "watch.unknown": ""}
     return result(system, "watch", metrics, usual | (tables or {}), **HAART | options | about)
 
 

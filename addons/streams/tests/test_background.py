@@ -12,8 +12,8 @@ from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.scratch import home
-from touchbench_streams.background import digest_of, further, joined
 from touchbench_streams.recordings import captures_in, recorded
+from touchbench_streams.stored import further, joined
 from touchbench_streams.study import Continuous
 from touchbench_streams.synth_recordings import generate
 from touchbench_streams.watch import too_short
@@ -46,14 +46,9 @@ def still(seed, changed=""):
     return stored("still", frames, [""] * len(subjects), subjects)
 
 
-def plan_of(**words):
-    (plan,) = planned(
-        [
-            replace(cell, study=Continuous())
-            for cell in cells({"data": "day", "model": "lda", "features": "touch"} | words)
-        ],
-        1,
-    )
+def plan_of():
+    words = {"data": "day", "model": "lda", "features": "touch"}
+    (plan,) = planned([replace(cell, study=Continuous()) for cell in cells(words)], 1)
     return plan
 
 
@@ -71,9 +66,9 @@ def test_recordings_of_a_test_subject_are_left_out(imported):
 
 def test_what_a_test_subject_recorded_changes_nothing_and_what_others_did_counts(imported):
     plan, kind = plan_of(), Continuous(detector="threshold", background="still", false_alarms=2.0)
-    one, digest = kind.fold(plan.cell, plan.corpus, plan.folds[0], 1), digest_of("still")
+    one, identity = kind.fold(plan.cell, plan.corpus, plan.folds[0], 1), kind.identity()
     still(3, "1")
-    assert digest_of("still") != digest
+    assert kind.identity() != identity
     tested = kind.fold(plan.cell, plan.corpus, plan.folds[0], 1)
     pd.testing.assert_frame_equal(one.trials, tested.trials)
     assert one.chosen == tested.chosen
@@ -89,10 +84,8 @@ def test_further_background_makes_lower_rates_learnable(imported):
     assert f" is {quiet + sum(STILL.values()) / 15 / 60:.1f} minutes" in more
 
 
-@pytest.mark.parametrize(
-    "name, fact", [("nothing", "no such recordings"), ("day", "touches"), ("fast", r"rate_hz is 30.*not 15")]
-)
-def test_what_is_no_further_background_is_refused(imported, name, fact):
+@pytest.mark.parametrize("name, fact", [("nothing", "no such recordings"), ("fast", r"rate_hz is 30.*not 15")])
+def test_what_is_no_further_background_is_refused(name, fact):
     stored("fast", np.zeros((60, 9), int), [""] * 60, ["9"] * 60, "30")
     with pytest.raises(InputError, match=fact):
         further(name, PEOPLE.corpus)

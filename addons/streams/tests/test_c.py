@@ -17,7 +17,6 @@ from addons.chip.tests.compiled import STRICT, fitted, lacking, written
 from bench.corpora import synth
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.faults import as_readings, as_shares, noise
-from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
@@ -40,7 +39,7 @@ REPORTED, CHANGED, ENDED = 1, 2, 3
 LIBRARY = """#include "touch.c"
 static touch_watch_t w;
 typedef struct { touch_event_t event; int news; uint32_t seen; } news_t;
-void start(unsigned seen) { touch_watch_init(&w); w.seen = seen; }
+void start(void) { touch_watch_init(&w); }
 int stream(const float *frames, int n, news_t *news)
 {
     int count = 0;
@@ -67,9 +66,9 @@ class Watched:
         subprocess.run(call, cwd=folder, check=True, capture_output=True, text=True)
         self.code = ctypes.CDLL(str(folder / "library.so"))
 
-    def start(self, seen=0):
-        """Begin, as if after so many frames."""
-        self.code.start(ctypes.c_uint(seen))
+    def start(self):
+        """Begin."""
+        self.code.start()
         return self
 
     def __call__(self, frames):
@@ -93,8 +92,8 @@ def events_of(news, classes):
 
 
 @cache
-def recordings(rate_hz=135.0, whole=False):
-    """Generated captures, and recordings composed of some of them and of generated idle time.
+def recordings(rate_hz, whole):
+    """Generated captures, and recordings composed of them and of generated idle time.
 
     Readings have fractions, unless they are whole: where sums of whole numbers are alike, rounding decides what turns,
     in Python as in C.
@@ -104,12 +103,12 @@ def recordings(rate_hz=135.0, whole=False):
     idle = [streams.corpus[i][: streams.events.query("recording == @i")["start"].min()] for i in range(3)]
     conditions = corpus.captures.drop_duplicates("subject")
     quiet = Corpus.from_captures(idle, conditions, corpus.rate_hz, full_scale=corpus.full_scale)
-    streams = composed(corpus, quiet, seed=0)
+    streams = composed(corpus, quiet)
     if whole:
-        return synth.generate(subjects=6, rate_hz=rate_hz), streams
+        return corpus, streams
     frames, rng = storage(streams.corpus)[0].astype(np.float32), np.random.default_rng(0)
     frames += rng.random(frames.shape, np.float32) * (frames < corpus.full_scale)
-    return synth.generate(subjects=6, rate_hz=rate_hz), replace(streams, corpus=streams.corpus.changed(frames=frames))
+    return corpus, replace(streams, corpus=streams.corpus.changed(frames=frames))
 
 
 DETECTORS = {"frames": Frames(), "frames at 8 Hz": Frames(), "threshold": Threshold()}
@@ -118,27 +117,30 @@ IN_STEPS = {"frames at 8 Hz": 8.0, "threshold": 100.0}  # whole numbers, at rate
 
 def streams_of(name):
     """The recordings that a watcher of `watching` learned from."""
-    return of(name)[1]
-
-
-def of(name):
-    return recordings(IN_STEPS[name], whole=True) if name in IN_STEPS else recordings()
+    return recordings(IN_STEPS.get(name, 54.0), name in IN_STEPS)[1]
 
 
 @cache
 def watching(name):
-    """A fitted system and its watcher, which rejects a few touches."""
-    corpus, streams = of(name)
+    """A fitted system and its watcher, which rejects a few touches; a stricter and a more eager point of it."""
+    corpus, streams = recordings(IN_STEPS.get(name, 54.0), name in IN_STEPS)
     make = {
         "reflex": lambda: Reflex(units=6, copies=1),
         **dict.fromkeys(IN_STEPS, lambda: Recipe(lda(TouchFeatures()), window=0.4)),
     }.get(name, lambda: Recipe(lda(TouchFeatures()), window=1.0, repair=("stuck", "dead")))
-    recogniser = fitted(make(), corpus if name != "reflex" else corpus[: len(corpus) // 3])
-    detector = DETECTORS.get(name, Frames())
-    recogniser.watcher = detector.learn(make, recogniser.estimator, corpus, streams, 5.0)[0]
-    if name == "threshold":
-        recogniser.watcher.reject = 0.7
+    recogniser = fitted(make(), corpus)
+    watcher = DETECTORS.get(name, Frames()).learn(make, recogniser.estimator, streams, 5.0)[0]
+    assert watcher.level in [level for level, _, _ in watcher.points]
+    strict, eager = (watcher.level * 2, watcher.level / 2) if name == "threshold" else (watcher.level + 8, -2.0)
+    points = ((strict, 0.0, 0.0), (watcher.level, 0.5, 1.0), (eager, 60.0, 1.0))
+    recogniser.watcher = replace(watcher, points=points, reject=0.7 if name == "threshold" else 0.0)
     return recogniser
+
+
+@pytest.fixture(scope="module")
+def in_c(tmp_path_factory):
+    """The C of a watcher of `watching`, compiled once."""
+    return cache(lambda name, bits=32: Watched(watching(name), tmp_path_factory.mktemp("c"), bits))
 
 
 HOP = 15  # frames at 135 Hz, or fewer
@@ -163,10 +165,10 @@ def check_equal(events, expected, wrong=0.0, most=0.02):
 
 
 @pytest.mark.parametrize("name", DETECTORS)
-def test_events_are_those_of_python(name, tmp_path):
+def test_events_are_those_of_python(name, in_c):
     recogniser, streams = watching(name), streams_of(name)
     expected = recogniser.watcher.reports(streams.corpus)
-    watched, in_8_bits = Watched(recogniser, tmp_path / "32"), Watched(recogniser, tmp_path / "8", bits=8)
+    watched, in_8_bits = in_c(name), in_c(name, 8)
     labels = 0
     for i in range(len(streams)):
         mine = expected[expected["recording"] == i]
@@ -182,32 +184,31 @@ def test_events_are_those_of_python(name, tmp_path):
         assert (changes["end"] == 0).all() and (changes["reported"] < changes["seen"]).all()
         labels += len(changes)
     assert len(expected) > 30 and labels > 0
-    assert ("sum_t sum[64]" in (tmp_path / "32" / "touch.h").read_text()) is (name in IN_STEPS)
+    assert ("sum_t sum[64]" in (watched.folder / "touch.h").read_text()) is (name in IN_STEPS)
     assert (UNKNOWN in set(expected["label"])) is (name == "threshold")
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
-def test_a_disturbed_sensor_has_the_events_of_python(kind, tmp_path):
-    recogniser, streams = watching("frames"), streams_of("frames")
-    detector = recogniser.watcher.detector
-    which, calm = KINDS.index(kind), copy(detector)
+def test_a_disturbed_sensor_has_the_events_of_python(tmp_path):
+    recogniser, streams = copy(watching("frames")), streams_of("frames")
+    watcher = recogniser.watcher = copy(recogniser.watcher)
+    calm, detector = watcher.detector, copy(watcher.detector)
+    shaken = [disturbed(streams.corpus, kind) for kind in KINDS]
     # whatever is worth more in training, each of the classifiers decides here
-    other = replace(detector).fit(*learnt_from(disturbed(streams.corpus, kind), streams))
-    detector = copy(detector)
-    detector.disturbed_ = ((which, other, 0.5),)
-    recogniser = copy(recogniser)
-    recogniser.watcher = copy(recogniser.watcher)
-    recogniser.watcher.detector = detector
-    shaken = disturbed(streams.corpus, kind)
-    expected = recogniser.watcher.reports(shaken)
+    others = [replace(calm).fit(*learnt_from(each, streams)) for each in shaken]
+    detector.disturbed_ = tuple((kind, other, 0.5) for kind, other in enumerate(others))
+    watcher.detector = detector
     watched = Watched(recogniser, tmp_path)
-    for i in range(len(streams)):
-        events = events_of(watched.start()(shaken[i]), recogniser.classes)
-        mine = expected[expected["recording"] == i]
-        assert len(mine) - len(events) in (0, 1)  # one may last to the end
-        check_equal(events, mine[: len(events)], wrong=0.05)
-    recogniser.watcher.detector = calm
-    assert len(expected) > 10 and not expected.equals(recogniser.watcher.reports(shaken))
+    for each in shaken:
+        watcher.detector = detector
+        expected, mine, theirs = watcher.reports(each), [], []
+        for i in range(len(streams)):
+            mine.append(events_of(watched.start()(each[i]), recogniser.classes))
+            theirs.append(expected[expected["recording"] == i])
+            assert len(theirs[-1]) - len(mine[-1]) in (0, 1)  # one may last to the end
+            theirs[-1] = theirs[-1][: len(mine[-1])]
+        check_equal(pd.concat(mine, ignore_index=True), pd.concat(theirs), wrong=0.05)
+        watcher.detector = calm
+        assert len(expected) > 10 and not expected.equals(watcher.reports(each))
 
 
 def learnt_from(corpus, streams):
@@ -217,7 +218,7 @@ def learnt_from(corpus, streams):
     return [detector.signals_of(ticks.corpus[i]) for i in range(len(ticks))], ticks
 
 
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", ["frames", "frames at 8 Hz"])
 def test_names_from_several_parts_of_a_touch_are_those_of_python(name, tmp_path, monkeypatch):
     recogniser, frames = watching(name), streams_of(name).corpus[0]
     whole = reports(recogniser, frames)
@@ -238,62 +239,33 @@ def reports(recogniser, frames):
 
 @pytest.mark.parametrize("name", ["frames", "frames at 8 Hz"])
 @pytest.mark.parametrize("gap_s", [0.4, 0.8])
-def test_interrupted_touches_are_those_of_python(gap_s, name, tmp_path):
+def test_interrupted_touches_are_those_of_python(gap_s, name, in_c):
     """A recording that begins with a touch, touches with a gap in the middle, and a higher threshold."""
-    recogniser, streams = watching(name), streams_of(name)
-    watchers = recogniser.watcher, replace(recogniser.watcher, level=recogniser.watcher.level + 8)
-    counts = []
-    for watcher, place in zip(watchers, ("learned", "strict"), strict=True):
-        other = copy(recogniser)
-        other.watcher = watcher
-        watched, events_c, events_py = Watched(other, tmp_path / place), [], []
+    recogniser, streams, watched = copy(watching(name)), streams_of(name), in_c(name)
+    learned_one, counts = recogniser.watcher, []
+    for point in (1, 0):
+        recogniser.watcher = replace(learned_one, level=learned_one.points[point][0])
+        events_c, events_py = [], []
         for i in range(len(streams)):
             frames, gap = streams.corpus[i].copy(), round(gap_s * recogniser.rate_hz)
             events = streams.events.query("recording == @i")
             for middle in ((events["start"] + events["end"]) // 2).tolist():
                 frames[middle : middle + gap] = frames[:gap]
             frames = frames[events["start"].min() :]
-            events_py.append(reports(other, frames))
-            events_c.append(events_of(watched.start()(frames), recogniser.classes))
-            events_py[-1] = events_py[-1][events_py[-1]["end"] < len(frames)]  # it ends before a touch does
+            watched.start().code.set(point)
+            events_c.append(events_of(watched(frames), recogniser.classes))
+            whole = reports(recogniser, frames)
+            events_py.append(whole[whole["end"] < len(frames)])  # it ends before a touch does
             assert len(events_c[-1]) == len(events_py[-1])
         # a count of one more is a larger share of a few frames
-        check_equal(
-            pd.concat(events_c, ignore_index=True), pd.concat(events_py), most=WHOLE if name in IN_STEPS else 0.02
-        )
-        counts.append(len(pd.concat(events_py)))
+        mine, theirs = pd.concat(events_c, ignore_index=True), pd.concat(events_py)
+        check_equal(mine, theirs, most=WHOLE if name in IN_STEPS else 0.02)
+        counts.append(len(theirs))
     assert counts[0] != counts[1] and min(counts) > 18
-
-
-@pytest.mark.parametrize("name", ["frames", "threshold"])
-def test_each_operating_point_gives_the_events_of_python(name, tmp_path):
-    recogniser, frames = copy(watching(name)), streams_of(name).corpus[0]
-    watcher = recogniser.watcher
-    threshold = watcher.level
-    assert threshold in [level for level, _, _ in watcher.points]
-    extremes = {"frames": (99.0, threshold - 1), "threshold": (99.0, threshold * 2)}[name]
-    points = ((extremes[0], 0.0, 0.0), (threshold, 0.5, 1.0), (extremes[1], 60.0, 1.0))
-    recogniser.watcher = learned_one = replace(watcher, points=points)
-    in_c, counts = Watched(recogniser, tmp_path), []
-    for i, (_, rate, found) in enumerate(points):
-        assert f"{i}: {rate:.3g} false alarms per hour, {100 * found:.1f} % found" in (tmp_path / "touch.h").read_text()
-        in_c.start()
-        assert in_c.code.set(i) == 0
-        recogniser.watcher = learned_one.at(i)
-        expected = reports(recogniser, frames)
-        check_equal(events_of(in_c(frames), recogniser.classes), expected, most=WHOLE if name in IN_STEPS else 0.02)
-        counts.append(len(expected))
-    assert len(set(counts)) > 1
-    assert in_c.code.set(-1) == in_c.code.set(len(points)) == -1
-
-
-def test_a_constant_of_a_detector_that_the_c_has_is_refused(tmp_path):
-    recogniser = copy(watching("frames"))
-    inner = recogniser.watcher.in_c(recogniser.classes, recogniser.rate_hz)
-    clashing = replace(inner, constants=(*inner.constants, ("Most frames.", {"LONGEST": 9})))
-    recogniser.watcher = SimpleNamespace(in_c=lambda *given: clashing, points=())
-    with pytest.raises(InputError, match="LONGEST"):
-        written(recogniser, tmp_path)
+    for i, (_, rate, found) in enumerate(learned_one.points):
+        line = f"{i}: {rate:.3g} false alarms per hour, {100 * found:.1f} % found"
+        assert line in (watched.folder / "touch.h").read_text() and watched.code.set(i) == 0
+    assert watched.code.set(-1) == watched.code.set(len(learned_one.points)) == -1
 
 
 def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and_in_c(tmp_path):
@@ -311,18 +283,14 @@ def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and
         watched.start()(noisy[i])
         watched.code.status(counts)
         assert counts[1] == pytest.approx(expected[i] - counts[2], rel=0.02)
-    live = watcher.stream(noisy.grid, noisy.rate_hz, noisy.full_scale)
-    told = [(live.push(frame.astype(np.float32)), live.status)[1] for frame in noisy[0][:3000]]
-    first = noisy[[0]].changed(lengths=np.array([3000]), digest="", path=None)
-    assert len(told) - told.count("ok") == watcher.refused(first, watcher.evidence(first))[0] > 0
 
 
 @pytest.mark.skipif(bool(lacking("make")), reason=lacking("make"))
-@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("name", ["frames", "threshold"])
 def test_the_program_prints_what_bench_stream_prints_and_nothing_is_undefined(name, tmp_path, monkeypatch, capsys):
     recogniser, streams = watching(name), streams_of(name)
     written(recogniser, tmp_path)
-    frames = streams.corpus[0][:8000]
+    frames = streams.corpus[0][:2500]
     lines = "\n".join(" ".join(f"{v:.3f}" for v in frame.ravel()) for frame in frames) + "\n"
     call = ["gcc", *STRICT, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "touch.c", "main.c", "-lm"]
     subprocess.run([*call, "-o", "checked"], cwd=tmp_path, check=True, capture_output=True)
@@ -347,21 +315,16 @@ def test_the_program_prints_what_bench_stream_prints_and_nothing_is_undefined(na
     )
 
 
-def test_what_is_no_frame_changes_nothing(tmp_path):
-    recogniser, streams = watching("threshold"), streams_of("threshold")
-    watched, frames = Watched(recogniser, tmp_path), streams.corpus[0].astype(np.float32)
+def test_what_is_no_frame_changes_nothing(in_c):
+    watched, frames = in_c("threshold"), streams_of("threshold").corpus[0].astype(np.float32)
     expected = watched.start()(frames)
     watched.start()
     first = watched(frames[:1000])
     for odd in (np.nan, np.inf, -1, 1023.5):
         wrong = frames[:1].copy()
         wrong[0, 7, 7] = odd
-        assert (
-            watched.code.stream(
-                wrong.ctypes.data_as(ctypes.c_void_p), 1, np.zeros(2, NEWS).ctypes.data_as(ctypes.c_void_p)
-            )
-            == -1
-        )
+        places = (values.ctypes.data_as(ctypes.c_void_p) for values in (wrong, np.zeros(2, NEWS)))
+        assert watched.code.stream(next(places), 1, next(places)) == -1
     np.testing.assert_array_equal(np.append(first, watched(frames[1000:])), expected)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
@@ -20,11 +20,9 @@ def numbered(subjects=("a", "b"), rate_hz=10.0):
     return Corpus.from_captures(arrays, pd.DataFrame(rows, columns=["subject", "gesture", "cover"]), rate_hz, name="n")
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_a_recording_is_made_of_excerpts_of_the_subject_alone(seed):
-    corpus = numbered()
-    recordings = composed(*pieces(corpus, "none"), seed)
-    recordings.check()
+def test_a_recording_is_made_of_excerpts_of_the_subject_alone():
+    corpus = numbered(tuple("abcdef"))
+    recordings = composed(*pieces(corpus, "none"))
     of = corpus.captures
     for i, subject in enumerate(recordings.subjects):
         frames = recordings.corpus[i][:, 0, 0]
@@ -44,14 +42,12 @@ def test_a_recording_is_made_of_excerpts_of_the_subject_alone(seed):
         assert set(of["gesture"][capture[~touched]]) == {"none"}
 
 
-def test_the_same_seed_gives_the_same_recordings_whoever_else_is_there():
+def test_a_subject_has_the_same_recording_whoever_else_is_there():
     corpus = numbered()
-    both, again = (composed(*pieces(corpus, "none"), 3) for _ in range(2))
-    one = composed(*pieces(corpus[np.flatnonzero(corpus.subjects == "b")], "none"), 3)
-    assert np.array_equal(both.corpus.frames, again.corpus.frames)
+    both = composed(*pieces(corpus, "none"))
+    one = composed(*pieces(corpus[np.flatnonzero(corpus.subjects == "b")], "none"))
     assert np.array_equal(both.corpus[1], one.corpus[0])
     pd.testing.assert_frame_equal(both[[1]].events, one.events)
-    assert not np.array_equal(composed(*pieces(corpus, "none"), 4).corpus.frames, both.corpus.frames)
 
 
 def test_quiet_ends_of_captures():
@@ -72,10 +68,9 @@ def test_a_subject_without_background_is_refused():
     corpus = numbered()
     lacking = corpus[((corpus.subjects != "b") | (corpus.gestures != "none")).nonzero()[0]]
     with pytest.raises(InputError, match="subject b"):
-        composed(*pieces(lacking, "none"), 0)
+        composed(*pieces(lacking, "none"))
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.lists(st.lists(st.tuples(st.integers(1, 4), st.sampled_from(["", "pat", "rub"])), min_size=1), min_size=1))
 def test_captures_of_recordings_are_their_frames_and_make_them_again(plans):
     arrays, rows, value = [], [], 0

@@ -31,18 +31,18 @@ def test_the_best_threshold_that_keeps_to_the_rate_counts():
 def test_the_interval_is_that_of_drawings():
     rng = np.random.default_rng(3)
     people, offsets = list("abcdef"), np.arange(-2.0, 3.0)
-    touches = pd.Series(dict(zip(people, [8, 5, 12, 9, 7, 0], strict=True)))
-    hours = pd.Series(dict(zip(people, [0.5, 0.2, 0.4, 0.6, 0.3, 0.4], strict=True)))
+    touches = dict(zip(people, [8, 5, 12, 9, 7, 0], strict=True))
+    hours = dict(zip(people, [0.5, 0.2, 0.4, 0.6, 0.3, 0.4], strict=True))
     table = sweep_of(
         [(o, p, h := rng.integers(0, touches[p] + 1), a := rng.integers(0, 9), h + a) for p in people for o in offsets]
     )
-    numbers = missed_at(swept(table), touches[touches > 0], hours)
+    numbers = missed_at(swept(table), pd.Series(touches)[:5], pd.Series(hours))
+    counted = {(row.offset, row.subject): (row.hits, row.alarms) for row in table.itertuples()}
     least = []
-    for drawing in weights([6])[0]:
-        times = dict(zip(people, drawing, strict=True))
-        most = -1
-        for _, part in table.groupby("offset"):
-            hits, alarms = ((part[name] * part["subject"].map(times)).sum() for name in ("hits", "alarms"))
+    for drawing in weights([6])[0].tolist():
+        times, most = dict(zip(people, drawing, strict=True)), -1
+        for offset in offsets:
+            hits, alarms = (sum(counted[offset, p][k] * times[p] for p in people) for k in (0, 1))
             if alarms <= 10 * sum(hours[p] * times[p] for p in people):
                 most = max(most, hits)
         total = sum(touches[p] * times[p] for p in people)

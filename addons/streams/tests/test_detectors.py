@@ -1,7 +1,6 @@
 """Detectors that decide tick by tick: nothing looks ahead, times are learned, reports cost, anybody can add one."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -9,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from addons.streams.tests.made import TINY
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import FAULTS, as_readings
 from bench.errors import InputError
@@ -16,33 +16,37 @@ from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
 from bench.outcomes.runs import every_result
 from bench.store import connect
-from tests.conftest import SMALL, runs
+from tests.conftest import runs
 from touchbench_streams import watch
-from touchbench_streams.detectors.frames import CALM, Frames, Hysteresis, Levels, Times, disturbance, features
-from touchbench_streams.detectors.named import detectors
-from touchbench_streams.detectors.names import BEGUN_S, SHIFTS_S, learned_names, of_all, touches
-from touchbench_streams.detectors.spans import spans_of
+from touchbench_streams.detectors import detectors
+from touchbench_streams.detectors.frames import CALM, Frames, Hysteresis, Levels, Times, disturbance
+from touchbench_streams.detectors.names import touches
+from touchbench_streams.detectors.spans import means, spans_of
 from touchbench_streams.detectors.threshold import Threshold, TwoInARow
-from touchbench_streams.detectors.ticks import Detector, left_out, signs_of, worth
+from touchbench_streams.detectors.ticks import Detector, left_out, points_of, signs_of, worth
 from touchbench_streams.events import FALSE_ALARM, matched
 from touchbench_streams.page import watch_section
 from touchbench_streams.recordings import Recordings, captures_in, event_table
 from touchbench_streams.synth_recordings import generate
-
-MINE = """
-from touchbench_streams.detectors.spans import spans_of
-from touchbench_streams.detectors.threshold import Threshold
-
-
-class Mine(Threshold):
-    pass
-"""
 
 
 @pytest.fixture(scope="module")
 def recordings():
     """Three generated people with one touch of each gesture, at 30 frames a second."""
     return generate(subjects=3, variants=("normal",), rate_hz=30.0)
+
+
+def learned(detector, train):
+    """A watcher that learned from some recordings."""
+    captures = captures_in(train)
+    make = lambda: lda(TouchFeatures())  # noqa: E731
+    return detector.learn(make, make().fit(captures, captures.gestures), train, 60.0)[0]
+
+
+@pytest.fixture(scope="module", params=[Frames(), Threshold()], ids=["frames", "threshold"])
+def watcher(request, recordings):
+    """What learned from the first two people."""
+    return learned(request.param, recordings[np.arange(2)])
 
 
 def of_one(lengths, events, rate_hz=8.0):
@@ -52,12 +56,7 @@ def of_one(lengths, events, rate_hz=8.0):
     return Recordings(Corpus.from_captures(frames, table, rate_hz), event_table(events))
 
 
-@pytest.mark.parametrize("detector", [Frames(), Threshold()])
-def test_a_later_frame_changes_no_report_and_no_first_label(detector, recordings):
-    train = recordings[np.arange(2)]
-    captures = captures_in(train)
-    make = lambda: lda(TouchFeatures())  # noqa: E731
-    watcher, _ = detector.learn(make, make().fit(captures, captures.gestures), captures, train, 60.0)
+def test_a_later_frame_changes_no_report_and_no_first_label(watcher, recordings):
     named, replaced = (s[-1].coef_.size + s[-1].intercept_.size for s in (watcher.names, watcher.system))
     assert watcher.numbers == watcher.detector.numbers + named - replaced
     whole = recordings[[2]].corpus
@@ -68,18 +67,9 @@ def test_a_later_frame_changes_no_report_and_no_first_label(detector, recordings
         cut = watcher.reports(whole.changed(lengths=np.array([seen]), digest="", path=None))
         same = ["recording", "reported", "first"]
         pd.testing.assert_frame_equal(cut[same], reports.loc[:row, same])
-    (evidence,) = watcher.evidence(whole)
-    fitted = watcher.detector
+    (evidence,), fitted = watcher.evidence(whole), watcher.detector
     signals = fitted.signals()
-    each = np.stack(
-        [
-            signals.step(f)
-            for f in whole[0][: len(evidence) * watcher.count]
-            .reshape(-1, watcher.count, *whole.grid)
-            .mean(axis=1, dtype=np.float64)
-            .astype(np.float32)
-        ]
-    )
+    each = np.stack([signals.step(tick) for tick in means(whole[0], watcher.count)])
     for tick in (0, 5, 100, len(each) - 1):  # from the last ticks alone: memory does not grow
         ring = each[max(0, tick + 1 - fitted.memory) : tick + 1]
         np.testing.assert_allclose(fitted.evidence(ring)[-1], evidence[tick], rtol=1e-5, atol=1e-5)
@@ -96,15 +86,15 @@ def test_times_come_from_the_labels():
 def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     odds = [-5, 3, 3, 3, -1, 3, 3, -5, 3, -5, 3]  # the tick before the last dip is too short
     evidence = np.stack([odds, np.zeros(len(odds))], axis=1)
-    signs = signs_of(Hysteresis(1.0, 1.5, Times(wait=2, hold=1, fade=9)), evidence)
+    signs = signs_of(Hysteresis(np.array([1.0]), 1.5, Times(wait=2, hold=1, fade=9)), evidence)
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 6]
     assert signs[:, 1].astype(int).tolist() == [0, 1, 2, 3, 0, 1, 2, 0, 1, 0, 1]
     signs = signs_of(
-        Hysteresis(1.0, 1.5, Times(wait=3, hold=3, fade=9)), evidence
+        Hysteresis(np.array([1.0]), 1.5, Times(wait=3, hold=3, fade=9)), evidence
     )  # a dip is no end, but does not hold
     assert np.flatnonzero(signs[:, 2]).tolist() == [3]
     never = np.stack([odds, np.full(len(odds), -9.0)], axis=1)  # the beginning was not seen
-    assert not signs_of(Hysteresis(1.0, 1.5, Times(2, 1, 9)), never)[:, 2].any()
+    assert not signs_of(Hysteresis(np.array([1.0]), 1.5, Times(2, 1, 9)), never)[:, 2].any()
     signs = signs_of(TwoInARow(2.0), np.array([[0], [3], [3], [1.5], [3], [0.5], [3], [3]]))
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 7]
 
@@ -112,10 +102,9 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
 @given(
     steps=st.lists(st.tuples(st.floats(-4, 4, width=16), st.sampled_from([-9, -9, -9, 4])), min_size=9, max_size=60),
     times=st.tuples(*[st.integers(1, 5)] * 3),
-    drop=st.sampled_from([0.5, 2.0]),
 )
-def test_many_levels_at_once_report_what_each_does(steps, times, drop):
-    detector = Frames(drop=drop)
+def test_many_levels_at_once_report_what_each_does_alone(steps, times):
+    detector = Frames()
     detector.times_ = Times(*times)
     evidence = np.array(steps).cumsum(axis=0) * [1, 0] + np.array(steps) * [0, 1]
     levels = np.array([-3.0, 0.0, 1.5, 4.0])
@@ -147,31 +136,6 @@ def test_beginnings_are_frames_of_their_touch_and_at_most_its_shift_before(lengt
     assert sorted(got) == sorted(expected)
 
 
-def test_names_are_learned_from_touches_as_they_are_and_as_disturbed_sensors_show_them(recordings):
-    class Kept:
-        def fit(self, X, y):
-            self.X, self.y = X, y
-            return self
-
-    made = learned_names(Kept, recordings)
-    plain = touches(recordings, BEGUN_S, SHIFTS_S)
-    assert all(np.array_equal(made.X[k], plain[k]) for k in range(len(plain)))
-    begin = len(plain)
-    for k, shift in enumerate(SHIFTS_S):
-        places = np.flatnonzero(recordings.events["recording"] % 2 == k % 2)
-        chosen = replace(recordings, events=recordings.events.iloc[places])
-        few = touches(chosen, BEGUN_S, (shift,))
-        copies = [made.X[begin + i] for i in range(len(few))]
-        assert [len(one) for one in copies] == few.lengths.tolist()
-        assert made.y[begin : begin + len(few)].tolist() == few.gestures.tolist()
-        apart = [
-            np.abs(one.astype(float) - few[i]).mean() / recordings.corpus.full_scale for i, one in enumerate(copies)
-        ]
-        assert 0.001 < np.mean(apart) < 0.05 and min(apart) > 0
-        begin += len(few)
-    assert begin == len(made.X) == len(made.y)
-
-
 def test_names_come_from_the_frames_up_to_the_last_sure_tick():
     sure, since = [0.1, 0.9, 0.9, 0.9, 0.9, 0.2, 0.1, 0.1, 0.9, 0.2], [0, 1, 2, 3, 4, 5, 6, 0, 1, 0]
     signs = np.column_stack([sure, since, np.isin(np.arange(10), [2, 8])])
@@ -193,12 +157,8 @@ def test_a_long_touch_is_named_from_one_part_after_another():
     assert [(each.reported, each.end) for each in again] == [(3, 3), (5, 5)]  # a touch right after another one
 
 
-@pytest.mark.parametrize("detector", [Frames(), Threshold()])
-def test_frames_one_by_one_give_the_reports_of_whole_recordings(detector, recordings):
-    train, tested = recordings[np.arange(2)], recordings[[2]].corpus
-    captures = captures_in(train)
-    make = lambda: lda(TouchFeatures())  # noqa: E731
-    watcher, _ = detector.learn(make, make().fit(captures, captures.gestures), captures, train, 60.0)
+def test_frames_one_by_one_give_the_reports_of_whole_recordings(watcher, recordings):
+    tested = recordings[[2]].corpus
     live = watcher.stream(tested.grid, tested.rate_hz, tested.full_scale)
     news = [(n, event) for n, frame in enumerate(tested[0], 1) for event in live.push(frame.astype(np.float32))]
     reports = watcher.reports(tested)
@@ -218,10 +178,7 @@ def test_noise_that_training_did_not_have_costs_few_touches(recordings):
         streams, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale
     )
     weaker = Recordings(make_corpus(weak), recordings.events)
-    train, test = weaker[np.arange(2)], weaker[[2]]
-    captures = captures_in(train)
-    make = lambda: lda(TouchFeatures())  # noqa: E731
-    watcher, _ = Frames().learn(make, make().fit(captures, captures.gestures), captures, train, 60.0)
+    watcher, test = learned(Frames(), weaker[np.arange(2)]), weaker[[2]]
     shares = weak[2].astype(np.float32) / np.float32(corpus.full_scale)
     noise = FAULTS["noise"].damage(shares, 1.0, np.random.default_rng(0))
     noisy = make_corpus([*weak[:2], as_readings(test.corpus, noise)])[[2]]
@@ -229,9 +186,6 @@ def test_noise_that_training_did_not_have_costs_few_touches(recordings):
     found, reported = matched(test.events, reports, corpus.rate_hz)
     assert found["found"].sum() >= 8  # of 14; 0 with the classifier for a calm sensor, at 12 false alarms
     assert (reported["touch"] == FALSE_ALARM).sum() <= 3
-    live = watcher.stream(noisy.grid, noisy.rate_hz, noisy.full_scale)
-    ended = [e.reported for frame in noisy[0] for e in live.push(frame.astype(np.float32)) if e.end is not None]
-    assert ended == reports["reported"].tolist()[: len(ended)] and len(reports) - len(ended) <= 1
 
 
 def test_a_sensor_is_disturbed_as_a_plain_loop_says():
@@ -247,36 +201,6 @@ def test_a_sensor_is_disturbed_as_a_plain_loop_says():
         assert gauge[tick, 0] == sorted(change[k] for k in past)[CALM // 4]
         assert gauge[tick, 1] == min(signals[k, 3] for k in past)
     assert not gauge[: CALM // 4].any() and not gauge[:CALM, 1].any()  # calm at first
-
-
-def test_readings_are_compared_with_slow_means_as_a_plain_loop_says():
-    frames = np.random.default_rng(0).integers(0, 50, (40, 3, 9)).astype(np.float32)
-    levels, slow = Levels(0.002, 0.06, [0.125, 1.0]), frames[0].astype(float)
-    for tick, (frame, signals) in enumerate(zip(frames, levels.steps(frames), strict=True)):
-        slow = slow + 0.125 * (frame - slow)
-        above = (frame - slow).ravel()
-        expected = [above.mean(), max(above) - above.mean(), above.std()]  # one of 27 taxels is among the highest
-        np.testing.assert_allclose(signals[-6:-3], expected, atol=1e-4)
-        assert not signals[-3:].any() and (tick or not signals[-6:].any())  # a mean of one tick is the reading itself
-
-
-def test_a_stream_begins_as_that_of_an_idle_sensor():
-    rng = np.random.default_rng(0)
-    signals, idle = rng.random((5, 16)).astype(np.float32), np.arange(1, 6, dtype=np.float32)
-    first, other = signals.copy(), signals.copy()
-    first[0, 1:5] = 0  # no baseline yet, nothing moved
-    other[0, 1:5] = idle[1:]
-    offsets = np.full(11, 0.5)
-    np.testing.assert_array_equal(features(first, offsets, idle), features(other, offsets, idle))
-    before, now = np.log(idle[1] + 0.5), np.log(signals[1, 1] + 0.5)
-    looks = features(first, offsets, idle)[1, 11:22]  # of the second level: itself, less minima, maxima, median
-    expected = [now, *[now - min(before, now)] * 5, *[now - max(before, now)] * 4, now - before]
-    np.testing.assert_allclose(looks, expected, rtol=1e-5)
-
-
-def test_longer_spans_count_more():
-    named = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
-    np.testing.assert_allclose(of_all(named, np.array([2, 4, 8])), [2 / 14, 12 / 14])
 
 
 def test_few_subjects_are_left_out_by_recording():
@@ -295,10 +219,16 @@ def test_a_threshold_that_reports_always_is_not_chosen():
     np.testing.assert_allclose(worth(table, 5.0), [1 - 0.2 * (13 - 1.15), 0.9, 0.95 - 0.001 * 495])
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, np.inf, np.nan])
-def test_a_time_that_is_none_is_refused_before_anything_runs(value):
+def test_operating_points_find_more_with_more_alarms():
+    rows = [(-9, 0, 0.2), (-8, 0, 0.5), (-7, 0, 0.5), (-5, 3, 0.5), (-3, 2, 0.8), (1, 6, 0.7), (2, 9, 0.9)]
+    table = pd.DataFrame(rows, columns=["level", "alarms", "found"]).assign(hours=0.5)
+    expected = ((2.0, 18.0, 0.9), (1.0, 12.0, 0.7), (-3.0, 4.0, 0.8), (-7.0, 0.0, 0.5))
+    assert points_of(table, 1.0) == expected  # the learned one, too; from the highest level to the lowest
+
+
+def test_a_time_that_is_none_is_refused_before_anything_runs():
     with pytest.raises(InputError, match="detector.up=.*above 0"):
-        detectors({"detector": "threshold,frames", "detector.up": value})
+        detectors({"detector": "threshold,frames", "detector.up": np.nan})
 
 
 @pytest.mark.parametrize("events, lacking", [([(0, 0, 20, "pat")], "background"), ([], "touch")])
@@ -309,8 +239,8 @@ def test_without_touch_or_background_frames_says_so(events, lacking):
 
 def test_a_detector_of_a_file_watches_like_any_other(tmp_path):
     file = tmp_path / "my.py"
-    file.write_text(MINE)
-    words = dict(word.split("=", 1) for word in SMALL) | {"model": "lda", "features": "touch"}
+    file.write_text("from touchbench_streams.detectors.threshold import Threshold\nclass Mine(Threshold): pass\n")
+    words = dict(word.split("=", 1) for word in TINY) | {"model": "lda", "features": "touch"}
     watch(**words, detector=[f"{file}:Mine", "threshold"], **{"detector.up": 30.0})
     mine, own = sorted(runs("watch")[1], key=lambda run: "my.py" not in run.data.params["watch.detector"])
     assert mine.data.params["watch.detector"] == f"{file}:Mine[up=30.0]"

@@ -19,7 +19,10 @@ def test_continuous_touch_on_the_page(quick, store):
     page.write_report(store, Path("report"))
     words = " ".join(html.unescape(Path("report/index.html").read_text()).split())
     assert '<details id="continuous-touch">' in words and Path("report/figures/0-watch-1.svg").exists()
-    assert f"LOSO (10 subjects), 2 touches in 2 minutes of background: {HOSTILE} finds 90.0 percent" in words
+    assert (
+        f"LOSO (10 subjects), 2 touches in 2 minutes of background: {HOSTILE}, detector=frames finds 90.0 percent"
+        in words
+    )
     assert "raises 40.0 false alarms per hour" in words and "latency is 1.00 s" in words
 
 

@@ -1,7 +1,5 @@
 """Recordings: events by hand, files that are refused, and what is stored is what was imported."""
 
-import pickle
-
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -81,7 +79,6 @@ def test_a_table_by_hand(tmp_path):
     assert read_captures(csv(tmp_path), 50.0, "1x2").captures["recording"].tolist() == ["r1"] * 7 + ["r2"] * 3
     assert value.corpus.lengths.tolist() == [9, 3] and value.background_frames().tolist() == [4, 1]
     assert value.corpus[1].tolist() == [[[9, 18]], [[10, 20]], [[11, 22]]]
-    value.check()
 
 
 def test_the_same_as_parquet_with_gaps_and_without_names(tmp_path):
@@ -97,89 +94,37 @@ def test_the_same_as_parquet_with_gaps_and_without_names(tmp_path):
 def test_one_label_for_all_or_none(tmp_path):
     assert listed(read(csv(tmp_path, rows(["pat"] * 12)), 50.0, "1x2").events) == [(0, 0, 9, "pat"), (1, 0, 3, "pat")]
     quiet = read(csv(tmp_path, rows([""] * 12)), 50.0, "1x2")
-    assert listed(quiet.events) == [] and quiet.background_frames().tolist() == [9, 3]
-    assert listed(quiet[[1, 0]].events) == []
-    quiet.check()
+    assert listed(quiet.events) == listed(quiet[[1, 0]].events) == [] and quiet.background_frames().tolist() == [9, 3]
 
 
-@pytest.mark.parametrize("kind", [pa.int8(), pa.uint64()])
-def test_whole_numbers_are_gestures_and_gaps_between_them_background(kind, tmp_path):
-    columns = {"label": pa.array([None, 1, 1, 10, None], kind), "a": range(5), "b": range(5)}
-    pq.write_table(pa.table({k: v if k == "label" else list(v) for k, v in columns.items()}), tmp_path / "day.parquet")
+def test_whole_numbers_are_gestures_and_gaps_between_them_background(tmp_path):
+    columns = {"label": pa.array([None, 1, 1, 10, None], pa.int8()), "a": [*range(5)], "b": [*range(5)]}
+    pq.write_table(pa.table(columns), tmp_path / "day.parquet")
     assert listed(read(tmp_path / "day.parquet", 50.0, "1x2").events) == [(0, 1, 3, "1"), (0, 3, 4, "10")]
 
 
 def test_labels_that_look_the_same_are_refused(tmp_path):
-    unseen = [
-        "\u200b",
-        "pat\u200b",
-        "pa\xadt",
-        "\u2060pat",
-        "\u202epat",
-        "\u3164",
-        "\u2800",
-        "pat\u200d",
-        "p\u200cat",
-        "\u200d",
-    ]
-    for label in [*unseen, "\u0645\u06cc\u200c", "pat\U000e0061"]:
-        refused(
-            tmp_path, "line 3: label is", "cannot be seen; correct it", lines=["r1,ann,,1,2", f"r1,ann,{label},1,2"]
-        )
-    for label in (
-        "\u0645\u06cc\u200c\u062e",
-        "\N{HEAVY BLACK HEART}\ufe0f",
-        "\u00fc",
-        "\u0915\u094d\u200d\u0937",
-    ):  # joiners that join
+    for label in ("\u200b", "pat\u200b", "pa\xadt", "\u202epat"):
+        lines = ["r1,ann,,1,2", f"r1,ann,{label},1,2"]
+        refused(tmp_path, "line 3: label is", "cannot be seen; correct it", lines=lines)
+    for label in ("\u0645\u06cc\u200c\u062e", "\u00fc"):  # joiners that join
         assert listed(read(csv(tmp_path, [f"r1,ann,{label},1,2"]), 50.0, "1x2").events) == [(0, 0, 1, label)]
 
 
 def test_files_that_are_refused(tmp_path):
     refused(tmp_path, "no column label", header=HEADER.replace("label", "gesture"))
-    cut = rows()[:-1] + [rows()[-1].rpartition(",")[0]]
-    refused(tmp_path, "line 13", "cut off", lines=cut)
     refused(tmp_path, "line 6", "recording 'r1' begins a second time", lines=[*rows()[:3], rows()[10], *rows()[3:9]])
-    refused(tmp_path, "line 5", "ch2", lines=[*rows()[:3], "r1,ann,pat,1,2000", *rows()[3:]])
     refused(tmp_path, "line 3", "subject is empty", lines=[rows()[0], "r1,,pat,1,2"])
     refused(tmp_path, "delete the column gesture", header=HEADER + ",gesture", lines=["r,a,pat,1,2,pat"])
     extra = [f"{i if i != 4 else 7},{line}" for i, line in enumerate(rows()[:9])]
     refused(tmp_path, "line 6", "frame 7 follows frame 3", header=f"frame,{HEADER}", lines=extra)
     covers = [f"{'fur' if i < 4 else 'skin'},{line}" for i, line in enumerate(rows()[:9])]
     refused(tmp_path, "line 6", "cover changes within", header=f"cover,{HEADER}", lines=covers)
-    refused(tmp_path, "cannot hold", header="a,label,recording", lines=["1,pat,2"])
-    refused(tmp_path, "no frames", lines=[])
-    refused(tmp_path, "grid=", grid="8")
-    refused(tmp_path, "rate_hz=0", rate_hz=0.0)
 
 
-@pytest.mark.parametrize(
-    ("events", "reason"),
-    [
-        ([(0, 1, 4, "pat"), (0, 3, 5, "rub")], "overlaps"),
-        ([(0, 4, 5, "pat"), (0, 1, 3, "rub")], "sort"),
-        ([(1, 0, 1, "pat"), (0, 1, 3, "rub")], "sort"),
-        ([(0, 2, 2, "pat")], "no frames"),
-        ([(0, -1, 2, "pat")], "before"),
-        ([(1, 1, 4, "pat")], "after"),
-        ([(2, 0, 1, "pat")], "2 recordings"),
-        ([(-1, 0, 1, "pat")], "2 recordings"),
-        ([(0, 0, 1, "")], "no gesture"),
-        ([(0, 0, 1, "background")], "called background.* empty label; correct it"),  # the class of gaps
-    ],
-)
-def test_events_that_cannot_be(events, reason):
-    with pytest.raises(InputError, match=f"event [01] .*{reason}"):
-        made(events).check()
-
-
-def test_events_that_touch_each_other_can_be():
-    made([(0, 0, 4, "pat"), (0, 4, 9, "pat"), (1, 0, 3, "rub")]).check()
-    made([]).check()
-    with pytest.raises(InputError, match="no column gesture"):
-        Recordings(made([]).corpus, made([]).events.drop(columns="gesture")).check()
-    with pytest.raises(InputError, match="int64"):
-        Recordings(made([]).corpus, made(EVENTS).events.astype({"start": float})).check()
+def test_an_event_with_the_name_of_gaps_is_refused():
+    with pytest.raises(InputError, match="event 0 .*frames 2 to 4.* is called background, .* empty label; correct it"):
+        captures_in(made([(1, 2, 4, "background")], (9, 5)))
 
 
 def test_some_of_the_recordings_keep_their_events():
@@ -187,7 +132,6 @@ def test_some_of_the_recordings_keep_their_events():
     some = value[np.array([3, 2, 1])]
     assert listed(some.events) == [(0, 1, 2, "tap"), (2, 0, 1, "pat"), (2, 2, 3, "rub")]
     assert some.subjects.tolist() == ["s3", "s2", "s1"] and some.background_frames().tolist() == [3, 5, 1]
-    some.check()
     assert listed(value[value.subjects == "s1"].events) == listed(value[1].events) == [(0, *e[1:]) for e in EVENTS[4:]]
     assert some.frame_labels().tolist() == ["", "tap", "", "", *[""] * 5, "pat", "", "rub"]
 
@@ -197,7 +141,6 @@ def test_labels_become_events_and_labels_again(labels):
     lengths, flat = tuple(map(len, labels)), [label for one in labels for label in one]
     events = events_of(np.array([label or None for label in flat], dtype=object), np.array(lengths))
     value = Recordings(made([], lengths).corpus, events)
-    value.check()
     assert value.frame_labels().tolist() == flat
     expected = []  # frame by frame
     for number, one in enumerate(labels):
@@ -217,13 +160,10 @@ def test_what_is_imported_is_loaded_again(tmp_path, capsys):
     assert "arm: 10 captures, 2 subjects, 3 gestures" in out
     assert "background: 4 captures without a gesture, 0.00167 of 0.004 minutes" in out
     stored = stored_value("arm")
-    for value in (stored, pickle.loads(pickle.dumps(stored))):
-        assert np.array_equal(value.frames, direct.frames) and value.digest
-        pd.testing.assert_frame_equal(value.captures, direct.captures)
-        pd.testing.assert_frame_equal(recorded(value).events, recorded(direct).events)
+    assert np.array_equal(stored.frames, direct.frames) and stored.digest
+    pd.testing.assert_frame_equal(stored.captures, direct.captures)
+    pd.testing.assert_frame_equal(recorded(stored).events, recorded(direct).events)
     assert main(["data"]) == 0 and "6 captures, 2 subjects, 2 gestures" in capsys.readouterr().out
-    assert main(["data", "show", "arm", f"out={tmp_path / 'look'}"]) == 0
-    assert "arm: its 6 captures with a gesture are used; background and ? are left out" in capsys.readouterr().out
 
 
 def test_recordings_serve_as_captures_cut_at_their_labels(tmp_path, capsys):
@@ -258,17 +198,14 @@ def test_recordings_and_captures_are_not_mistaken_for_each_other(tmp_path):
 
 
 def test_another_event_is_another_digest():
-    one = made(EVENTS)
-    other = made([(0, 1, 3, "tap"), *EVENTS[1:]])
-    shorter = made([(0, 1, 2, "pat"), *EVENTS[1:]])
-    digests = {content_digest(captures_in(value)) for value in (one, made(EVENTS), other, shorter, made([]))}
-    assert len(digests) == 4
+    other, shorter = ([(0, 1, *event), *EVENTS[1:]] for event in ((3, "tap"), (2, "pat")))
+    every = (EVENTS, [*EVENTS], other, shorter, [])
+    assert len({content_digest(captures_in(made(events))) for events in every}) == 4
 
 
 def test_generated_recordings():
     small = {"variants": ("normal",), "rate_hz": 50.0, "seed": 3}
     value = synth_recordings.generate(subjects=2, **small)
-    value.check()
     assert value.corpus.synthetic and value.subjects.tolist() == ["1", "2"]
     for number in (0, 1):  # every gesture once
         assert sorted(value[number].events["gesture"]) == sorted(synth.GESTURES)
@@ -279,22 +216,11 @@ def test_generated_recordings():
     labels, lengths = value.frame_labels(), value.corpus.lengths
     idle = np.diff(np.flatnonzero(np.append(labels != "", True)), prepend=-1) - 1  # frames between touches
     assert 150 <= idle[idle > 0].min() and idle.max() <= 2 * 500 + 30
-    firsts = value.corpus[0][labels[: lengths[0]] != ""].max(axis=(1, 2))
     far = np.convolve(labels[: lengths[0]] != "", np.ones(101), "same") == 0  # a second from any touch
     quiet = value.corpus[0][far].astype(float)
-    assert np.median(firsts) > 3 * np.median(quiet.max(axis=(1, 2)))
     noise = np.diff(quiet, axis=0).std() / np.sqrt(2)
     assert 1.4 < noise < 1.7  # 1.5, and what rounding adds
     assert quiet[-100:].mean((1, 2)).mean() != pytest.approx(quiet[:100].mean((1, 2)).mean(), abs=0.5)  # drift
-
-
-def test_pressure_comes_and_goes_at_the_ends_of_generated_touches():
-    still = synth_recordings.generate(1, variants=("normal",), noise=0.0)
-    for _, start, end, _ in listed(still.events):
-        peaks = still.corpus[0][start - 20 : end].astype(float).max(axis=(1, 2))
-        most = peaks.max() - peaks[0]
-        assert peaks[:18].max() - peaks[0] <= 0.02 * most + 2 and peaks[-1] - peaks[0] < 0.6 * most
-        assert peaks[20] - peaks[0] < 0.2 * most  # not at once
 
 
 def test_generated_recordings_are_stored(capsys):

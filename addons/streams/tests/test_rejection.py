@@ -8,10 +8,9 @@ import pytest
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from touchbench_streams.events import last_confidence, report_table
-from touchbench_streams.points import frontier, points_of
+from touchbench_streams.events import report_table
 from touchbench_streams.recordings import Recordings, event_table
-from touchbench_streams.rejection import learn_reject, reject_threshold
+from touchbench_streams.rejection import last_confidence, learn_reject, rejection_scores
 
 
 def test_the_confidence_of_a_touch_is_that_of_its_last_label():
@@ -27,18 +26,21 @@ def test_the_confidence_of_a_touch_is_that_of_its_last_label():
     assert last_confidence(touches, reports, 100.0).to_dict() == {0: 0.4, 1: 0.3}
 
 
-@pytest.mark.parametrize(
-    ("confidence", "threshold"),
-    [([0.5], 0.5), ([0.3, 0.2, 0.9], 0.2), ([i / 100 for i in range(41)], 0.02), ([i / 100 for i in range(40)], 0.01)],
-)
-def test_a_threshold_rejects_at_most_one_known_touch_in_twenty(confidence, threshold):
-    assert reject_threshold(np.array(confidence)) == threshold
-    assert sum(c < threshold for c in confidence) <= 0.05 * len(confidence)
-
-
-def test_a_threshold_needs_touches():
-    with pytest.raises(InputError, match="none was found"):
-        reject_threshold(np.zeros(0))
+def test_rejection_is_counted_by_each_folds_threshold():
+    """Touches of 1 s, one every 2 s; thresholds 0.5 and 0.2: of the known 0.6, 0.4 and 0.3 one lies below."""
+    rows = [("a", "pat", 0.6), ("a", "pat", 0.4), ("a", "unknown", 0.55), ("b", "pat", 0.3), ("b", "unknown", 0.05)]
+    tables = []
+    for i, (fold, gesture, confidence) in enumerate(rows):
+        common = {"fold": fold, "subject": fold, "recording": 0}
+        tables.append(common | {"kind": "touch", "start": 200 * i, "end": 200 * i + 100, "gesture": gesture})
+        said = {"reported": 200 * i + 50, "end": 200 * i + 90, "first": "pat", "label": "pat", "confidence": confidence}
+        tables.append(common | {"kind": "report"} | said)
+    table = pd.DataFrame(tables)
+    scores = rejection_scores(table, {"a": 0.5, "b": 0.2}, 100.0)
+    # above the thresholds: known 0.1, -0.1, 0.1, unknown 0.05, -0.15; of 6 pairs 5 are in order
+    assert scores == pytest.approx({"auroc": 5 / 6, "rejected_unknown": 1 / 2, "rejected_known": 1 / 3})
+    nothing = rejection_scores(table[table["gesture"] != "unknown"], {"a": 0.5, "b": 0.2}, 100.0)
+    assert np.isnan(nothing["auroc"]) and np.isnan(nothing["rejected_unknown"])
 
 
 @dataclass
@@ -47,16 +49,18 @@ class Told:
 
     system: object
     reject: float = 0.5
+    hears: bool = True
 
     def renamed(self, make_system, captures, recordings):
         assert {*recordings.subjects.tolist()} == {*captures.subjects.tolist()}
-        return Told(make_system().fit(captures, captures.gestures), 0.0)
+        return Told(make_system().fit(captures, captures.gestures), 0.0, self.hears)
 
     def reports(self, corpus):
         assert self.reject == 0
         subjects = corpus.subjects.tolist()
         assert not {*subjects} & self.system.subjects_ and len(self.system.subjects_) == 6 - len(subjects)
-        return report_table([(i, 5, 8, "pat", "pat", float(s) / 10) for i, s in enumerate(subjects)])
+        at = 5 if self.hears else 20
+        return report_table([(i, at, at + 3, "pat", "pat", float(s) / 10) for i, s in enumerate(subjects)])
 
 
 class Fitted:
@@ -68,24 +72,10 @@ class Fitted:
 
 def test_the_threshold_is_learned_on_subjects_whom_the_system_has_not_seen():
     names = [str(i + 1) for i in range(6)]
-    frames = [np.zeros((10, 1, 1), np.uint16)] * 6
-    captures = Corpus.from_captures(frames * 2, pd.DataFrame({"subject": names * 2, "gesture": "pat"}), 54.0)
-    whole = Corpus.from_captures(frames, pd.DataFrame({"subject": names, "gesture": ""}), 54.0)
+    frames = [np.zeros((30, 1, 1), np.uint16)] * 6
+    captures = Corpus.from_captures(frames * 2, pd.DataFrame({"subject": names * 2, "gesture": "pat"}), 5.0)
+    whole = Corpus.from_captures(frames, pd.DataFrame({"subject": names, "gesture": ""}), 5.0)
     recordings = Recordings(whole, event_table([(i, 0, 9, "pat") for i in range(6)]))
     assert learn_reject(Fitted, captures, recordings, Told(None)) == 0.1  # of 0.1, 0.2, ... 0.6
-
-
-def test_operating_points_find_more_with_more_alarms():
-    rows = [
-        (-9.0, 0, 0.2),
-        (-8.0, 0, 0.5),
-        (-7.0, 0, 0.5),
-        (-5.0, 3, 0.5),
-        (-3.0, 2, 0.8),
-        (1.0, 6, 0.7),
-        (2.0, 9, 0.9),
-    ]
-    table = pd.DataFrame(rows, columns=["threshold", "alarms", "found"]).assign(hours=0.5)
-    assert frontier(table)["threshold"].tolist() == [-7.0, -3.0, 2.0]
-    expected = ((2.0, 18.0, 0.9), (1.0, 12.0, 0.7), (-3.0, 4.0, 0.8), (-7.0, 0.0, 0.5))
-    assert points_of(table, 1.0) == expected  # from the highest threshold to the lowest
+    with pytest.raises(InputError, match="none was found"):
+        learn_reject(Fitted, captures, recordings, Told(None, hears=False))

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from addons.streams.tests.made import TINY
 from bench.cli import main
 from bench.corpora import faults
 from bench.corpora.faults import FAULTS, as_readings, as_shares, fault
@@ -14,21 +15,21 @@ from bench.plan.plan import Fold
 from bench.store import connect
 from tests.conftest import predictions, runs
 from tests.results import result as result_of
-from touchbench_streams.detectors.named import detectors
-from touchbench_streams.fault_page import rows_under
+from touchbench_streams.detectors import detectors
+from touchbench_streams.page import rows_under
 from touchbench_streams.recordings import captures_in
-from touchbench_streams.stress import disturbed, whole_faults
+from touchbench_streams.stress import disturbed
 from touchbench_streams.study import Continuous
 from touchbench_streams.synth_recordings import generate
 
 SCORES = ("touches_found", "first_correct", "end_correct", "false_alarms_per_hour", "refused")
-WORDS = ["watch", "data=synth", "data.subjects=3", "data.variants=normal", "data.rate_hz=20", "model=lda"]
+WORDS = ["watch", *TINY, "model=lda"]
 
 
 @pytest.fixture(scope="module")
 def recordings():
     """Three generated people with one touch of each gesture, at 20 frames a second."""
-    return generate(subjects=3, variants=("normal",), rate_hz=20.0)
+    return generate(subjects=3, variants=("normal",), rate_hz=20.0, rows=4, cols=4)
 
 
 @pytest.fixture
@@ -58,15 +59,13 @@ def test_a_dead_skin_finds_nothing_and_no_fault_is_bench_watch(recordings, damag
     assert both.chosen == alone.chosen and not alone.tables
     plan = SimpleNamespace(corpus=corpus)
     watched, under = plain.result(plan, {}, [alone]), kind.result(plan, {}, [both])
-    scores = [name for name in watched.metrics if name.startswith(("touches", "first", "end", "false", "missed"))]
-    assert len(scores) > 10 and all(under[name] == watched[name] for name in scores)
+    assert all(under[name] == watched[name] for name in SCORES)
     cases = {(r["fault"], r["severity"]): r for r in under.tables["scores_under_faults"].to_dict("records")}
     assert [*cases] == [("none", 0), *((name, s) for name in damages for s in range(1, 6))]
     dead, same, clean = cases["dead", 3], cases["none_at_all", 3], cases["none", 0]
     assert clean["touches_found"] == watched["touches_found"] > 0.3 and dead["touches_found"] == 0
     assert all(same[name] == clean[name] for name in SCORES) and dead["amount"] == "3 % of all"
-    assert dead["false_alarms_per_hour"] == 0
-    assert dead["refused"] == 0  # `threshold` refuses nothing
+    assert dead["false_alarms_per_hour"] == dead["refused"] == 0  # `threshold` refuses nothing
     assert under["touches_found.dead.3"] == 0 and under["refused.dead.3"] == dead["refused"]
     assert kind.fold_metrics(both, 20.0)["touches_found.none_at_all.1"] == watched["touches_found"]
     shown = rows_under(result_of("lda", "watch", under.metrics, under.tables))
@@ -79,7 +78,7 @@ def test_refused_frames_are_counted_as_a_stream_tells_them(detector, recordings)
     captures, corpus = captures_in(recordings[[0, 1]]), recordings[[2]].corpus
     system = cell.estimator().fit(captures, captures.gestures)
     (part,) = detectors({"detector": detector})
-    watcher, _ = part.make().learn(cell.estimator, system, captures, recordings[[0, 1]], 60.0)
+    watcher, _ = part.make().learn(cell.estimator, system, recordings[[0, 1]], 60.0)
     frames = corpus.frames.copy()
     frames[50:130] = frames[49]  # nothing changes
     frames[200:260] = corpus.full_scale
@@ -97,7 +96,7 @@ def test_refused_frames_are_counted_as_a_stream_tells_them(detector, recordings)
 def test_recordings_go_through_the_faults_of_captures(recordings):
     twice = recordings[[0, 0, 1]]
     shares = as_shares(twice.corpus, np.arange(3))
-    noise, dead = (disturbed(twice, shares, FAULTS[name], 4).corpus for name in ("noise", "dead_taxels"))
+    noise, dead = (disturbed(twice, shares, FAULTS[name], 4) for name in ("noise", "dead_taxels"))
     rng = faults.seeded("noise, recording 2 of 1")
     expected = as_readings(twice.corpus, FAULTS["noise"].damage(shares[1], 2, rng))
     assert np.array_equal(noise[1], expected) and not np.array_equal(noise[0], noise[1])
@@ -105,11 +104,6 @@ def test_recordings_go_through_the_faults_of_captures(recordings):
     assert np.array_equal(broken[0], broken[1]) and not np.array_equal(broken[0], broken[2])
     capture = FAULTS["dead_taxels"].apply(shares[0], 4, "1", 5, 20.0)  # the sensor of a subject is the same
     assert np.array_equal(dead[0], as_readings(twice.corpus, capture))
-    frames = np.full((200, 2, 2), 0.5, np.float32)
-    for name in whole_faults():
-        assert len(FAULTS[name].apply(frames, 5, "1", 1, 20.0)) == 200
-    lossy = [name for name in FAULTS if len(FAULTS[name].apply(frames, 5, "1", 1, 20.0)) < 200]
-    assert lossy == [name for name in FAULTS if name not in whole_faults()]
 
 
 @pytest.mark.parametrize(("under", "fact"), [("late_start", "removes frames"), ("nosie", "did you mean noise")])
@@ -119,24 +113,11 @@ def test_a_fault_that_recordings_cannot_have_is_one_line(under, fact, capsys):
     assert f"under={under}: " in error and fact in error and error.count("\n") == 1
 
 
-def test_the_command_prints_what_it_stores_and_finds_it_again(capsys):
-    words = [*WORDS, "features=touch", "detector=threshold", "false_alarms=60", "under=noise"]
-    assert main(words) == 0
+def test_the_command_prints_what_it_stores(capsys):
+    assert main([*WORDS, "features=touch", "detector=threshold", "false_alarms=60", "under=noise"]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     (run,) = runs("watch")[1]
-    metrics = run.data.metrics
     cases = predictions(connect(), run, "scores_under_faults").set_index("severity")
-    assert cases["touches_found"][0] == pytest.approx(metrics["touches_found"])
-    reports = predictions(connect(), run, "reports_under_faults")
-    truth = predictions(connect(), run, "touches")
-    reports = reports[(reports["kind"] == "report") & (reports["severity"] == 2)]
-    found = [
-        ((reports["subject"] == t.subject) & reports["reported"].between(t.start, t.end + 10)).any()  # 0.5 s
-        for t in truth.itertuples()
-    ]
-    assert metrics["touches_found.noise.2"] == pytest.approx(np.mean(found), abs=0.03)  # one may count for the next
+    assert cases["touches_found"][0] == pytest.approx(run.data.metrics["touches_found"])
     assert f"│ noise 2 │ {100 * cases['touches_found'][2]:.1f} │" in printed.replace("0.5 % of full scale, SD │ ", "")
-    assert main(words) == 0
-    again = capsys.readouterr()
-    assert "already stored" in again.err and " ".join(again.out.split()) == printed
     assert run.data.params["watch.under"] == "noise" and main(["report"]) == 0

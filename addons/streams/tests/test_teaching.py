@@ -12,7 +12,6 @@ from bench.cli import main
 from bench.errors import InputError
 from bench.store import connect
 from bench.work.saved import FORMAT, load
-from tests.conftest import runs
 from touchbench_chip.write import files_of
 from touchbench_streams.teaching import Watching
 
@@ -44,17 +43,6 @@ def test_a_saved_model_watches_with_the_detector_that_was_asked_for(tmp_path):
     assert "int touch_watch(" in files_of(recogniser, 32, "")["touch.c"]
     stream = watcher.stream(recogniser.grid, recogniser.rate_hz, recogniser.full_scale)
     assert all(stream.push(np.zeros(recogniser.grid, np.float32)) == [] for _ in range(100))
-
-
-@pytest.mark.usefixtures("day")
-def test_the_usual_detector_is_that_of_bench_watch_and_has_c(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    words = "data=day model=lda features=touch model.window=0.5 stopping=no out=rec".split()
-    assert main(["fit", *words]) == 0
-    assert "detector=frames finds touches in a stream\n" in capsys.readouterr().out
-    (run,) = runs("fit")[1]
-    assert run.data.params["watch.detector"] == load("rec").watcher.chosen["detector"] == "frames"
-    assert main(["export", "rec", "out=in_c"]) == 0
 
 
 @pytest.mark.usefixtures("day")
@@ -101,10 +89,9 @@ def test_a_detector_without_c_is_not_exported_and_none_is_asked_for_in_vain(tmp_
     assert "next: bench predict rec new.csv" in lines
     assert main(["export", "rec", "out=rec_c"]) == 2
     assert "detector=mine has no C; use frames or threshold" in capsys.readouterr().err
-    for unused in ("detector=frames", "detector.wait=1", "false_alarms=3"):
-        assert main(["fit", *words, "watch=no", unused]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert f"watch=no: {unused.partition('=')[0]}= has no effect without" in line
+    assert main(["fit", *words, "watch=no", "detector.wait=1"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "watch=no: detector.wait= has no effect without" in line
 
 
 @pytest.mark.parametrize(

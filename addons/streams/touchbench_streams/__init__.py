@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -12,11 +11,6 @@ FALSE_ALARMS = 5.0  # per hour of background, which are accepted on training sub
 NO_TOUCH = "notouch"  # class of background, where captures have it and no other is named
 DETECTOR = "frames"  # that of bench watch, unless told otherwise
 RATES = (1, 5, 10, 60)  # false alarms per hour of background, at which missed touches are counted
-
-
-def others(detector: str | None) -> str | None:
-    """A detector in words, None for a run that does not tell; one of a file without its folder."""
-    return Path(detector).name if detector else None
 
 
 def watch(**values: object) -> pd.DataFrame:

@@ -1,19 +1,68 @@
-"""The command ``bench live``: frames from standard input, classified by a saved model as they come."""
+"""What endless streams add to ``bench``: the commands ``watch`` and ``live``, and keys of ``fit``."""
 
 from __future__ import annotations
 
 import sys
 
 from bench.errors import InputError
-from bench.options import keys, parse_words, settings
+from bench.options import TRUSTED, Command, Option, keys, parse_words, settings
+from bench.words import SMALL
+from touchbench_streams import DETECTOR, FALSE_ALARMS
+
+WATCH = Option(
+    "watch",
+    "yes",
+    True,
+    "no: skip the post-processing for endless streams",
+    uses="touchbench_streams.teaching:Watching",
+)
+FINDS = Option(
+    "detector",
+    "text",
+    DETECTOR,
+    "finds the touches of a stream: {touchbench_streams.detectors}, or my.py:Mine; detector.NAME= sets a parameter",
+)
+ALARMS = Option(
+    "false_alarms",
+    "number",
+    FALSE_ALARMS,
+    "false alarms per hour of background accepted in training",
+)
+IDLE = Option("background", "text", "", "background of the stream, as of bench watch")
+WATCHES = Command(
+    "compare",
+    "find touches in continuous recordings: false alarms, misses, latency",
+    "Each fold trains on captures, and learns when to report a touch from recordings of training subjects. "
+    "It then watches the recordings of the test subjects. data=synth and imported recordings are used as "
+    "they are. From other corpora, one recording per subject is composed: excerpts of 2 to 6 s of each "
+    "capture, with 3 to 10 s of background between them. Prints touches found, correct gestures when first "
+    "reported and at the end, false alarms per hour of background, latency and reports per touch. "
+    "Refused frames are counted if there are any. under= repeats this with faults of the test sensors.",
+    f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2\n"
+    "bench watch data=haart model=lda features=touch detector=frames,threshold under=noise,vibration,drift",
+    makes="watch",
+)
+LIVE = Command(
+    "ship",
+    "classify frames from standard input with a saved model",
+    "Reads one frame per line: values in row-major order, separated by commas or blanks, at most 32 characters "
+    "each. If the model can watch an endless stream, each news of a touch (reported, changed, ended) prints ms, "
+    "news, label and confidence. Otherwise, or with events=no, an empty line ends a capture, and each decision "
+    "prints capture, ms, label, confidence and settled. settled is yes once waiting would gain too little. "
+    f"MODEL is as for bench predict. {TRUSTED}",
+    "sensor | bench live models:/m-0123456789abcdef",
+    "MODEL [events=no] [hop_ms=125]",
+    module="touchbench_streams.commands",
+    follows={"predict": "sensor | bench live {}"},
+    options=(
+        Option("hop_ms", "number", 125, "classification of captures: milliseconds between decisions"),
+        Option("events", "yes", True, "no: classify captures instead of watching an endless stream"),
+    ),
+)
 
 
 def live(arguments: list[str]) -> int:
-    """Classify frames from standard input until it ends.
-
-    Raises:
-        InputError: something in the arguments cannot be used, or a line is no frame; earlier decisions are printed.
-    """
+    """Classify frames from standard input until it ends."""
     words, values = parse_words(arguments, keys("live"), 1)
     if not words:
         raise InputError("give the address or folder that bench fit printed: bench live MODEL")

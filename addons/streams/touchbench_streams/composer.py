@@ -13,43 +13,38 @@ from touchbench_streams.recordings import Recordings, event_table
 
 TOUCH_S = (2.0, 6.0)  # excerpts of captures; a shorter capture is used whole
 GAP_S = (3.0, 10.0)
-QUIET_S = 0.25  # of a piece of background, at least
-QUIET = 0.1  # of the highest summed pressure of a capture: frames below, at its ends, are quiet
+QUIET = "quiet"  # background from the ends of captures
+QUIET_S = 0.25  # of a piece of it, at least
+QUIET_SHARE = 0.1  # of the highest summed pressure of a capture: frames below, at its ends, are quiet
 COPIES = 2  # of the readings in memory at once: as they are and repaired, in single precision
 BESIDES = ("subject", "gesture", "split")  # columns that are no condition of the sensor
 
 
 def pieces(corpus: Corpus, background: str) -> tuple[Corpus, Corpus]:
-    """Touches and background of a corpus of captures; no frame is copied.
+    """Captures of touches, and of background, of a corpus; no frame is copied.
 
-    Args:
-        corpus: captures of touches, and of background if ``background`` names a class.
-        background: class name of captures without touch, or ``quiet``: the frames at both ends of each capture whose
-            summed pressure, above the capture's lowest, stays below a tenth of its highest.
-
-    Returns:
-        Captures of touches, cut to the part between their quiet ends in the second case, and captures of background.
-
-    Raises:
-        InputError: the class does not exist, or there are no quiet ends of a quarter of a second.
+    The background is a class of captures without touch, or ``quiet``: the frames at both ends of each capture whose
+    summed pressure, above the capture's lowest, stays below a tenth of its highest. Touches are what lies between.
     """
     gestures = corpus.gestures.astype(str)
-    if background != "quiet":
+    if background != QUIET:
         if background not in gestures:
             known = ", ".join(sorted(set(gestures)))
-            raise InputError(f"background={background}: {corpus.name} has no such class; give quiet or one of {known}")
+            raise InputError(
+                f"background={background}: {corpus.name} has no such class; give {QUIET} or one of {known}"
+            )
         return corpus[gestures != background], corpus[gestures == background]
     least = max(1, round(QUIET_S * corpus.rate_hz))
     starts = storage(corpus)[1]
     first, last = np.zeros(len(corpus), np.int64), corpus.lengths.copy()
     for i, frames in enumerate(corpus):
         total = frames.sum(axis=(1, 2), dtype=np.float64)
-        touched = np.flatnonzero(total - total.min() >= QUIET * (total.max() - total.min()))
+        touched = np.flatnonzero(total - total.min() >= QUIET_SHARE * (total.max() - total.min()))
         first[i], last[i] = touched[0], touched[-1] + 1
     before, after = np.flatnonzero(first >= least), np.flatnonzero(corpus.lengths - last >= least)
     if not len(before) + len(after):
         raise InputError(
-            f"background=quiet: no capture of {corpus.name} begins or ends with {QUIET_S:g} s without touch; name a "
+            f"background={QUIET}: no capture of {corpus.name} begins or ends with {QUIET_S:g} s without touch; name a "
             "class of background"
         )
     quiet = corpus[np.append(before, after)].changed(
@@ -61,23 +56,17 @@ def pieces(corpus: Corpus, background: str) -> tuple[Corpus, Corpus]:
     return corpus.changed(starts=starts + first, lengths=last - first, digest="", path=None), quiet
 
 
-def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
+def composed(touches: Corpus, quiet: Corpus) -> Recordings:
     """One recording per subject: every touch once, in random order, between random pieces of background.
 
     Captures with the same conditions follow one another, so that the sensor changes in the background only and as
     rarely as possible. The background before a touch has the conditions of the touch where the subject has such
-    background, otherwise it is any background of the subject.
+    background, otherwise it is any background of the subject. Recordings are in the order of the subjects' names,
+    without the corpus's conditions. Order, excerpts and gaps depend on the subject and these captures alone.
 
     Args:
         touches: captures of touches; an excerpt of 2 to 6 s of each is used.
         quiet: captures of background; gaps of 3 to 10 s are filled with excerpts of them.
-        seed: seed of order, excerpts and gaps; they depend on it, the subject and these captures alone.
-
-    Returns:
-        Recordings in the order of the subjects' names, without the corpus's conditions.
-
-    Raises:
-        InputError: as of `check_background`.
     """
     labels = [c for c in touches.captures if c not in (*BESIDES, *touches.target.split("+"))]
     conditions = _keys(touches, labels)
@@ -88,7 +77,7 @@ def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
     check_background(touches, quiet)
     names = sorted(set(subjects))
     for number, subject in enumerate(names):
-        rng = seeded(f"recording {seed} of {subject}")
+        rng = seeded(f"recording 0 of {subject}")
         chosen = np.flatnonzero(subjects == subject)
         blocks = rng.permutation(np.unique(conditions[chosen]))
         order = np.concatenate([rng.permutation(chosen[conditions[chosen] == block]) for block in blocks])
@@ -110,15 +99,7 @@ def composed(touches: Corpus, quiet: Corpus, seed: int) -> Recordings:
 
 
 def check_background(touches: Corpus, quiet: Corpus) -> None:
-    """Refuse captures that cannot become recordings.
-
-    Args:
-        touches: captures of touches.
-        quiet: captures of background.
-
-    Raises:
-        InputError: there is no touch, a subject has no background, or recordings need more memory than there is.
-    """
+    """Refuse captures that cannot become recordings."""
     if not len(touches):
         raise InputError(f"{touches.name}: there is no touch beside the background; give another background=")
     if lacking := sorted({*touches.subjects.astype(str)} - {*quiet.subjects.astype(str)}):

@@ -16,10 +16,7 @@ COUNTS = ["hits", "alarms", "reports"]
 def swept(table: pd.DataFrame) -> pd.DataFrame:
     """Counts of each threshold that all folds tried: columns ``hits``, ``alarms``, ``reports`` by offset and subject.
 
-    Folds learn other thresholds; an offset is the distance from the learned one.
-
-    Args:
-        table: rows of kind ``curve`` of all folds of a run.
+    Folds learn other thresholds; an offset is the distance from the learned one. Rows are of kind ``curve``.
     """
     counts = table.groupby(["offset", "subject"])[COUNTS].sum()
     people = table["subject"].nunique()

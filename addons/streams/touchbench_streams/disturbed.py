@@ -42,13 +42,7 @@ NAMING_KINDS: tuple[Kind, ...] = (shaken, noisy, drifting)  # that they are name
 
 
 def disturbed(corpus: Corpus, kind: Kind, some: Sequence[int] | None = None) -> Corpus:
-    """Recordings as a disturbed sensor shows them; the same random numbers at each call.
-
-    Args:
-        corpus: recordings.
-        kind: one of `NAMING_KINDS`.
-        some: positions of the recordings to disturb; all without.
-    """
+    """Recordings, all or those at some positions, as a disturbed sensor shows them; the same at each call."""
     some, streams = range(len(corpus)) if some is None else some, []
     for i in some:
         shares = kind(as_shares(corpus, np.array([i]))[0], corpus.rate_hz, seeded(f"{kind.__name__} in recording {i}"))

@@ -1,7 +1,6 @@
-"""Events that a watcher reported against touches that happened: found, missed, late, wrong, split, and false alarms.
+"""Reported events against touches that happened: found, missed, late, wrong, split, and false alarms.
 
-Pure functions of two tables. Touches are `Recordings.events`: ``recording``, ``start``, ``end`` (frames, end exclusive)
-and ``gesture``, sorted by recording and start, without overlaps. Reports have the columns of ``REPORT``:
+Touches and doubtful stretches are tables as of `Recordings.events`. Reports have the columns of ``REPORT``:
 
 - ``recording``: position of the recording, as in the touches;
 - ``reported``: frames of the recording that were seen when the event was first reported;
@@ -9,24 +8,18 @@ and ``gesture``, sorted by recording and start, without overlaps. Reports have t
 - ``first``, ``label``: gesture reported at first and at the end of the event;
 - ``confidence``: of the final label, 0 to 1.
 
-Doubtful stretches (`Recordings.doubtful`) have the columns of touches. A report inside of one, or at most ``collar_s``
-after it, is neither a hit nor a false alarm.
-
-No column has missing values, except ``latency_s``, NaN for a missed touch. A table without rows keeps its columns and
-their types, also in parquet files. Both tables may have more columns, such as ``subject``; they are kept.
+All may have more columns, such as ``subject``; they are kept. A table without rows keeps its columns and their types.
 
 The definitions follow the event-based scores of sound event detection (Mesaros, Heittola and Virtanen 2016, "Metrics
 for polyphonic sound event detection"; sed_eval), with three differences. sed_eval wants the onset of a report within
-``t_collar`` on either side of the true onset; here a report counts from the start of a touch until ``collar_s`` after
-its end, and never before it starts, so that lateness is measured as latency and not counted as a miss. sed_eval
-matches one report to one event and counts a second report of the same event as a false positive; here it is a
-fragment, and an insertion if its label is wrong. sed_eval matches each gesture for itself, so that a wrong label is a
-miss and a false positive; here the touch is found and its label incorrect.
+``t_collar`` on either side of the true onset; here a report counts from the start of a touch until the collar after its
+end, and never before it starts, so that lateness is measured as latency. sed_eval counts a second report of the same
+event as a false positive; here it is a fragment, and an insertion if its label is wrong. sed_eval matches each gesture
+for itself, so that a wrong label is a miss and a false positive; here the touch is found and its label incorrect.
 
-Three words for what else may happen to a touch are those of Ward, Lukowicz and Gellersen 2011 ("Performance metrics for
-activity recognition"), for events in place of segments: a touch is *fragmented* if it has several reports, *merged* if
-it has none because a touch before it was not over yet, and *late* if it was over at its first report. sed_eval has no
-such words: there, the first two are insertions and deletions.
+Three words are those of Ward, Lukowicz and Gellersen 2011 ("Performance metrics for activity recognition"), for events
+in place of segments: a touch is *fragmented* if it has several reports, *merged* if it has none because a touch before
+it was not over yet, and *late* if it was over at its first report.
 """
 
 from __future__ import annotations
@@ -54,24 +47,17 @@ def report_table(rows: Iterable[tuple[int, int, int, str, str, float]]) -> pd.Da
 
 
 def matched(
-    truth: pd.DataFrame,
-    reports: pd.DataFrame,
-    rate_hz: float,
-    collar_s: float = COLLAR_S,
-    doubtful: pd.DataFrame | None = None,
+    truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, doubtful: pd.DataFrame | None = None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Touches with the reports that belong to them.
+    """Touches with the reports that belong to them (`touches_of`), and reports with their ``touch``.
 
-    A report belongs to the touch or doubtful stretch with start <= reported < end; else to the latest one of its
-    recording if it ended at most ``collar_s`` before the report; else it is a false alarm. The first and the last
-    report of a touch are told by ``reported``, then by ``end``.
+    The first and the last report of a touch are told by ``reported``, then by ``end``.
 
     Args:
-        truth: touches, as described above.
-        reports: reports, as described above, in any order.
+        truth: touches.
+        reports: reports, in any order.
         rate_hz: frames per second.
-        collar_s: seconds after the end of a touch in which a report still belongs to it.
-        doubtful: doubtful stretches, as described above; None for none.
+        doubtful: doubtful stretches; None for none.
 
     Returns:
         The touches with the columns
@@ -79,18 +65,17 @@ def matched(
         - ``found`` (bool): it has a report;
         - ``late`` (bool): it is found, and was over at its first report;
         - ``merged`` (bool): it is missed, and began while a touch reported before it had not ended;
-        - ``latency_s``: seconds from its start to its first report;
+        - ``latency_s``: seconds from its start to its first report, NaN for a missed touch;
         - ``first_correct``, ``end_correct`` (bool): ``first`` of its first report, ``label`` of its last report is
           its gesture; False for a missed touch;
         - ``label``: ``label`` of its last report; empty for a missed touch;
         - ``fragments`` (int64): number of its reports;
         - ``insertions`` (int64): reports after the first whose ``label`` is not its gesture;
 
-        and the reports with ``touch`` (int64): row of their touch, -1 for a false alarm, -2 in a doubtful stretch.
-        Rows stay in order and are numbered from 0.
+        and the reports. Rows stay in order and are numbered from 0.
     """
     truth, reports = truth.reset_index(drop=True), reports.reset_index(drop=True)
-    touch = touches_of(truth, reports, rate_hz, collar_s, doubtful)
+    touch = touches_of(truth, reports, rate_hz, doubtful)
     reports = reports.assign(touch=touch)
 
     of_touches = reports[touch >= 0].sort_values(["reported", "end"], kind="stable")
@@ -115,15 +100,13 @@ def matched(
 
 
 def touches_of(
-    truth: pd.DataFrame,
-    reports: pd.DataFrame,
-    rate_hz: float,
-    collar_s: float = COLLAR_S,
-    doubtful: pd.DataFrame | None = None,
+    truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, doubtful: pd.DataFrame | None = None
 ) -> np.ndarray:
-    """Row of the touch that each report belongs to, int64 [reports]; arguments, -1 and -2 are those of `matched`.
+    """Row of the touch that each report belongs to, int64 [reports]; -1 of a false alarm, -2 in a doubtful stretch.
 
-    Touches do not overlap: if the latest one that started by the time of the report ended too early, all others did.
+    A report belongs to the touch or doubtful stretch with start <= reported < end; else to the latest one of its
+    recording if it ended at most `COLLAR_S` before the report; else it is a false alarm. Touches do not overlap: if the
+    latest one that started by the time of the report ended too early, all others did.
     """
     row = np.arange(len(truth))
     if doubtful is not None and len(doubtful):
@@ -131,7 +114,7 @@ def touches_of(
         truth = pd.concat([truth[["recording", "start", "end"]], doubtful[["recording", "start", "end"]]])
         order = np.lexsort([truth["start"], truth["recording"]])
         row, truth = row[order], truth.iloc[order].reset_index(drop=True)
-    collar = int(collar_s * rate_hz + 1e-6)
+    collar = int(COLLAR_S * rate_hz + 1e-6)
     recording, reported = reports["recording"].to_numpy(), reports["reported"].to_numpy()
     span = 1 + max(truth["start"].max(), reported.max()) if len(truth) and len(reports) else 1
     starts = (truth["recording"] * span + truth["start"]).to_numpy()
@@ -158,21 +141,11 @@ def _count(rows: pd.Series, truth: pd.DataFrame) -> np.ndarray:
 
 
 def summary(touches: pd.DataFrame, reports: pd.DataFrame, background_s: float) -> dict[str, float]:
-    """The scores of all touches and reports together; NaN where there is nothing to divide by.
+    """The scores of all touches and reports together, from `matched`; NaN where there is nothing to divide by.
 
-    Results of `matched` for several folds may be joined, because only the sign of ``touch`` counts.
-
-    Args:
-        touches: touches, from `matched`.
-        reports: reports, from `matched`.
-        background_s: seconds outside of touches and doubtful stretches in the recordings.
-
-    Returns:
-        ``touches`` (number); ``touches_found``, ``first_correct`` and ``end_correct`` (shares of all touches, a missed
-        one is incorrect); ``first_correct_found`` and ``end_correct_found`` (shares of the touches found);
-        ``late``, ``merged`` and ``fragmented`` (shares of all touches; the last is found and has several reports);
-        ``false_alarms_per_hour`` of background; ``latency_s_p50`` and ``latency_s_p90`` (of the touches found);
-        ``fragments`` (mean number of reports of a touch found); ``insertions_per_touch`` (mean over all touches).
+    Results for several folds may be joined, because only the sign of ``touch`` counts. Shares are of all touches, a
+    missed one being incorrect; those in ``_found``, latencies and ``fragments`` are of touches found, ``fragmented`` of
+    touches with several reports; false alarms are per hour of ``background_s`` seconds.
     """
     found = touches[touches["found"]]
     false_alarms = int((reports["touch"] == FALSE_ALARM).sum())
@@ -196,44 +169,20 @@ def summary(touches: pd.DataFrame, reports: pd.DataFrame, background_s: float) -
 
 
 def per_subject(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> pd.DataFrame:
-    """The `summary` of each subject, sorted by ``subject``, and ``background_s``.
-
-    Args:
-        touches: touches, from `matched`, with ``subject``.
-        reports: reports, from `matched`, with ``subject``.
-        background_s: seconds outside of touches in the recordings of each subject, also of those without touches.
-
-    Raises:
-        ValueError: a touch or a report is of a subject without an entry in ``background_s``.
-    """
-    _check_subjects(touches, reports, background_s)
-    rows = [
-        summary(touches[touches["subject"] == s], reports[reports["subject"] == s], background_s[s])
-        for s in sorted(background_s)
-    ]
-    table = pd.DataFrame(rows, columns=[*summary(touches, reports, 0)], dtype=np.float64)
-    table.insert(0, "subject", pd.Series(sorted(background_s), dtype=str))
-    return table.assign(background_s=[float(background_s[s]) for s in sorted(background_s)]).astype(
-        {"touches": np.int64}
-    )
+    """The `summary` of each subject that has an entry in ``background_s``, sorted by ``subject``; ``background_s``."""
+    rows = []
+    for subject in sorted(background_s):
+        mine = (part[part["subject"] == subject] for part in (touches, reports))
+        numbers = summary(*mine, background_s[subject])
+        rows.append({"subject": subject} | numbers | {"background_s": float(background_s[subject])})
+    return pd.DataFrame(rows).astype({"touches": np.int64})
 
 
 def over_people(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> dict[str, float]:
     """Shares of touches as means over subjects with 95 % t-intervals, and the interval of false alarms.
 
-    Args:
-        touches: touches, from `matched`, with ``subject``.
-        reports: reports, from `matched`, with ``subject``.
-        background_s: seconds outside of touches in the recordings of each subject, also of those without touches.
-
-    Returns:
-        ``touches_found``, ``first_correct`` and ``end_correct``; these and ``false_alarms_per_hour``, each followed by
-        ``_low`` and ``_high``, NaN for too few subjects (`bench.few`) with touches, or with background; ``subjects``.
-
-    Raises:
-        ValueError: a touch or a report is of a subject without an entry in ``background_s``.
+    Ends are NaN for too few subjects (`bench.few`) with touches, or with background. ``background_s`` has all subjects.
     """
-    _check_subjects(touches, reports, background_s)
     numbers: dict[str, float] = {"subjects": len(background_s)}
     for share in SHARES:
         name = "touches_found" if share == "found" else share
@@ -249,10 +198,7 @@ def alarm_interval(counts: np.ndarray) -> tuple[float, float]:
     """95 % interval of false alarms per hour: the wider of the bootstrap over subjects and the exact Poisson interval.
 
     Without any alarm there is an upper limit alone, of 95 % confidence, and no lower end. With alarms of too few
-    subjects both are NaN.
-
-    Args:
-        counts: false alarms and hours of background of each subject [subjects, 2].
+    subjects both are NaN. Columns are false alarms and hours of background [subjects, 2].
     """
     from scipy.special import gammaincinv  # not scipy.stats, which takes half a second
 
@@ -266,46 +212,45 @@ def alarm_interval(counts: np.ndarray) -> tuple[float, float]:
     return exact if drawn[1] - drawn[0] < exact[1] - exact[0] else drawn
 
 
-def _check_subjects(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> None:
-    if lacking := sorted({*touches["subject"], *reports["subject"]} - {*background_s}):
-        raise ValueError(f"background_s has no entry for subject {lacking[0]}; add its seconds of background")
+def numbers_of(table: pd.DataFrame, rate_hz: float, people: bool = False) -> dict[str, float]:
+    """All scores of touches and reports in the tables of some folds that are defined; with ``people`` over subjects."""
+    touches, reports, background_s = scored(table, rate_hz)
+    numbers = summary(touches, reports, sum(background_s.values()))
+    if people:
+        numbers |= over_people(touches, reports, background_s)
+    if doubtful := float((reports["touch"] == DOUBTFUL).sum()):
+        numbers["doubtful_reports"] = doubtful
+    frames = table.loc[table["kind"] == "recording", ["refused", "end"]].sum()
+    return defined(numbers | {"refused": frames["refused"] / frames["end"]})
 
 
-def last_confidence(
-    truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, doubtful: pd.DataFrame | None = None
-) -> pd.Series:
-    """Confidence of the last label of each touch that was found, by the row of the touch, in order of the touches.
+def scored(table: pd.DataFrame, rate_hz: float) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, float]]:
+    """Touches and reports of the tables of some folds, matched, and seconds of background of each subject."""
+    background: dict[str, float] = {}
+    touches, reports = [], []
+    for _, part in table.groupby("fold", sort=False):
+        truth, doubtful, reported = touches_and_reports(part)
+        matches = matched(truth, reported, rate_hz, doubtful)
+        touches.append(matches[0])
+        reports.append(matches[1])
+        labelled = pd.concat([truth, doubtful])
+        touched = (labelled["end"] - labelled["start"]).groupby(labelled["subject"]).sum()
+        for subject, frames in part[part["kind"] == "recording"].groupby("subject")["end"].sum().items():
+            background[str(subject)] = background.get(str(subject), 0.0) + (frames - touched.get(subject, 0)) / rate_hz
+    return pd.concat(touches, ignore_index=True), pd.concat(reports, ignore_index=True), background
 
-    Args:
-        truth: touches, as described above.
-        reports: reports, as described above.
-        rate_hz: frames per second.
-        doubtful: doubtful stretches, as described above; None for none.
-    """
-    reports = reports.assign(touch=touches_of(truth, reports, rate_hz, doubtful=doubtful))
-    ordered = reports[reports["touch"] >= 0].sort_values(["touch", "reported", "end"], kind="stable")
-    return ordered.drop_duplicates("touch", keep="last").set_index("touch")["confidence"]
+
+def touches_and_reports(part: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    """The touches, the doubtful stretches and the reports in the table of a fold."""
+    kinds = {"recording": np.int64, "start": np.int64, "end": np.int64}
+    truth, doubtful = (
+        part.loc[part["kind"] == kind, [*kinds, "gesture", "subject", "fold"]].astype(kinds).reset_index(drop=True)
+        for kind in ("touch", "doubtful")
+    )
+    reported = part.loc[part["kind"] == "report", [*REPORT, "subject", "fold"]].astype(REPORT)
+    return truth, doubtful, reported
 
 
-def unknown_scores(known_confidence: np.ndarray, unknown_confidence: np.ndarray, threshold: float) -> dict[str, float]:
-    """Rejection of gestures that were not in the training set, by the confidence of the label.
-
-    Args:
-        known_confidence: confidence of the label of each touch with a gesture of the training set, finite.
-        unknown_confidence: the same for touches with another gesture.
-        threshold: confidence below which a label is rejected.
-
-    Returns:
-        ``auroc`` (probability that a known touch has a higher confidence than an unknown one, ties count half),
-        ``rejected_unknown`` and ``rejected_known`` (shares of the touches); NaN where there are no such touches.
-    """
-    from sklearn.metrics import roc_auc_score
-
-    known, unknown = pd.Series(known_confidence, dtype=float), pd.Series(unknown_confidence, dtype=float)
-    is_known = np.repeat([True, False], [len(known), len(unknown)])
-    both = len(known) > 0 and len(unknown) > 0
-    return {
-        "auroc": float(roc_auc_score(is_known, np.concatenate([known, unknown]))) if both else np.nan,
-        "rejected_unknown": float((unknown < threshold).mean()),
-        "rejected_known": float((known < threshold).mean()),
-    }
+def defined(numbers: dict[str, float]) -> dict[str, float]:
+    """The numbers that are defined."""
+    return {name: float(value) for name, value in numbers.items() if value == value}

@@ -6,7 +6,7 @@ import csv
 import re
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
@@ -21,7 +21,7 @@ from bench.work.stopping import NO_SAVING
 
 if TYPE_CHECKING:
     from bench.work.saved import Recogniser
-    from touchbench_streams.detectors.base import Watches
+    from touchbench_streams.detectors.ticks import TickWatcher
 
 CHARACTERS = 32  # most of a number; a line has at most as many for each channel, its end included
 MOST_BAD = 10  # lines in a row that are no frames: more are another format, or a broken sensor
@@ -35,16 +35,7 @@ NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 def decide(model: str, hop_ms: float, events: bool) -> int:
-    """Decide on frames from standard input until it ends.
-
-    Args:
-        model: address or folder of a saved model.
-        hop_ms: time between decisions on a capture.
-        events: False to classify captures with a model that can watch an endless stream.
-
-    Raises:
-        InputError: an argument, or a line that is not a frame; the decisions before it are out already.
-    """
+    """Decide on frames from standard input with a saved model until it ends: on an endless stream, or on captures."""
     from bench.work.saved import load
 
     recogniser = load(model)
@@ -79,30 +70,35 @@ def decide(model: str, hop_ms: float, events: bool) -> int:
     return 0
 
 
-def watched(recogniser: Recogniser, watcher: Watches) -> int:
-    """Report the touches of an endless stream until standard input ends; empty lines mean nothing.
-
-    Raises:
-        InputError: more than `MOST_BAD` lines in a row that are not frames; news before them is printed already.
-    """
+def watched(recogniser: Recogniser, watcher: TickWatcher) -> int:
+    """Report the touches of an endless stream until standard input ends; empty lines mean nothing."""
     rows, cols = recogniser.grid
-    frame_ms = 1000 / recogniser.rate_hz
+    full_scale, frame_ms = recogniser.full_scale, 1000 / recogniser.rate_hz
     print(
-        f"expecting frames of {rows}x{cols}, values 0 to {recogniser.full_scale:g}, at {recogniser.rate_hz:g} Hz; "
+        f"expecting frames of {rows}x{cols}, values 0 to {full_scale:g}, at {recogniser.rate_hz:g} Hz; "
         f"a touch is reported after {watcher.soonest * frame_ms:.0f} ms or later",
         file=sys.stderr,
     )
-    stream, skipped = watcher.stream(recogniser.grid, recogniser.rate_hz, recogniser.full_scale), Skipped()
+    stream = watcher.stream(recogniser.grid, recogniser.rate_hz, full_scale)
     out = csv.writer(sys.stdout, lineterminator="\n")
     out.writerow(["ms", "news", "label", "confidence"])
     sys.stdout.flush()
-    lasting, seen, told, since = False, 0, "ok", 0
+    lasting, seen, told, since, skipped, in_a_row = False, 0, "ok", 0, 0, 0
     counts = dict.fromkeys(TOLD, 0)
-    for frame in frames_of(sys.stdin.buffer, rows * cols, recogniser.full_scale, skipped):
+    for at, line in lines_of(sys.stdin.buffer, rows * cols):
+        try:
+            frame = _frame_of(line, at, rows * cols, full_scale)
+        except InputError as e:
+            skipped, in_a_row = skipped + 1, in_a_row + 1
+            if in_a_row > MOST_BAD:
+                raise
+            if skipped == 1:
+                print(f"{e}; this line is skipped, as up to {MOST_BAD} in a row are", file=sys.stderr)
+            continue
         if frame is None:
             continue
-        seen, skipped.row = seen + 1, 0
-        for event in stream.push(checked(frame.reshape(1, rows, cols), recogniser.full_scale, "input", "frame")[0]):
+        seen, in_a_row = seen + 1, 0
+        for event in stream.push(checked(frame.reshape(1, rows, cols), full_scale, "input", "frame")[0]):
             news = "ended" if event.end is not None else "changed" if lasting else "reported"
             lasting = event.end is None
             out.writerow([f"{seen * frame_ms:.0f}", news, event.label, f"{event.confidence:.3f}"])
@@ -112,43 +108,14 @@ def watched(recogniser: Recogniser, watcher: Watches) -> int:
         if since * frame_ms >= 1000 * LASTS_S:
             told, since = stream.status, 0
             print(f"{seen * frame_ms:.0f} ms: {TOLD[told]}", file=sys.stderr)
-    strange = [(count, name) for name, count in counts.items() if name != "ok"] + [(skipped.count, "lines skipped")]
+    strange = [(count, name) for name, count in counts.items() if name != "ok"] + [(skipped, "lines skipped")]
     if words := [f"{count} {name}" for count, name in strange if count]:
         print(f"of {seen} frames: {', '.join(words)}", file=sys.stderr)
     return 0
 
 
-class Skipped:
-    """Lines that are no frames, and are left out.
-
-    Attributes:
-        count: lines so far.
-        row: lines since the last frame.
-    """
-
-    def __init__(self) -> None:
-        self.count = self.row = 0
-
-    def __call__(self, error: InputError) -> None:
-        """Count a line.
-
-        Raises:
-            InputError: there are more than `MOST_BAD` in a row.
-        """
-        self.count, self.row = self.count + 1, self.row + 1
-        if self.row > MOST_BAD:
-            raise error
-        if self.count == 1:
-            print(f"{error}; this line is skipped, as up to {MOST_BAD} in a row are", file=sys.stderr)
-
-
 def earlier(labels: deque[tuple[int, str]], seen: int) -> str | None:
-    """The label when 1/1.41 as much had been seen, None if there was none; older ones are removed.
-
-    Args:
-        labels: frames seen and label of the decisions on a capture, in their order; at most one older one remains.
-        seen: frames by now.
-    """
+    """The label when 1/1.41 as much as now had been seen, None if there was none; of older ones one remains."""
     while len(labels) > 1 and labels[1][0] * GROWTH <= seen:
         labels.popleft()
     return labels[0][1] if labels and labels[0][0] * GROWTH <= seen else None
@@ -160,43 +127,28 @@ def _corpus(window: list[np.ndarray], recogniser: Recogniser) -> Corpus:
     return Corpus.from_captures([values], pd.DataFrame(index=[0]), recogniser.rate_hz, full_scale=recogniser.full_scale)
 
 
-def frames_of(
-    stream: BinaryIO, channels: int, full_scale: float, skip: Callable[[InputError], None] | None = None
-) -> Iterator[np.ndarray | None]:
+def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np.ndarray | None]:
     """Frames of a stream, float64 [channels] rounded to single precision, and None where a capture ends.
 
     A line is a frame: decimal numbers with a comma between two of them, and blanks (spaces, tabs) around it, or with
     blanks alone. A line of blanks alone, or of nothing, ends a capture. Lines end with LF or CR LF. The C of ``bench
     export`` reads the same.
-
-    Args:
-        stream: lines.
-        channels: number of taxels.
-        full_scale: largest value of a channel.
-        skip: called with what is wrong with a line that is not a frame; without it, that is raised.
-
-    Raises:
-        InputError: a line that is not a frame, with its number.
     """
+    return (_frame_of(line, at, channels, full_scale) for at, line in lines_of(stream, channels))
+
+
+def lines_of(stream: BinaryIO, channels: int) -> Iterator[tuple[int, bytes]]:
+    """Lines with their numbers from 1; of one that is too long for a frame, its beginning."""
     at, most = 0, channels * CHARACTERS
     while line := stream.readline(most + 1):
         at += 1
-        try:
-            yield _frame_of(line, at, channels, full_scale)
-        except InputError as e:
-            if skip is None:
-                raise
-            while len(line) > most and not line.endswith(b"\n"):
-                line = stream.readline(most + 1)
-            skip(e)
+        yield at, line
+        while len(line) > most and not line.endswith(b"\n"):
+            line = stream.readline(most + 1)
 
 
 def _frame_of(line: bytes, at: int, channels: int, full_scale: float) -> np.ndarray | None:
-    """The frame in a line of some number; None in an empty one.
-
-    Raises:
-        InputError: it is none.
-    """
+    """The frame in a line of some number; None in an empty one."""
     most = channels * CHARACTERS
     if len(line) > most:
         raise InputError(f"line {at}: longer than {most} bytes; send one frame of {channels} values per line")
@@ -221,16 +173,10 @@ def _frame_of(line: bytes, at: int, channels: int, full_scale: float) -> np.ndar
 def decided_at(
     frames: Iterator[np.ndarray | None], rate_hz: float, hop_ms: float, longest: int
 ) -> Iterator[tuple[int, int, list[np.ndarray]]]:
-    """Times of decisions, and their frames: every hop, and the end of a capture with undecided frames.
-
-    Args:
-        frames: frames of one capture after another, with None between them.
-        rate_hz: frames per second.
-        hop_ms: milliseconds between decisions, at least one frame.
-        longest: frames that are kept; older ones are forgotten.
+    """Decisions on captures with None between them: every hop, and at the end of one with undecided frames.
 
     Yields:
-        Number of the capture from 1, frames since its beginning, and the frames that are kept of it.
+        Number of the capture from 1, frames since its beginning, and at most the ``longest`` last frames of it.
     """
     capture, seen, decided = 1, 0, 0
     window: deque[np.ndarray] = deque(maxlen=longest)

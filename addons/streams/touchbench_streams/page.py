@@ -1,8 +1,8 @@
-"""Touches in continuous recordings, on the page: a timeline, missed touches against false alarms, and sentences."""
+"""Touches in recordings, as shown: a timeline, missed touches against false alarms, sentences, and under faults."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,14 +11,18 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.comparable import notes_on
-from bench.measures import Measure, percent
+from bench.measures import percent, text
 from bench.reports.contexts import context_words, contexts, scarce
 from bench.reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
 from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.sentences import sentences
+from bench.table import Table, rows_of
+from bench.words import CLEAN
+from bench.work.curves import joined
 from touchbench_streams.events import DOUBTFUL, FALSE_ALARM, matched
-from touchbench_streams.fault_page import by_detector, fault_parts
+from touchbench_streams.stress import FAULTS
+from touchbench_streams.view import Continuous
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,17 +32,28 @@ TRUTH, REPORTED = 1.3, -0.5  # heights of the bars; the probability has 0 to 1
 HIGH = 0.2  # of a bar
 Same = Mapping[str, tuple[str, str]]
 ALARMS = "false alarms per hour of background"
-TOLD = (
-    percent("touches_found", ends="touches_found"),
-    Measure("fragments", form=".2f"),
-    percent("end_correct", ends="end_correct"),
-    Measure("false_alarms_per_hour", ends="false_alarms_per_hour"),
-    Measure("latency_s_p50", form=".2f"),
+TOLD = ("touches_found", "fragments", "end_correct", "false_alarms_per_hour", "latency_s_p50")  # in a sentence
+ACROSS = 4  # faults beside each other in a figure
+MIDDLE = 3  # severity in the table of the page
+SHOWN = {measure.key: measure for measure in Continuous.shown}
+COLUMNS = (
+    text("system"),
+    text("case", "fault"),
+    text("amount", spare=1),
+    *(SHOWN[name] for name in ("touches_found", "first_correct", "end_correct", "false_alarms_per_hour", "fragments")),
+    percent("refused"),
 )
+CAPTION = (
+    "{}: touches in recordings of test subjects as they are, and under faults that came after training, at severity "
+    f"{MIDDLE} of 5. Means over subjects, 95 % intervals; refused are frames in which the detector refuses or many "
+    "taxels are at full scale. recordings_under_faults.csv has all severities."
+)
+DRAWN = "touches found and false alarms per hour under faults that came after training, by severity; 0 is the "
+DRAWN += "recording as it is. Means over subjects, without intervals."
 
 
 def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Section | None:
-    """A figure for each group of comparable runs of ``bench watch``, and a sentence on each system.
+    """A figure for each group of comparable runs of ``bench watch``, and a sentence on each system; under faults, too.
 
     Args:
         results: results of ``bench watch``.
@@ -58,18 +73,10 @@ def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Sectio
 
 def sentence(run: Result, same: Same) -> str:
     """The scores of a system: data, protocol and unit first."""
-    found, reports, end, alarms, latency = (measure.of(run) for measure in TOLD)
+    told = {name: SHOWN[name].of(run) for name in TOLD}
+    context, few = context_words(run, same), scarce([run])
     return sentences(
-        *("touchbench_streams", "touches", "watched"),
-        context=context_words(run, same),
-        run=run,
-        found=found,
-        reports=reports,
-        end=end,
-        alarms=alarms,
-        unit=ALARMS,
-        latency=latency,
-        few=scarce([run]),
+        "touchbench_streams", "touches", "watched", context=context, run=run, told=told, unit=ALARMS, few=few
     )[0]
 
 
@@ -80,24 +87,23 @@ def caption(result: Result) -> str:
 
 
 def watching_figure(results: Sequence[Result], same: Same) -> Figure:
-    """The timeline of the first system, and the curve of each, in a marker and dashes of its own.
-
-    Args:
-        results: comparable results of ``bench watch``.
-        same: parameters that they share.
-    """
+    """The timeline of the first of some comparable systems, and the curve of each."""
     figure = Figure(figsize=(WIDEST, 5.2 + LINE * len(results)), layout="constrained")
     timeline, curve = figure.subplots(2, 1)
     _timeline(timeline, results[0], same)
     for i, row in enumerate(results):
-        look: dict[str, Any] = {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "markersize": 4}
-        points = row.tables["curve"].dropna()
-        line = {"linestyle": DASHES[i % len(DASHES)], "label": plain([row.method])[0], "clip_on": False}
-        curve.plot(points["false_alarms_per_hour"], 100 * points["missed"], **look, **line)
-        star = look | {"marker": "*", "markersize": 14, "markeredgecolor": "black", "linestyle": "", "zorder": 5}
-        curve.plot(
-            [row.get("false_alarms_per_hour", np.nan)], [100 * (1 - row["touches_found"])], **star, clip_on=False
-        )
+        points, look = row.tables["curve"].dropna(), look_of(i, row)
+        curve.plot(points["false_alarms_per_hour"], 100 * points["missed"], **look)
+        star = {
+            "marker": "*",
+            "markersize": 14,
+            "markeredgecolor": "black",
+            "linestyle": "",
+            "zorder": 5,
+            "label": "",
+        }
+        learned = row.get("false_alarms_per_hour", np.nan), 100 * (1 - row["touches_found"])
+        curve.plot(*learned, **look | star)
     curve.set_xscale("symlog", linthresh=1, linscale=0.3)  # there may be no false alarm at all
     curve.set_xticks([0, 1, 2, 5, 10, 20, 50, 100, 200, 500], minor=False)
     curve.xaxis.set_major_formatter("{x:g}")
@@ -166,3 +172,92 @@ def draw(result: Result, folder: Path, same: Same) -> None:
     if result.get("background_minutes"):
         group = ", ".join(result.context)
         save(watching_figure([result], same), folder, "watching", group, caption(result))
+
+
+def by_detector(result: Result) -> Result:
+    """The result under a name that also tells its detector; one of a file without its folder."""
+    about = {**result.about, "system": f"{result['system']}, detector={Path(result['watch.detector']).name}"}
+    return Result(about, result.metrics, result.tables, result.errors)
+
+
+def look_of(i: int, result: Result) -> dict[str, Any]:
+    """How the line of a system looks in a figure."""
+    look = {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "markersize": 4}
+    return look | {"linestyle": DASHES[i % len(DASHES)], "label": plain([result.method])[0], "clip_on": False}
+
+
+def rows_under(result: Result) -> list[dict[str, Any]]:
+    """A row for each case of a run, that without a fault first."""
+    rows = [dict(row) for row in rows_of(result.tables[FAULTS])]
+    for row in rows:
+        row["system"] = result.method
+        row["case"] = f"{row['fault'].replace('_', ' ')} {row['severity']}" if row["severity"] else CLEAN
+    return rows
+
+
+def under_faults(results: Sequence[Result]) -> list[Result]:
+    """The results of runs under faults, with their detectors."""
+    return [by_detector(r) for r in results if r.scored and r.get("watch.under")]
+
+
+def printed_tables(results: Sequence[Result], same: Same) -> Iterator[str | Table]:
+    """All cases of each run under faults, and a line about them."""
+    for r in (shown := under_faults(results)):
+        yield Table(COLUMNS[1:], rows_under(r), f"{r.method}, {context_words(r, same)}, under faults after training")
+    if shown:
+        yield "refused: percentage of frames that the detector refuses, or with a tenth of the taxels at full scale"
+
+
+def sheet(results: Sequence[Result]) -> pd.DataFrame:
+    """All cases of the runs under faults; empty without one."""
+    return joined(under_faults(results), FAULTS)
+
+
+def fault_parts(results: Sequence[Result], folder: Path, same: Same) -> list[Part]:
+    """A figure and a table for each set of comparable runs under faults; arguments of `watch_section`."""
+    parts = []
+    counted = [r for r in under_faults(results) if r.get("background_minutes")]  # else no alarms can be counted
+    for i, (context, members) in enumerate(contexts(counted, same, "end_correct"), 1):
+        picture = save(fault_figure(members), folder, f"0-watch-faults-{i}", context, f"{context}: {DRAWN}")
+        rows = [row for r in members for row in rows_under(r) if row["severity"] in (0, MIDDLE)]
+        parts.append(Part(picture, Table(COLUMNS, rows), CAPTION.format(context), scarce(members)))
+    return parts
+
+
+def fault_figure(results: Sequence[Result]) -> Figure:
+    """Touches found above false alarms, against severity: a pair of panels for each fault, a line for each system."""
+    tables = [r.tables[FAULTS] for r in results]
+    faults = dict.fromkeys(fault for table in tables for fault in table["fault"] if fault != CLEAN)
+    across, bands = min(ACROSS, len(faults)), -(-len(faults) // ACROSS)
+    size = (max(2.7 * across, 7.0), 3.6 * bands + 0.6 + 0.2 * len(results))
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(2 * bands, across, squeeze=False, sharey="row", height_ratios=[3, 2] * bands)
+    most = max(table["false_alarms_per_hour"].max() for table in tables)
+    for i, fault in enumerate(faults):
+        found, alarms = axes[2 * (i // across) : 2 * (i // across) + 2, i % across]
+        amounts: list[str] = []
+        for k, (r, table) in enumerate(zip(results, tables, strict=True)):
+            part = table[table["fault"].isin([CLEAN, fault])].sort_values("severity")
+            if len(part) == 1:
+                continue
+            found.plot(part["severity"], 100 * part["touches_found"], **look_of(k, r))
+            alarms.plot(part["severity"], part["false_alarms_per_hour"], **look_of(k, r))
+            amounts = part["amount"].tolist()
+        for ax in (found, alarms):
+            ax.set(xlim=(-0.2, len(amounts) - 0.8))
+            ax.grid(alpha=0.25)
+        found.set(ylim=(0, 100), xticks=range(len(amounts)), xticklabels=[])
+        found.set_title(fault.replace("_", " "))
+        numbers = [amount.partition(" ")[0] for amount in amounts[1:]]
+        alarms.set_xticks(range(len(amounts)), ["0", *numbers])
+        alarms.set_yscale("symlog", linthresh=10)
+        alarms.set(ylim=(0, 1.2 * max(most, 10)), xlabel=amounts[-1].partition(" ")[2])
+        alarms.yaxis.set_major_formatter("{x:g}")
+        if i % across == 0:
+            found.set_ylabel("found, %")
+            alarms.set_ylabel("alarms/h")
+    for ax in axes.T.reshape(across, bands, 2)[:, bands - 1][len(faults) - across * (bands - 1) :].flat:
+        ax.set_axis_off()
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower left", frameon=False, handlelength=4)
+    return figure

@@ -60,7 +60,7 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> C
         captures["recording"] = captures["recording"].astype(str)
     lengths = np.diff(starts, append=len(gestures))
     corpus = Corpus(rows.values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
-    return captures_in(Recordings.of(described(corpus, path, warnings, "recording"), events_of(gestures, lengths)))
+    return captures_in(Recordings(described(corpus, path, warnings, "recording"), events_of(gestures, lengths)))
 
 
 def _gestures(column: pd.Series, name: str) -> np.ndarray:

@@ -18,40 +18,13 @@ def saturated(frames: np.ndarray, full_scale: float) -> np.ndarray:
     return np.count_nonzero(frames >= full_scale, axis=(1, 2)) * SATURATED >= frames[0].size
 
 
-def refused_frames(recordings: Corpus, refused: list[np.ndarray], first: int, hop: int) -> np.ndarray:
-    """How many frames of each recording are saturated, or are refused by the last decision, int64 [recordings].
-
-    Args:
-        recordings: whole recordings.
-        refused: True for a decision on a recording that refuses its frames, bool [decisions].
-        first: frames seen at the first decision.
-        hop: frames from one decision to the next.
-    """
-    counts = []
-    for stream, each in zip(recordings, refused, strict=True):
-        decision = (np.arange(1, len(stream) + 1) - first) // hop
-        silent = (decision >= 0) & np.append(each, False)[np.clip(decision, 0, max(len(each) - 1, 0))]
-        counts.append((silent | saturated(stream, recordings.full_scale)).sum())
-    return np.array(counts, dtype=np.int64)
-
-
 class Recent:
-    """The last frames; of those before, the smallest and largest values, from which steps tell what is stuck.
-
-    Args:
-        most: frames that are kept.
-        grid: (rows, cols) of the sensor.
-        rate_hz: frames per second.
-        full_scale: largest value of a channel.
-
-    Attributes:
-        seen: frames so far.
-    """
+    """The last frames; of those before, the smallest and largest values, from which steps tell what is stuck."""
 
     def __init__(self, most: int, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
         self.rate_hz, self.full_scale = rate_hz, full_scale
         self.frames: deque[np.ndarray] = deque(maxlen=most)
-        self.seen = 0
+        self.seen = 0  # frames so far
         table = pd.DataFrame({"subject": [""], "gesture": [""]})
         self.one = Corpus.from_captures([np.zeros((1, *grid))], table, rate_hz, full_scale=full_scale).blind()
         self.least, self.most = np.full(grid, np.inf), np.full(grid, -np.inf)  # of frames that were dropped

@@ -5,9 +5,9 @@ They are stored as captures, one for each event, doubtful stretch and gap, and p
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -29,31 +29,23 @@ class Recordings:
 
     Attributes:
         corpus: one capture per recording, whole; its table has ``subject``, ``gesture`` (always empty) and conditions.
-        events: one row per event, sorted by recording and start: ``recording`` (position in ``corpus``), ``start`` and
-            ``end`` (frames from the start of the recording, end exclusive), all int64, and ``gesture`` (str). Events
-            of a recording do not overlap.
-        doubtful: stretches that are labelled ``?``, neither touch nor background, with the columns of ``events``.
+        labelled: one row per event or stretch that is labelled ``?``, neither touch nor background, sorted by recording
+            and start: ``recording`` (position in ``corpus``), ``start`` and ``end`` (frames from the start of the
+            recording, end exclusive), all int64, and ``gesture`` (str). Those of a recording do not overlap.
     """
 
     corpus: Corpus
-    events: pd.DataFrame
-    doubtful: pd.DataFrame = dataclasses.field(default_factory=lambda: event_table([]))
+    labelled: pd.DataFrame
 
-    @classmethod
-    def of(cls, corpus: Corpus, labelled: pd.DataFrame) -> Recordings:
-        """Recordings whose table has events and doubtful stretches together, as `labelled`."""
-        doubt = labelled["gesture"] == DOUBT
-        if not doubt.any():
-            return cls(corpus, labelled)
-        return cls(corpus, labelled[~doubt].reset_index(drop=True), labelled[doubt].reset_index(drop=True))
+    @cached_property
+    def events(self) -> pd.DataFrame:
+        """The rows of events."""
+        return self.labelled[self.labelled["gesture"] != DOUBT].reset_index(drop=True)
 
-    @property
-    def labelled(self) -> pd.DataFrame:
-        """Events and doubtful stretches in one table, sorted by recording and start."""
-        if not len(self.doubtful):
-            return self.events
-        both = pd.concat([self.events, self.doubtful])
-        return both.sort_values(["recording", "start"], kind="stable", ignore_index=True)
+    @cached_property
+    def doubtful(self) -> pd.DataFrame:
+        """The rows of doubtful stretches."""
+        return self.labelled[self.labelled["gesture"] == DOUBT].reset_index(drop=True)
 
     def __len__(self) -> int:
         return len(self.corpus)
@@ -62,13 +54,13 @@ class Recordings:
         """Some of the recordings, with their events; ``recording`` counts from 0 again."""
         chosen, labelled = np.atleast_1d(np.arange(len(self))[key]), self.labelled
         rows = [np.flatnonzero(labelled["recording"] == old) for old in chosen]
-        events = labelled.iloc[np.concatenate([np.zeros(0, np.int64), *rows])].reset_index(drop=True)
-        events["recording"] = np.repeat(np.arange(len(chosen)), [len(r) for r in rows])
-        return Recordings.of(self.corpus[chosen], events)
+        mine = labelled.iloc[np.concatenate([np.zeros(0, np.int64), *rows])].reset_index(drop=True)
+        mine["recording"] = np.repeat(np.arange(len(chosen)), [len(r) for r in rows])
+        return Recordings(self.corpus[chosen], mine)
 
     @property
     def subjects(self) -> np.ndarray:
-        """Subject of each recording, str [recordings]."""
+        """Subject of each recording [recordings]."""
         return self.corpus.subjects
 
     def background_frames(self) -> np.ndarray:
@@ -85,51 +77,13 @@ class Recordings:
             labels[firsts[recording] + start : firsts[recording] + end] = gesture
         return labels
 
-    def check(self) -> None:
-        """Refuse events that cannot be.
-
-        Raises:
-            InputError: a column is missing; an event is empty, without a gesture, out of range, out of order, or
-                overlaps another one. The message names the first such event.
-        """
-        if missing := [name for name in COLUMNS if name not in self.events]:
-            raise InputError(f"events of {self.corpus.name}: no column {', '.join(missing)}; add it")
-        labelled = self.labelled
-        recording, start, end = (labelled[name].to_numpy() for name in COLUMNS[:3])
-        if any(column.dtype != np.int64 for column in (recording, start, end)):
-            raise InputError(f"events of {self.corpus.name}: recording, start and end must be int64; convert them")
-        known = (recording >= 0) & (recording < len(self))
-        lengths = np.where(known, np.append(self.corpus.lengths, 0)[np.where(known, recording, -1)], 0)
-        same = recording[1:] == recording[:-1]
-        sorted_ = (recording[1:] > recording[:-1]) | (same & (start[1:] >= start[:-1]))
-        for wrong, reason in (
-            (~known, f"there are {len(self)} recordings, counted from 0"),
-            (start < 0, "starts before its recording"),
-            (end <= start, "has no frames; end must be above start"),
-            (end > lengths, "ends after its recording"),
-            (labelled["gesture"].isin(BACKGROUND) | labelled["gesture"].isna(), "has no gesture"),
-            (labelled["gesture"] == GAP, f"is called {GAP}, but time between touches has an empty label"),
-            (np.append(False, ~sorted_)[: len(start)], "comes too late; sort events by recording and start"),
-            (np.append(False, same & (start[1:] < end[:-1]))[: len(start)], "overlaps the event before it"),
-        ):
-            if len(rows := np.flatnonzero(wrong)):
-                i = rows[0]
-                where = f"recording {recording[i]}, frames {start[i]} to {end[i]}"
-                raise InputError(f"events of {self.corpus.name}: event {i} ({where}) {reason}; correct it")
-
 
 def events_of(labels: np.ndarray, lengths: np.ndarray) -> pd.DataFrame:
-    """Events from a label per frame: each run of equal labels within a recording is one.
-
-    Two touches of the same gesture without background between them are one event.
+    """The table of `Recordings` from a label per frame: each run of equal labels within a recording is one.
 
     Args:
         labels: object [frames], the gesture, or ``""``, None, ``"None"`` or ``"none"`` for background.
-        lengths: int64 [recordings], number of frames of each recording, at least 1; the recordings lie one after
-            another.
-
-    Returns:
-        The ``events`` of `Recordings`.
+        lengths: int64 [recordings], number of frames of each recording, at least 1; they lie one after another.
     """
     words = pd.Series(np.asarray(labels, dtype=object), dtype=object)
     codes, gestures = pd.factorize(words.mask(words.isin(BACKGROUND)))  # -1 for background
@@ -146,7 +100,7 @@ def events_of(labels: np.ndarray, lengths: np.ndarray) -> pd.DataFrame:
 
 
 def event_table(rows: Iterable[tuple[int, int, int, str]]) -> pd.DataFrame:
-    """The ``events`` of `Recordings` from rows (recording, start, end, gesture), in the types that they have."""
+    """The table of `Recordings` from rows (recording, start, end, gesture), in the types that they have."""
     kinds = {name: np.int64 for name in COLUMNS[:3]} | {"gesture": str}
     return pd.DataFrame(list(rows), columns=[*COLUMNS]).astype(kinds)
 
@@ -156,12 +110,14 @@ def captures_in(recordings: Recordings) -> Corpus:
 
     The class of a gap is ``background``, that of a doubtful stretch ``?``. The table has the conditions of the
     recordings, and as ``recording`` their names or, without, their positions. Runs on captures use the events alone.
-
-    Raises:
-        InputError: as of `Recordings.check`.
     """
-    recordings.check()
     lengths, labelled = recordings.corpus.lengths, recordings.labelled
+    for i in np.flatnonzero(labelled["gesture"] == GAP):
+        recording, start, end = labelled.iloc[i][["recording", "start", "end"]]
+        raise InputError(
+            f"events of {recordings.corpus.name}: event {i} (recording {recording}, frames {start} to {end}) is called "
+            f"{GAP}, but time between touches has an empty label; correct it"
+        )
     labels = pd.Series(recordings.frame_labels())
     firsts = np.cumsum(lengths) - lengths
     recording = np.repeat(np.arange(len(recordings)), lengths)
@@ -193,13 +149,10 @@ def certain(captures: Corpus) -> Corpus:
 
 
 def recorded(captures: Corpus) -> Recordings:
-    """The recordings that `captures_in` has cut.
+    """The recordings that `captures_in` has cut, with ``subject``, ``gesture`` and, as ``recording``, their number.
 
     A recording of which captures are missing, such as doubtful stretches in training, becomes one recording for each
     part without a gap: nothing that learns from it sees a frame in between, or a frame beyond as if it came next.
-
-    Returns:
-        Recordings whose table has ``subject``, ``gesture`` and, as ``recording``, the number in the whole.
     """
     number = np.searchsorted(captures.info[RECORDINGS], captures.index, side="right") - 1
     table = captures.captures.assign(recording=number, start=storage(captures)[1], length=captures.lengths)
@@ -219,7 +172,7 @@ def recorded(captures: Corpus) -> Recordings:
         index=np.arange(len(first)),
         piece=np.zeros(len(first), dtype=np.int64),
     )
-    return Recordings.of(corpus, event_table([event for event, kept in zip(events, labelled, strict=True) if kept]))
+    return Recordings(corpus, event_table([event for event, kept in zip(events, labelled, strict=True) if kept]))
 
 
 def is_recorded(captures: Corpus) -> bool:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.models.search.inner_folds import inner_folds
-from touchbench_streams.detectors.base import Watches
-from touchbench_streams.events import last_confidence
+from touchbench_streams.detectors.base import UNKNOWN
+from touchbench_streams.detectors.ticks import TickWatcher
+from touchbench_streams.events import touches_and_reports, touches_of
 from touchbench_streams.recordings import Recordings
 
 GROUPS = "3"  # of subjects, each left out once
@@ -22,42 +24,54 @@ def learn_reject(
     make_system: Callable[[], contract.System],
     captures: Corpus,
     recordings: Recordings,
-    watcher: Watches,
+    watcher: TickWatcher,
 ) -> float:
-    """The confidence below which a label is ``unknown`` (`Watches.reject`), learned on training subjects.
+    """The confidence below which a label is ``unknown`` (`TickWatcher.reject`), learned on training subjects.
 
     Each group of subjects is left out in turn; a system that is fitted to the captures of the others names the touches
-    that the watcher's detector finds in the group's recordings.
-
-    Args:
-        make_system: factory of the watcher's system, not fitted.
-        captures: training captures, without the gesture that is left out.
-        recordings: recordings of training subjects, without that gesture.
-        watcher: watcher that was learned on the same captures and recordings.
-
-    Raises:
-        InputError: fewer than two subjects, or no touch is found.
+    that the watcher's detector finds in the group's recordings. One in twenty of these may be rejected. Captures and
+    recordings are those that the watcher was learned on, without the gesture that is left out.
     """
     subjects = recordings.subjects.astype(str)
-    confidence = []
+    found = []
     for others, judged in inner_folds(subjects, GROUPS):
         train = captures[~np.isin(captures.subjects.astype(str), subjects[judged])]
         held = recordings[judged]
         reports = watcher.renamed(make_system, train, recordings[others]).reports(held.corpus)
-        confidence.append(last_confidence(held.events, reports, held.corpus.rate_hz))
-    return reject_threshold(np.concatenate(confidence))
-
-
-def reject_threshold(confidence: np.ndarray, share: float = REJECTED) -> float:
-    """Threshold that rejects at most a share of touches with known gestures.
-
-    Args:
-        confidence: confidence of the label of each training touch with a known gesture [touches].
-        share: share of them that may lie below the threshold.
-
-    Raises:
-        InputError: there are no touches.
-    """
+        found.append(last_confidence(held.events, reports, held.corpus.rate_hz))
+    confidence = np.concatenate(found)
     if not len(confidence):
         raise InputError("unknown= learns a threshold from training touches, and none was found; leave unknown= out")
-    return float(np.quantile(confidence, share, method="lower"))
+    return float(np.quantile(confidence, REJECTED, method="lower"))
+
+
+def last_confidence(
+    truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, doubtful: pd.DataFrame | None = None
+) -> pd.Series:
+    """Confidence of the last label of each touch that was found, by its row; arguments of `events.matched`."""
+    reports = reports.assign(touch=touches_of(truth, reports, rate_hz, doubtful))
+    ordered = reports[reports["touch"] >= 0].sort_values(["touch", "reported", "end"], kind="stable")
+    return ordered.drop_duplicates("touch", keep="last").set_index("touch")["confidence"]
+
+
+def rejection_scores(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float) -> dict[str, float]:
+    """How well unknown gestures are rejected, of the touches found; NaN where there are no such touches.
+
+    ``auroc`` is the probability that a known touch has a higher confidence than an unknown one, ties count half;
+    ``rejected_unknown`` and ``rejected_known`` are shares of the touches. Confidences count from the learned threshold
+    of each fold.
+    """
+    from sklearn.metrics import roc_auc_score
+
+    margins, strange = [], []
+    for name, part in table.groupby("fold", sort=False):
+        truth, doubtful, reported = touches_and_reports(part)
+        above = last_confidence(truth, reported, rate_hz, doubtful) - thresholds[str(name)]
+        margins.append(above)
+        strange.append((truth["gesture"] == UNKNOWN).loc[above.index])
+    margin, unknown = pd.concat(margins, ignore_index=True), pd.concat(strange, ignore_index=True)
+    return {
+        "auroc": float(roc_auc_score(~unknown, margin)) if unknown.nunique() == 2 else np.nan,
+        "rejected_unknown": float((margin[unknown] < 0).mean()),
+        "rejected_known": float((margin[~unknown] < 0).mean()),
+    }

@@ -1,16 +1,19 @@
-"""Recordings that are imported, and generated ones."""
+"""Recordings by name: imported and generated ones, and further background that the training recordings lack."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
 from bench.corpora import synth
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, storage
 from bench.corpora.library import generated, imported, stored_value
 from bench.corpora.where import chosen
 from bench.errors import InputError
 from touchbench_streams import synth_recordings
-from touchbench_streams.recordings import captures_in, is_recorded
+from touchbench_streams.recordings import Recordings, captures_in, certain, is_recorded, recorded
 
 
 def holds_recordings(name: str) -> bool:
@@ -25,9 +28,6 @@ def whole(data: str, parameters: dict[str, Any] | None = None, where: str = "") 
         data: name of imported recordings, or ``synth`` for generated ones.
         parameters: parameters of ``synth``.
         where: a condition on the columns of recordings.
-
-    Raises:
-        InputError: they cannot be opened or chosen.
     """
     if data == "synth":
         made = lambda **values: captures_in(synth_recordings.generate(**values))  # noqa: E731
@@ -37,3 +37,37 @@ def whole(data: str, parameters: dict[str, Any] | None = None, where: str = "") 
     if not is_recorded(captures):
         raise InputError(f"{data} holds captures, not recordings; use bench run data={data}")
     return captures[chosen(where, captures.captures.drop(columns="gesture"), captures.name)] if where else captures
+
+
+def further(name: str, like: Corpus) -> Recordings:
+    """Imported recordings without touch, of the same sensor still or moved, to learn from beside those of ``like``."""
+    if name not in imported():
+        raise InputError(f"background={name}: no such recordings are imported; see bench data list")
+    found = recorded(whole(name))
+    if len(found.events):
+        raise InputError(
+            f"background={name}: it has {len(found.events)} touches; give recordings whose frames have no label"
+        )
+    for word in ("grid", "rate_hz", "full_scale"):
+        mine, theirs = getattr(like, word), getattr(found.corpus, word)
+        if mine != theirs:
+            raise InputError(
+                f"background={name}: its {word} is {theirs}, not {mine} as of {like.name}; record it again"
+            )
+    return found
+
+
+def joined(taught: Recordings, idle: Recordings, tested: np.ndarray) -> Recordings:
+    """Training recordings and further background, without recordings of the subjects that are tested."""
+    idle = idle[np.flatnonzero(~np.isin(idle.subjects.astype(str), tested.astype(str)))]
+    if len(idle.doubtful):
+        idle = recorded(certain(captures_in(idle)))
+    corpus, more = taught.corpus, idle.corpus
+    own = pd.factorize(more.captures.get("recording", pd.Series(np.arange(len(more)))))[0]
+    numbers = int(corpus.captures.get("recording", pd.Series([0])).max()) + 1 + own
+    table = pd.concat([corpus.captures, more.captures.assign(gesture="", recording=numbers)], ignore_index=True)
+    kind = np.result_type(storage(corpus)[0], storage(more)[0])
+    streams = [np.asarray(stream, kind) for part in (corpus, more) for stream in part]
+    fields = {"full_scale": corpus.full_scale, "name": corpus.name, "info": corpus.info}
+    both = Corpus.from_captures(streams, table[[*corpus.captures.columns]], corpus.rate_hz, **fields)
+    return Recordings(both, taught.labelled)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bench.plan.plan import Fold, Plan
     from bench.source import Code
     from bench.work.results import FoldResult
-    from touchbench_streams.detectors.base import Detects
+    from touchbench_streams.detectors.ticks import Detector
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,8 @@ class Continuous(Study):
 
     @classmethod
     def of(cls, values: Values) -> list[Self]:
-        """Every combination of the typed values, with the detectors and faults that they name.
-
-        Raises:
-            InputError: a value cannot be used.
-        """
-        from touchbench_streams.detectors.named import detectors
+        """Every combination of the typed values, with the detectors and faults that they name."""
+        from touchbench_streams.detectors import detectors
 
         parts = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
         made = super().of({key: value for key, value in values.items() if key not in (*parts, "under")})
@@ -66,22 +62,23 @@ class Continuous(Study):
     def _faults(typed: object) -> tuple[str, ...]:
         from touchbench_streams.stress import faults_of
 
-        return faults_of("under", items("under", typed))
+        return faults_of(items("under", typed))
 
     @property
-    def part(self) -> Part[Detects]:
+    def part(self) -> Part[Detector]:
         """Its detector, with all parameters."""
-        from touchbench_streams.detectors.named import detectors
+        from touchbench_streams.detectors import detectors
 
         return detectors(labelled("detector", self.detector))[0]
 
     def identity(self) -> object:
         """Kind and options, with the code of the detector, further background as it is now, and the faults."""
         from bench.corpora.faults import identity_of
-        from touchbench_streams.background import digest_of
+        from bench.corpora.library import stored_value
+        from touchbench_streams.stored import holds_recordings
 
-        more = [*digest_of(self.background), *identity_of(self.under)]
-        return repr(replace(self, detector="")), self.part.identity(), *more
+        digest = [stored_value(self.background).digest] if holds_recordings(self.background) else []
+        return repr(replace(self, detector="")), self.part.identity(), *digest, *identity_of(self.under)
 
     def code(self) -> list[Code]:
         """The code of the detector and the faults, too."""
@@ -109,11 +106,7 @@ class Continuous(Study):
         return whole(cell.data, cell.data_parameters, cell.where)
 
     def refuse(self, plan: Plan) -> None:
-        """Refuse folds that mix subjects or train on one, and a background that does not exist.
-
-        Raises:
-            InputError: there is one.
-        """
+        """Refuse folds that mix subjects or train on one, and a background that does not exist."""
         from touchbench_streams.watch import refuse
 
         refuse(plan, self.background, self.unknown)
@@ -128,31 +121,29 @@ class Continuous(Study):
         """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects."""
         from touchbench_streams.watch import fold_of
 
-        detector = self.part.make()
-        options = (self.false_alarms, self.background, self.unknown, self.under)
-        return fold_of(cell, corpus, fold, threads, detector, *options)
+        return fold_of(self, cell, corpus, fold, threads)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Scores and costs of one fold, and its scores under each fault."""
+        from bench.work.results import costs
+        from touchbench_streams.events import numbers_of
         from touchbench_streams.stress import FAULTED, fault_table, tracked_scores
-        from touchbench_streams.watch import fold_numbers
 
-        numbers = fold_numbers(result, rate_hz)
+        numbers = costs([result]) | numbers_of(result.table, rate_hz)
         if self.under:
             numbers |= tracked_scores(fault_table(result.table, result.tables[FAULTED], rate_hz))
         return numbers
 
     def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
-        """Scores of touches, means over subjects with intervals; tables of touches, reports, subjects and the curve.
-
-        Under faults also the scores in each case, and the table `touchbench_streams.stress.FAULTS`.
-        """
-        from touchbench_streams.stress import run_under
+        """Scores of touches, and in each case under faults; tables of touches, reports, subjects, the curve, cases."""
+        from bench.work.results import tables_of
+        from touchbench_streams.stress import FAULTED, FAULTS, fault_table, tracked_scores
         from touchbench_streams.watch import run_numbers
 
         rate_hz = plan.corpus.rate_hz
         numbers, tables = run_numbers(folds, rate_hz, self.unknown)
         if self.under:
-            more, made = run_under(folds, rate_hz)
-            numbers, tables = numbers | more, tables | made
+            cases = tables_of(folds)[FAULTED]
+            table = fault_table(tables["predictions"], cases, rate_hz, people=True)
+            numbers, tables = numbers | tracked_scores(table), tables | {FAULTED: cases, FAULTS: table}
         return Result(about, numbers, tables)

@@ -39,7 +39,7 @@ def generate(
     arguments give the same bytes, and more subjects leave the earlier ones as they were. With three variants a
     recording lasts about six minutes.
 
-    Args: as `bench.corpora.synth.generate`; ``repetitions`` counts touches of each variant and gesture.
+    Args as of `bench.corpora.synth.generate`; ``repetitions`` counts touches of each variant and gesture.
 
     Returns:
         uint16 frames 0..1023. An event lasts as long as the pressure is above 2 % of its largest value in the touch.

@@ -16,12 +16,11 @@ from bench.plan.cells import Cell, Part
 from bench.plan.plan import Fold, corpus_of
 from bench.words import Values, quantity
 from touchbench_streams import FALSE_ALARMS
-from touchbench_streams.background import further, joined
 from touchbench_streams.composer import check_background, pieces
-from touchbench_streams.detectors.base import Detects, Watches
-from touchbench_streams.detectors.named import detectors
+from touchbench_streams.detectors import detectors
+from touchbench_streams.detectors.ticks import Detector, TickWatcher
 from touchbench_streams.recordings import certain, is_recorded, recorded
-from touchbench_streams.stored import holds_recordings, whole
+from touchbench_streams.stored import further, holds_recordings, joined, whole
 from touchbench_streams.watch import recordings_of, usual
 
 WATCHED_S = 60.0  # of a recording that is watched in an emulator
@@ -33,9 +32,6 @@ class Watching:
     Args:
         values: ``detector`` with its parameters behind a dot, ``false_alarms`` and ``background``, as ``bench fit``
             takes them.
-
-    Raises:
-        InputError: one of them cannot be used, or they name several detectors.
     """
 
     keys: ClassVar[tuple[str, ...]] = ("detector", "false_alarms", "background")
@@ -49,12 +45,8 @@ class Watching:
         self.false_alarms = quantity("false_alarms", values.get("false_alarms", FALSE_ALARMS))
 
     @staticmethod
-    def parts(values: Values) -> list[Part[Detects]]:
-        """The detectors that typed values name, with their parameters; the usual one where they name none.
-
-        Raises:
-            InputError: an unknown detector or parameter, or a value that it refuses.
-        """
+    def parts(values: Values) -> list[Part[Detector]]:
+        """The detectors that typed values name, with their parameters; the usual one where they name none."""
         of_detector = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
         return detectors(of_detector)
 
@@ -80,11 +72,7 @@ class Watching:
 
     @staticmethod
     def captures(cell: Cell) -> Corpus:
-        """What a saved system learns from: its captures, or recordings with their background.
-
-        Raises:
-            InputError: they cannot be opened or chosen.
-        """
+        """What a saved system learns from: its captures, or recordings with their background."""
         if holds_recordings(cell.data):
             return certain(whole(cell.data, where=cell.where))
         return corpus_of(cell)
@@ -100,29 +88,18 @@ class Watching:
         return certain(every[~tested]), one[0][: round(WATCHED_S * one.rate_hz)]
 
     def check(self, captures: Corpus) -> None:
-        """Refuse captures that cannot teach it.
-
-        Raises:
-            InputError: there is no background to compose recordings with.
-        """
+        """Refuse captures that cannot teach it, as without background to compose recordings with."""
         if is_recorded(captures):
             if self.background:
                 further(self.background, captures)
             return
         check_background(*pieces(captures, usual(captures, self.background)))
 
-    def learned(self, make_system: Callable[[], contract.System], system: contract.System, captures: Corpus) -> Watches:
-        """A fitted system that watches.
-
-        Args:
-            make_system: factory of the system, not fitted.
-            system: fitted to the captures.
-            captures: captures that teach, of two subjects at least.
-
-        Raises:
-            InputError: they cannot teach it.
-        """
+    def learned(
+        self, make_system: Callable[[], contract.System], system: contract.System, captures: Corpus
+    ) -> TickWatcher:
+        """A system that watches, which was fitted to captures of two subjects at least, and its factory."""
         recordings = recordings_of(captures, usual(captures, self.background))
         if self.background and is_recorded(captures):
             recordings = joined(recordings, further(self.background, captures), np.array([], str))
-        return self.part.make().learn(make_system, system, captures, recordings, self.false_alarms)[0]
+        return self.part.make().learn(make_system, system, recordings, self.false_alarms)[0]

@@ -6,14 +6,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from bench.candidate import Candidate
 from bench.measures import TEXT, Cost, Measure, percent
 from bench.reports.views.base import View
-from touchbench_streams import DETECTOR, FALSE_ALARMS, RATES, others
+from bench.words import labelled
+from touchbench_streams import DETECTOR, FALSE_ALARMS, NO_TOUCH, RATES
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.candidate import Candidate, Wish
+    from bench.candidate import Wish
     from bench.reports.part import Section
     from bench.result import Result
     from bench.table import Table
@@ -38,7 +40,7 @@ class Continuous(View):
         "watch.unknown": ("unknown gesture: {}", ""),
     }
     shown: ClassVar[tuple[Measure, ...]] = (
-        Measure("detector", read=lambda row: others(row.get("watch.detector")), form=TEXT, spare=1),
+        Measure("detector", read=lambda row: Path(row["watch.detector"]).name, form=TEXT, spare=1),
         Measure("auroc", "AUROC", form=".2f", spare=1),
         percent("rejected_unknown", "rejected unknown", spare=1),
         percent("rejected_known", "rejected known", spare=1),
@@ -88,11 +90,11 @@ class Continuous(View):
 
     def printed(self, results: Sequence[Result]) -> Iterator[str | Table]:
         """Scores under faults; lines of reports in doubtful stretches, and where no false alarms can be counted."""
-        from touchbench_streams.fault_page import printed_tables
+        from touchbench_streams.page import printed_tables
 
         yield from printed_tables(results, self.alike)
         counts = [
-            f"{r['doubtful_reports']:.0f} by {r.system}, detector={r.get('watch.detector', DETECTOR)}"
+            f"{r['doubtful_reports']:.0f} by {r.system}, detector={r['watch.detector']}"
             for r in results
             if r.get("doubtful_reports")
         ]
@@ -123,7 +125,7 @@ class Continuous(View):
 
     def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """Scores under faults."""
-        from touchbench_streams.fault_page import sheet
+        from touchbench_streams.page import sheet
 
         return {"recordings_under_faults": sheet(results)}
 
@@ -137,16 +139,28 @@ class Continuous(View):
 
     def gestures(self, result: Result) -> tuple[str, ...]:
         """All gestures of the recordings of a run, and the background."""
-        from touchbench_streams.candidates import watched_gestures
-
-        return watched_gestures(result)
+        touches = result.tables["touches"]
+        return tuple(sorted({*touches["gesture"].astype(str), str(result["watch.background"]) or NO_TOUCH}))
 
     def offers(self, result: Result, wish: Wish) -> bool:
         """True unless a gesture was left out of training."""
         return not result.about.get("watch.unknown")
 
     def candidates(self, result: Result, wish: Wish) -> Iterator[Candidate]:
-        """The system as it watched."""
-        from touchbench_streams.candidates import watched_candidates
-
-        return watched_candidates(result, wish, self.unit)
+        """The system as it watched, with false alarms and hours of background by subject."""
+        shares = result.tables["per_subject"].set_index("subject")
+        scores, hours = 100 * shares["end_correct"].dropna(), shares["background_s"] / 3600
+        if not wish.reactions.plain:
+            wish.reactions.of(self.gestures(result))  # refuses other names
+            scores = wish.reactions.scores(
+                result.tables["touches"].rename(columns={"gesture": "true", "label": "predicted"})
+            )
+        unit, aim, detector = self.unit, float(result["watch.false_alarms"]), str(result["watch.detector"])
+        unit += "" if aim == FALSE_ALARMS else f", false_alarms={aim:g}"
+        unit += "" if detector == DETECTOR else f", detector={detector}"
+        alarms = (shares["false_alarms_per_hour"] * hours).fillna(0)
+        shipped = {"background": str(result["watch.background"])} | labelled("detector", detector)
+        shipped["false_alarms"] = f"{aim:g}"
+        usual = {"background": "", "detector": DETECTOR, "false_alarms": f"{FALSE_ALARMS:g}"}  # of bench fit
+        shipped = {key: value for key, value in shipped.items() if usual.get(key) != value}
+        yield Candidate(unit, scores, counts=(alarms, hours), whole=True, shipped=shipped)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -27,60 +26,41 @@ from bench.work.fold import (
 )
 from bench.work.results import FoldResult, costs, table_of
 from touchbench_streams import NO_TOUCH
-from touchbench_streams.background import further, joined
-from touchbench_streams.composer import check_background, composed, pieces
+from touchbench_streams.composer import QUIET, check_background, composed, pieces
 from touchbench_streams.curve import missed_at, swept
 from touchbench_streams.detectors.base import UNKNOWN
-from touchbench_streams.events import last_confidence, per_subject, unknown_scores
+from touchbench_streams.events import defined, numbers_of, per_subject, scored
 from touchbench_streams.recordings import DOUBT, GAP, Recordings, is_recorded, recorded
-from touchbench_streams.rejection import learn_reject
-from touchbench_streams.scored import defined, numbers_of, scored, touches_and_reports
+from touchbench_streams.rejection import learn_reject, rejection_scores
+from touchbench_streams.stored import further, joined
 from touchbench_streams.stress import FAULTED, faulted
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
-    from touchbench_streams.detectors.base import Detects, Watches
+    from touchbench_streams.detectors.ticks import TickWatcher
+    from touchbench_streams.study import Continuous
 
-SEED = 0  # of the composed recordings
-QUIET = "quiet"  # background from the ends of captures
 SHOWN_S = 120.0  # of a recording in each fold, for the timeline
 
 
 def usual(corpus: Corpus, background: str = "") -> str:
-    """The background of a whole corpus of captures.
-
-    Args:
-        corpus: captures.
-        background: class that was asked for; empty for ``notouch`` where it exists, and ends of captures elsewhere.
-    """
+    """The background of a whole corpus of captures: the class that was asked for, ``notouch``, or their quiet ends."""
     if is_recorded(corpus):
         return GAP
     return background or (NO_TOUCH if NO_TOUCH in corpus.gestures else QUIET)
 
 
 def recordings_of(captures: Corpus, background: str) -> Recordings:
-    """Recordings of the subjects of some captures: their own, or composed ones.
-
-    Args:
-        captures: captures; of recordings all captures, or in training those without doubtful stretches.
-        background: result of `usual` for the whole corpus.
-
-    Raises:
-        InputError: there is no background to compose them with.
-    """
+    """Recordings of the subjects of some captures: their own, or composed ones with a background as of `usual`."""
     if is_recorded(captures):
         return recorded(captures)
-    return composed(*pieces(captures, background), SEED)
+    return composed(*pieces(captures, background))
 
 
 def refuse(plan: Plan, background: str, unknown: str) -> None:
-    """Refuse folds that mix subjects or train on one, and a background that does not exist.
-
-    Raises:
-        InputError: there is one.
-    """
+    """Refuse folds that mix subjects or train on one, and a background that does not exist."""
     corpus, name = plan.corpus, plan.cell.protocol
     if any(fold.known for fold in plan.folds):
         raise InputError(
@@ -149,60 +129,40 @@ def too_short(plan: Plan, false_alarms: float, background: str) -> list[str]:
     )
 
 
-def fold_of(
-    cell: Cell,
-    corpus: Corpus,
-    fold: Fold,
-    threads: int,
-    detector: Detects,
-    false_alarms: float,
-    background: str,
-    unknown: str,
-    under: Sequence[str],
-) -> FoldResult:
+def fold_of(study: Continuous, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
     """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects.
 
     The stored table has rows of several kinds (``kind``): a ``recording`` (``end`` is its number of frames,
     ``refused`` of which are refused or saturated), a ``touch`` (``start``, ``end``, ``gesture``), a ``doubtful``
     stretch (the same), a ``report`` (columns of `events.REPORT`), a point of the ``curve`` (``offset``
     of the bias, ``hits`` and ``alarms``: touches found and false alarms) and the ``probability`` of touch after
-    ``reported`` frames of the first two minutes.
-
-    Args:
-        cell: cell of the run.
-        corpus: captures, or recordings as captures.
-        fold: names its training and test captures by position.
-        threads: threads for computing.
-        detector: before training.
-        false_alarms: false alarms per hour of background that are accepted on training subjects.
-        background: class of background, as of `usual`; of recordings, the name of `further` ones.
-        unknown: gesture that is left out of training; empty for none.
-        under: names of faults that the test recordings go through as well; their reports are the table `FAULTED`.
+    ``reported`` frames of the first two minutes. Reports under faults are the table `FAULTED`.
     """
-    estimator, more, background = cell.estimator(), background, usual(corpus, background)
+    estimator, unknown, background = cell.estimator(), study.unknown, usual(corpus, study.background)
     train = corpus[fold.train]
     if unknown:  # training recordings must not have it either, so they are composed again
         train = train[train.gestures != unknown]
     composing = bool(unknown) and is_recorded(train)
-    recordings = composed(*pieces(train, background), SEED) if composing else recordings_of(train, background)
-    if more and is_recorded(corpus):
-        recordings = joined(recordings, further(more, corpus), corpus.subjects[fold.test])
+    recordings = composed(*pieces(train, background)) if composing else recordings_of(train, background)
+    if study.background and is_recorded(corpus):
+        recordings = joined(recordings, further(study.background, corpus), corpus.subjects[fold.test])
     with computing(threads):
         metrics = fitted(estimator, train)
-        watcher, settings = detector.learn(cell.estimator, estimator, train, recordings, false_alarms)
+        detector = study.part.make()
+        watcher, settings = detector.learn(cell.estimator, estimator, recordings, study.false_alarms)
         if unknown:
             watcher.reject = learn_reject(cell.estimator, train, recordings, watcher)
         test = recordings_of(corpus[fold.test], background)
         if unknown:
-            test = replace(test, events=test.events.replace({"gesture": {unknown: UNKNOWN}}))
+            test = replace(test, labelled=test.labelled.replace({"gesture": {unknown: UNKNOWN}}))
         evidence = watcher.evidence(test.corpus)
         reports = watcher.reports(test.corpus, evidence)
         refused = watcher.refused(test.corpus, evidence)
-        disturbed = {FAULTED: faulted(watcher, test, under).assign(fold=fold.name)} if under else {}
+        disturbed = {FAULTED: faulted(watcher, test, study.under).assign(fold=fold.name)} if study.under else {}
         effects = batch_effects(estimator, corpus, fold.test)
         if not effects:
             check_agreement(estimator, corpus, fold.test)
-    subjects = test.subjects.astype(str)
+    subjects, shown = test.subjects.astype(str), watcher.probability(evidence[0]).assign(recording=0)
     frames = pd.DataFrame({"recording": np.arange(len(test)), "end": test.corpus.lengths, "refused": refused})
     table = pd.concat(
         [
@@ -213,7 +173,7 @@ def fold_of(
                 ("doubtful", test.doubtful),
                 ("report", reports),
                 ("curve", _curve(watcher, test, evidence)),
-                ("probability", _shown(watcher, test.corpus.rate_hz, evidence[0])),
+                ("probability", shown[shown["reported"] <= SHOWN_S * test.corpus.rate_hz]),
             )
         ],
         ignore_index=True,
@@ -236,11 +196,6 @@ def fold_of(
     )
 
 
-def fold_numbers(result: FoldResult, rate_hz: float) -> dict[str, float]:
-    """Scores and costs of one fold."""
-    return costs([result]) | numbers_of(result.table, rate_hz)
-
-
 def run_numbers(
     folds: list[FoldResult], rate_hz: float, unknown: str
 ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
@@ -261,29 +216,11 @@ def run_numbers(
     }
     numbers |= missed_at(by_person, touches["subject"].value_counts(), pd.Series(background_s) / 3600)
     if unknown:
-        numbers |= _rejection(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
+        numbers |= rejection_scores(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
     return defined(numbers | {"background_minutes": 60 * hours}) | costs(folds), tables
 
 
-def _rejection(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float) -> dict[str, float]:
-    """How well unknown gestures are rejected: `unknown_scores` of the touches found, relative to each fold's threshold.
-
-    Args:
-        table: tables of the folds of a run.
-        thresholds: learned threshold of each fold.
-        rate_hz: frames per second.
-    """
-    known, unknown = [np.zeros(0)], [np.zeros(0)]
-    for name, part in table.groupby("fold", sort=False):
-        truth, doubtful, reported = touches_and_reports(part)
-        above = last_confidence(truth, reported, rate_hz, doubtful) - thresholds[str(name)]
-        strange = (truth["gesture"] == UNKNOWN).loc[above.index]
-        known.append(above[~strange].to_numpy())
-        unknown.append(above[strange].to_numpy())
-    return unknown_scores(np.concatenate(known), np.concatenate(unknown), 0.0)
-
-
-def _curve(watcher: Watches, test: Recordings, evidence: list) -> pd.DataFrame:
+def _curve(watcher: TickWatcher, test: Recordings, evidence: list) -> pd.DataFrame:
     """The sweep of thresholds on the recordings of each subject, under the first of them."""
     parts = []
     for rows in pd.Series(range(len(test))).groupby(test.subjects.astype(str)).groups.values():
@@ -291,13 +228,7 @@ def _curve(watcher: Watches, test: Recordings, evidence: list) -> pd.DataFrame:
     return pd.concat(parts)
 
 
-def _shown(watcher: Watches, rate_hz: float, evidence: object) -> pd.DataFrame:
-    """The probability of touch in the first two minutes of the first recording."""
-    shown = watcher.probability(evidence, rate_hz).assign(recording=0)
-    return shown[shown["reported"] <= SHOWN_S * rate_hz]
-
-
-def _decision_ms(watcher: Watches, test: Recordings) -> Times:
+def _decision_ms(watcher: TickWatcher, test: Recordings) -> Times:
     """Times of some decisions on one thread."""
     recording = contract.blinded(watcher.system, test.corpus[[0]].detached())
     ends = np.linspace(1, recording.lengths[0], TIMED_CAPTURES + WARM_UP).astype(int)

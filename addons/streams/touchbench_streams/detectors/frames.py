@@ -14,7 +14,6 @@ from sklearn.linear_model import LogisticRegression
 
 from bench.corpora.faults import seeded
 from bench.errors import InputError
-from bench.models.search.inner_folds import inner_folds
 from touchbench_streams.detectors.base import InC, Sign
 from touchbench_streams.detectors.ticks import (
     Detector,
@@ -55,10 +54,8 @@ MANY = 8  # recordings, or subjects, from which on each kind of disturbance is l
 class Levels:
     """Signals of a frame: its levels, how much of the skin it covers, where, and how it changes.
 
-    Args:
-        up: share of the way to a higher reading that the baseline of a taxel goes in a tick.
-        down: share of the way to a lower one.
-        paces: shares of the way to the reading that slow means go.
+    The baseline of a taxel goes shares ``up`` and ``down`` of the way to a higher or a lower reading in a tick, and
+    slow means go ``paces``.
     """
 
     def __init__(self, up: float, down: float, paces: Sequence[float]) -> None:
@@ -131,12 +128,8 @@ def features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.n
     """What the classifier sees of each tick, from the signals of this tick and those before it [ticks, features].
 
     The first tick of a stream is its own baseline, and nothing has moved yet. So that the next ones are no rise, its
-    levels but for the mean are those of an idle sensor.
-
-    Args:
-        signals: result of `Levels`, one recording [ticks, signals].
-        offsets: added to each level, and to the size of each change, before its logarithm is taken.
-        idle: levels of an idle sensor.
+    levels but for the mean are those of an idle sensor. Offsets are added to each level, and to the size of each
+    change, before its logarithm is taken.
     """
     levels = signals[:, :LEVELS].copy()
     levels[0, 1:] = idle[1:]
@@ -200,13 +193,7 @@ class Times:
 
     @classmethod
     def of(cls, recordings: Recordings, wait: float, hold: float) -> Times:
-        """Learn from recordings whose frames are ticks.
-
-        Args:
-            recordings: recordings with their events.
-            wait: most seconds of a touch before its report.
-            hold: most seconds without touch before a touch is over.
-        """
+        """Learn from recordings whose frames are ticks; ``wait`` and ``hold`` are the most seconds of each."""
         events, rate_hz = recordings.events, recordings.corpus.rate_hz
         start, end, recording = (events[name].to_numpy() for name in ("start", "end", "recording"))
         gaps = (start[1:] - end[:-1])[recording[1:] == recording[:-1]]
@@ -217,72 +204,44 @@ class Times:
 
 
 class Hysteresis:
-    """A touch begins with a tick above a level, and is over when some are below a lower one.
+    """A touch begins with a tick above a level, and is over when some are below a lower one; for many levels at once.
 
     It begins only where the classifier has seen its beginning, and is also over when the evidence has faded: background
     whose level has changed keeps some. It is reported at the first tick that is not below the lower level, once it has
     lasted ``times.wait`` ticks. What is over before is no touch.
 
     Args:
-        level: log-odds of touch.
+        levels: log-odds of touch.
         drop: distance of the lower level.
         times: learned.
     """
 
-    def __init__(self, level: float, drop: float, times: Times) -> None:
-        self.level, self.drop, self.times = level, drop, times
-        self.since = self.below = self.weak = self.begun = self.held = 0
-        self.highest, self.reported, self.over = 0.0, False, True
+    def __init__(self, levels: np.ndarray, drop: float, times: Times) -> None:
+        self.levels, self.drop, self.times, self.begun = levels, drop, times, 0
+        self.since, self.held, self.below, self.weak = np.zeros((4, len(levels)), np.int64)
+        self.highest, self.lasts, self.due = np.zeros(len(levels)), *np.zeros((2, len(levels)), bool)
 
     def step(self, evidence: np.ndarray) -> Sign:
-        """Take the evidence of a tick."""
+        """Take the evidence of a tick; the sign of the first level."""
+        report = self.reported(evidence)[0]
+        odds, lasts = float(evidence[0]), report or self.lasts[0]
+        return Sign(float(expit(odds - self.levels[0])), int(self.since[0]) if lasts else 0, bool(report))
+
+    def reported(self, evidence: np.ndarray) -> np.ndarray:
+        """Take the evidence of a tick; which levels report a touch, bool [levels]."""
         odds, begins = map(float, evidence[:2])
         self.begun = AGES - 1 if begins > BEGUN else self.begun - 1
-        if not self.over:
-            self.since += 1
-            self.highest = max(self.highest, odds)
-            self.below = self.below + 1 if odds < self.level - self.drop else 0
-            self.held = self.held if self.below else self.since
-            self.weak = self.weak + 1 if odds < FADED * self.highest else 0
-            self.over = self.below >= self.times.hold or self.weak >= self.times.fade
-        elif odds > self.level and self.begun > 0:
-            self.since, self.held, self.highest, self.below, self.weak = 1, 1, odds, 0, 0
-            self.reported = self.over = False
-        else:
-            self.since, self.reported = 0, True
-        report = not self.reported and self.held >= self.times.wait
-        self.reported = self.reported or report
-        return Sign(float(expit(odds - self.level)), self.since if report or not self.over else 0, report)
-
-
-def reports_of(evidence: np.ndarray, levels: np.ndarray, drop: float, times: Times) -> list[np.ndarray]:
-    """In which ticks `Hysteresis` reports a touch, for many levels at once.
-
-    Args:
-        evidence: log-odds of touch and of its beginning, of the ticks of one recording [ticks, 2 or more].
-        levels: log-odds.
-        drop: argument of `Hysteresis`.
-        times: argument of `Hysteresis`.
-    """
-    may_begin = _past(maximum_filter1d, evidence[:, 1], AGES - 1) > BEGUN
-    lower, lowest = levels - drop, levels.min()
-    since, held, below, weak = np.zeros((4, len(levels)), np.int64)
-    highest, lasts, due = np.zeros(len(levels)), np.zeros(len(levels), bool), np.zeros(len(levels), bool)
-    reports = np.zeros((len(evidence), len(levels)), bool)
-    for tick, (odds, may) in enumerate(zip(evidence[:, 0].tolist(), may_begin.tolist(), strict=True)):
-        if not (may and odds > lowest) and not lasts.any():
-            continue
-        begins = ~lasts & (odds > levels) if may else np.zeros_like(lasts)
-        since = np.where(lasts, since + 1, 1)
-        highest = np.where(lasts, np.maximum(highest, odds), odds)
-        below = np.where(lasts & (odds < lower), below + 1, 0)
-        held = np.where(below > 0, held, since)
-        weak = np.where(lasts & (odds < FADED * highest), weak + 1, 0)
-        due = lasts & due | begins
-        lasts = lasts & (below < times.hold) & (weak < times.fade) | begins
-        reports[tick] = due & (held >= times.wait)
-        due = due & ~reports[tick]
-    return [np.flatnonzero(each) for each in reports.T]
+        starts = ~self.lasts & (odds > self.levels) & (self.begun > 0)
+        self.since = np.where(self.lasts, self.since + 1, 1)
+        self.highest = np.where(self.lasts, np.maximum(self.highest, odds), odds)
+        self.below = np.where(self.lasts & (odds < self.levels - self.drop), self.below + 1, 0)
+        self.held = np.where(self.below > 0, self.held, self.since)
+        self.weak = np.where(self.lasts & (odds < FADED * self.highest), self.weak + 1, 0)
+        self.due = self.lasts & self.due | starts
+        self.lasts = self.lasts & (self.below < self.times.hold) & (self.weak < self.times.fade) | starts
+        report = self.due & (self.held >= self.times.wait)
+        self.due = self.due & ~report
+        return report
 
 
 @dataclass
@@ -351,7 +310,7 @@ class Frames(Detector):
         """The same with a classifier for noise and one for vibration, each if it is worth more there.
 
         Each is learned from copies of recordings with such a disturbance, and has a threshold of its own, by which its
-        log-odds are shifted. Arguments are those of `Detector.hardened`.
+        log-odds are shifted.
         """
         hard = copy(self)
         parts = [np.arange(len(recordings))] * len(KINDS)
@@ -366,11 +325,8 @@ class Frames(Detector):
             plain = [others[i] for i in few]
             evidence = [other.evidence(each) for other, each in zip(plain, signals, strict=True)]
             before = worth(sweep(plain, some, evidence, count, np.array([level])), false_alarms).max()
-            for train, judged in inner_folds(left_out(some), GROUPS):
-                fitted = replace(self).fit([signals[i] for i in train], ticks[train])
-                for i in judged:
-                    plain[i], evidence[i] = fitted, fitted.evidence(signals[i])
-            settings = sweep(plain, some, evidence, count, self.levels)
+            fitted, evidence = self.held_out(signals, ticks, GROUPS)
+            settings = sweep(fitted, some, evidence, count, self.levels)
             worths = worth(settings, false_alarms)
             if worths.max() > before:
                 shift = level - float(settings["level"][worths.idxmax()])
@@ -408,20 +364,21 @@ class Frames(Detector):
 
     def rules(self, level: float) -> Hysteresis:
         """Rules of a new stream."""
-        return Hysteresis(level, self.drop, self.times_)
+        return Hysteresis(np.array([level]), self.drop, self.times_)
 
     def reported(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
         """All levels at once."""
-        return reports_of(evidence, levels, self.drop, self.times_)
+        rules = Hysteresis(levels, self.drop, self.times_)
+        return [np.flatnonzero(each) for each in np.stack([rules.reported(tick) for tick in evidence]).T]
 
     @property
     def soonest(self) -> int:
-        """Ticks of a touch before its report, at least."""
+        """As of `Detector`; learned."""
         return self.times_.wait
 
     @property
     def latest(self) -> int:
-        """Ticks of a touch before its report, at most."""
+        """As of `Detector`; learned."""
         return self.times_.wait + self.times_.hold
 
     def in_c(self) -> InC:

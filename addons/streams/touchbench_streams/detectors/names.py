@@ -19,13 +19,7 @@ LONGEST_S = 3.0  # of a part of a touch that names come from; chosen on HAART am
 
 
 def touches(recordings: Recordings, seconds: Sequence[float], shifts: Sequence[float]) -> Corpus:
-    """All touches as captures, cut to each of some lengths from their start, which is shifted by each of some times.
-
-    Args:
-        recordings: recordings with their events.
-        seconds: most seconds of a touch.
-        shifts: seconds by which its start is moved; it stays before its end.
-    """
+    """All touches as captures, cut to each of some lengths from their start, which each of some times shifts."""
     corpus, events = recordings.corpus, recordings.events
     recording, start, end = (events[name].to_numpy(np.int64) for name in ("recording", "start", "end"))
     longest = int(corpus.lengths.max())
@@ -48,12 +42,7 @@ def touches(recordings: Recordings, seconds: Sequence[float], shifts: Sequence[f
 
 
 def longest_part(rate_hz: float, count: int) -> int:
-    """Ticks of the longest part of a touch that names come from.
-
-    Args:
-        rate_hz: frames per second.
-        count: frames of a tick.
-    """
+    """Ticks of so many frames of the longest part of a touch that names come from."""
     return max(1, round(LONGEST_S * rate_hz / count))
 
 
@@ -85,25 +74,8 @@ def learned_names(make_system: Callable[[], contract.System], recordings: Record
 
 
 def probabilities(system: contract.System, recording: Corpus, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Probabilities of the gestures in some spans of one recording, float32 [spans, gestures].
-
-    Args:
-        system: result of `learned_names`.
-        recording: one recording, after the steps that are done frame by frame.
-        begin: first frames of the spans, int64 [spans].
-        end: frames behind the last ones.
-    """
+    """Probabilities of the gestures from frames ``begin`` to ``end`` of one recording, float32 [spans, gestures]."""
     spans = recording if len(begin) == 1 else recording[np.zeros(len(begin), np.int64)]  # which copies the table
     starts = storage(recording)[1][0] + begin
     spans = spans.changed(starts=starts, lengths=end - begin, digest="", path=None)
     return contract.probabilities(behind(system)[1], spans).astype(np.float32)
-
-
-def of_all(named: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Probabilities of a touch from those of its names as it grows, whose mean counts longer spans more [gestures].
-
-    Args:
-        named: probabilities of each span [spans, gestures].
-        frames: length of each span [spans].
-    """
-    return frames @ named / frames.sum()

@@ -41,15 +41,8 @@ class Span:
 class Touches:
     """The touches of a stream from its signs, one tick after another; nothing looks ahead.
 
-    Names come from one part of a touch after another, none much longer than ``longest``: a chip cannot keep the frames
-    of the last seconds, but it can sum up those since a part began.
-
-    Args:
-        count: frames of a tick.
-        longest: ticks of a part.
-
-    Attributes:
-        lasting: the touch that goes on.
+    Names come from one part of a touch after another, none much longer than ``longest`` ticks of ``count`` frames: a
+    chip cannot keep the frames of the last seconds, but it can sum up those since a part began.
     """
 
     def __init__(self, count: int, longest: int) -> None:

@@ -15,12 +15,7 @@ ENDS = 0.5  # share of the threshold below which a touch is over
 
 
 class Excess:
-    """The mean pressure above the baseline of each taxel, which follows slowly upwards and quickly downwards.
-
-    Args:
-        up: share of the way to a higher reading in a tick.
-        down: share of the way to a lower one.
-    """
+    """The mean pressure above the baseline of each taxel, which follows it up and down by shares in a tick."""
 
     def __init__(self, up: float, down: float) -> None:
         self.up, self.down = np.float32(up), np.float32(down)
@@ -66,6 +61,9 @@ class Threshold(Detector):
     down: float = 2.0
 
     levels: ClassVar[np.ndarray] = np.geomspace(0.02, 4, 40)
+    soonest: ClassVar[int] = 2
+    latest: ClassVar[int] = 2
+    numbers: ClassVar[int] = 1
 
     def signals(self) -> Excess:
         """Signals of a new stream."""
@@ -95,13 +93,3 @@ class Threshold(Detector):
         state = ("float baseline[{TAXELS}];", "int felt, since, is_known;  /* ticks; whether the touch was reported */")
         pretended = "w->level = touched ? -1 : 1e30f;"
         return InC(of_file(__file__), state, (constants,), pretended=pretended)
-
-    @property
-    def soonest(self) -> int:
-        """Ticks of a touch before its report."""
-        return 2
-
-    @property
-    def numbers(self) -> int:
-        """Count of learned numbers."""
-        return 1

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, Self
 
 import numpy as np
 import pandas as pd
@@ -19,12 +19,11 @@ from bench.few import INTERVAL
 from bench.models.recipe import behind, taken
 from bench.models.search.inner_folds import inner_folds
 from bench.models.sizes import parameter_count
-from touchbench_streams.detectors.base import UNKNOWN, Event, InC, Point, Rules, Signals, Stream, Watches
-from touchbench_streams.detectors.names import LONGEST_S, learned_names, longest_part, of_all, probabilities
+from touchbench_streams.detectors.base import UNKNOWN, Event, InC, Rules, Signals
+from touchbench_streams.detectors.names import LONGEST_S, learned_names, longest_part, probabilities
 from touchbench_streams.detectors.spans import GROWTH, Span, Touches, means, spans_of
 from touchbench_streams.events import DOUBTFUL, FALSE_ALARM, report_table, touches_of
-from touchbench_streams.points import points_of
-from touchbench_streams.recent import Recent, refused_frames
+from touchbench_streams.recent import Recent, saturated
 from touchbench_streams.recordings import Recordings
 
 PRICE = 0.001  # share of touches that a false alarm per hour above the target costs; chosen on sittings A to C
@@ -39,24 +38,31 @@ def of_file(path: str) -> str:
 
 
 class Detector:
-    """A detector that decides tick by tick; a tick is a frame of a slow skin, or the mean of several.
+    """A detector of touch before training, and fitted; a tick is a frame of a slow skin, or the mean of several.
+
+    It is a dataclass whose fields are its parameters (``detector.tick=``), and is named in
+    `touchbench_streams.detectors.PARTS`, or as ``detector=my.py:Mine``.
 
     Attributes:
         tick: seconds of a tick; at least one frame.
         levels: thresholds to choose among, from the most eager to the strictest.
         memory: ticks that the evidence of one tick looks back.
+        soonest: ticks of a touch before its report, at least.
+        latest: the same, at most.
+        numbers: count of learned numbers.
+        chosen: what training has chosen, by name.
     """
 
     tick: float = 0.125
     levels: ClassVar[np.ndarray]
     memory: ClassVar[int] = 1
+    soonest: ClassVar[int] = 1
+    latest: ClassVar[int] = 1
+    numbers: ClassVar[int] = 0
+    chosen: ClassVar[dict[str, object]] = {}
 
     def __post_init__(self) -> None:
-        """Refuse times and distances that are not above 0.
-
-        Raises:
-            InputError: one of them.
-        """
+        """Refuse times and distances that are not above 0."""
         for name, value in vars(self).items():
             if isinstance(value, float) and not 0 < value < np.inf:
                 raise InputError(f"detector.{name}={value:g}: give a number above 0")
@@ -101,16 +107,6 @@ class Detector:
         """In which ticks of a recording the rules of each level report a touch."""
         return [np.flatnonzero(signs_of(self.rules(float(level)), evidence)[:, 2]) for level in levels]
 
-    @property
-    def soonest(self) -> int:
-        """Ticks of a touch before its report, at least."""
-        return 1
-
-    @property
-    def latest(self) -> int:
-        """Ticks of a touch before its report, at most."""
-        return self.soonest
-
     def in_c(self) -> InC | None:
         """What the C of a fitted detector needs; None where it has none. Classes do not inherit it.
 
@@ -119,27 +115,43 @@ class Detector:
         """
         return None
 
-    @property
-    def numbers(self) -> int:
-        """Count of learned numbers."""
-        return 0
-
-    @property
-    def chosen(self) -> dict[str, object]:
-        """What training has chosen, by name."""
-        return {}
+    def held_out(self, signals: list[np.ndarray], ticks: Recordings, folds: str) -> tuple[list[Self], list[np.ndarray]]:
+        """The detector that is fitted without each recording, and its evidence of it."""
+        detectors, evidence = [self] * len(signals), [np.zeros(0)] * len(signals)
+        for train, judged in inner_folds(left_out(ticks), folds):
+            fitted = copy(self).fit([signals[i] for i in train], ticks[train])
+            for i in judged:
+                detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
+        return detectors, evidence
 
     def learn(
         self,
         make_system: Callable[[], contract.System],
         system: contract.System,
-        captures: Corpus,
         recordings: Recordings,
         false_alarms: float,
-    ) -> tuple[Watches, pd.DataFrame]:
-        """As `Detects`: each training subject is left out for the choice of the threshold."""
-        trial = trial_of(self, system, recordings)
-        return learned(self, make_system, system, recordings, false_alarms, trial), trial.settings
+    ) -> tuple[TickWatcher, pd.DataFrame]:
+        """Learn from recordings of training subjects, each left out for the choice of the threshold.
+
+        Args:
+            make_system: factory of the system, not fitted.
+            system: fitted to captures of the same subjects.
+            recordings: parted where doubtful stretches were.
+            false_alarms: accepted false alarms per hour of background.
+
+        Returns:
+            What watches, and a table of the thresholds that were tried (`sweep`).
+        """
+        seen = replace(recordings, corpus=taken(recordings.corpus, behind(system)[0])[0])
+        count = frames_of_tick(self.tick, seen.corpus.rate_hz)
+        ticks = ticked(seen, count)
+        signals = [self.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
+        others, evidence = self.held_out(signals, ticks, FOLDS)
+        settings = sweep(others, recordings, evidence, count, self.levels)
+        level = float(settings["level"][worth(settings, false_alarms).idxmax()])
+        names = learned_names(make_system, recordings)
+        fitted = copy(self).fit(signals, ticks).hardened(others, seen, level, false_alarms)
+        return TickWatcher(system, names, fitted, level, count, points=points_of(settings, level)), settings
 
 
 def frames_of_tick(tick: float, rate_hz: float) -> int:
@@ -171,14 +183,7 @@ def sweep(
     count: int,
     levels: np.ndarray,
 ) -> pd.DataFrame:
-    """Count what each level gives on recordings.
-
-    Args:
-        detectors: the fitted detector that watches each recording.
-        recordings: recordings with their events.
-        evidence: evidence of each recording.
-        count: frames of a tick.
-        levels: thresholds.
+    """Count what each level gives on recordings, of each of which there is a fitted detector and its evidence.
 
     Returns:
         Columns ``level``, ``alarms``, ``hours`` (of background), ``found`` (share), ``hits`` and ``reports``
@@ -199,73 +204,21 @@ def sweep(
 
 
 def worth(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
-    """The share of touches that each threshold finds, less what alarms above the target and repeated reports cost.
-
-    Args:
-        settings: result of `sweep`.
-        false_alarms: accepted false alarms per hour of background.
-    """
+    """The share of touches that each level finds, less what alarms above the target and repeated reports cost."""
     hours = settings["hours"].replace(0, np.nan)  # without background, rates are unknown
     excess = (settings["alarms"] / hours - false_alarms).fillna(0).clip(lower=0)
     per_touch = (settings["reports"] - settings["alarms"]) / settings["hits"].clip(lower=1)
     return settings["found"] - PRICE * excess - REPEATS * (per_touch - SPARE).clip(lower=0)
 
 
-class Trial(NamedTuple):
-    """What the thresholds of a detector give on training recordings that it was not fitted to.
-
-    Attributes:
-        seen: the recordings, after the steps that are done frame by frame.
-        ticks: the same, whose frames are ticks.
-        signals: result of `Detector.signals_of` for each of them.
-        detectors: fitted without each of them.
-        settings: result of `sweep`.
-    """
-
-    seen: Recordings
-    ticks: Recordings
-    signals: list[np.ndarray]
-    detectors: list[Detector]
-    settings: pd.DataFrame
-
-
-def trial_of(detector: Detector, system: contract.System, recordings: Recordings) -> Trial:
-    """Try all thresholds on training recordings, each left out.
-
-    Raises:
-        InputError: fewer than two recordings.
-    """
-    corpus = taken(recordings.corpus, behind(system)[0])[0]
-    count = frames_of_tick(detector.tick, corpus.rate_hz)
-    ticks = ticked(Recordings(corpus, recordings.events), count)
-    signals = [detector.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
-    evidence: list[np.ndarray] = [np.zeros(0)] * len(signals)
-    detectors = [detector] * len(signals)
-    for train, judged in inner_folds(left_out(recordings), FOLDS):
-        fitted = copy(detector).fit([signals[i] for i in train], ticks[train])
-        for i in judged:
-            detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
-    seen = Recordings(corpus, recordings.events, recordings.doubtful)
-    return Trial(seen, ticks, signals, detectors, sweep(detectors, recordings, evidence, count, detector.levels))
-
-
-def learned(
-    detector: Detector,
-    make_system: Callable[[], contract.System],
-    system: contract.System,
-    recordings: Recordings,
-    false_alarms: float,
-    trial: Trial,
-) -> TickWatcher:
-    """A watcher with the best of the thresholds that were tried; arguments of `Detects`, and the trial."""
-    settings = trial.settings
-    level = float(settings["level"][worth(settings, false_alarms).idxmax()])
-    names = learned_names(make_system, recordings)
-    points = points_of(settings.rename(columns={"level": "threshold"}), level)
-    fitted = copy(detector).fit(trial.signals, trial.ticks)
-    hardened = fitted.hardened(trial.detectors, trial.seen, level, false_alarms)
-    count = frames_of_tick(detector.tick, trial.seen.corpus.rate_hz)
-    return TickWatcher(system, names, hardened, level, count, points=points)
+def points_of(settings: pd.DataFrame, learned: float) -> tuple[tuple[float, float, float], ...]:
+    """Operating points of a sweep: the learned level, and those that find more than all with as few alarms."""
+    rows = settings.sort_values(["alarms", "found", "level"], ascending=[True, False, False], kind="stable")
+    better = rows[rows["found"] > rows["found"].cummax().shift(fill_value=-1.0)]  # of equal ones the strictest
+    kept = settings[settings["level"].isin(better["level"]) | np.isclose(settings["level"], learned)]
+    kept = kept.sort_values("level", ascending=False)
+    kept = kept.assign(rate=kept["alarms"] / kept["hours"].replace(0, np.nan))
+    return tuple(tuple(map(float, row)) for row in kept[["level", "rate", "found"]].to_numpy())
 
 
 def left_out(recordings: Recordings) -> np.ndarray:
@@ -283,9 +236,10 @@ def left_out(recordings: Recordings) -> np.ndarray:
 
 @dataclass(eq=False)
 class TickWatcher:
-    """A system and a detector that decides tick by tick; see `touchbench_streams.detectors.base.Watches`.
+    """A fitted system and a detector that learned from recordings.
 
-    A touch is named when it is reported, from its frames so far, and again as it grows.
+    What it makes of a frame depends on this frame and those before it, and its memory does not grow. A touch is named
+    when it is reported, from its frames so far, and again as it grows.
 
     Attributes:
         system: fitted to captures.
@@ -294,7 +248,8 @@ class TickWatcher:
         level: threshold, learned for a number of false alarms per hour.
         count: frames of a tick.
         reject: confidence below which a label is ``unknown``; 0 for never.
-        points: other levels (`touchbench_streams.detectors.base.Watches`).
+        points: level, false alarms per hour and share of touches found of operating points on training recordings,
+            from the strictest to the most eager.
     """
 
     system: contract.System
@@ -303,11 +258,11 @@ class TickWatcher:
     level: float
     count: int
     reject: float = 0.0
-    points: tuple[Point, ...] = ()
+    points: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def numbers(self) -> int:
-        """Those of the detector and of the system that names, in place of the one fitted to captures."""
+        """Learned numbers: of the detector, and of the system that names in place of the one fitted to captures."""
         return self.detector.numbers + parameter_count(self.names) - parameter_count(self.system)
 
     @property
@@ -321,13 +276,9 @@ class TickWatcher:
         """Frames from the start of a touch to its report, at least."""
         return self.detector.soonest * self.count
 
-    def stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> Stream:
+    def stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> TickStream:
         """The same on frames that come one by one."""
         return TickStream(self, grid, rate_hz, full_scale)
-
-    def at(self, point: int) -> TickWatcher:
-        """The same at another of its ``points``."""
-        return replace(self, level=self.points[point][0])
 
     def in_c(self, classes: list[str], rate_hz: float) -> InC | None:
         """What its C needs: that of the detector, and of the names."""
@@ -338,10 +289,8 @@ class TickWatcher:
         longest, named = longest_part(rate_hz, self.count), behind(self.names)[1]
         times = {"TICK": self.count, "PART_TICKS": longest, "NAMED": len(named.classes_)}
         constants = ("Frames of a tick, ticks of a part of a touch, gestures.", times)
-        naming = (
-            "When a touch is named again, and from which confidence on.",
-            {"GROWTH": GROWTH, "REJECT": self.reject},
-        )
+        again = {"GROWTH": GROWTH, "REJECT": self.reject}
+        naming = ("When a touch is named again, and from which confidence on.", again)
         state = (
             *(("float tick[{TAXELS}];  /* sum of its frames */",) if self.count > 1 else ()),
             "int within, length, first, named, sure, after;  /* frames of the tick; ticks of the part and its names */",
@@ -362,7 +311,7 @@ class TickWatcher:
         )
 
     def adapted(self, system: contract.System, captures: Corpus, y: np.ndarray | None) -> TickWatcher:
-        """As `touchbench_streams.detectors.base.Watches`; what names touches has not learned background."""
+        """The same with an adapted system, and names adapted to these captures; they have not learned background."""
         if y is not None:
             known = np.isin(y, self.names.classes_)
             captures, y = captures[known], y[known]
@@ -379,8 +328,13 @@ class TickWatcher:
         return [self.detector.evidence(each) for each in series]
 
     def refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
-        """Frames of each recording that are saturated, or whose last tick is unlike all training."""
-        return refused_frames(recordings, [self.detector.refused(each) for each in evidence], self.count, self.count)
+        """Frames of each recording that are saturated, or whose last tick is unlike all training; int64."""
+        counts = []
+        for stream, each in zip(recordings, evidence, strict=True):
+            tick = np.arange(1, len(stream) + 1) // self.count - 1  # the last whole one
+            silent = (tick >= 0) & self.detector.refused(each)[tick]
+            counts.append((silent | saturated(stream, recordings.full_scale)).sum())
+        return np.array(counts, dtype=np.int64)
 
     def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
         """Touches found, false alarms and reports of all levels, by their place relative to the learned one."""
@@ -389,7 +343,7 @@ class TickWatcher:
         learned = int(np.abs(levels - self.level).argmin())
         return settings[["hits", "alarms", "reports"]].assign(offset=np.arange(len(settings)) - float(learned))
 
-    def probability(self, evidence: np.ndarray, rate_hz: float) -> pd.DataFrame:
+    def probability(self, evidence: np.ndarray) -> pd.DataFrame:
         """How sure the rules are of touch in one recording."""
         signs = signs_of(self.detector.rules(self.level), evidence)
         return pd.DataFrame({"reported": self.count * np.arange(1, len(signs) + 1), "confidence": signs[:, 0]})
@@ -417,14 +371,15 @@ class TickWatcher:
             named = probabilities(self.names, seen[[i]], begin, end)
             parts = np.cumsum([len(each) for each in asked])[:-1]
             for touch, each, frames in zip(touches, np.split(named, parts), np.split(end - begin, parts), strict=True):
-                (first, _), (label, sure) = self.label(each[0]), self.label(of_all(each, frames))
+                mean = frames @ each / frames.sum()  # longer spans count more
+                (first, _), (label, sure) = self.label(each[0]), self.label(mean)
                 rows.append((i, touch.reported, touch.end, first, label, sure))
         return report_table(rows)
 
     def renamed(
         self, make_system: Callable[[], contract.System], captures: Corpus, recordings: Recordings
     ) -> TickWatcher:
-        """As `touchbench_streams.detectors.base.Watches`."""
+        """The same with names learned from other captures and their recordings; it rejects nothing."""
         system = make_system().fit(captures, captures.gestures)
         return replace(self, system=system, names=learned_names(make_system, recordings), reject=0.0)
 
@@ -435,14 +390,7 @@ class TickWatcher:
 
 
 class TickStream:
-    """A watcher on frames that come one by one; memory does not grow.
-
-    Args:
-        watcher: a watcher that was learned.
-        grid: (rows, cols) of the sensor.
-        rate_hz: frames per second.
-        full_scale: largest value of a channel.
-    """
+    """A watcher on frames that come one by one; memory does not grow."""
 
     def __init__(self, watcher: TickWatcher, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
         longest = longest_part(rate_hz, watcher.count)
@@ -462,7 +410,7 @@ class TickStream:
 
     @property
     def status(self) -> str:
-        """As of `touchbench_streams.detectors.base.Stream`."""
+        """``ok``, ``saturated`` (many taxels are at full scale), or ``refused`` (frames are unlike all training)."""
         return "saturated" if self.recent.is_saturated else "refused" if self.is_refused else "ok"
 
     def push(self, frame: np.ndarray) -> list[Event]:

@@ -1,0 +1,30 @@
+/* $title */
+#ifndef TOUCH_H
+#define TOUCH_H
+
+#include <stdint.h>
+
+$public
+
+/* Return codes below 0. */
+#define TOUCH_BAD -1   /* no state or frame, or a reading that is not within 0 and the full scale */
+#define TOUCH_LONG -2  /* the capture is longer than any that was learnt from: begin a new one */
+#define TOUCH_EMPTY -3 /* nothing was touched yet */
+
+$state
+/* Begin a capture; the state is all the memory that is needed. */
+int touch_init(touch_t *t);
+
+/* Take a frame, row by row, readings from 0 to TOUCH_FULL_SCALE: 1 if there is a new decision, 0 if not yet, or a code.
+   A frame that is refused changes nothing. */
+int touch_push(touch_t *t, const float *frame);
+
+/* The class of what has been seen since the beginning, or a code; and probabilities of all classes.
+   $settled
+   settled may be NULL. */
+int touch_label(touch_t *t, float *probabilities, float *settled);
+
+/* What a class is called. */
+const char *touch_name(int label);
+$watch
+#endif

@@ -1,0 +1,28 @@
+
+#define TOUCH_UNKNOWN -1 /* label of a touch that is unlike all gestures */
+#define TOUCH_REPORTED 1 /* news: an event is reported, its label is another one, it is over */
+#define TOUCH_CHANGED 2
+#define TOUCH_ENDED 3
+#define TOUCH_OK 0        /* status */
+#define TOUCH_REFUSED 1   /* the last frames are unlike training */
+#define TOUCH_SATURATED 2 /* a tenth of the taxels, or more, are at full scale in the last frame */
+
+/* An event: its label so far, mean probability of the label, and frames seen when it was reported and when it ended.
+   Frames are counted from touch_watch_init, modulo 2^32; end is 0 while the touch lasts. */
+typedef struct {
+    int label;
+    float confidence;
+    uint32_t reported, end;
+} touch_event_t;
+
+/* Begin to watch: once, at power-on. The state is all the memory that is needed; it holds that of a capture, too. */
+int touch_watch_init(touch_watch_t *w);
+
+/* Take a frame of an endless stream, as touch_push does: 0 without news, TOUCH_REPORTED, TOUCH_CHANGED or TOUCH_ENDED
+   with news, which the event then tells, or a code, which changes nothing. A touch that is over before it was reported
+   is news once, TOUCH_ENDED. */
+int touch_watch(touch_watch_t *w, const float *frame, touch_event_t *event);
+
+/* Whether touches may be missed now: TOUCH_OK, TOUCH_REFUSED or TOUCH_SATURATED, or a code. counts tells how many
+   frames were so, and may be NULL. */
+int touch_status(const touch_watch_t *w, touch_counts_t *counts);
