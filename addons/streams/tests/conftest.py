@@ -9,4 +9,4 @@ from tests.reports.test_report import quick  # noqa: F401
 @pytest.fixture(autouse=True)
 def few_decisions(monkeypatch):
     """Folds time and repeat few decisions."""
-    monkeypatch.setattr("touchbench_streams.watch.TIMED_CAPTURES", 3)
+    monkeypatch.setattr("touchbench_streams.fold.TIMED_CAPTURES", 3)

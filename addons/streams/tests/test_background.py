@@ -12,11 +12,11 @@ from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.scratch import home
+from touchbench_streams.fold import too_short
 from touchbench_streams.recordings import captures_in, recorded
 from touchbench_streams.stored import further, joined
 from touchbench_streams.study import Continuous
 from touchbench_streams.synth_recordings import generate
-from touchbench_streams.watch import too_short
 
 PEOPLE = generate(subjects=3, variants=("normal",), rows=3, cols=3, rate_hz=15.0)
 STILL = {"4": 900, "1": 450}  # frames of further background by subject

@@ -16,7 +16,7 @@ def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, ca
     assert main([*words, "data.subjects=3", "data.repetitions=1", "data.rate_hz=20"]) == 0
     assert "not measured: background=quiet: no capture of synth begins or ends with 0.25 s" in capsys.readouterr().err
     monkeypatch.setattr("touchbench_streams.teaching.usual", lambda corpus, background: "press")
-    assert main([*words, "data.subjects=3", "data.repetitions=1", "data.rate_hz=20", "detector=frames"]) == 0
+    assert main([*words, "data.subjects=3", "data.repetitions=2", "data.rate_hz=20", "detector=frames"]) == 0
     printed = capsys.readouterr()
     assert "not measured" not in printed.err
     table = printed.out.partition("touch_watch")[2].replace("│", " ")

@@ -14,11 +14,11 @@ from bench.plan.plan import planned
 from bench.scratch import home
 from bench.work.results import FoldResult
 from touchbench_streams.detectors.ticks import left_out
+from touchbench_streams.fold import run_numbers
 from touchbench_streams.recordings import Recordings, captures_in, certain, event_table, recorded
 from touchbench_streams.stored import joined
 from touchbench_streams.study import Continuous
 from touchbench_streams.synth_recordings import generate
-from touchbench_streams.watch import run_numbers
 
 PEOPLE = generate(subjects=3, variants=("normal",), rows=3, cols=3, rate_hz=15.0)
 

@@ -24,10 +24,10 @@ from bench.work.fit import save_adapted
 from bench.work.saved import Recogniser, load
 from tests.conftest import predictions, random_corpus, runs
 from touchbench_streams.detectors.threshold import Threshold
+from touchbench_streams.fold import recordings_of, run_numbers
 from touchbench_streams.recordings import Recordings, captures_in
 from touchbench_streams.study import Continuous
 from touchbench_streams.synth_recordings import generate
-from touchbench_streams.watch import recordings_of, run_numbers
 
 
 @pytest.fixture(scope="module")

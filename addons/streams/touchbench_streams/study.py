@@ -107,19 +107,19 @@ class Continuous(Study):
 
     def refuse(self, plan: Plan) -> None:
         """Refuse folds that mix subjects or train on one, and a background that does not exist."""
-        from touchbench_streams.watch import refuse
+        from touchbench_streams.fold import refuse
 
         refuse(plan, self.background, self.unknown)
 
     def warnings(self, plan: Plan) -> list[str]:
         """A line where the training background of recordings is too short for the accepted rate."""
-        from touchbench_streams.watch import too_short
+        from touchbench_streams.fold import too_short
 
         return too_short(plan, self.false_alarms, self.background)
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects."""
-        from touchbench_streams.watch import fold_of
+        from touchbench_streams.fold import fold_of
 
         return fold_of(self, cell, corpus, fold, threads)
 
@@ -137,8 +137,8 @@ class Continuous(Study):
     def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Scores of touches, and in each case under faults; tables of touches, reports, subjects, the curve, cases."""
         from bench.work.results import tables_of
+        from touchbench_streams.fold import run_numbers
         from touchbench_streams.stress import FAULTED, FAULTS, fault_table, tracked_scores
-        from touchbench_streams.watch import run_numbers
 
         rate_hz = plan.corpus.rate_hz
         numbers, tables = run_numbers(folds, rate_hz, self.unknown)

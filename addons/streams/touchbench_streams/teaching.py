@@ -19,9 +19,9 @@ from touchbench_streams import FALSE_ALARMS
 from touchbench_streams.composer import check_background, pieces
 from touchbench_streams.detectors import detectors
 from touchbench_streams.detectors.ticks import Detector, TickWatcher
+from touchbench_streams.fold import recordings_of, usual
 from touchbench_streams.recordings import certain, is_recorded, recorded
 from touchbench_streams.stored import further, holds_recordings, joined, whole
-from touchbench_streams.watch import recordings_of, usual
 
 WATCHED_S = 60.0  # of a recording that is watched in an emulator
 
