@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from bench import registry
@@ -44,6 +46,71 @@ def test_a_training_part_without_a_gesture_is_refused_in_a_learning_curve_and_in
     on = ["data.subjects=4", "data.variants=normal", "data.repetitions=1", "features=jung28", "jobs=1"]
     assert main([*words, few, *on]) == 2
     assert "nobody" in (told := capsys.readouterr().err) and "rub" in told
+
+
+def recorded(change=lambda table: table, levels=lambda v: v, **how):
+    """A table of four people who tap and hold a skin of 4 x 6 taxels, of which neighbours move together."""
+    rng, rows = np.random.default_rng(0), []
+    touches = [(s, g, k) for s in ("anna", "ben", "carla", "dora") for g in ("tap", "hold") for k in range(5)]
+    for subject, gesture, take in touches:
+        noise = np.pad(rng.normal(0, 60, (30, 4, 6)), ((0, 0), (1, 1), (1, 1)))
+        near = sum(noise[:, i : i + 4, j : j + 6] for i in range(3) for j in range(3))
+        values = levels(np.clip(200 + near + 100 * (gesture == "hold"), 0, 1023).round().astype(int))
+        rows += [(subject, gesture, take, f, *v) for f, v in enumerate(values.reshape(30, 24))]
+    names = ["subject", "gesture", "take", "frame", *(f"ch{i}" for i in range(1, 25))]
+    change(pd.DataFrame(rows, columns=names)).to_csv("rec.csv", index=False, **how)
+    return ["data", "import", "table", "rec.csv", "name=rec"]
+
+
+def misspelt(name, other, count=None):
+    def change(table):
+        rows = (table["gesture"] == name) & (table["take"] == 0) & table["subject"].isin(["anna", "ben"][: count or 2])
+        return table.assign(gesture=table["gesture"].mask(rows, other))
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("words", "how", "told"),
+    [
+        ("grid=4x6 rate_hz=50", {}, ""),
+        ("grid=6x4 rate_hz=50", {}, "give grid=4x6"),
+        ("grid=4x6 rate_hz=5000", {}, "check rate_hz=5000"),
+        ("grid=4x6 rate_hz=0.5", {}, "check rate_hz=0.5"),
+        ("grid=4x6 rate_hz=50", {"levels": lambda v: v // 4}, "give full_scale=255"),
+        ("grid=4x6 rate_hz=50", {"levels": lambda v: v // 4 * 4}, "multiples of 4"),
+        ("grid=4x6 rate_hz=50", {"levels": lambda v: 1023 - v}, "pressed at rest"),
+        ("grid=4x6 rate_hz=50", {"change": misspelt("tap", "Tap ")}, "'Tap' and 'tap'"),
+        ("grid=4x6 rate_hz=50", {"change": misspelt("hold", "holt", 1)}, "if it is 'hold'"),
+    ],
+)
+def test_what_captures_contradict_is_told_on_import(words, how, told, capsys):
+    assert main([*recorded(**how), *words.split()]) == 0
+    err = capsys.readouterr().err
+    assert told in err and err.count("\n") == bool(told)
+
+
+def test_a_name_in_two_encodings_is_one_person(capsys):
+    def two(table):
+        first = table["take"] < 2
+        return table.assign(
+            subject=table["subject"]
+            .mask(table["subject"] == "anna", "Jos\xe9")
+            .mask((table["subject"] == "anna") & first, "Jose\u0301")
+        )
+
+    assert main([*recorded(two), "grid=4x6", "rate_hz=50"]) == 0
+    told = capsys.readouterr()
+    assert "4 subjects" in told.out and "spelt in parts" in told.err
+
+
+@pytest.mark.parametrize("how", [{"sep": ";"}, {"sep": "\t"}, {"change": lambda t: t.assign(frame=t["frame"] * 1.0)}])
+def test_tables_as_other_programs_write_them_are_the_same_corpus(how, capsys):
+    digests = []
+    for each in ({}, how):
+        assert main([*recorded(**each), "grid=4x6", "rate_hz=50"]) == 0
+        digests.append(capsys.readouterr().out.partition("digest ")[2][:16])
+    assert digests[0] == digests[1]
 
 
 def test_files_that_a_system_names_are_part_of_its_key():

@@ -21,6 +21,7 @@ from filelock import FileLock, Timeout
 
 from bench.corpora import cuts, duplicates
 from bench.corpora.corpus import Corpus
+from bench.corpora.doubts import doubts
 from bench.corpora.folder import Damaged, content_digest, open_folder, small_file, verified, write_folder
 from bench.corpora.read.limits import plain
 from bench.errors import InputError, nearest
@@ -65,7 +66,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
                 unchanged = content_digest(corpus)
                 corpus = cuts.cut(corpus, kind, changes)
                 corpus = corpus.changed(info=corpus.info | {"unchanged": unchanged})
-            warnings = [*duplicates.warning(corpus), *corpus.info.get("warnings", [])]
+            warnings = [*duplicates.warning(corpus), *doubts(gestures_of(corpus)), *corpus.info.get("warnings", [])]
             corpus = corpus.changed(name=name, info=corpus.info | {"format": kind, "warnings": warnings})
             digest = content_digest(corpus)
             stored = folder / digest[:16]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import unicodedata
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -34,7 +35,9 @@ from bench.corpora.read.limits import (
 )
 from bench.corpora.read.sensor_values import check, smallest
 from bench.errors import InputError
+from bench.progress import warn
 
+SEPARATORS = ",;\t"  # of a CSV file
 BLOCK = 8 << 20  # bytes of a CSV file that are read at once
 MOST_LINE = 4 << 20  # bytes
 AT_ONCE = 1 << 22  # values of a parquet file that are unpacked in one step
@@ -192,6 +195,9 @@ def words_of(column: pa.Array, name: str, where: str, first: int = 1, blank: boo
     for i, content in enumerate(contents.to_pylist()):
         try:
             word = (content or b"").decode().strip()
+            if not unicodedata.is_normalized("NFC", word):
+                word = unicodedata.normalize("NFC", word)
+                warn(f"{where.partition(',')[0]}: {name} {word} is spelt in parts (NFD) and read as {word} (NFC)")
             wrong = "" if blank and not word else flaw(word)
         except UnicodeDecodeError:
             wrong = "is not text in UTF-8; save it as text"
@@ -291,6 +297,7 @@ class CsvTable(Table):
     """A CSV file: read fast when it is good, explained to the line when it is not.
 
     Text in UTF-8, a header, as many cells in every line, no line breaks within cells, and blank lines only at the end.
+    Cells are separated by the one of `SEPARATORS` that the header has most often.
 
     Args:
         source: path or content.
@@ -311,8 +318,9 @@ class CsvTable(Table):
         self.counts, self.kind = counts, _WHOLE if whole else _NUMBER
         with self._opened() as file:
             line = file.readline(MOST_LINE)
+        self.separator = max(SEPARATORS, key=lambda sign: line.count(sign.encode()))
         try:
-            cells = next(csv.reader([line.decode("utf-8-sig").rstrip("\r\n")], skipinitialspace=True), [])
+            cells = next(self._cells(line.decode("utf-8-sig").rstrip("\r\n"), skipinitialspace=True), [])
         except (UnicodeDecodeError, csv.Error) as e:
             raise InputError(
                 f"{self.header}: not the header of a CSV file in UTF-8 ({plain(e)}); give the CSV file itself"
@@ -321,6 +329,9 @@ class CsvTable(Table):
         if not any(self.columns):
             raise InputError(f"{self.header}: empty; begin the file with its header")
         check_names(self.columns, self.header)
+
+    def _cells(self, line: str, **how: bool) -> Iterator[list[str]]:
+        return csv.reader([line], delimiter=self.separator, **how)
 
     def _opened(self) -> BinaryIO:
         if isinstance(self.source, bytes):
@@ -337,7 +348,7 @@ class CsvTable(Table):
         types = {n: self.kind if n in sensors else _COUNT if n in self.counts else _WORDS for n in self.columns}
         for first, content in self._blocks():
             try:
-                yield _parsed(content, types)
+                yield self._parsed(content, types)
             except pa.ArrowException:
                 self._explain(content.split(b"\n"), first, types)
 
@@ -357,19 +368,38 @@ class CsvTable(Table):
                     blank = first + used
                 first += lines
 
+    def _parsed(self, content: bytes, types: dict[str, pa.DataType]) -> pa.RecordBatch:
+        """Rows of some lines; whole numbers may be written as 1.0, as pandas does where a cell was missing."""
+        try:
+            table = self._read(content, types)
+        except pa.ArrowException:
+            numbers = {name: _NUMBER if kind == _COUNT else kind for name, kind in types.items()}
+            table = self._read(content, numbers).cast(pa.schema([*types.items()]))
+        if len(table) != content.count(b"\n") + 1:
+            raise pa.ArrowInvalid("a blank line, or a line break within a cell")
+        return table.combine_chunks().to_batches()[0]
+
+    def _read(self, content: bytes, types: dict[str, pa.DataType]) -> pa.Table:
+        return pacsv.read_csv(
+            pa.BufferReader(b"\n%b\n" % content),  # no mark of a file's beginning is skipped, no open quote is closed
+            read_options=pacsv.ReadOptions(column_names=list(types), block_size=len(content) + 3),
+            parse_options=pacsv.ParseOptions(delimiter=self.separator),
+            convert_options=pacsv.ConvertOptions(column_types=types, null_values=[]),
+        )
+
     def _explain(self, lines: list[bytes], first: int, types: dict[str, pa.DataType]) -> NoReturn:
         """Say what is wrong with the first line that does not fit, which is found by halving."""
         low, high = 0, len(lines)
         while high - low > 1:
             middle = (low + high) // 2
             try:
-                _parsed(b"\n".join(lines[low:middle]), types)
+                self._parsed(b"\n".join(lines[low:middle]), types)
                 low = middle
             except pa.ArrowException:
                 high = middle
         where = f"{self.where} {first + low}"
         try:
-            cells = next(csv.reader([lines[low].decode().rstrip("\r")]), [])
+            cells = next(self._cells(lines[low].decode().rstrip("\r")), [])
         except (UnicodeDecodeError, csv.Error) as e:
             raise InputError(f"{where}: not a line of a CSV file in UTF-8 ({plain(e)}); correct it") from e
         if len(cells) != len(types):
@@ -379,19 +409,9 @@ class CsvTable(Table):
             )
         for cell, (name, kind) in zip(cells, types.items(), strict=True):
             try:
-                pa.scalar(cell.strip(" \t")).cast(kind)
+                value = pa.scalar(cell.strip(" \t"))
+                (value.cast(_NUMBER) if kind == _COUNT else value).cast(kind)
             except pa.ArrowException:
                 reason = f"{quoted(cell)}, not {_KINDS.get(kind, 'text')}"
                 raise InputError(f"{where}: {short(name)} is {reason}; correct the cell") from None
         raise InputError(f"{where}: cannot be read as CSV; check quotes and line ends")
-
-
-def _parsed(content: bytes, types: dict[str, pa.DataType]) -> pa.RecordBatch:
-    table = pacsv.read_csv(
-        pa.BufferReader(b"\n%b\n" % content),  # no mark of a file's beginning is skipped, no open quote is closed
-        read_options=pacsv.ReadOptions(column_names=list(types), block_size=len(content) + 3),
-        convert_options=pacsv.ConvertOptions(column_types=types, null_values=[]),
-    )
-    if len(table) != content.count(b"\n") + 1:
-        raise pa.ArrowInvalid("a blank line, or a line break within a cell")
-    return table.combine_chunks().to_batches()[0]
