@@ -109,20 +109,12 @@ class Recipe(MostProbable):
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Forwarded to the wrapped system; refuses copies that need more memory than there is."""
-        self.check_copies(X)
-        contract.check_training(self.system, X, y)
-
-    def check_copies(self, X: Corpus) -> None:
-        """Refuse damaged copies that need more memory than there is.
-
-        Raises:
-            InputError: they do.
-        """
         values = int(X.lengths.sum()) * X.grid[0] * X.grid[1]
         for name, copies in (("copies", self.copies if self.faults else 0), ("turns", self.turns)):
             if copies:
                 values *= copies + 1
                 ensure(f"model.{name}={copies}", storage(X)[0].itemsize * values)
+        contract.check_training(self.system, X, y)
 
     def steps(self) -> list[Step]:
         """The steps of captures before the system."""
@@ -147,11 +139,8 @@ class Recipe(MostProbable):
     def fit(self, X: Corpus, y: np.ndarray) -> Recipe:
         """Learn from captures and their class names."""
         system = self._fitted(X, np.asarray(y))
-        return self.around(system if self.bits == 32 else in_bits(system, self.bits), X)
-
-    def around(self, system: contract.System, X: Corpus) -> Recipe:
-        """Wrap a system that was fitted to captures after the training steps."""
-        self.system_, self.classes_ = system, system.classes_
+        self.system_ = system if self.bits == 32 else in_bits(system, self.bits)
+        self.classes_ = system.classes_
         if self.window:
             self.window_ = Windows(self.window, self.hop).lengths(X.rate_hz)[0]
         elif (frames := contract.frames_at_once(self.system_, sys.maxsize)) < sys.maxsize:
