@@ -106,7 +106,9 @@ def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
     if "+" in name:
         return _together(name)
     if name == "synth":
-        return _synthetic(parameters)
+        from bench.corpora import synth
+
+        return generated(synth.generate, parameters, synth)
     return gestures_of(stored_value(name))
 
 
@@ -205,12 +207,6 @@ def _arguments(kind: str, reader: Callable, options: dict[str, str], source: Pat
             raise InputError(f"{plain(source, 160)}: there is no such file; give the path of a file")
         raise InputError(f"format {kind} also needs {', '.join(f'{k}=' for k in missing)}")
     return arguments
-
-
-def _synthetic(parameters: dict[str, Any]) -> Corpus:
-    from bench.corpora import synth
-
-    return generated(synth.generate, parameters, synth)
 
 
 def generated(make: Callable[..., Corpus], parameters: dict[str, Any], *code: ModuleType) -> Corpus:

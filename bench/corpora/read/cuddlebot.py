@@ -27,11 +27,8 @@ _BROKEN = "not a readable archive ({}); get it again"
 def read(path: Path) -> Corpus:
     """Read the recordings from a folder, or from a tar or zip archive of it.
 
-    Each repetition is a capture. Pressure is 1023 less the stored value.
-
-    Returns:
-        uint16 frames 10 x 10; subject, gesture, cover (``cover``, ``none``), motion (of the robot: ``dynamic``,
-        ``static``), repetition.
+    Each repetition is a capture. Pressure is 1023 less the stored value. Conditions are cover, motion of the robot and
+    repetition.
 
     Raises:
         InputError: there is no such file, or one is broken; the message names it.
@@ -51,20 +48,15 @@ def read(path: Path) -> Corpus:
             arrays.append(part)
             rows.append((str(int(who)), gesture, cover, motion, str(repetition)))
     captures = pd.DataFrame(rows, columns=["subject", "gesture", "cover", "motion", "repetition"])
+    here = {"captures": len(captures), "files": len(seen), "subjects": captures["subject"].nunique()}
     info = {
         "source": f"{plain(path.name, 200)}; CuddleBot recordings, lauracang/ICMI15. Whether people also took part in "
         "HAART is not known",
         "licence": "none stated by its authors",
         "synthetic": False,
-        "warnings": differences(captures, len(seen)),
+        "warnings": deviations([(name, here[name], published) for name, published in PUBLISHED.items()]),
     }
     return Corpus.from_captures(arrays, captures, RATE_HZ, full_scale=FULL_SCALE, name="cuddlebot", info=info)
-
-
-def differences(captures: pd.DataFrame, files: int) -> list[str]:
-    """Differences from the published recordings, one sentence per figure."""
-    here = {"captures": len(captures), "files": files, "subjects": captures["subject"].nunique()}
-    return deviations([(name, here[name], published) for name, published in PUBLISHED.items()])
 
 
 def _recording(name: str) -> re.Match | None:

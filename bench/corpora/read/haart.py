@@ -31,10 +31,7 @@ _BROKEN = "not a readable zip file ({}); get it again"
 
 
 def read(path: Path) -> Corpus:
-    """Read the release as a zip file, or as a folder with its two CSV files.
-
-    Returns:
-        uint16 frames 8 x 8; subject (participant number), gesture, substrate, cover, split (the 2015 challenge's).
+    """Read the release as a zip file, or as a folder with its two CSV files; ``split`` is the 2015 challenge's.
 
     Raises:
         InputError: a file is missing or broken; the message names the line.

@@ -55,17 +55,10 @@ def checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.n
 
 
 def check(values: np.ndarray, full_scale: float, where: str, first: int = 1, names: Sequence[str] = ()) -> None:
-    """Refuse values that are not within 0 and the full scale, and whole numbers that float32 would change.
+    """Refuse values [rows, columns] outside 0 to the full scale, and whole numbers that float32 would change.
 
-    Args:
-        values: numbers [rows, columns] of any type.
-        full_scale: the largest value allowed.
-        where: the file and the word for a row in messages: ``my.csv, line``.
-        first: number of the first row in the file.
-        names: names of the columns; the default is channel numbers from 1.
-
-    Raises:
-        InputError: the first of these values.
+    In messages ``where`` is the file and the word for a row, ``first`` the number of the first one; columns without
+    names are channels from 1.
     """
     wrong = _unfit(values, highest_of(full_scale))
     if wrong.any():

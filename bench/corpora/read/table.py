@@ -256,7 +256,9 @@ def _arrays(path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale
         )
     if size is not None and frames.shape[1:] != size:
         raise InputError(f"{name}: frames are {frames.shape[1]}x{frames.shape[2]}, grid= says {size[0]}x{size[1]}")
-    if offsets.ndim != 1 or len(offsets) < 2 or offsets.dtype.kind not in "iu" or not _rise(offsets, len(frames)):
+    whole = offsets.ndim == 1 and len(offsets) > 1 and offsets.dtype.kind in "iu"
+    # Each is compared with the next, as differences may wrap.
+    if not (whole and offsets[0] == 0 and offsets[-1] == len(frames) and (offsets[1:] > offsets[:-1]).all()):
         raise InputError(f"{name}: offsets must rise from 0 to {len(frames)}, one more of them than captures")
     if wrong := [n for n, a in arrays.items() if a.shape != (len(offsets) - 1,)]:
         shape = plain(arrays[wrong[0]].shape)
@@ -284,11 +286,6 @@ def _members(path: Path) -> dict[str, np.ndarray]:
                     raise ValueError(f"{plain(member.filename, 40)} is not of the size that its header says")
             arrays[member.filename.removesuffix(".npy")] = array.astype(array.dtype.newbyteorder("="), copy=False)
     return arrays
-
-
-def _rise(offsets: np.ndarray, total: int) -> bool:
-    """Whether offsets rise from 0 to the number of all frames, each compared with the next, as differences may wrap."""
-    return offsets[0] == 0 and offsets[-1] == total and bool((offsets[1:] > offsets[:-1]).all())
 
 
 def _condition(array: np.ndarray, column: str, name: str) -> np.ndarray | pd.Categorical:
