@@ -41,7 +41,7 @@ def _filled(template: str | Path, form: str, values: dict[str, object]) -> str:
     env = environment(ROOM / "templates", Path(template).parent, html=form == "html")
     count = itertools.count(1)
     env.globals |= {"form": form, "next_number": lambda: next(count)}
-    env.filters |= {"anchor": anchor, "md": md_escape, "code": _code, "svg": inline_svg}
+    env.filters |= {"anchor": slug, "md": md_escape, "code": _code, "svg": inline_svg}
     env.filters["sentence"] = _sentence
     return env.get_template(Path(template).name).render(values)
 
@@ -53,9 +53,9 @@ def _sentence(context: EvalContext, text: str) -> str:
     return Markup(line) if context.autoescape and isinstance(text, Markup) else line
 
 
-def anchor(text: str) -> str:
-    """A heading's id."""
-    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
+def slug(text: str, most: int = 48) -> str:
+    """Words for the name of a file, or of a place on the page."""
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:most].strip("-")
 
 
 def md_escape(text: object) -> str:

@@ -43,7 +43,7 @@ def rankings(groups: Mapping[str, Sequence[Result]]) -> dict[str, pd.DataFrame]:
         if first["protocol_name"] == "loso" and "+" not in first["data"] and not first.get("touchbench.changes"):
             sets.setdefault(tuple(str(first[tag]) for tag in SAME), []).append((name, results))
     found = {}
-    for _, members in sorted(sets.items()):
+    for _, members in sorted((key, each) for key, each in sets.items() if len({r[0]["data"] for _, r in each}) > 1):
         chosen: dict[str, str] = {}
         tables: dict[str, pd.DataFrame] = {}
         for name, results in members:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -28,7 +27,7 @@ from bench.reports.contexts import listed, noted
 from bench.reports.details import pictures
 from bench.reports.figures import save
 from bench.reports.latex import latex, papers, sheet, side_by_side
-from bench.reports.layout import markdown, page
+from bench.reports.layout import markdown, page, slug
 from bench.reports.new_person import gained, new_person_section
 from bench.reports.papers import against as beside_papers
 from bench.reports.papers import published_section
@@ -215,8 +214,3 @@ def unmeasured(results: Sequence[Result], arguments: str) -> list[tuple[str, str
     held = {view.key for view, _ in shown(results)}
     words = repeated(arguments, impersonal=True)
     return [(typed(name, words), one.summary) for name, one in makers().items() if one.makes not in held]
-
-
-def slug(text: str, most: int = 48) -> str:
-    """Words for the name of a file."""
-    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:most].strip("-")

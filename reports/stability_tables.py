@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.reports.contexts import noted
 from bench.reports.fault_curves import draw
-from bench.reports.layout import markdown
+from bench.reports.layout import markdown, slug
 from bench.result import Result
 from bench.sentences import sentences
 from bench.table import Table, of_text, rows_of, write_sheet
@@ -54,7 +53,7 @@ def write_all(results: Sequence[Result], out: Path) -> list[str]:
     for members in groups.values():
         folder, title = out, ", ".join(members[0].context)
         if len(groups) > 1:
-            name = re.sub(r"[^A-Za-z0-9]+", "-", " ".join(members[0].context)).strip("-").lower()
+            name = slug(" ".join(members[0].context), 200)
             folder = out / name if out / name not in lines else out / f"{name}-{len(lines) + 1}"
         try:
             write(members, folder)
