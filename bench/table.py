@@ -34,8 +34,6 @@ class Table:
         bold: numbers of highlighted rows.
         remarks: footnotes of each row; equal remarks share a number.
         groups: heading of each row, shared with its neighbours.
-        away: True for each row that is hidden until its switch is on.
-        switch: the words of that switch.
         drawn: key of the measure whose intervals the page draws in its rows; empty for none.
     """
 
@@ -45,8 +43,6 @@ class Table:
     bold: Collection[int] = ()
     remarks: list[list[str]] = field(default_factory=list)
     groups: list[str] = field(default_factory=list)
-    away: list[bool] = field(default_factory=list)
-    switch: str = ""
     drawn: str = ""
 
     def __len__(self) -> int:
@@ -93,18 +89,13 @@ class Table:
         return list(dict.fromkeys(note for row in self.remarks for note in row))
 
     @cached_property
-    def shown_notes(self) -> set[int]:
-        """Numbers of the footnotes of rows that need no switch."""
-        return {mark for line in self.lines if not line["away"] for mark in line["marks"]}
-
-    @cached_property
     def lines(self) -> list[dict[str, Any]]:
-        """Each row for templates: its cells by heading, its group, the numbers of its footnotes, whether it is away."""
+        """Each row for templates: its cells by heading, its group, the numbers of its footnotes."""
         n = len(self.rows)
-        remarks, groups, away = self.remarks or [[]] * n, self.groups or [""] * n, self.away or [False] * n
+        remarks, groups = self.remarks or [[]] * n, self.groups or [""] * n
         marks = [[self.notes.index(note) + 1 for note in row] for row in remarks]
-        names = ("cells", "group", "marks", "away")
-        return [dict(zip(names, row, strict=True)) for row in zip(self.texts, groups, marks, away, strict=True)]
+        names = ("cells", "group", "marks")
+        return [dict(zip(names, row, strict=True)) for row in zip(self.texts, groups, marks, strict=True)]
 
     def print(self, out: Console) -> None:
         """Print it so that it fits; headings of columns without room follow below it."""

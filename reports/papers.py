@@ -146,30 +146,26 @@ def _interval(run: Result, prefix: str, metric: str) -> tuple[float, float]:
 
 
 def published_section(beside: pd.DataFrame) -> dict[str, object]:
-    """Every published number beside ours; numbers on corpora that nothing is tracked on wait behind a switch."""
-    ends = {"low": "ours_low", "high": "ours_high"}
-    rows = [
-        row | {"away": row["verdict"] == "data not here", "words": _unit(row)}
-        for row in rows_of(beside.rename(columns=ends))
-    ]
-    order = {on: i for i, on in reversed([*enumerate(tuple(row[k] for k in ("away", *SHARED)) for row in rows)])}
-    rows.sort(key=lambda row: (row["away"], row["data"], order[tuple(row[k] for k in ("away", *SHARED))]))
-    elsewhere = [NAMES.get(name, name) for name in sorted({row["data"] for row in rows if row["away"]})]
+    """Every published number beside ours; those on corpora that nothing is tracked on are a closed table."""
+    table = beside.rename(columns={"low": "ours_low", "high": "ours_high"})
+    table = table.assign(words=[_unit(row) for row in rows_of(table)], away=table["verdict"] == "data not here")
+    table["place"] = table.groupby(["away", *SHARED], sort=False, dropna=False).ngroup()
+    rows = rows_of(table.sort_values(["data", "place"], kind="stable"))
+    elsewhere = sorted({NAMES.get(row["data"], row["data"]) for row in rows if row["away"]})
     have = "have" if len(elsewhere) > 1 else "has"
-    switch = f"Also show the {sum(row['away'] for row in rows)} published numbers on {{}}, which {have} no runs here"
     return {
-        "table": Table(
-            COLUMNS,
-            rows,
-            remarks=[row["note"].split("\n") if row["note"] else [] for row in rows],
-            groups=[_on(row) for row in rows],
-            away=[row["away"] for row in rows],
-            switch=switch.format(listed(elsewhere)) if elsewhere else "",
-        ),
+        "here": _shown([row for row in rows if not row["away"]]),
+        "away": _shown([row for row in rows if row["away"]]),
+        "elsewhere": f"published numbers on {listed(elsewhere)}, which {have} no runs here" if elsewhere else "",
         "counts": beside.loc[beside["ours"].notna(), "verdict"].value_counts().to_dict(),
         "few": int((beside["subjects"] < few.INTERVAL).sum()),
         "haart": any(row["data"] == "haart" and not row["away"] for row in rows),
     }
+
+
+def _shown(rows: Sequence[Row]) -> Table:
+    remarks = [row["note"].split("\n") if row["note"] else [] for row in rows]
+    return Table(COLUMNS, rows, remarks=remarks, groups=[_on(row) for row in rows])
 
 
 def _unit(row: Row) -> str:

@@ -47,11 +47,12 @@ def test_which_run_stands_beside_which_number():
         assert table.loc[name, "verdict"] == verdict and note in table.loc[name, "note"], name
     assert np.isfinite(table.loc["hughes2017-haart-ae-rnn", "ours"])  # a vote where there is one decision a capture
     section = reproduction.published_section(table.reset_index())
-    printed = [row["ours % [95 %]"] for row in section["table"].texts if row["system"].startswith("Ta et al. 2015")]
+    printed = [row["ours % [95 %]"] for row in section["here"].texts if row["system"].startswith("Ta et al. 2015")]
     assert [*filter("-".__ne__, printed)] == [f"{r.ours:.1f}" for r in ours.itertuples()]  # of three subjects
-    few = [row["verdict"] for row in section["table"].texts if row["subjects"] == "3"]
+    few = [row["verdict"] for row in section["here"].texts if row["subjects"] == "3"]
     assert few == ["3 subjects: too few for an interval"] * len(few) and few
     assert sum(section["counts"].values()) == table["ours"].notna().sum() and section["few"] == 3 and section["haart"]
+    assert len(section["here"]) + len(section["away"]) == len(table) and "CoST, which has no" in section["elsewhere"]
     shown = comparison(grouped(results), papers).groupby(["data", "system"])["published"].agg(set)
     assert shown[("haart", "ta2015_rf")] == {"70.91 (capture, ta2015-haart-test)"}
     assert shown[("synth (synthetic)", "ta2015_rf")] == {""} == shown[("haart", "hughes2017_cnn[epochs=3]")]
