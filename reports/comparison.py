@@ -43,10 +43,7 @@ def published() -> pd.DataFrame:
 
 
 def comparison(
-    groups: Mapping[str, Sequence[Result]],
-    papers: pd.DataFrame,
-    against: str = "",
-    before: Mapping[str, Tested] | None = None,
+    groups: Mapping[str, Sequence[Result]], against: str = "", before: Mapping[str, Tested] | None = None
 ) -> pd.DataFrame:
     """Table with a row per run and way to score it, best first within each data, subset, protocol and unit.
 
@@ -56,7 +53,7 @@ def comparison(
     and statistics of groups that are known before.
     """
     rows: list[Row] = []
-    numbers = {key: list(part.itertuples()) for key, part in papers.groupby(SAME)}
+    numbers = {key: list(part.itertuples()) for key, part in published().groupby(SAME)}
     for group, results in groups.items():
         tests = _tests(results, against, (before or {}).get(group))
         first = dict(zip(CONTEXT, (*results[0].context, group), strict=True))

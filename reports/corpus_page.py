@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.corpora.survey import DURATIONS, PRESSURE, Survey
-from bench.reports.figures import SYNTHETIC, Picture, new_figure, plain, save, short
+from bench.reports.figures import SYNTHETIC, Picture, new_figure, plain, save
 from bench.reports.layout import page
 from bench.table import Table, of_text
 
@@ -98,7 +98,7 @@ def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
     most = max(float(means.max()), 1e-9)
     for ax in [*axes.flat][len(names) :]:
         ax.set_axis_off()
-    for ax, name, values in zip(axes.flat, plain(short(n, 20) for n in names), means, strict=False):
+    for ax, name, values in zip(axes.flat, plain(names, 20), means, strict=False):
         ax.set_box_aspect(panel[1] / panel[0])
         image = _frame(ax, values, most)
         ax.set_title(name, fontsize=8, pad=3)
@@ -140,7 +140,7 @@ def film_figure(found: Survey, group: str, folder: Path) -> Picture:
         if i == len(names) - 1:
             ax.set_xlabel("s", fontsize=7, labelpad=1)
         words = [f"capture {capture}", f"subject {corpus.subjects[position]}", f"colours 0 to {_value(most)}"]
-        name, *lines = plain([short(gesture, 19), *(short(w, 30) for w in words)])
+        (name,), lines = plain([gesture], 19), plain(words, 30)
         figure.text(0.12 / width, (bottom + high) / height, name, fontsize=9, va="top", weight="bold")
         figure.text(0.12 / width, (bottom + high - 0.2) / height, "\n".join(lines), va="top", color="0.35")
     caption = (

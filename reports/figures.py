@@ -84,7 +84,7 @@ def width_of(names: Iterable[str]) -> float:
 def save(figure: Figure, folder: Path, name: str, group: str, caption: str) -> Picture:
     """Write a figure as SVG, all its text in one size; generated captures are marked on it."""
     if "(synthetic)" in group:
-        mark(figure)
+        figure.text(0.995, 0.004, SYNTHETIC, color="0.4", ha="right", va="bottom", style="italic")
         caption = f"{caption} Synthetic: {SYNTHETIC}."
     picture = Picture(name, caption, folder)
     in_one_size(figure)
@@ -99,7 +99,8 @@ def write_svg(figure: Figure, path: Path) -> None:
     """Write a figure as SVG with its text as text; drawn again, it is the same file, with names of its own."""
     import matplotlib
 
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": path.stem}):
+    one_font = {"svg.fonttype": "none", "font.sans-serif": ["DejaVu Sans"]}
+    with matplotlib.rc_context(one_font | {"svg.hashsalt": path.stem}):
         figure.savefig(path, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
 
 
@@ -133,11 +134,6 @@ def log_ticks(axis: Axis, subs: tuple[int, ...] = (1, 2, 5)) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def mark(figure: Figure) -> None:
-    """Mark a figure of generated captures."""
-    figure.text(0.995, 0.004, SYNTHETIC, fontsize=TEXT, color="0.4", ha="right", va="bottom", style="italic")
-
-
 def spread(values: np.ndarray, gap: float, low: float, high: float) -> np.ndarray:
     """Places for labels at rising ``values``: at least ``gap`` apart, within the limits, as near as can be."""
     steps = gap * np.arange(len(values))
@@ -145,11 +141,6 @@ def spread(values: np.ndarray, gap: float, low: float, high: float) -> np.ndarra
     return near.clip(low, max(low, high - steps[-1])) + steps
 
 
-def short(text: str, most: int = 44) -> str:
-    """A name that does not run out of its place."""
-    return text if len(text) <= most else text[: most - 1] + "…"
-
-
-def plain(names: Iterable[str]) -> list[str]:
-    """Names with dollar signs that matplotlib would take for formulas."""
-    return [short(n).replace("$", r"\$") for n in names]
+def plain(names: Iterable[str], most: int = 44) -> list[str]:
+    """Names that do not run out of their place, with dollar signs that matplotlib would take for formulas."""
+    return [(n if len(n) <= most else n[: most - 1] + "…").replace("$", r"\$") for n in names]

@@ -163,8 +163,8 @@ def csv_tables(
     of_views = {name: table for view, members in shown(results) for name, table in view.sheets(members).items()}
     tested = {group.name: (group.subjects, group.rows) for group in summaries}
     tables = {name: table for name, table in of_views.items() if len(table)} | {
-        "comparison": comparison(groups, published(), against, tested),
-        "published": beside_papers(published(), [r for members in groups.values() for r in members]),
+        "comparison": comparison(groups, against, tested),
+        "published": beside_papers([r for members in groups.values() for r in members]),
         "statistics": together({group.name: group.rows for group in summaries}),
         "pairs": together({group.name: group.pairs for group in summaries}),
         "ranking": together(ranked, [*over_corpora.COLUMNS, "group"]),

@@ -18,7 +18,7 @@ from bench.comparable import Row, facts_of, seed_number
 from bench.measures import NONE, Measure, known, text
 from bench.outcomes import statistics
 from bench.outcomes.frame import subject_accuracy
-from bench.reports.comparison import SAME
+from bench.reports.comparison import SAME, published
 from bench.reports.contexts import listed
 from bench.reports.details import macro_interval
 from bench.result import Result
@@ -41,12 +41,13 @@ PRINTED = {"accuracy": "published", "sd": "published_sd"}  # columns of the pape
 NOTHING = dict.fromkeys(("ours", "low", "high", "ours_sd", "subjects", "difference"), np.nan) | {"seed": ""}
 
 
-def against(papers: pd.DataFrame, results: Sequence[Result]) -> pd.DataFrame:
+def against(results: Sequence[Result]) -> pd.DataFrame:
     """Published numbers in percent, a row for each and each seed of ours; one without ours if there is none.
 
     Only complete runs of the very system count, with the parameters of the paper, on captures of people. ``note`` has
     a remark a line.
     """
+    papers = published()
     real, systems = [r for r in results if r["synthetic"] != "true"], {*papers["system"]}
     here = {r["data"] for r in real}
     same = [*(k.removesuffix("_key") for k in SAME[:-1]), "model_name"]

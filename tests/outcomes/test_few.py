@@ -8,7 +8,7 @@ from scipy import stats
 from bench import few, paired, scores
 from bench.measures import over_people
 from bench.outcomes import statistics
-from bench.reports.comparison import comparison, published
+from bench.reports.comparison import comparison
 from bench.resampling import ratio_interval
 from tests.results import evaluated, with_hits
 
@@ -44,7 +44,7 @@ def test_the_accuracy_that_users_see_is_the_mean_over_subjects_with_its_t_interv
     run = evaluated(predictions=table)
     ends = stats.t.interval(0.95, 4, each.mean(), stats.sem(each))
     assert over_people("accuracy").cell(run) == pytest.approx((each.mean(), ends[0], min(ends[1], 100)))
-    row = comparison({"g": [run]}, published()).iloc[0]
+    row = comparison({"g": [run]}).iloc[0]
     assert row[["accuracy", "low"]].tolist() == pytest.approx([each.mean(), ends[0]])
     assert row["pooled_accuracy"] == pytest.approx(100 * 72 / 112) != row["accuracy"]
     assert row["interval"] == "95 % t-interval over subjects" and row["subject_sd"] == pytest.approx(each.std(ddof=1))

@@ -17,7 +17,7 @@ CHALLENGE = {"data": "haart", "synthetic": "false", "protocol": "challenge"}
 def beside(*runs):
     """Results of systems on HAART, and the published numbers beside them."""
     results = [evaluated(system, predictions, **CHALLENGE | about) for system, predictions, about in runs]
-    return results, reproduction.against(published(), results).set_index("id")
+    return results, reproduction.against(results).set_index("id")
 
 
 def test_which_run_stands_beside_which_number():
@@ -53,7 +53,7 @@ def test_which_run_stands_beside_which_number():
     assert few == ["3 subjects: too few for an interval"] * len(few) and few
     assert sum(section["counts"].values()) == table["ours"].notna().sum() and section["few"] == 3 and section["haart"]
     assert len(section["here"]) + len(section["away"]) == len(table) and "CoST, which has no" in section["elsewhere"]
-    shown = comparison(grouped(results), papers).groupby(["data", "system"])["published"].agg(set)
+    shown = comparison(grouped(results)).groupby(["data", "system"])["published"].agg(set)
     assert shown[("haart", "ta2015_rf")] == {"70.91 (capture, ta2015-haart-test)"}
     assert shown[("synth (synthetic)", "ta2015_rf")] == {""} == shown[("haart", "hughes2017_cnn[epochs=3]")]
 
@@ -61,7 +61,7 @@ def test_which_run_stands_beside_which_number():
 @pytest.mark.parametrize("mark", [{"touchbench.depends_on_batch": "true"}, {"touchbench.conditions": "subject"}])
 def test_a_run_on_the_batch_or_on_conditions_is_no_published_system(mark):
     results, table = beside(("ta2015_rf", made_up(3), mark))
-    (shown,) = comparison(grouped(results), published()).itertuples()
+    (shown,) = comparison(grouped(results)).itertuples()
     assert shown.system == results[0].system != "ta2015_rf" and shown.published == ""
     row = table.loc["ta2015-haart-test"]
     assert row["verdict"] == "not run" and results[0].system in row["note"]
