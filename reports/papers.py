@@ -8,7 +8,6 @@ than that the two do not contradict each other.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.resources import files
 
 import numpy as np
 import pandas as pd
@@ -34,8 +33,9 @@ UNITS = {  # unit_key of published.csv: words, and prefix and name of the metric
     "window macro precision": ("windows, macro precision", "window_", "macro_precision"),
     "window macro recall": ("windows, macro recall", "window_", "macro_recall"),
 }
-PAPER = (
-    "id reference year data subset protocol unit unit_key features n_features classifier accuracy sd confidence system"
+PAPER = (  # columns of published.csv that published.csv of the report has, too
+    "id reference year data subset protocol unit unit_key features n_features classifier accuracy sd confidence system "
+    "table4 table4_sd"
 ).split()
 PRINTED = {"accuracy": "published", "sd": "published_sd"}  # columns of the papers' file that are called otherwise here
 NOTHING = dict.fromkeys(("ours", "low", "high", "ours_sd", "subjects", "difference"), np.nan) | {"seed": ""}
@@ -47,31 +47,21 @@ def against(results: Sequence[Result]) -> pd.DataFrame:
     Only complete runs of the very system count, with the parameters of the paper, on captures of people. ``note`` has
     a remark a line.
     """
-    papers = published()
-    real, systems = [r for r in results if r["synthetic"] != "true"], {*papers["system"]}
-    here = {r["data"] for r in real}
-    same = [*(k.removesuffix("_key") for k in SAME[:-1]), "model_name"]
+    real = sorted((r for r in results if r["synthetic"] != "true"), key=lambda r: seed_number(r["seed"]))
+    here, same = {r["data"] for r in real}, [*(k.removesuffix("_key") for k in SAME[:-1]), "model_name"]
     ours: dict[tuple, list[Result]] = {}
     for r in real:
-        if r["model_name"] in systems:
-            ours.setdefault(tuple(r[name] for name in same), []).append(r)
+        ours.setdefault(tuple(r[name] for name in same), []).append(r)
     rows = []
-    for paper, correction in zip(papers.itertuples(), corrections().reindex(papers["id"]).itertuples(), strict=True):
-        as_printed = {PRINTED.get(c, c): getattr(paper, c) for c in PAPER}
-        as_printed |= {"table4": correction.table4, "table4_sd": correction.table4_sd}
-        notes = [correction.correction] if isinstance(correction.correction, str) else []
-        runs_of = sorted(ours.get(tuple(getattr(paper, k) for k in SAME), []), key=lambda run: seed_number(run["seed"]))
-        measured = [m for run in runs_of if run.system == paper.system and (m := _measured(run, paper))]
-        others = sorted({run.system for run in runs_of} - {paper.system})
+    for paper in published().itertuples():
+        runs = ours.get(tuple(getattr(paper, k) for k in SAME), [])
+        measured = [m for run in runs if run.system == paper.system and (m := _measured(run, paper))]
+        others = sorted({run.system for run in runs} - {paper.system})
+        as_printed = {PRINTED.get(c, c): getattr(paper, c) for c in PAPER} | NOTHING
+        notes = [paper.correction] if isinstance(paper.correction, str) else []  # of what the paper claims
         for each in measured or [_nothing(paper, here, others)]:
-            rows.append(as_printed | NOTHING | each | {"note": "\n".join(notes + each["note"])})
+            rows.append(as_printed | each | {"note": "\n".join(notes + each["note"])})
     return pd.DataFrame(rows)
-
-
-def corrections() -> pd.DataFrame:
-    """Corrections by id of ``published.csv``: the number in CNN85's Table 4, its SD, and a remark on the claim."""
-    with (files("bench.reports") / "corrections.csv").open() as f:
-        return pd.read_csv(f, index_col="id")
 
 
 def verdict(published: float, low: float, high: float) -> str:
@@ -90,8 +80,7 @@ def _nothing(paper: object, here: set[str], others: list[str]) -> Row:
     if paper.data not in here:
         return {"verdict": "data not here", "note": []}
     if "other" in (paper.protocol_key, paper.unit_key):
-        why = ["Its protocol or unit is not published, so there is no comparison."]
-        return {"verdict": "not run", "note": why}
+        return {"verdict": "not run", "note": ["Its protocol or unit is not published, so there is no comparison."]}
     return {"verdict": "not run", "note": [f"Run with other parameters: {', '.join(others)}."] if others else []}
 
 
@@ -130,8 +119,7 @@ def _measured(run: Result, paper: object) -> Row | None:
 def _interval(run: Result, prefix: str, metric: str) -> tuple[float, float]:
     """In percent; as tracked, or from the run's predictions. NaN for a single subject, or where they are gone."""
     if metric == "subject_accuracy_mean":
-        values = subject_accuracy(run).to_numpy()
-        return statistics.interval(values)
+        return statistics.interval(subject_accuracy(run).to_numpy())
     if (prefix, metric) == ("", "accuracy"):
         return 100 * run.get("accuracy_low", np.nan), 100 * run.get("accuracy_high", np.nan)
     table = run.tables.get("predictions")
@@ -149,7 +137,10 @@ def _interval(run: Result, prefix: str, metric: str) -> tuple[float, float]:
 def published_section(beside: pd.DataFrame) -> dict[str, object]:
     """Every published number beside ours; those on corpora that nothing is tracked on are a closed table."""
     table = beside.rename(columns={"low": "ours_low", "high": "ours_high"})
-    table = table.assign(words=[_unit(row) for row in rows_of(table)], away=table["verdict"] == "data not here")
+    words = [
+        UNITS[key][0] if key in UNITS else unit for key, unit in zip(table["unit_key"], table["unit"], strict=True)
+    ]
+    table = table.assign(words=words, away=table["verdict"] == "data not here")
     table["place"] = table.groupby(["away", *SHARED], sort=False, dropna=False).ngroup()
     rows = rows_of(table.sort_values(["data", "place"], kind="stable"))
     elsewhere = sorted({NAMES.get(row["data"], row["data"]) for row in rows if row["away"]})
@@ -169,15 +160,11 @@ def _shown(rows: Sequence[Row]) -> Table:
     return Table(COLUMNS, rows, remarks=remarks, groups=[_on(row) for row in rows])
 
 
-def _unit(row: Row) -> str:
-    return UNITS[row["unit_key"]][0] if row["unit_key"] in UNITS else row["unit"]
-
-
 def _on(row: Row) -> str:
     """Data, subset, protocol and unit of a published number, in words."""
-    parts = {"subset": row["subset"], "protocol": row["protocol"], "unit": row["words"]}
-    words = [f"{name} not published" if text == "unknown" else text for name, text in parts.items()]
-    return f"{NAMES.get(row['data'], row['data'])}: {'; '.join(words)}"
+    words = [f"{name} not published" if row[name] == "unknown" else row[name] for name in ("subset", "protocol")]
+    unit = "unit not published" if row["words"] == "unknown" else row["words"]
+    return f"{NAMES.get(row['data'], row['data'])}: {'; '.join([*words, unit])}"
 
 
 def _verdict(row: Row) -> str:
