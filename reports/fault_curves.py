@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.reports.figures import bars, look, write_svg
+from bench.reports.figures import look, write_svg
+from bench.reports.levels import drawn
 from bench.result import Result
 from bench.work.curves import clean_accuracy
 from bench.work.stability import learning
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 NAME = 36  # characters of a line of a method's name
 PANELS = 4  # side by side
-STYLE = {"markersize": 5, "linewidth": 1.4}
 
 
 def draw(results: Sequence[Result], folder: Path) -> None:
@@ -32,7 +28,9 @@ def draw(results: Sequence[Result], folder: Path) -> None:
         figures["heat_map"] = heat_map(losses, [clean_accuracy(r) for r in results], ", ".join(results[0].context))
         figures["severities"] = severities(results)
     if any("learning" in r.tables for r in results):
-        figures["training_subjects"] = training_subjects(results)
+        curves = [learning(r.tables["labels"]).rename(columns={"train_subjects": "level"}) for r in results]
+        lines = [(i, r.method, curve) for i, (r, curve) in enumerate(zip(results, curves, strict=True))]
+        figures["training_subjects"] = drawn("training subjects", lines, title=", ".join(results[0].context))
     for name, figure in figures.items():
         write_svg(figure, folder / f"stability_{name}.svg")
 
@@ -61,7 +59,7 @@ def heat_map(losses: pd.DataFrame, clean: list[float], context: str) -> Figure:
     ax.set_yticks(np.arange(methods - 1) + 0.5, minor=True)
     ax.grid(which="minor", color="white", linewidth=1.5)
     ax.tick_params(which="minor", length=0)
-    _name(figure, context, "Points of accuracy lost under each fault, mean over five severities")
+    figure.suptitle(f"Points of accuracy lost under each fault, mean over five severities\n{context}", fontsize=10)
     return figure
 
 
@@ -76,7 +74,7 @@ def severities(results: Sequence[Result]) -> Figure:
         for k, r in enumerate(results):
             part = r.tables["faults"].query("fault == @fault").sort_values("severity")
             accuracy = 100 * np.append(clean_accuracy(r), part["accuracy"])
-            ax.plot(np.append(0, part["severity"]), accuracy, label=r.method, **look(k), **STYLE)
+            ax.plot(np.append(0, part["severity"]), accuracy, label=r.method, **look(k), markersize=5, linewidth=1.4)
         ax.axhline(100 * results[0]["chance"], color="0.5", linewidth=0.8, linestyle=(0, (1, 2)))
         amounts = [text.partition(" ") for text in part["amount"]]
         ax.set_xticks(range(len(amounts) + 1), ["none", *(number for number, _, _ in amounts)], fontsize=8)
@@ -88,35 +86,9 @@ def severities(results: Sequence[Result]) -> Figure:
         ax.set_axis_off()
     for ax in axes[:, 0]:
         ax.set_ylabel("accuracy, %", fontsize=8)
-    _name(figure, ", ".join(results[0].context), "Accuracy under each fault; the dotted line is chance")
-    _legend(figure, axes[0, 0])
-    return figure
-
-
-def training_subjects(results: Sequence[Result]) -> Figure:
-    """Learning curve: accuracy against the number of training subjects, bars are intervals over tested subjects."""
-    figure = Figure(figsize=(7, 4.6), layout="constrained")
-    ax = figure.subplots()
-    for k, r in enumerate(results):
-        curve = learning(r.tables["labels"])
-        middle, low, high = (100 * curve[name].to_numpy() for name in ("accuracy", "low", "high"))
-        x = curve["train_subjects"] + 0.03 * (k - (len(results) - 1) / 2)  # aside, so that no bar hides another
-        ends = bars(middle, low, high)
-        ax.errorbar(x, middle, yerr=ends, capsize=3, elinewidth=0.8, label=r.method, **look(k), **STYLE)
-    ax.xaxis.get_major_locator().set_params(integer=True)
-    ax.set(xlabel="training subjects", ylabel="correctly classified captures, %")
-    ax.grid(alpha=0.3)
-    words = "Accuracy by number of training subjects, 95 % intervals over tested subjects"
-    _name(figure, ", ".join(results[0].context), words)
-    _legend(figure, ax)
-    return figure
-
-
-def _legend(figure: Figure, ax: Axes) -> None:
-    handles, labels = ax.get_legend_handles_labels()
+    words = "Accuracy under each fault; the dotted line is chance"
+    figure.suptitle(f"{words}\n{', '.join(results[0].context)}", fontsize=10)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
     columns = max(1, int(figure.get_figwidth() * 11 // (max(map(len, labels)) + 8)))
     figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, len(labels)), fontsize=8)
-
-
-def _name(figure: object, context: str, what: str) -> None:
-    figure.suptitle(f"{what}\n{context}", fontsize=10)
+    return figure

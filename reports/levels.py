@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.measures import text
@@ -32,16 +33,26 @@ def level_section(circumstance: Any, results: Sequence[Result], folder: Path) ->
 
 def levels(key: str, noun: str, results: Sequence[Result]) -> Figure:
     """Accuracy against the level, a line for each system and case."""
-    figure, axes = new_figure((8.5, 4.2), margins=(0.7, 2.6, 0.6, 0.25))
-    ax = axes[0, 0]
+    lines = []
     for i, r in enumerate(results):
         for case, curve in r.tables[key].groupby("case", sort=False):
-            curve = curve.sort_values("level")
-            middle, low, high = (100 * curve[name].to_numpy() for name in ("accuracy", "low", "high"))
-            name = r.method if case == key else f"{r.method}, {case}"
-            ends = bars(middle, low, high)
-            ax.errorbar(curve["level"], middle, yerr=ends, capsize=3, markersize=5, label=plain([name])[0], **look(i))
-        ax.axhline(100 * clean_accuracy(r), color=f"C{i % 10}", linewidth=0.8, linestyle=":")
+            lines.append((i, r.method if case == key else f"{r.method}, {case}", curve))
+    return drawn(noun, lines, [clean_accuracy(r) for r in results])
+
+
+def drawn(
+    noun: str, lines: Sequence[tuple[int, str, pd.DataFrame]], clean: Sequence[float] = (), title: str = ""
+) -> Figure:
+    """Curves by ``level`` with intervals, each with the number and the name of its system; clean accuracy is dotted."""
+    figure, axes = new_figure((8.5, 4.2), margins=(0.7, 2.6, 0.6, 0.35), title=title)
+    ax = axes[0, 0]
+    for i, name, curve in lines:
+        curve = curve.sort_values("level")
+        middle, low, high = (100 * curve[end].to_numpy() for end in ("accuracy", "low", "high"))
+        ends = bars(middle, low, high)
+        ax.errorbar(curve["level"], middle, yerr=ends, capsize=3, markersize=5, label=plain([name])[0], **look(i))
+    for i, accuracy in enumerate(clean):
+        ax.axhline(100 * accuracy, color=f"C{i % 10}", linewidth=0.8, linestyle=":")
     ax.set(xlabel=noun, ylabel="correctly classified captures, %")
     ax.grid(alpha=0.3)
     ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1), frameon=False)
