@@ -226,3 +226,15 @@ def test_make_check_is_strict_and_quiet(tmp_path):
     (folder / "touch.c").write_text(code.replace(right, "t->total[t->seen + LONGEST] = total;"))
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     assert done.returncode and "runtime error" in done.stderr
+
+
+@pytest.mark.skipif(bool(lacking("g++")), reason=lacking("g++"))
+def test_a_program_in_cpp_links_and_headers_take_no_plain_names(tmp_path):
+    folder = written(made("bayes", stopping=True), tmp_path)
+    Path("main.cpp").write_text('#include "touch.h"\nstatic touch_t t;\nint main() { return touch_init(&t); }\n')
+    printed(["gcc", "-c", f"{folder}/touch.c", "-o", "touch.o"])
+    printed(["g++", "-I", str(folder), "main.cpp", "touch.o", "-lm", "-o", "program"])
+    printed(["./program"])
+    headers = "".join(path.read_text() for path in folder.glob("*.h"))
+    names = re.findall(r"^(?:typedef .*|} )\b(\w+);$", headers, flags=re.MULTILINE)
+    assert names and all(name.startswith("touch_") for name in names)

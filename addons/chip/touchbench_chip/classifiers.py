@@ -212,7 +212,7 @@ def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
     }
     body += """    float *white = t->measured;
     for (int c = 0; c < {CLASSES}; c++) {{
-        const weight_t *row = {triangle} + c * (FEATURES * (FEATURES - 1) / 2);
+        const touch_weight_t *row = {triangle} + c * (FEATURES * (FEATURES - 1) / 2);
         float square = 0;
         for (int i = 0; i < FEATURES; row += i++) {{
             float sum = 0;

@@ -178,7 +178,7 @@ def _touch_state(d: dict[str, str]) -> list[str]:
     return [
         f"float before[{taxels}];  /* the last one */",
         f"float signals[{ring}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
-        f"part_t parts[{4 if early else 2}];  /* {halves} */",
+        f"touch_part_t parts[{4 if early else 2}];  /* {halves} */",
         f"float sum[{classes}]; int windows;  /* of decisions */",
         *([early_sum] if early else []),
         f"float series[{ring}], sorted[{ring}], centre[{ring}], taxels[{taxels}];  /* to work in */",
@@ -222,11 +222,11 @@ def _tables(chip: Chip, bits: int) -> str:
         if name in comments:
             lines.append(f"\n/* {comments[name]} */")
         lines.append(f"#define {name} {value}")
-    lines += ["", f"typedef {'int8_t' if bits == 8 else 'float'} weight_t;"]
+    lines += ["", f"typedef {'int8_t' if bits == 8 else 'float'} touch_weight_t;"]
     if any(name.endswith("_vectors") for name in arrays):
-        lines.append(f"typedef {'int16_t' if bits == 8 else 'float'} vector_t;")
+        lines.append(f"typedef {'int16_t' if bits == 8 else 'float'} touch_vector_t;")
     if any(name.endswith("_nodes") for name in arrays):
-        lines.append("typedef struct { int16_t feature; uint16_t right; float threshold; } node_t;")
+        lines.append("typedef struct { int16_t feature; uint16_t right; float threshold; } touch_node_t;")
     lines += [_array(name, values) for name, values in arrays.items()]
     return "/* Sizes, and what was learnt. */\n" + "\n".join(lines) + "\n"
 
@@ -240,7 +240,7 @@ def _array(name: str, values: np.ndarray) -> str:
     flat = values.ravel()
     if flat.dtype.names:
         cells = [f"{{{v['feature']}, {v['right']}, {number(v['threshold'])}}}" for v in flat]
-        kind = "node_t"
+        kind = "touch_node_t"
     elif flat.dtype.kind == "f":
         cells, kind = [number(v) for v in flat], "float"
     else:

@@ -184,7 +184,7 @@ def test_events_are_those_of_python(name, in_c):
         assert (changes["end"] == 0).all() and (changes["reported"] < changes["seen"]).all()
         labels += len(changes)
     assert len(expected) > 30 and labels > 0
-    assert ("sum_t sum[64]" in (watched.folder / "touch.h").read_text()) is (name in IN_STEPS)
+    assert ("touch_sum_t sum[64]" in (watched.folder / "touch.h").read_text()) is (name in IN_STEPS)
     assert (UNKNOWN in set(expected["label"])) is (name == "threshold")
 
 

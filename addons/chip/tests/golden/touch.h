@@ -4,6 +4,10 @@
 
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define TOUCH_ROWS 8
 #define TOUCH_COLS 8
 #define TOUCH_TAXELS 64
@@ -22,14 +26,14 @@
 typedef struct {
     int n;
     float mean[64], m2[64], most[64];
-} part_t;
+} touch_part_t;
 
 typedef struct {
     int seen;  /* frames */
     float frame[64];  /* this one, repaired */
     float before[64];  /* the last one */
     float signals[22][19];  /* of the last window, a ring */
-    part_t parts[2];  /* halves of the last window */
+    touch_part_t parts[2];  /* halves of the last window */
     float sum[14]; int windows;  /* of decisions */
     float series[22], sorted[22], centre[22], taxels[64];  /* to work in */
     float cosine[64], sine[64], power[32]; int points;  /* of spectra */
@@ -50,5 +54,9 @@ int touch_label(touch_t *t, float *probabilities, float *settled);
 
 /* What a class is called. */
 const char *touch_name(int label);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

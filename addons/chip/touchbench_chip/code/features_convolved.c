@@ -7,7 +7,7 @@ static void filtered(const touch_t *t, int filter, int time, float *map)
 {
     int frames = t->seen - time < KERNEL1_FRAMES ? t->seen - time : KERNEL1_FRAMES;
     for (int i = 0; i < MAP; i++) {
-        const weight_t *w = filters1 + filter * KERNEL1_FRAMES * KERNEL1_ROWS * KERNEL1_COLS;
+        const touch_weight_t *w = filters1 + filter * KERNEL1_FRAMES * KERNEL1_ROWS * KERNEL1_COLS;
         int corner = i / MAP_COLS * POOL1_ROWS * COLS + i % MAP_COLS * POOL1_COLS;
         float sum[POOL1_ROWS][POOL1_COLS] = {{0}}, most = -INFINITY;
         for (int k = 0; k < frames; k++)
@@ -32,7 +32,7 @@ static void added(touch_t *t, int filter, int window, int place, const float *ma
         for (int k = 0; k < KERNEL2_FRAMES; k++) {
             if (place - k < 0 || place - k >= SUM_FRAMES)
                 continue;
-            const weight_t *w = filters2 + ((g * FILTERS1 + filter) * KERNEL2_FRAMES + k) * KERNEL2_ROWS * KERNEL2_COLS;
+            const touch_weight_t *w = filters2 + ((g * FILTERS1 + filter) * KERNEL2_FRAMES + k) * KERNEL2_ROWS * KERNEL2_COLS;
             for (int down = 0; down < SUM_ROWS; down++)
                 for (int right = 0; right < SUM_COLS; right++) {
                     const float *x = map + down * MAP_COLS + right;

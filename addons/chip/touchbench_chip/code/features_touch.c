@@ -260,11 +260,11 @@ static void space(float *values, float *found)
 
 #if STEPPED
 /* What a taxel did over several parts: its mean (kind 0), SD (1) or largest value (2); in steps, so sums are exact. */
-static float over(const part_t *const *parts, int count, int kind, int i)
+static float over(const touch_part_t *const *parts, int count, int kind, int i)
 {
     uint64_t n = 0, sum = 0, squares = 0, most = 0;
     for (int k = 0; k < count; k++) {
-        const part_t *b = parts[k];
+        const touch_part_t *b = parts[k];
         n += (uint64_t)b->n;
         sum += b->n ? b->sum[i] : 0;
         squares += b->n ? b->squares[i] : 0;
@@ -275,25 +275,25 @@ static float over(const part_t *const *parts, int count, int kind, int i)
 }
 
 /* A frame of shares joins the sum of each taxel, that of its squares and its largest value. */
-static void join(part_t *part, const float *p)
+static void join(touch_part_t *part, const float *p)
 {
     part->n++;
     for (int i = 0; i < TAXELS; i++) {
         uint32_t reading = (uint32_t)(p[i] * STEPS + 0.5f);
-        part->sum[i] = (sum_t)(part->sum[i] + reading);
+        part->sum[i] = (touch_sum_t)(part->sum[i] + reading);
         part->squares[i] += reading * reading;
-        part->most[i] = reading > part->most[i] ? (most_t)reading : part->most[i];
+        part->most[i] = reading > part->most[i] ? (touch_most_t)reading : part->most[i];
     }
 }
 
-static void forget(part_t *part) { memset(part, 0, sizeof *part); }
+static void forget(touch_part_t *part) { memset(part, 0, sizeof *part); }
 #else
 /* What a taxel did over several parts that follow one another: its mean (kind 0), SD (1) or largest value (2). */
-static float over(const part_t *const *parts, int count, int kind, int i)
+static float over(const touch_part_t *const *parts, int count, int kind, int i)
 {
     float n = 0, mean = 0, m2 = 0, most = 0;
     for (int k = 0; k < count; k++) {
-        const part_t *b = parts[k];
+        const touch_part_t *b = parts[k];
         if (!b->n)
             continue;
         float second = (float)b->n, away = b->mean[i] - mean;
@@ -306,7 +306,7 @@ static float over(const part_t *const *parts, int count, int kind, int i)
 }
 
 /* A frame joins the mean, the squares about it and the largest value of each taxel (Welford). */
-static void join(part_t *part, const float *p)
+static void join(touch_part_t *part, const float *p)
 {
     part->n++;
     for (int i = 0; i < TAXELS; i++) {
@@ -317,7 +317,7 @@ static void join(part_t *part, const float *p)
     }
 }
 
-static void forget(part_t *part)
+static void forget(touch_part_t *part)
 {
     part->n = 0;
     for (int i = 0; i < TAXELS; i++)
@@ -326,7 +326,7 @@ static void forget(part_t *part)
 #endif
 
 /* Features of the last n frames; the parts hold what the taxels did in them. */
-static void features_of(touch_t *t, int n, const part_t *const *parts, int count)
+static void features_of(touch_t *t, int n, const touch_part_t *const *parts, int count)
 {
     float *found = t->features, *series = t->series, centre_variance[2] = {0, 0}, *next;
     int begin = t->seen - n;
@@ -382,7 +382,7 @@ static void features_of(touch_t *t, int n, const part_t *const *parts, int count
 }
 
 /* A frame joins the half of a window that it lies in; whether a window of that length ends with it. */
-static int halves(part_t *parts, const float *p, int at, int window, int hop)
+static int halves(touch_part_t *parts, const float *p, int at, int window, int hop)
 {
     if (window == 1) {
         forget(&parts[0]);
@@ -395,9 +395,9 @@ static int halves(part_t *parts, const float *p, int at, int window, int hop)
 }
 
 /* Features of the last n frames, which lie in two halves. */
-static void features_of_halves(touch_t *t, int n, const part_t *halves)
+static void features_of_halves(touch_t *t, int n, const touch_part_t *halves)
 {
-    const part_t *parts[] = {halves, halves + 1};
+    const touch_part_t *parts[] = {halves, halves + 1};
     features_of(t, n, parts, 2);
 }
 

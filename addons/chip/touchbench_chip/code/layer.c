@@ -1,5 +1,5 @@
 /* Outputs of a layer: weights [outputs][inputs], each row in steps of its own. */
-static void layer(const weight_t *weights, const float *step, const float *bias, int outputs, int inputs, const float *x,
+static void layer(const touch_weight_t *weights, const float *step, const float *bias, int outputs, int inputs, const float *x,
                   float *y)
 {
     for (int o = 0; o < outputs; o++) {

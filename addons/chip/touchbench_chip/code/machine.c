@@ -1,5 +1,5 @@
 /* Decision values of one class against another, from kernels with the support vectors, and the votes they make. */
-static void machine(int classes, int linear, float gamma, const float *z, const vector_t *vectors, const float *step,
+static void machine(int classes, int linear, float gamma, const float *z, const touch_vector_t *vectors, const float *step,
                     const float *dual, const float *intercept, const int *first, float *kernel, float *y)
 {
     float votes[CLASSES] = {0}, sure[CLASSES] = {0}; /* no function has more classes */

@@ -2,5 +2,5 @@
 typedef struct {
     int n;
     float mean[$TAXELS], m2[$TAXELS], most[$TAXELS];
-} part_t;
+} touch_part_t;
 

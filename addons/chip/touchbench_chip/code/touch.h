@@ -4,6 +4,10 @@
 
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 $public
 
 /* Return codes below 0. */
@@ -27,4 +31,8 @@ int touch_label(touch_t *t, float *probabilities, float *settled);
 /* What a class is called. */
 const char *touch_name(int label);
 $watch
+#ifdef __cplusplus
+}
+#endif
+
 #endif

@@ -68,7 +68,7 @@ class InC:
             ``counts``, ``is_refused``, ``is_saturated``; ``seen``, frames); C, with names of constants in braces.
         constants: groups of constants, each a comment, and numbers or C by name.
         frames: frames whose signals are kept in ``now.signals``, at least.
-        part: frames of a ``part_t``, at most.
+        part: frames of a ``touch_part_t``, at most.
         level: threshold that was learned.
         arrays: learned tables by name.
         deciders: pipelines on features, by the name of the C function that gives probabilities of their classes.

@@ -11,11 +11,11 @@ static sign_t sensed(touch_watch_t *w, const float *tick);
 
 #if TICK > 1
 /* What the taxels did in a tick joins what they did before (Chan, Golub and LeVeque). */
-static void join_tick(part_t *part, const part_t *tick)
+static void join_tick(touch_part_t *part, const touch_part_t *tick)
 {
 #if STEPPED
     for (int i = 0; i < TAXELS; i++) {
-        part->sum[i] = (sum_t)(part->sum[i] + tick->sum[i]);
+        part->sum[i] = (touch_sum_t)(part->sum[i] + tick->sum[i]);
         part->squares[i] += tick->squares[i];
         part->most[i] = part->most[i] > tick->most[i] ? part->most[i] : tick->most[i];
     }
@@ -45,7 +45,7 @@ static void join_last(touch_t *t)
 /* Probabilities of the gestures from the part, which ended so many frames ago; they count by its ticks. */
 static void name_part(touch_watch_t *w, int frames, float *proba)
 {
-    const part_t *part = w->now.parts;
+    const touch_part_t *part = w->now.parts;
     w->now.seen -= frames;
     features_of(&w->now, part->n, &part, 1);
     w->now.seen += frames;
