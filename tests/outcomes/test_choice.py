@@ -1,7 +1,5 @@
 """The choice among candidates against hand-made ones, and which results become candidates."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,7 +8,7 @@ from scipy.stats import ttest_rel
 from bench.candidate import Wish
 from bench.errors import InputError
 from bench.outcomes.candidates import PLAIN, Candidates, People, candidates, eligible
-from bench.outcomes.choice import decide, expectation, expected, reasons
+from bench.outcomes.choice import decide, expected, reasons
 from bench.outcomes.runs import NothingTracked, selected, without_runs
 from tests.results import evaluated, made_up, result, systems_of
 
@@ -83,18 +81,6 @@ def test_each_budget_has_its_price_and_what_binds():
     assert (predict.over, predict.unknown, predict.least, predict.without) == (1, 1, 0, None)
 
 
-def test_what_has_no_known_cost_is_compared_and_never_chosen():
-    rows, subjects = table([[90] * 4, [80] * 4, [70] * 4], flash=[np.nan, 5.0, 1.0])
-    choice = decide(rows, subjects, "flash", {}, None)
-    assert (choice.chosen, choice.best, choice.unranked) == (1, 1, [0])
-    assert list(choice.table.index) == [2, 1, 0] and choice.table["loss"][0] == -10
-    assert choice.table["verdict"][0] == "near the best, flash unknown" and "s0, 90.0 %" in words(choice)
-    none, subjects = table([[90] * 4], flash=[np.nan])
-    nothing = decide(none, subjects, "flash", {}, None)
-    assert nothing.chosen is None and nothing.table["verdict"][0] == "flash unknown"
-    assert "Nothing can be chosen" in words(nothing)
-
-
 def test_ties_and_one_subject():
     tied, subjects = table([[0.1, 0.2, 0.3, 0.0], [0.3, 0.2, 0.1, 0.0]], flash=[9.0, 1.0])  # sums differ by 1e-17
     choice = decide(tied, subjects, "flash", {}, None)
@@ -150,17 +136,6 @@ def test_each_person_is_left_out_of_the_choice_and_of_nothing_else(budgets):
             assert np.isnan(scores[person]) if other is None else scores[person] == among.people.scores[other, person]
             found += other not in (None, chosen)
     assert found and expected(people_of(0, subjects=4), 0, "flash", {}, None) is None
-
-
-def test_what_to_expect_is_the_mean_of_people_left_out_and_the_worst_person():
-    among = people_of(1)
-    scores = np.array([70.0, 80, 75, 85, 80, 90])
-    said = expectation(scores, among, 0)
-    assert said[0].startswith("Expect 80.0 % [72.6, 87.4] for new people")  # 80 +- 2.571 * 7.071 / sqrt(6)
-    own = among.subjects.loc[0]
-    assert f"subject {own.idxmin()}, has {own.min():.1f} %" in said[1]
-    assert "nothing fits" in expectation(np.array([*scores[:5], np.nan]), among, 0)[0]
-    assert expectation(None, among, 0) == [] == expectation(scores, among, None)
 
 
 # Which runs are candidates
@@ -235,16 +210,6 @@ def test_runs_on_the_newest_corpus_of_a_name_win():
     assert systems_of(kept) == ["lda"] and "2 older runs" in note and "aaaaaaaa" in note
     asked = {name: [results[0][name]] for name in ("corpus_digest", "protocol_label")}  # as the page asks
     assert systems(results, asked) == ["rf", "svm"]
-
-
-def test_what_results_share_depends_on_their_kind(monkeypatch):
-    late = SimpleNamespace(tag="late", alike={"late.share": ("the last {}", "")}, other="of another share")
-    kinds = {"cell": SimpleNamespace(tag="cell", alike={}, other=""), "late": late}
-    monkeypatch.setattr("bench.outcomes.candidates.run_views", lambda: kinds)
-    of = [("svm", "cell", ""), ("rf", "late", "0.5"), ("lda", "late", "0.25"), ("xgb", "cell", "")]
-    results = [run(system, **{"touchbench.kind": kind, "late.share": share}) for system, kind, share in of]
-    kept, (note,) = eligible(results, {})
-    assert sorted(systems_of(kept)) == ["lda", "svm", "xgb"] and "1 older run" in note and "of another share" in note
 
 
 def test_arguments_tell_protocols_apart():

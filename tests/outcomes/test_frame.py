@@ -1,13 +1,12 @@
 """The table of runs: what its rows are called, which may be compared, and their numbers."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import stats
 
 from bench.errors import InputError
 from bench.outcomes.frame import by_subject, frame, grouped, names, tables
-from tests.results import case, evaluated, made_up, result, under_stress, with_hits
+from tests.results import evaluated, made_up, result, with_hits
 
 DETECTORS = ("frames", "threshold")
 
@@ -68,16 +67,6 @@ def test_a_row_holds_what_a_run_is_and_its_numbers():
     assert row["parameters"] == "model.C=8.0" and row["name"] == row["system"] == "svm" and row["complete"]
     assert row["run_id"] == run["run_id"] and row["folds"] == "6/6" and row["data"] == "synth (synthetic)"
     assert not frame([evaluated("svm", failed=2)])["complete"][0] and frame([]).empty
-
-
-def test_a_row_for_each_case():
-    clean = pd.DataFrame({"fold": "1", "capture": range(4), "subject": [*"aabb"], "true": "pat", "predicted": "pat"})
-    clean = clean.assign(length=5, train_subjects=2, p_true=0.9)
-    harmed = clean.assign(predicted=["pat", "rub", "rub", "rub"])
-    labels = pd.concat([case(clean), case(harmed, "under", "noise", 1, "some noise")], ignore_index=True)
-    (row,) = frame([under_stress(labels)], cases=True).to_dict("records")
-    assert (row["circumstance"], row["case"], row["level"]) == ("under", "noise", 1)
-    assert (row["accuracy"], row["loss"], row["broken"]) == (25, 75, 3)
 
 
 def test_tables_of_runs_are_one_table():

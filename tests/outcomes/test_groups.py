@@ -10,10 +10,7 @@ from hypothesis import strategies as st
 
 import bench
 from bench.cli import main
-from bench.errors import InputError
-from bench.outcomes.groups import groupings, reactions
-from bench.outcomes.reactions import by_capture
-from bench.outcomes.scene import scene_of
+from bench.outcomes.groups import groupings
 from tests.reports.store import made_up, tracked_run, with_hits
 
 
@@ -82,14 +79,6 @@ def test_nothing_of_a_person_decides_on_the_groups_of_that_person(seed, counts):
     assert found["accuracy"].tolist() == pytest.approx(np.mean(expected, axis=0).tolist())
 
 
-def test_a_scene_with_the_pasted_groups_has_the_accuracy_of_the_table():
-    predictions = table(["ab ba ac bc cd", "ab ba ca dc", "ab ac dc"])
-    for row in groupings(predictions).to_dict("records"):  # all people have the same groups
-        scene = scene_of(tomllib.loads(reactions(row["grouping"])))
-        scores = scene.reactions.scores(by_capture(predictions, scene.reactions))
-        assert scores.mean() == pytest.approx(row["accuracy"])
-
-
 def test_the_command_uses_all_seeds_of_the_most_accurate_system(store, capsys):
     tracked_run(store, "lda", with_hits([12, 13, 14, 13, 13]))
     for seed, hits in enumerate(([16, 17, 18, 17, 17], [18, 17, 16, 17, 17])):
@@ -103,12 +92,3 @@ def test_the_command_uses_all_seeds_of_the_most_accurate_system(store, capsys):
     merged = found["grouping"][1]  # of three gestures, two are merged
     shown = text.partition("[reactions]\n")[2].partition("\n")[0]
     assert tomllib.loads(shown) == {"_".join(g): list(g) for g in merged if len(g) > 1}
-
-
-def test_what_is_not_stored_is_refused_in_one_line(store, capsys):
-    for arguments in ((), ("model.window=1",), ("by=ram",)):
-        assert main(["choose", "groups=yes", *arguments]) == 2
-        text = capsys.readouterr().err
-        assert text.startswith("bench: ") and text.count("\n") == 1
-    with pytest.raises(InputError, match="only one subject"):
-        groupings(table(["ab"]))

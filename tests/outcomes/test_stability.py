@@ -7,9 +7,8 @@ import pandas as pd
 import pytest
 from scipy.stats import binomtest
 
-from bench.reports.stability_tables import ranks, seeds, write
 from bench.work.curves import curve, unharmed
-from bench.work.stability import chance_of, flipped, half_margins, sliced, slices
+from bench.work.stability import chance_of, half_margins, sliced, slices
 from tests.results import under_stress
 
 WORDS = {"under": "fault"}
@@ -134,14 +133,6 @@ def test_groups_are_tested_in_each_circumstance_as_if_it_were_the_only_one():
     assert numbers["failing_slices"] == tables["slices"]["failing"].sum() > own["failing_slices"]
 
 
-def test_drawn_sign_flips_agree_with_a_t_test_for_many_subjects():
-    from scipy.stats import ttest_1samp
-
-    difference = np.random.default_rng(0).normal([[0.0], [-0.02], [0.03]], 0.1, (3, 31))
-    assert np.allclose(flipped(difference), ttest_1samp(difference, 0, axis=1, alternative="less").pvalue, atol=0.01)
-    assert flipped(np.full((1, 31), -1.0)) == 1 / 2**16  # the smallest there is
-
-
 def test_small_slices_of_weak_methods_that_could_never_fail_are_not_tested():
     """Twelve captures of six subjects, each right one time in five: even with none right the binomial p is 0.8^12."""
     rng = np.random.default_rng(0)
@@ -201,33 +192,6 @@ def test_where_half_of_the_margin_is_lost():
     assert half_margins(found, 0.9, 0.1)["loss"].iloc[0] == pytest.approx(0.38)
 
 
-def test_ranks_and_seeds_by_hand():
-    table = made_up(faults=("noise",))
-    right = table.assign(predicted=table["true"])
-    wrong = table.assign(predicted=np.where(table["case"] == "none", table["true"], "else"))
-    wrong.loc[(wrong["case"] == "none") & (wrong["capture"] % 2 == 0), "predicted"] = "else"
-    mid = table.assign(predicted=np.where(table["capture"] % 3 > 0, table["true"], "else"))
-    mid.loc[mid["case"] == "none", "predicted"] = "else"
-    methods = [under_stress(t, n) for n, t in (("best", right), ("frail", wrong), ("firm", mid))]
-    found = ranks(methods).set_index("fault")
-    assert found.loc["none", ["best", "frail", "firm"]].tolist() == [1, 2, 3]
-    assert found.loc["noise", ["best", "frail", "firm"]].tolist() == [1, 3, 2]
-    assert found.loc["noise", "kendall_tau"] == pytest.approx(1 / 3)  # two of three pairs keep their order
-    assert np.isnan(ranks(methods[:1])["kendall_tau"]).all()
-    seeded = [*methods, under_stress(mid, "best", seed="1")]
-    assert ranks(seeded).columns.tolist() == ["fault", "best", "frail", "firm", "kendall_tau"]
-    clean = ranks(seeded).set_index("fault").loc["none", ["best", "frail", "firm"]]
-    assert clean.tolist() == [1.5, 1.5, 3]  # all right and all wrong are half, as frail's every other one
-
-    again = right.copy()
-    changed = again.index[(again["case"] == "none")][:7]
-    again.loc[changed, "predicted"] = "else"
-    (row,) = seeds([under_stress(right), under_stress(again, seed="1")]).to_dict("records")
-    units = (table["case"] == "none").sum()
-    assert (row["changed"], row["captures"], row["seeds"]) == (7, units, "0, 1")
-    assert row["sd"] == pytest.approx(7 / units / np.sqrt(2)) and seeds(methods).empty
-
-
 def test_length_and_training_subjects():
     table = made_up(length=lambda rng: int(rng.integers(1, 200)))
     fewer = table[table["case"] == "none"].assign(train_subjects=3, predicted="else", circumstance="train_subjects")
@@ -244,11 +208,3 @@ def test_length_and_training_subjects():
     )
     assert one["chance"] == chance_of(units) == 0.25
     assert "frames" not in set(under_stress(made_up()).tables["conditions"]["factor"])
-
-
-@pytest.mark.parametrize("subjects", [1, 3])
-def test_everything_is_written_for_few_subjects_without_faults_and_marked_synthetic(subjects, tmp_path):
-    table = made_up(subjects=subjects, faults=()).assign(length=50)
-    write([under_stress(table, "svm[C=8 | x]")], tmp_path / "out")
-    assert len([*(tmp_path / "out").glob("*.csv")]) == 7
-    assert "(synthetic)" in (tmp_path / "out" / "stability.md").read_text()

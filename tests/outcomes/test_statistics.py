@@ -34,14 +34,6 @@ def test_signed_ranks_are_exact_with_and_without_ties(n):
     assert statistics.wilcoxon(tied) == pytest.approx(signed_rank_by_hand(tied))
 
 
-def test_signed_ranks_of_many_subjects_and_of_none_that_differ():
-    many = RNG.normal(0.3, 1, 40)
-    assert statistics.wilcoxon(many) == pytest.approx(stats.wilcoxon(many).pvalue)
-    assert statistics.wilcoxon(np.zeros(8)) == 1 and np.isnan(statistics.wilcoxon(np.ones(5)))
-    assert statistics.wilcoxon(np.array([0, 0, 0.1, 0, 0, 0])) == 1
-    assert statistics.wilcoxon(np.array([0.0, 0, 1, 2, 3, -4])) == 14 / 16  # zeros take no rank
-
-
 def test_nadeau_and_bengio_widen_the_variance_by_hand():
     d = np.array([1.0, 3.0, 2.0, 6.0])  # mean 3, variance 14 / 3
     low, high, p = statistics.nadeau_bengio(d, 1 / 3)
