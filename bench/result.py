@@ -21,30 +21,19 @@ SMALL = 1000  # rows of a table that stays in memory once it was read
 
 
 class Tables(Mapping[str, "pd.DataFrame"]):
-    """The tables of a run by name, such as ``predictions`` or ``per_subject``; each is read when it is asked for.
-
-    Args:
-        kept: tables in memory.
-        read: reads a table that is not in memory; None where there is none of its name.
-        missing: words behind ``<table> of``, for a table that is absent.
-        names: names of the tables that are not in memory.
-    """
+    """The tables of a run by name, such as ``predictions`` or ``per_subject``; each is read when it is asked for."""
 
     def __init__(
         self,
         kept: Mapping[str, pd.DataFrame],
-        read: Callable[[str], pd.DataFrame | None] = lambda name: None,
-        missing: str = "this run is missing; run it again",
-        names: Callable[[], Iterable[str]] = tuple,
+        read: Callable[[str], pd.DataFrame | None] = lambda name: None,  # None where there is none of its name
+        missing: str = "this run is missing; run it again",  # behind ``<table> of``
+        names: Callable[[], Iterable[str]] = tuple,  # of the tables that are not in memory
     ) -> None:
         self._kept, self._read, self.missing, self._names = dict(kept), read, missing, names
 
     def __getitem__(self, name: str) -> pd.DataFrame:
-        """A table.
-
-        Raises:
-            InputError: it is not there.
-        """
+        """A table; an `InputError` where it is not there."""
         table = self.get(name)
         if table is None:
             raise InputError(f"{name} of {self.missing}")

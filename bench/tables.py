@@ -28,16 +28,7 @@ def write_table(table: pd.DataFrame, path: Path | BinaryIO) -> None:
 
 
 def read_table(file: Path | BinaryIO, name: str, of: str = "this run") -> pd.DataFrame:
-    """A stored table.
-
-    Args:
-        file: its file.
-        name: name of the table.
-        of: the run in words, for messages.
-
-    Raises:
-        InputError: the file is damaged.
-    """
+    """A stored table of a run; an `InputError` where the file is damaged."""
     try:
         from pyarrow import parquet
 

@@ -97,18 +97,11 @@ class Reactions:
         return (100 * (1 - costs.groupby(labelled["subject"].astype(str)).mean())).rename_axis("subject")
 
 
-def mean_probabilities(predictions: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """``subject`` and ``true`` of each tested capture, and its mean probabilities, with a column for each class."""
-    groups = predictions.groupby(["fold", "capture"], sort=False)
-    classes = classes_of(predictions)
-    mean = groups[[PREFIX + c for c in classes]].mean().set_axis(classes, axis=1)
-    return groups[["subject", "true"]].first(), mean
-
-
 def by_capture(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
     """``subject``, ``true`` and the reaction ``taken`` for each tested capture, by mean probability."""
-    rows, mean = mean_probabilities(predictions)
-    return rows.assign(taken=reactions.decided(mean)).reset_index()
+    captures, classes = predictions.groupby(["fold", "capture"], sort=False), classes_of(predictions)
+    mean = captures[[PREFIX + c for c in classes]].mean().set_axis(classes, axis=1)
+    return captures[["subject", "true"]].first().assign(taken=reactions.decided(mean)).reset_index()
 
 
 def by_decision(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:

@@ -26,14 +26,9 @@ PAIRED = 12  # systems whose pairs stand in one matrix
 
 
 def friedman(subjects: pd.DataFrame) -> tuple[pd.Series, float]:
-    """Rank the systems within each subject and test whether they differ at all.
+    """Mean rank of each of three systems or more, best (1) first, and p of Friedman's test.
 
-    Args:
-        subjects: [systems, subjects], three systems and two subjects or more.
-
-    Returns:
-        Mean rank of each system, best (1) first, and p of Friedman's test, NaN if it is not defined or for too few
-        subjects.
+    p is NaN if it is not defined or for too few subjects.
     """
     subjects = subjects.round(9)
     with np.errstate(invalid="ignore", divide="ignore"):  # NaN where all systems are equal on every subject
@@ -61,7 +56,7 @@ def against_best(
 
     Args:
         subjects: accuracy in percent [systems, subjects], the best system first.
-        folds: accuracy in percent [systems, folds], if folds are not subjects.
+        folds: the same by fold, if folds are not subjects.
         test_over_train: tested by training captures of a fold, if folds share training captures; otherwise None.
         against: name of the system to compare with (`base_of`); empty for the best one.
 
@@ -93,15 +88,10 @@ def against_best(
 
 
 def paired(one: pd.Series, other: pd.Series) -> dict[str, float]:
-    """Two systems, paired over subjects.
+    """Two systems, paired over the same subjects in the same order, by accuracy in percent.
 
-    Args:
-        one: accuracy in percent [subjects].
-        other: the same of the other system, on the same subjects in the same order.
-
-    Returns:
-        ``difference`` (one minus other, mean over subjects, in points), its 95 % t-interval (``low``, ``high``), ``p``
-        of the two-sided Wilcoxon test, and the numbers of subjects that ``gain`` and ``lose`` with the first system.
+    ``difference`` (one minus other, mean over subjects, in points), its 95 % t-interval (``low``, ``high``), ``p`` of
+    the two-sided Wilcoxon test, and the numbers of subjects that ``gain`` and ``lose`` with the first system.
     """
     gained = (one - other).to_numpy(dtype=float).round(9)
     low, high = interval(gained)
@@ -110,11 +100,7 @@ def paired(one: pd.Series, other: pd.Series) -> dict[str, float]:
 
 
 def pairs(subjects: pd.DataFrame) -> pd.DataFrame:
-    """`paired` of every pair of systems: a row per pair, with ``system``, ``other`` and ``p_holm`` over all pairs.
-
-    Args:
-        subjects: accuracy in percent [systems, subjects].
-    """
+    """`paired` of every pair of systems: a row per pair, with ``system``, ``other`` and ``p_holm`` over all pairs."""
     rows = [
         {"system": a, "other": b, **paired(subjects.loc[a], subjects.loc[b])}
         for a, b in combinations(subjects.index, 2)
@@ -126,14 +112,8 @@ def pairs(subjects: pd.DataFrame) -> pd.DataFrame:
 def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[float, float, float]:
     """Corrected t-interval and p of a mean difference over folds that share training captures.
 
-    The variance is (1 / folds + tested / training captures) times that of the differences (Nadeau and Bengio 2003).
-
-    Args:
-        differences: one per fold.
-        test_over_train: tested by training captures.
-
-    Returns:
-        Low, high, p; NaN for fewer than two folds.
+    The variance is (1 / folds + tested / training captures) times that of the differences, one per fold (Nadeau and
+    Bengio 2003). NaN for fewer than two folds.
     """
     n = len(differences)
     if n < 2:
@@ -195,12 +175,7 @@ def rank_biserial(differences: np.ndarray) -> float:
 
 
 def least_p(subjects: int, comparisons: int) -> float:
-    """Smallest p that the two-sided signed rank test can reach after Holm's correction.
-
-    Args:
-        subjects: number of paired subjects.
-        comparisons: number of corrected tests.
-    """
+    """Smallest p that the two-sided signed rank test can reach after Holm's correction of so many comparisons."""
     return min(1.0, 2.0 ** (1 - subjects) * comparisons)
 
 
