@@ -281,9 +281,10 @@ def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
         )
     kinds, by_age = run_views(), sorted(results, key=lambda r: r["started"])
     newest = by_age[-1]
-    here = [r for r in by_age if alike(r, ["protocol"]) == alike(newest, ["protocol"])]
-    last = {r.kind: alike(r, kinds[r.kind].alike) for r in here}
-    kept = {r for r in here if alike(r, kinds[r.kind].alike) == last[r.kind]}
+    on_same = alike(newest, ["protocol"])
+    shares = {r: alike(r, kinds[r.kind].alike) for r in by_age if alike(r, ["protocol"]) == on_same}
+    last = {r.kind: shared for r, shared in shares.items()}
+    kept = {r for r, shared in shares.items() if shared == last[r.kind]}
     others = [r for r in results if r not in kept]
     told = {"others": len(others), "data": newest["data"]}
     told |= {"apart": [*dict.fromkeys(filter(None, (kinds[r.kind].other for r in others)))]}
