@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bench.candidate import Candidate, Losses, Wish
-from bench.comparable import CONDITIONS, alike, context_of, facts_of, seed_number
+from bench.comparable import CONDITIONS, alike, context_of, facts_of, seed_number, several
 from bench.errors import InputError
 from bench.measures import Interval, costs, costs_of
 from bench.outcomes.reactions import Reactions
@@ -213,19 +213,18 @@ def _losses(
     return lost
 
 
-def missing(table: pd.DataFrame, wanted: Collection[str], losses: Losses | None) -> dict[str, list[str]]:
-    """Commands that measure what is not stored, by cost."""
+def missing(table: pd.DataFrame, asked: Iterable[str], losses: Losses | None) -> dict[str, list[str]]:
+    """Commands that measure costs which are asked for and not stored, by what they measure, in words."""
+    lossy = [name for name, cost in costs().items() if cost.losses and losses is not None]
+    wanted = {cost.command: cost for cost in reversed([costs()[name] for name in (*asked, *lossy)]) if cost.command}
     commands: dict[str, list[str]] = {}
-    for name in wanted:
-        cost = costs()[name]
-        lacking = table[table[name].isna() & table["whole"] & (table["mark"] == "")]
-        if not cost.command or (cost.losses and losses is None):
-            continue
+    for cost in reversed(wanted.values()):  # the first of those that one command measures
         command, *more = cost.command.format(faults=",".join(losses.names if losses else ())).split()
         given = dict(word.split("=", 1) for word in more)
-        lines = [typed(command, repeated(t, impersonal=cost.losses) | given) for t in lacking["arguments"] if t]
+        lacking = table["arguments"][table[cost.key].isna() & table["whole"] & (table["mark"] == "")]
+        lines = dict.fromkeys(typed(command, repeated(text, cost.losses) | given) for text in lacking if text)
         if lines:
-            commands[name] = list(dict.fromkeys(lines))
+            commands[f"The {cost.noun} of {several(len(lines), 'system')}"] = [*lines]
     return commands
 
 

@@ -14,7 +14,7 @@ import pandas as pd
 
 from bench import few
 from bench.candidate import Losses, Wish
-from bench.comparable import MARKED, MIXED, Row, notes_on, several
+from bench.comparable import MARKED, MIXED, Row, notes_on
 from bench.errors import InputError
 from bench.measures import costs, costs_of
 from bench.outcomes.candidates import Candidates, candidates, missing
@@ -398,7 +398,7 @@ def choose(
         warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
     choice = decide(among.table, among.subjects, by, limits, margin)
     others = expected(among, choice.chosen, by, limits, margin)
-    lacking = _lacking(among, [by, *limits], scene)
+    lacking = missing(among.table, [by, *limits], scene.faults)
     return Chosen(choice, among, by, limits, margin, clock, scene, others, lacking, [*notes], why)
 
 
@@ -412,18 +412,6 @@ def _with_shots(shots: int, asked: Mapping[str, list[str]], study: str) -> Mappi
     if study:
         raise InputError(f"shots={shots}: bench {_command(study)} has no captures of a new person; leave shots out")
     return asked
-
-
-def _lacking(among: Candidates, asked: list[str], scene: Scene) -> dict[str, list[str]]:
-    """Commands that measure costs which are asked for and not stored, by what they measure."""
-    lossy = [name for name, cost in costs().items() if cost.losses]
-    wanted = [*dict.fromkeys([*asked, *lossy[: scene.faults is not None]])]
-    first = {costs()[name].command: name for name in reversed(lossy) if name in wanted}  # which measures all
-    wanted = [name for name in wanted if name not in lossy or first[costs()[name].command] == name]
-    return {
-        f"The {costs()[cost].noun} of {several(len(commands), 'system')}": commands
-        for cost, commands in missing(among.table, wanted, scene.faults).items()
-    }
 
 
 def _command(study: str) -> str:
