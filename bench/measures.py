@@ -393,11 +393,9 @@ def framed(measure: Measure) -> Measure:
 def run_columns() -> list[Measure]:
     """Columns of the tables of evaluations: of the terminal, the page, LaTeX and comparison.csv.
 
-    A new column is an entry here. `bench.reports.comparison.views` gives the rows, one for each way to score a run; a
-    number that the run tracks is read by its name.
+    A new column is an entry here; a number that the run tracks is read by its name.
     """
     page, csv, every = ("page",), ("csv",), OUTPUTS
-
     return [
         over_people("accuracy", "accuracy %", shows=every),
         percent("subject_sd", "SD", "subject_accuracy_sd", spare=11, shows=every),
@@ -415,10 +413,10 @@ def run_columns() -> list[Measure]:
         percent("window_accuracy", "window accuracy %", "window_subject_accuracy_mean", spare=13, shows=("terminal",)),
         Measure("fit_seconds", "fit s", form=".2f", spare=1, shows=("page", "latex", "csv")),
         Measure("predict_ms_p50", "predict ms", form=".2f", shows=("terminal", "latex", "csv")),
-        Measure("predict_ms_p95", shows=csv),
-        Measure("predict_wall_ms_p50", shows=csv),
-        Measure("fit_wall_seconds", shows=csv),
-        Measure("slowdown", shows=csv),
+        *(
+            Measure(name, shows=csv)
+            for name in ("predict_ms_p95", "predict_wall_ms_p50", "fit_wall_seconds", "slowdown")
+        ),
         *(cost for cost in OF_SYSTEMS if cost.shows),
         Measure("predict", "predict ms p50 / p95", ("predict_ms_p50", "predict_ms_p95"), ".2f", spare=1, shows=page),
         Measure("decision_ms", "decision ms", form=".0f", spare=1, shows=("page", "csv")),

@@ -1,4 +1,4 @@
-"""Results without running anything and without a store, as the commands would make them."""
+"""Results without running anything and without a store, as the commands would make them; ``about`` has further tags."""
 
 from itertools import count
 
@@ -49,16 +49,7 @@ def with_hits(hits, of=20):
 
 
 def result(system="svm", kind="cell", metrics=(), tables=None, failed=0, **about):
-    """A result of a kind of run with these numbers and tables.
-
-    Args:
-        system: name of the system.
-        kind: kind of the run.
-        metrics: numbers by name.
-        tables: tables by name.
-        failed: number of failed folds.
-        about: tags and parameters besides the usual ones; ``model_name`` and ``protocol_name`` are parameters.
-    """
+    """A result of a kind of run with these numbers and tables."""
     number = next(_started)
     usual = {
         "touchbench.kind": kind,
@@ -77,18 +68,7 @@ def result(system="svm", kind="cell", metrics=(), tables=None, failed=0, **about
 
 
 def evaluated(system="svm", predictions=None, failed=0, cost=1.0, kind="cell", metrics=(), tables=None, **about):
-    """A result of ``bench run`` with these predictions.
-
-    Args:
-        system: name of the system.
-        predictions: table of predictions, such as `made_up` gives.
-        failed: number of failed folds.
-        cost: factor of its times and sizes.
-        kind: another kind of run with such predictions.
-        metrics: numbers besides those of the predictions and the usual costs.
-        tables: tables besides those of the predictions, such as ``labels``.
-        about: tags and parameters besides the usual ones.
-    """
+    """A result of ``bench run`` with these predictions."""
     predictions = made_up(per_class=1) if predictions is None else predictions
     sizes = {"fit_seconds": 3.0, "parameters": 1000, "flash_bytes": 4000, "ram_bytes": 500, "peak_rss_bytes": 2e8}
     names = [*predictions["fold"].unique()]
@@ -121,13 +101,7 @@ def case(table, circumstance="", case="none", level=0, amount="", **columns):
 
 
 def under_stress(table, system="svm", **about):
-    """A result of ``bench stress`` with this table of labels, analysed as the run does.
-
-    Args:
-        table: columns of `bench.work.curves`.
-        system: name of the system.
-        about: tags and parameters besides the usual ones.
-    """
+    """A result of ``bench stress`` with this table of labels, analysed as the run does."""
     asked = {"labels": table}
     faulty, fewer = (table[table["circumstance"] == c.key] for c in (Faults, Subjects))
     circumstances = [Faults(tuple(dict.fromkeys(faulty["case"])))]
@@ -161,16 +135,7 @@ def stressed(system, accuracy, losses, more=(), tables=None, **about):
 
 
 def in_c(system="svm", predictions=None, bits=32, metrics=(), c=None, **about):
-    """A result of ``form=c``: labels in Python and, unless others are given, the same in C.
-
-    Args:
-        system: name of the system.
-        predictions: table of predictions in Python.
-        bits: bits per stored weight.
-        metrics: numbers besides accuracy.
-        c: table of predictions in C.
-        about: tags and parameters besides the usual ones.
-    """
+    """A result of ``form=c``: labels in Python and, unless others are given, the same in C."""
     predictions = made_up(per_class=1) if predictions is None else predictions
     c = predictions if c is None else c
     labelled = scores.captures(c)
