@@ -134,7 +134,8 @@ def printed(name: str, results: list[Result], keys: Sequence[str] = (), folder: 
     main = view(load("commands", name).makes)
     shown: list[tuple[View, Sequence[Result]]] = [(main, results)]
     if name == "run":
-        shown += [(view(key), [r for r in results if view(key).holds(r)]) for key in keys]
+        held = ((view(key), [r for r in results if view(key).holds(r)]) for key in keys)
+        shown += [(one, members) for one, members in held if members]  # a circumstance may have failed
     code = show(results, shown)
     if folder is not None:
         say(*main.write([r for r in results if r.scored and main.holds(r)], folder))

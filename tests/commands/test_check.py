@@ -84,9 +84,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
 
     copied(fails="raise RuntimeError('no')")
     assert main(gate) == 1
-    assert "not run  copied | synth* | loso: no complete current run; make one with: bench run model=copied" in (
-        capsys.readouterr().out
-    )
+    assert "not run  copied | synth* | loso: its folds fail: RuntimeError: no" in capsys.readouterr().out
     assert main([*gate, "update=true"]) == 1 and Path("here/b.json").read_text() == before
 
     copied()  # as it was: its run is found again, although a newer one is tracked
