@@ -1,6 +1,7 @@
 """What went wrong in use: each test is a kind of fault with a small input."""
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -111,6 +112,17 @@ def test_tables_as_other_programs_write_them_are_the_same_corpus(how, capsys):
         assert main([*recorded(**each), "grid=4x6", "rate_hz=50"]) == 0
         digests.append(capsys.readouterr().out.partition("digest ")[2][:16])
     assert digests[0] == digests[1]
+
+
+def test_a_corpus_comes_back_from_the_table_that_is_exported(capsys):
+    assert main([*recorded(), "grid=4x6", "rate_hz=50"]) == 0
+    for file in ("back.csv", "back.parquet"):
+        digest = capsys.readouterr().out.partition("digest ")[2][:16]
+        assert main(["data", "export", "rec", file]) == 0
+        *_, line = capsys.readouterr().out.splitlines()
+        assert main(shlex.split(line.removeprefix("next: bench "))) == 0
+        assert digest in (told := capsys.readouterr().out)
+        print(told)
 
 
 def test_files_that_a_system_names_are_part_of_its_key():

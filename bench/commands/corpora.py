@@ -17,6 +17,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.library import ASIDE, import_corpus, imported, left_out, open_corpus, stored_value, verify
 from bench.corpora.read.cost import write
 from bench.corpora.read.limits import briefly
+from bench.corpora.read.table import write_table
 from bench.corpora.survey import Survey
 from bench.errors import InputError
 from bench.plan.cells import corpus_variants
@@ -129,9 +130,10 @@ def check(name: str) -> int:
 
 
 def export(name: str, target: Path, values: dict[str, str]) -> int:
-    """Write a corpus in the format of CoST.csv."""
+    """Write a corpus in the format of CoST.csv, or as a table."""
     corpus = captures(name, {key: value for key, value in values.items() if key != "format"})
-    write(corpus, target)
+    cost = values.get("format", "cost" if name == "synth" or corpus.info.get("format") == "cost" else "table") == "cost"
+    (write if cost else write_table)(corpus, target)
     if line := left_out(corpus):
         say(line)
     kind = "synthetic " if corpus.synthetic else ""

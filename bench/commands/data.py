@@ -26,7 +26,7 @@ SHOW = (
     Option("target", "text", DEFAULTS["target"], "columns whose classes are also counted"),
     Option("out", "text", "look", "folder for figures and index.html, which shows them"),
 )
-EXPORT = (Option("format", "text", "cost", "file format, that of CoST.csv", ("cost",)),)
+EXPORT = (Option("format", "text", "", "file format: that of CoST.csv, or a table of any skin", ("cost", "table")),)
 COMMAND = Command(
     START,
     "list, import, show, verify and export corpora",

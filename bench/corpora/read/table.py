@@ -26,6 +26,7 @@ from bench.corpora.read.limits import (
 from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Rows, Table, without_categories, words_of
 from bench.corpora.read.sensor_values import checked
 from bench.errors import InputError
+from bench.scratch import replacing
 
 LABELS = ["subject", "gesture", "frame"]
 OURS = "ch"  # what saved systems call their channels: ch1, ch2, ...
@@ -56,6 +57,25 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
     size = size_of(grid) if grid else None
     corpus, warned = _file(path, size, rate_hz, full_scale, LABELS)
     return described(corpus, path, warned, "table")
+
+
+def write_table(corpus: Corpus, path: Path) -> None:
+    """Write captures as the table that `read` takes: CSV, or parquet where the name ends so.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    captures = corpus.captures.assign(**{SYNTHETIC: "true"} if corpus.synthetic else {})
+    table = captures.loc[captures.index.repeat(corpus.lengths)].reset_index(drop=True)
+    table["frame"] = np.concatenate([np.arange(length) for length in corpus.lengths])
+    frames = np.concatenate([*corpus]).reshape(len(table), -1)
+    channels = pd.DataFrame(frames, columns=[f"ch{i}" for i in range(1, frames.shape[1] + 1)])
+    table = pd.concat([table, channels], axis=1)
+    try:
+        with replacing(path) as beside:
+            table.to_parquet(beside, index=False) if path.suffix == ".parquet" else table.to_csv(beside, index=False)
+    except OSError as e:
+        raise InputError(f"{plain(path, 160)} cannot be written ({e.strerror or e}); choose another place") from e
 
 
 def check_scales(rate_hz: float, full_scale: float) -> None:
