@@ -17,15 +17,15 @@ from bench.candidate import Losses, Wish
 from bench.comparable import MARKED, MIXED, Row, notes_on
 from bench.errors import InputError
 from bench.measures import costs, costs_of
-from bench.outcomes.candidates import Candidates, candidates, missing
-from bench.outcomes.runs import without_runs
+from bench.outcomes.candidates import Candidates, candidates, missing, repeated
+from bench.outcomes.runs import NothingTracked, selected, without_runs
 from bench.outcomes.scene import EVERY, Scene
 from bench.paired import TOLERANCE, interval, mean_and_error, within_one_standard_error
 from bench.progress import warn
 from bench.registry import run_views
 from bench.sentences import sentences
 from bench.table import rows_of
-from bench.words import SMALL
+from bench.words import SMALL, typed
 
 SHOWN = 3  # commands that a sentence names
 BRIEF = 5  # sentences without why=yes, beside those on what else there is and what to type next
@@ -392,7 +392,10 @@ def choose(
         warn(f"warning: {part}: no run is stored")
     most = limits.get("decision", np.inf if by == "decision" else None)
     wish = Wish(scene.reactions, most, unit == "window")
-    among = candidates(results, asked, wish, clock=clock, batch=batch, study=study, losses=scene.faults)
+    try:
+        among = candidates(results, asked, wish, clock=clock, batch=batch, study=study, losses=scene.faults)
+    except NothingTracked as e:
+        raise NothingTracked(_unmeasured(results, asked, study, scene) or str(e)) from e
     processors = sorted(set(among.table["cpu"]))
     if "predict" in {by, *limits} and len(processors) > 1:
         warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
@@ -417,6 +420,21 @@ def _with_shots(shots: int, asked: Mapping[str, list[str]], study: str) -> Mappi
 def _command(study: str) -> str:
     """The command that makes runs of a study, or on captures."""
     return next(view.key for tag, view in run_views().items() if (tag if view.apart else "") == study)
+
+
+def _unmeasured(results: Sequence[Any], asked: Mapping[str, list[str]], study: str, scene: Scene) -> str:
+    """What is wrong with a scene and what measures it, of the stored runs on captures; empty without any."""
+    kept, kinds = selected(results, {"target": ["gesture"], **asked}), run_views()
+    runs = [r for r in kept if r.complete and r.kind in kinds and not kinds[r.kind].apart]
+    if not study or not runs:
+        return ""
+    faults = []
+    try:
+        scene.reactions.of({*runs[-1].tables["predictions"]["true"]})
+    except InputError as e:
+        faults = [str(e)]
+    measure = dict.fromkeys(typed(_command(study), repeated(r["touchbench.arguments"])) for r in runs)
+    return "; ".join([*faults, f"no run of bench {_command(study)} is stored; make one with: {next(iter(measure))}"])
 
 
 def _check_study(study: str, by: str, unit: str, limits: Mapping[str, float], clock: float | None) -> None:
