@@ -72,7 +72,7 @@ def few_updates(monkeypatch):
     monkeypatch.setattr("bench.models.classic.mlp.MLPClassifier", short)
 
 
-@pytest.mark.parametrize("name", [*DAILY, *(pytest.param(n, marks=pytest.mark.nightly) for n in SLOW)])
+@pytest.mark.parametrize("name", [*DAILY, *(pytest.param(n, marks=pytest.mark.nightly) for n in SLOW - {"auto"})])
 def test_contract(name):
     check_contract(COMPOSED.get(name, lambda: made(name)))
 
