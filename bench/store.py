@@ -7,10 +7,10 @@ A cell of a command is one run of MLflow. Tags by which it is found again: ``tou
 from __future__ import annotations
 
 import gc
-import json
 import logging
 import os
 import re
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -18,8 +18,9 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, nullcontext, suppress
+from importlib.metadata import version
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote, urlparse
 
 from filelock import FileLock, Timeout
@@ -28,13 +29,13 @@ from bench.errors import InputError, StoreError
 from bench.progress import warn
 from bench.registry import KEYS
 from bench.result import Result, Tables
-from bench.scratch import home, owner, sweep
+from bench.scratch import home, owner, replacing, sweep
 from bench.tables import AGAIN, file_of, read_table
 
 if TYPE_CHECKING:
     import pandas as pd
     from mlflow import MlflowClient
-    from mlflow.entities import Run
+    from mlflow.entities import Run, RunInfo
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
 EXPERIMENT = "touchbench"
@@ -136,21 +137,12 @@ class Store:
         """The run of a key and a kind, None where there is none."""
         return next(iter(self.runs(f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'")), None)
 
-    @reached()
-    def run(self, run_id: str) -> Run:
-        """A run by its id."""
-        return self.client.get_run(run_id)
-
     def result(self, run: Run) -> Result:
         """A run as a result; its tables are read when they are asked for."""
-        data, info = run.data, run.info
-        about = data.params | data.tags | {f"{part}_name": data.params.get(part, "") for part in PARTS}
-        about |= {"run_id": info.run_id, "status": info.status, "started": info.start_time}
-        numbers = {name: value for name, value in data.metrics.items() if not name.startswith(OF_FOLDS)}
+        about = about_of(run.info, run.data.params, run.data.tags)
+        numbers = {name: value for name, value in run.data.metrics.items() if not name.startswith(OF_FOLDS)}
         system = about.get("system", "this system")
-        return Result(
-            about | {"artifacts": info.artifact_uri}, numbers, self.tables(info.run_id, info.artifact_uri, system)
-        )
+        return Result(about, numbers, self.tables(run.info.run_id, run.info.artifact_uri, system))
 
     def tables(self, run_id: str, artifacts: str, system: str, names: Sequence[str] | None = None) -> Tables:
         """The tables of a run, of these names or of all that there are; each is read when it is asked for."""
@@ -225,25 +217,6 @@ class Store:
         )
 
     @reached()
-    def log_captures(
-        self, run_id: str, name: str, digest: str, source: str, captures: int, frames: int, context: str
-    ) -> None:
-        """The captures that a run saw (``context``: training, evaluation), as MLflow's dataset."""
-        from mlflow.entities import Dataset, DatasetInput, InputTag
-        from mlflow.exceptions import MlflowException
-
-        profile = json.dumps({"num_rows": captures, "num_elements": frames})
-        dataset = Dataset(name, digest[:36], "local", json.dumps({"uri": source}), profile=profile)
-        inputs = [DatasetInput(dataset, [InputTag("mlflow.data.context", context)])]
-        for pause in (0.2, 0.5, 1.0, 2.0):
-            with suppress(
-                MlflowException
-            ):  # another run has made the same dataset at this moment; the next try finds it
-                return self.client.log_inputs(run_id, inputs)
-            time.sleep(pause)
-        return self.client.log_inputs(run_id, inputs)
-
-    @reached()
     def keep(self, run_id: str, path: Path, where: str = "") -> None:
         """Store a file, or the files of a folder, with a run."""
         (self.client.log_artifacts if path.is_dir() else self.client.log_artifact)(run_id, str(path), where or None)
@@ -257,25 +230,24 @@ class Store:
             get_artifact_repository(address, store_uri()).delete_artifacts(name)
 
     @reached()
-    def keep_view(self, name: str, view: Mapping[str, object]) -> str:
-        """Store a view of MLflow's page (its button *Share*: columns, widths, order); the query of its address."""
-        self.client.set_experiment_tag(self.experiment_id, f"mlflow.sharedViewState.{name}", json.dumps(view))
-        return f"viewStateShareKey={name}"
-
-    @reached()
-    def begin(self, run_id: str) -> None:
-        """Mark a run that goes on."""
-        self.client.update_run(run_id, status="RUNNING")
-
-    @reached()
-    def end(self, run_id: str, status: str) -> None:
-        """End a run: FINISHED, FAILED or KILLED."""
-        self.client.set_terminated(run_id, status)
+    def mark(self, run_id: str, status: str) -> None:
+        """Mark a run that goes on (RUNNING), or has ended: FINISHED, FAILED or KILLED."""
+        if status == "RUNNING":
+            self.client.update_run(run_id, status=status)
+        else:
+            self.client.set_terminated(run_id, status)
 
     @reached()
     def delete(self, run_id: str) -> None:
         """Take a run out of all lists."""
         self.client.delete_run(run_id)
+
+
+def about_of(info: RunInfo, params: Mapping[str, str], tags: Mapping[str, str]) -> dict[str, Any]:
+    """What a result of a run is of, by name."""
+    about = {**params, **tags} | {f"{part}_name": params.get(part, "") for part in PARTS}
+    about |= {"run_id": info.run_id, "status": info.status, "started": info.start_time}
+    return about | {"artifacts": info.artifact_uri}
 
 
 def artifacts_beside(artifact_uri: str, tracking_uri: str | None = None, registry_uri: str | None = None) -> object:
@@ -311,12 +283,6 @@ def _file(uri: str) -> Path | None:
     """SQLite's file of an address, as SQLAlchemy reads it."""
     driver = next((driver for driver in SQLITE if uri.startswith(driver)), None)
     return Path(unquote(uri.removeprefix(driver).partition("?")[0])) if driver else None
-
-
-def exists() -> bool:
-    """Return True if there is a store, or its server may have one; creates none."""
-    path = _file(store_uri()) or _local(store_uri())
-    return path is None or path.exists()
 
 
 def connect(writes: bool = False) -> Store:
@@ -381,11 +347,20 @@ def _tables(path: Path) -> Iterator[SqlAlchemyStore]:
 
 
 def create(path: Path) -> None:
-    """Make MLflow's SQLite file with its tables, beside its name and renamed: a kill leaves none or a good one."""
+    """Make MLflow's SQLite file with its tables, beside its name and renamed: a kill leaves none or a good one.
+
+    MLflow takes seconds to make its tables, so that empty ones are kept in the data folder.
+    """
+    empty = home() / f"mlflow-{version('mlflow')}.db"
     with tempfile.TemporaryDirectory(prefix=f".{path.name}.{owner()}", dir=path.parent) as folder:
         beside = Path(folder) / path.name
-        with _tables(beside):
-            pass
+        if empty.is_file():
+            shutil.copyfile(empty, beside)
+        else:
+            with _tables(beside):
+                pass
+            with suppress(OSError), replacing(empty) as kept:  # a folder that cannot be written
+                shutil.copyfile(beside, kept)
         beside.replace(path)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -23,6 +24,7 @@ from bench.scratch import home, replacing
 from bench.source import source_digest
 
 BLOCK = 1 << 24  # sensor values of captures whose features are computed at once
+_source: Callable[..., str] = lru_cache(maxsize=64)(source_digest)  # code that is loaded does not change
 PIECES = ("of capture", "piece")  # columns of a kept table that tell its rows, where steps were taken
 
 
@@ -89,7 +91,7 @@ def cache_key(features: BaseEstimator, digest: str, steps: tuple = ()) -> str:
 def _contents(features: BaseEstimator, digest: str, steps: tuple) -> tuple[str, ...]:
     """What a table is computed from."""
     kind = type(features)
-    code = source_digest(kind, *(code for step in steps for code in step.code()))
+    code = _source(kind, *(code for step in steps for code in step.code()))
     return digest, kind.__name__, repr(sorted(features.get_params().items())), code, repr(steps)
 
 

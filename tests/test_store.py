@@ -30,23 +30,11 @@ def test_what_a_killed_creation_left_is_removed(tmp_path, dead):
     assert not left.exists()
 
 
-def test_an_empty_file_is_no_broken_store(tmp_path):
-    (tmp_path / "mlflow.db").touch()
-    assert store.connect().of_kind("cell") == []
-
-
 @pytest.mark.real_store
-@pytest.mark.parametrize(
-    "harm",
-    [
-        "update alembic_version set version_num = 'ffffffffffff'",
-        "delete from alembic_version",
-    ],
-)
-def test_a_store_of_another_version_or_a_broken_one_is_refused_in_one_line(harm, tmp_path, capsys, empty_store):
+def test_a_store_of_another_version_is_refused_in_one_line(tmp_path, capsys, empty_store):
     (tmp_path / "mlflow.db").write_bytes(empty_store.read_bytes())
     with sqlite3.connect("mlflow.db") as db:
-        db.execute(harm)
+        db.execute("update alembic_version set version_num = 'ffffffffffff'")
     before = dump()
     assert main(SMALL) == 2
     said = capsys.readouterr().err.strip()
@@ -111,30 +99,21 @@ def upgraded(words, newest):
 
 def test_a_store_that_can_only_be_read_is_read_and_left_alone(in_net, tmp_path, monkeypatch, capsys):
     """As a folder without rights, which does not stop a superuser: nothing can be made beside the file."""
-    on = ["data=people", "where=all", "target=gesture", "protocol=loso"]
 
     def read():
-        texts = []
-        for words in (["choose", *on], ["choose", "groups=yes", *on], ["report", f"out={tmp_path}/report"]):
-            texts.append((main(words), capsys.readouterr()))
-        table = bench.runs(data="people", protocol="loso", where="all")
-        return (
-            texts,
-            table,
-            bench.compare(*table["system"].unique()[:2], data="people", protocol="loso", where="all").difference,
-        )
+        words = ["choose", "data=people", "where=all", "target=gesture", "protocol=loso"]
+        return main(words), capsys.readouterr(), bench.runs(data="people", protocol="loso", where="all")
 
     def refused(**_):
         raise OSError(errno.EROFS, "Read-only file system")
 
-    texts, table, p = read()
+    code, said, table = read()
     Path("mlflow.db.lock").unlink()
     files = lambda: {p: p.stat().st_mtime_ns for p in [*Path().glob("*.db*"), *Path("mlruns").rglob("*")]}  # noqa: E731
     before = files()
     monkeypatch.setattr(store.tempfile, "TemporaryFile", refused)
     again = read()
-    assert again[0] == texts and again[1].equals(table) and again[2] == p
-    assert files() == before
+    assert again[:2] == (code, said) and again[2].equals(table) and files() == before
     with pytest.raises(StoreError, match="readonly"):
         store.connect().create("x", {})
     assert main(SMALL) == 2 and "mlflow.db cannot be written (Read-only" in capsys.readouterr().err
@@ -163,19 +142,11 @@ def test_an_artifact_that_is_not_there_is_none_and_a_server_that_is_gone_is_an_e
         connected.path(run_id, "mlflow-artifacts:/x", "nothing.csv")
 
 
-@pytest.mark.parametrize(
-    ("uri", "fact"),
-    [
-        ("postgresql+nodriver://me:secret@127.0.0.1:9/x", "nodriver://me:***@127.0.0.1:9/x cannot be used"),
-        ("http://me:secret@127.0.0.1:9", "http://me:***@127.0.0.1:9 cannot be used"),
-    ],
-)
-def test_an_address_that_cannot_be_opened_is_one_line_without_its_password(uri, fact, monkeypatch, capsys):
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
-    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+def test_an_address_that_cannot_be_opened_is_one_line_without_its_password(monkeypatch, capsys):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "postgresql+nodriver://me:secret@127.0.0.1:9/x")
     assert main(["choose"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert fact in line and "secret" not in line
+    assert "nodriver://me:***@127.0.0.1:9/x cannot be used" in line and "secret" not in line
 
 
 def test_what_stays_locked_is_one_line(capsys, monkeypatch):
@@ -202,9 +173,8 @@ def test_runs_come_in_pages_newest_first_and_only_of_this_format_and_kind(monkey
     elsewhere = connected.client.create_experiment("another")
     connected.client.create_run(elsewhere, tags={"touchbench.kind": "cell", "touchbench.format": store.FORMAT})
     monkeypatch.setattr(store, "PAGE", 2)
-    assert [run.info.run_id for run in connected.of_kind("cell")] == sorted(
-        ids[1:], key=lambda i: (-connected.run(i).info.start_time, i)
-    )
+    newest_first = sorted(ids[1:], key=lambda i: (-connected.client.get_run(i).info.start_time, i))
+    assert [run.info.run_id for run in connected.of_kind("cell")] == newest_first
     assert connected.find("4", "cell").info.run_id == ids[4] and connected.find("0", "cell") is None
 
 
@@ -217,7 +187,7 @@ def test_numbers_parameters_tags_and_files_are_kept(tmp_path):
         connected.log(run_id, {"fold/accuracy": 1 / (step + 1)}, step=step)
     steps = connected.client.get_metric_history(run_id, "fold/accuracy")
     assert [(m.step, m.value) for m in steps] == [(0, 1), (1, 1 / 2), (2, 1 / 3)]
-    result = connected.result(connected.run(run_id))
+    result = connected.result(connected.client.get_run(run_id))
     assert (result["accuracy"], result["C"], result["a"]) == (0.5, "8.0", "b") and result["gone"] != result["gone"]
     assert "fold/accuracy" not in result
     (tmp_path / "a.csv").write_text("1")
@@ -227,8 +197,3 @@ def test_numbers_parameters_tags_and_files_are_kept(tmp_path):
     assert connected.path(run_id, artifacts, "b.csv") is None
     connected.drop(artifacts, "folds")
     assert connected.names(run_id, artifacts) == []
-
-
-def test_what_mlflow_refuses_is_one_line():
-    with pytest.raises(store.StoreError, match="supplied: Names may only"):
-        store.connect().create("7", {}, {"#": 1})

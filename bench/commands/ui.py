@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 import sys
@@ -57,9 +58,10 @@ def command(arguments: list[str]) -> int:
     if _answers(port):
         raise InputError(f"port={port}: another server uses this port; give port={int(port) % 65535 + 1}")
     store = connect(writes=True)
-    shown = store.keep_view("touchbench", VIEW)
+    store.client.set_experiment_tag(store.experiment_id, "mlflow.sharedViewState.touchbench", json.dumps(VIEW))
     # MLflow's front page is about language models; this one is the table of runs.
-    page = f"http://{HERE}:{port}/#/experiments/{store.experiment_id}/runs?workflowType=machine_learning&{shown}"
+    page = f"http://{HERE}:{port}/#/experiments/{store.experiment_id}/runs?workflowType=machine_learning"
+    page += "&viewStateShareKey=touchbench"  # as its button Share stores columns and their widths
     print("starting MLflow's server, which takes up to half a minute; Ctrl-C stops it", flush=True)
     words = ["--backend-store-uri", store_uri(), "--port", port, "--host", HERE, "--workers", "1"]  # for one user
     server = subprocess.Popen([sys.executable, "-m", "mlflow", "ui", *words])

@@ -1,7 +1,7 @@
 """The audit of a system: rules that a score does not show, each checked on generated captures.
 
-A check is one function of a `Audited`. It returns a result and one sentence, or raises what the system raises, which is
-a failure. The first fit and its predictions are shared by all checks.
+A check is one function of a `Audited` with `@check`. It gives the sentence of a system that keeps the rule, or raises:
+`Mistake`, `Skipped`, or what the system raises, which is a failure.
 """
 
 from __future__ import annotations
@@ -26,32 +26,48 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
 from bench.errors import HiddenError, InputError, PredictionError
 from bench.plan.cells import Cell
-from bench.plan.plan import Fold, checked
+from bench.plan.plan import checked
 from bench.work.fold import TOLERANCE, batch_effects, computing, disagreement
-from bench.work.personal import met
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "not applicable"
 EQUAL = 1e-6  # of a probability: two fits that should be the same
 LEVEL = 0.999  # of the interval around chance
 TRAINED = ("1", "2", "3")  # subjects; the other two are tested
-Answer = tuple[str, str]  # a result and a sentence
+
+
+class Mistake(Exception):
+    """A rule that a system does not keep, in a sentence."""
+
+
+class Skipped(Exception):
+    """The reason why a rule does not apply to a system."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The result of one check.
-
-    Attributes:
-        check: name of the check.
-        result: verdict: passed, failed or not applicable.
-        sentence: the reason.
-        seconds: seconds of the clock.
-    """
+    """The result of one check: passed, failed or not applicable, and why."""
 
     check: str
     result: str
     sentence: str
     seconds: float
+
+
+@dataclass(frozen=True)
+class Check:
+    """A rule: its name in the table, its function, and the check without which it is not applicable, if any."""
+
+    name: str
+    answer: Callable[[Audited], str]
+    needs: str
+
+
+CHECKS: list[Check] = []
+
+
+def check(name: str, needs: str = "labels and probabilities") -> Callable:
+    """Add a function to the checks, in the order of the table."""
+    return lambda answer: CHECKS.append(Check(name, answer, needs))
 
 
 @cache
@@ -73,11 +89,7 @@ def with_conditions(corpus: Corpus, names: tuple[str, ...]) -> Corpus:
 
 
 class Audited:
-    """The audited system, with values shared by several checks.
-
-    Args:
-        cell: names the system; its data and protocol are not looked at.
-    """
+    """The audited system, with the captures that it is audited on, its first fit and the predictions of this."""
 
     def __init__(self, cell: Cell) -> None:
         self.cell = cell
@@ -86,27 +98,25 @@ class Audited:
         trained = np.isin(self.corpus.subjects.astype(str), TRAINED)
         self.train, self.test = np.flatnonzero(trained), np.flatnonzero(~trained)
 
-    def fitted(self, corpus: Corpus, train: np.ndarray | None = None) -> contract.System:
-        """A new system that is fitted to a part of some captures, by default to all, as in a fold of a run."""
-        train = np.arange(len(corpus)) if train is None else train
-        part = corpus[train]
+    def fitted(self, part: Corpus) -> contract.System:
+        """A new system that is fitted to some captures."""
         contract.check_training(self.cell.estimator(), part, part.gestures)
-        test = np.setdiff1d(np.arange(len(corpus)), train)
-        return next(met(self.cell, corpus, Fold("audit", train, test))).estimator
-
-    def refitted(self, corpus: Corpus, train: np.ndarray) -> pd.DataFrame:
-        """Predictions of the probe captures by a new system that is fitted to a part of some captures."""
-        return predicted(self.fitted(corpus, train), self.probe)
+        return self.cell.estimator().fit(part, part.gestures)
 
     @cached_property
     def first(self) -> contract.System:
         """The system, fitted to the training captures."""
-        return self.fitted(self.corpus, self.train)
+        return self.fitted(self.corpus[self.train])
 
     @cached_property
     def expected(self) -> pd.DataFrame:
         """Its predictions of the probe captures."""
         return predicted(self.first, self.probe)
+
+    def expect(self, estimator: contract.System, mistake: str) -> None:
+        """Verify that another system predicts the probe captures as the first."""
+        if differs := difference(self.expected, predicted(estimator, self.probe)):
+            raise Mistake(f"{mistake}: {differs}")
 
     @property
     def is_seeded(self) -> bool:
@@ -117,12 +127,7 @@ class Audited:
 
 
 def predicted(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:
-    """Mean probability over the decisions on each capture [captures, classes].
-
-    Raises:
-        PredictionError: a label is no class, or probabilities are none.
-        ValueError: a capture has no decision.
-    """
+    """Mean probability over the decisions on each capture [captures, classes]."""
     table, proba = contract.decide(estimator, corpus)
     names = np.asarray(estimator.classes_).astype(str)
     mean = pd.DataFrame(np.asarray(proba, dtype=np.float64), columns=names).groupby(table["capture"].to_numpy()).mean()
@@ -135,81 +140,69 @@ def difference(one: pd.DataFrame, other: pd.DataFrame) -> str:
     """The difference of two `predicted` tables of the same captures; empty if they agree."""
     if set(one) != set(other):
         return f"the classes differ: {len(one.columns)} and {len(other.columns)}"
-    labels = int((one.idxmax(axis=1) != other.idxmax(axis=1)).sum())
-    if labels:
+    if labels := int((one.idxmax(axis=1) != other.idxmax(axis=1)).sum()):
         return f"{labels} of {len(one)} labels differ"
     most = float((one - other).abs().to_numpy().max())
     return f"labels are equal, probabilities differ by up to {most:.2g}" if most > EQUAL else ""
 
 
-def passed_if(differs: str, sentence: str, reason: str) -> Answer:
-    """Passed where two predictions do not differ."""
-    return (FAILED, f"{reason}: {differs}") if differs else (PASSED, sentence)
-
-
-# The checks
-
-
-def fits(subject: Audited) -> Answer:
-    """A fit to the training captures."""
+@check("fit", "")
+def _(subject: Audited) -> str:
     subject.first  # noqa: B018 - it may raise
-    return PASSED, f"it fits {len(subject.train)} captures of {len(TRAINED)} subjects"
+    return f"it fits {len(subject.train)} captures of {len(TRAINED)} subjects"
 
 
-def no_labels(subject: Audited) -> Answer:
-    """Predictions of captures without labels, subjects and origin."""
+@check("no labels needed", "fit")
+def _(subject: Audited) -> str:
     with suppress(PredictionError):  # which the next check tells
         subject.expected  # noqa: B018 - it may raise
         contract.labels(subject.first, subject.probe)
     columns = contract.conditions(subject.first)
     declared = f"; it declares to need {', '.join(columns)}" if columns else ""
-    return PASSED, f"it predicts without labels, subjects and origin{declared}"
+    return f"it predicts without labels, subjects and origin{declared}"
 
 
-def probabilities(subject: Audited) -> Answer:
-    """Labels of the classes in training; probabilities from 0 to 1 with a sum of 1 that agree with them."""
+@check("labels and probabilities", "no labels needed")
+def _(subject: Audited) -> str:
     classes = np.unique(subject.corpus.gestures[subject.train].astype(str))
     if sorted(str(name) for name in subject.first.classes_) != classes.tolist():
-        return FAILED, f"classes_ has {len(subject.first.classes_)} names, training had {len(classes)} classes"
-    if words := disagreement(subject.first, subject.probe):  # it may raise
-        return FAILED, words
+        raise Mistake(f"classes_ has {len(subject.first.classes_)} names, training had {len(classes)} classes")
+    if words := disagreement(subject.first, subject.probe):
+        raise Mistake(words)
     if not (contract.has_probabilities(subject.first) or contract.decides_often(subject.first)):
-        return PASSED, "its labels are classes of its training captures; it has no probabilities"
-    return PASSED, f"they are 0 or more, have a sum of 1 over {len(classes)} classes and agree with predict"
+        return "its labels are classes of its training captures; it has no probabilities"
+    return f"they are 0 or more, have a sum of 1 over {len(classes)} classes and agree with predict"
 
 
-def single_capture(subject: Audited) -> Answer:
-    """Predictions of a capture alone, in a batch, and in a batch in reverse order."""
-    effects = batch_effects(subject.first, subject.corpus, subject.test)
-    if effects:
-        return FAILED, f"{len(effects)} of {len(subject.test)} predictions depend on the other captures: {effects[0]}"
-    return PASSED, f"{len(subject.test)} captures alone are predicted as in a batch, within {TOLERANCE:g}"
+@check("single capture")
+def _(subject: Audited) -> str:
+    count = len(subject.test)
+    if effects := batch_effects(subject.first, subject.corpus, subject.test, most=count):
+        raise Mistake(f"{len(effects)} of {count} predictions depend on the other captures: {effects[0]}")
+    return f"{count} captures alone are predicted as in a batch, within {TOLERANCE:g}"
 
 
-def equal_seeds(subject: Audited) -> Answer:
-    """Two fits to the same captures."""
+@check("equal seeds")
+def _(subject: Audited) -> str:
     hint = "" if subject.is_seeded else "; give it a parameter seed"
-    return passed_if(
-        difference(subject.expected, subject.refitted(subject.corpus, subject.train)),
-        "two fits to the same captures predict the same",
-        f"two fits to the same captures differ{hint}",
-    )
+    subject.expect(subject.fitted(subject.corpus[subject.train]), f"two fits to the same captures differ{hint}")
+    return "two fits to the same captures predict the same"
 
 
-def training_order(subject: Audited) -> Answer:
-    """A fit to the training captures in another order."""
+@check("training order", "equal seeds")
+def _(subject: Audited) -> str:
     order = np.random.default_rng(0).permutation(subject.train)
-    other = subject.refitted(subject.corpus, order)
+    other = predicted(subject.fitted(subject.corpus[order]), subject.probe)
     share = float((subject.expected.idxmax(axis=1) == other.idxmax(axis=1)).mean())
     if share < 1 and subject.is_seeded:
-        return SKIPPED, f"training is random (seed); in another order {100 * share:.0f} % of the labels are equal"
+        raise Skipped(f"training is random (seed); in another order {100 * share:.0f} % of the labels are equal")
     if share < 1:
-        return FAILED, f"in another order of training captures {100 * share:.0f} % of the labels are equal"
-    return PASSED, f"training captures in another order give the same {len(other)} labels"
+        raise Mistake(f"in another order of training captures {100 * share:.0f} % of the labels are equal")
+    return f"training captures in another order give the same {len(other)} labels"
 
 
-def shuffled_labels(subject: Audited) -> Answer:
-    """Accuracy on test subjects after training on shuffled labels."""
+@check("shuffled labels")
+def _(subject: Audited) -> str:
     corpus, rng = subject.corpus, np.random.default_rng(0)
     names = corpus.gestures.copy()
     for name in TRAINED:  # within a subject, so that every class stays in every inner fold
@@ -219,32 +212,35 @@ def shuffled_labels(subject: Audited) -> Answer:
     tested = corpus[subject.test]
     hits, usual = (
         int((predicted(one, tested).idxmax(axis=1).to_numpy() == tested.gestures).sum())
-        for one in (subject.fitted(shuffled, subject.train), subject.first)
+        for one in (subject.fitted(shuffled[subject.train]), subject.first)
     )
     most = int(binom.interval(LEVEL, len(tested), 1 / len(set(tested.gestures)))[1])
-    return FAILED if hits > most else PASSED, (
+    sentence = (
         f"after training on shuffled labels {hits} of {len(tested)} test captures are correct, on true ones {usual}; "
         f"chance gives 0 to {most} ({100 * LEVEL:g} % interval)"
     )
+    if hits > most:
+        raise Mistake(sentence)
+    return sentence
 
 
-def clones(subject: Audited) -> Answer:
-    """scikit-learn's ``clone``, ``get_params`` and ``set_params``."""
+@check("clone and parameters", "")
+def _(subject: Audited) -> str:
     estimator: Any = subject.cell.estimator()
     if not hasattr(estimator, "get_params"):
-        return SKIPPED, "it has no get_params, so scikit-learn cannot copy it"
-    params = shown(estimator)
-    if shown(clone(estimator)) != params:  # which itself raises where a constructor changes an argument
-        return FAILED, "clone() gives other parameters"
-    if shown(estimator.set_params(**estimator.get_params(deep=False))) != params:
-        return FAILED, "set_params() with the values of get_params() changes parameters"
-    if "first" in vars(subject) and shown(subject.first) != params:
-        return FAILED, "fit() changes parameters; keep learned values in attributes that end in _"
+        raise Skipped("it has no get_params, so scikit-learn cannot copy it")
+    params = _shown(estimator)
+    if _shown(clone(estimator)) != params:  # which itself raises where a constructor changes an argument
+        raise Mistake("clone() gives other parameters")
+    if _shown(estimator.set_params(**estimator.get_params(deep=False))) != params:
+        raise Mistake("set_params() with the values of get_params() changes parameters")
+    if "first" in vars(subject) and _shown(subject.first) != params:
+        raise Mistake("fit() changes parameters; keep learned values in attributes that end in _")
     count = len(estimator.get_params())
-    return PASSED, f"clone, get_params and set_params keep {count} parameter{'s' * (count != 1)}"
+    return f"clone, get_params and set_params keep {count} parameter{'s' * (count != 1)}"
 
 
-def shown(estimator: contract.System) -> str:
+def _shown(estimator: contract.System) -> str:
     """Parameters in full, without addresses in memory."""
     return re.sub(r" at 0x[0-9a-f]+", "", contract.settings(estimator))
 
@@ -257,31 +253,26 @@ def unseen(cell: Cell) -> pd.DataFrame:
         return predicted(subject.first, subject.corpus[subject.test])
 
 
-def no_state(subject: Audited) -> Answer:
-    """A fit after fits to other classes and to the test captures, against a first fit.
-
-    What a class or a module keeps of a fit, a new object has, too; a new process has it not.
-    """
+@check("no state between fits", "equal seeds")
+def _(subject: Audited) -> str:
+    """What a class or a module keeps of a fit, a new object has, too; a new process has it not."""
     estimator = subject.cell.estimator()
     part, names = subject.corpus[subject.train], np.unique(subject.corpus.gestures.astype(str))
     few = part[np.isin(part.gestures.astype(str), names[::3])]
     for training in (few, part):
         estimator.fit(training, training.gestures)
-    if differs := difference(subject.expected, predicted(estimator, subject.probe)):
-        return FAILED, f"a fit depends on the fit before it: {differs}"
+    subject.expect(estimator, "a fit depends on the fit before it")
     with ProcessPoolExecutor(1) as process:
         expected = process.submit(unseen, subject.cell).result()
     subject.fitted(subject.corpus)
-    now = predicted(subject.fitted(subject.corpus, subject.train), subject.corpus[subject.test])
-    return passed_if(
-        difference(expected, now),
-        "a fit after others, also to the test captures, predicts as a first fit in a new process",
-        "a fit remembers captures of fits before it, in its class or module",
-    )
+    now = predicted(subject.fitted(part), subject.corpus[subject.test])
+    if differs := difference(expected, now):
+        raise Mistake(f"a fit remembers captures of fits before it, in its class or module: {differs}")
+    return "a fit after others, also to the test captures, predicts as a first fit in a new process"
 
 
-def other_test_captures(subject: Audited) -> Answer:
-    """A fit in a fold whose test captures have other values and labels."""
+@check("test captures", "equal seeds")
+def _(subject: Audited) -> str:
     corpus, test, rng = subject.corpus, subject.test, np.random.default_rng(0)
     frames, names = corpus.frames.copy(), corpus.gestures.copy()
     for start, length in zip(corpus.starts[test], corpus.lengths[test], strict=True):
@@ -289,35 +280,33 @@ def other_test_captures(subject: Audited) -> Answer:
         frames[start : start + length] = values.astype(frames.dtype)
     names[test] = rng.permutation(names[test])
     other = corpus.changed(frames=frames, captures=corpus.captures.assign(gesture=names))
-    return passed_if(
-        difference(subject.expected, subject.refitted(other, subject.train)),
-        "other values and labels of test captures change no prediction",
-        "other values and labels of test captures change what is learned",
-    )
+    changed = "other values and labels of test captures change"
+    subject.expect(subject.fitted(other[subject.train]), f"{changed} what is learned")
+    return f"{changed} no prediction"
 
 
-def other_skin(subject: Audited) -> Answer:
-    """A fit to captures of 5x3 taxels at 54 Hz."""
+@check("another grid and rate")
+def _(subject: Audited) -> str:
     corpus = generate(3, variants=("normal",), rows=5, cols=3, rate_hz=54.0)
     corpus = with_conditions(corpus, contract.conditions(subject.cell.estimator()))
     predicted(subject.fitted(corpus), corpus)
-    return PASSED, f"it fits and predicts {len(corpus)} captures of 5x3 taxels at 54 Hz"
+    return f"it fits and predicts {len(corpus)} captures of 5x3 taxels at 54 Hz"
 
 
-def one_frame(subject: Audited) -> Answer:
-    """A fit in which some captures have one frame, and predictions of captures of one frame."""
+@check("one-frame captures")
+def _(subject: Audited) -> str:
     corpus = subject.corpus[subject.train]
     lengths = np.where(np.arange(len(corpus)) % 5 == 0, 1, corpus.lengths)
     estimator = subject.fitted(corpus.changed(lengths=lengths))
     predicted(estimator, subject.probe.changed(lengths=np.ones(len(subject.probe), dtype=np.int64)))
-    count = int((lengths == 1).sum())
-    return PASSED, f"it fits with {count} captures of one frame and predicts {len(subject.probe)} of them"
+    return f"it fits with {(lengths == 1).sum()} captures of one frame and predicts {len(subject.probe)} of them"
 
 
-def saved(subject: Audited) -> Answer:
-    """A system that is pickled and loaded as ``bench fit`` and ``bench predict`` do."""
+@check("saved and loaded")
+def _(subject: Audited) -> str:
+    """As ``bench fit`` and ``bench predict`` do."""
     if columns := contract.conditions(subject.first):
-        return SKIPPED, f"it needs {', '.join(columns)} to predict, which a saved model does not get"
+        raise Skipped(f"it needs {', '.join(columns)} to predict, which a saved model does not get")
 
     import cloudpickle
 
@@ -327,95 +316,52 @@ def saved(subject: Audited) -> Answer:
     recogniser = Recogniser(subject.first, subject.corpus[subject.train])
     content = cloudpickle.dumps(recogniser)
     labels = [one.label(subject.probe) for one in (recogniser, cloudpickle.loads(content))]
-    return passed_if(
-        difference(*(table.drop(columns=["label", "confidence"]) for table in labels)),
-        f"saved ({len(content) / 1000:,.0f} kB) and loaded, it predicts the same",
-        "saved and loaded, it gives other predictions",
-    )
-
-
-@dataclass(frozen=True)
-class Check:
-    """A rule with its test.
-
-    Attributes:
-        name: name in the table.
-        answer: the function that checks it.
-        needs: the check without which this one is not applicable; empty for none.
-    """
-
-    name: str
-    answer: Callable[[Audited], Answer]
-    needs: str = "labels and probabilities"
-
-
-CHECKS = (
-    Check("fit", fits, ""),
-    Check("no labels needed", no_labels, "fit"),
-    Check("labels and probabilities", probabilities, "no labels needed"),
-    Check("single capture", single_capture),
-    Check("equal seeds", equal_seeds),
-    Check("training order", training_order, "equal seeds"),
-    Check("shuffled labels", shuffled_labels),
-    Check("clone and parameters", clones, ""),
-    Check("no state between fits", no_state, "equal seeds"),
-    Check("test captures", other_test_captures, "equal seeds"),
-    Check("another grid and rate", other_skin),
-    Check("one-frame captures", one_frame),
-    Check("saved and loaded", saved),
-)
+    if differs := difference(*(table.drop(columns=["label", "confidence"]) for table in labels)):
+        raise Mistake(f"saved and loaded, it gives other predictions: {differs}")
+    return f"saved ({len(content) / 1000:,.0f} kB) and loaded, it predicts the same"
 
 
 def audited(cell: Cell) -> list[Verdict]:
-    """Every check of one system, in the order of `CHECKS`.
-
-    Args:
-        cell: names the system; its data and protocol are not looked at.
-
-    Returns:
-        One verdict per check.
-    """
+    """Every check of the system of a cell, in the order of `CHECKS`; its data and protocol are not looked at."""
     subject = Audited(cell)
     verdicts: list[Verdict] = []
     with computing(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for check in CHECKS:
+        for each in CHECKS:
             began = time.perf_counter()
-            result, sentence = _answer(check, subject, verdicts)
-            verdicts.append(Verdict(check.name, result, sentence, time.perf_counter() - began))
+            result, sentence = _answer(each, subject, verdicts)
+            verdicts.append(Verdict(each.name, result, sentence, time.perf_counter() - began))
     return verdicts
 
 
 def refuse(cell: Cell) -> None:
-    """Refuse a system before its audit.
-
-    Raises:
-        InputError: it cannot be made, or declares conditions that a prediction must not use.
-    """
+    """Refuse a system before its audit: it cannot be made, or declares conditions that it must not use."""
     try:
         system = checked(cell)
         contract.check_conditions(system, with_conditions(captures(), contract.conditions(system)))
     except InputError:
         raise
     except Exception as e:  # a constructor of the user's may raise anything
-        raise InputError(f"model={cell.model.short}: it cannot be made: {last_line(e)}") from e
+        raise InputError(f"model={cell.model.short}: it cannot be made: {_last_line(e)}") from e
 
 
-def _answer(check: Check, subject: Audited, before: list[Verdict]) -> Answer:
-    """The answer of one check; not applicable where the check that it needs has not passed."""
-    if check.needs in {verdict.check for verdict in before if verdict.result != PASSED}:
-        return SKIPPED, f"not checked, as {check.needs!r} has not passed"
+def _answer(each: Check, subject: Audited, before: list[Verdict]) -> tuple[str, str]:
+    """The result and sentence of one check."""
+    if each.needs in {verdict.check for verdict in before if verdict.result != PASSED}:
+        return SKIPPED, f"not checked, as {each.needs!r} has not passed"
     try:
-        return check.answer(subject)
+        return PASSED, each.answer(subject)
+    except Skipped as e:
+        return SKIPPED, str(e)
     except InputError as e:
         return SKIPPED if before else FAILED, f"the system refuses these captures: {e}"
-    except HiddenError as e:  # its message names the attribute
+    except (Mistake, HiddenError) as e:  # which names the attribute
         return FAILED, str(e)
     except Exception as e:  # a system of the user's may raise anything
-        return FAILED, last_line(e)
+        return FAILED, _last_line(e)
 
 
-def last_line(error: Exception) -> str:
+def _last_line(error: Exception) -> str:
     """The type of an exception and the last line of its message."""
     lines = str(error).strip().splitlines()
     return f"{type(error).__name__}: {lines[-1]}" if lines else type(error).__name__

@@ -86,11 +86,6 @@ def run_of(plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Res
     """The run from the folds that went well, at least one, in the order of the protocol.
 
     Scores and costs; confusions, subjects and classes; what each circumstance changes, where it failed in no fold.
-
-    Args:
-        plan: plan of the run.
-        about: tags and parameters of the run; tags that the result adds are stored, too.
-        folds: results of the folds.
     """
     if plan.cell.study:
         return plan.cell.study.result(plan, about, folds)

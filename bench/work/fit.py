@@ -22,7 +22,7 @@ from bench.store import connect, only_one, reached, store_uri
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.replay import Replay, Stopping, learned, unlearnable
 from bench.work.results import FoldResult, costs
-from bench.work.tracking import key_of, log_captures, params_of, tags_of
+from bench.work.tracking import key_of, params_of, tags_of
 from bench.work.workers import fill_cache
 
 if TYPE_CHECKING:
@@ -63,17 +63,10 @@ class Fitted:
 
 
 def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any = None) -> Fitted:
-    """Train on all captures of a cell, and save.
+    """Train on all captures of a cell, and save in the store, and in a folder where one is given.
 
-    Args:
-        cell: cell to train; its protocol is ignored.
-        stopping: True to learn, from three more fits that leave subjects out, the calibration and the stopping rule; a
-            warning appears if there are too few captures for it.
-        learner: learns what else is saved with the system, as an added key of ``bench fit`` asks; None for nothing.
-        out: a folder that is new or empty, to save the model there too.
-
-    Raises:
-        InputError: something in the cell or the data cannot be used, or the model cannot be written.
+    With ``stopping``, three more fits that leave subjects out teach the calibration and the stopping rule. ``learner``
+    learns what else is saved with the system, as an added key of ``bench fit`` asks.
     """
     if out is not None:
         new_folder(out)
@@ -112,12 +105,10 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
     with only_one(key):
         for cut_off in store.runs(f"tags.`touchbench.cell` = '{key}' and attributes.status = 'RUNNING'"):
             store.delete(cut_off.info.run_id)
-        run_id = store.create(f"fit {cell.system()} | {cell.data} | all captures", tags).info.run_id
-        machine = this_machine()._asdict()
-        params = params_of(cell, corpus, threads) | machine | {"captures": len(corpus)}
+        params = params_of(cell, corpus, threads) | this_machine()._asdict() | {"captures": len(corpus)}
         params |= {} if more is None else learner.params
-        store.log(run_id, metrics, params)
-        log_captures(store, run_id, cell, corpus, "training")
+        run_id = store.create(f"fit {cell.system()} | {cell.data} | all captures", tags, params).info.run_id
+        store.log(run_id, metrics)
         mlflow.set_tracking_uri(store_uri())
         with own_code() as code, quiet(), reached(), mlflow.start_run(run_id=run_id):
             model["code_paths"] = [code]
@@ -153,18 +144,7 @@ def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
 
 
 def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarray | None, out: Path) -> float:
-    """Adapt a saved system to one person, save it as a folder, and return the seconds of adapting.
-
-    Args:
-        model: folder of the saved system.
-        recogniser: saved system in that folder.
-        corpus: some captures of the person.
-        y: their class names; None without labels.
-        out: a folder that is new or empty.
-
-    Raises:
-        InputError: the system cannot adapt, a class is none of its own, or the folder cannot be written.
-    """
+    """Adapt a saved system to one person, save it as a folder, and return the seconds of adapting."""
     import mlflow
 
     from bench.work.saved import by_value, own_code, quiet

@@ -20,8 +20,8 @@ from bench.errors import PredictionError
 from bench.models.sizes import sizes
 from bench.timing import Times, timed, timed_once
 
-AGAIN = 32  # test captures of a fold that are predicted again, in a batch and an order of their own
-ALONE = 8  # of these, predicted alone as well: for some systems one capture takes as long as all together
+AGAIN = 16  # test captures of a fold that are predicted again, in a batch and an order of their own
+ALONE = 2  # of these, predicted alone as well: for some systems one capture takes as long as all together
 TOLERANCE = 1e-3  # of a probability: float32 rounds otherwise in a batch of another size
 TIMED_CAPTURES = 5
 WARM_UP = 1
@@ -107,11 +107,6 @@ def disagreement(estimator: contract.System, tested: Corpus, decided: Decided | 
 
     A label agrees if its probability is the highest within `TOLERANCE`, on average or in one decision on the capture,
     as of a system that votes. Where a system abstains in its probabilities, each label agrees.
-
-    Args:
-        estimator: fitted.
-        tested: captures.
-        decided: decisions on them, by position; made anew if not given.
     """
     decided, names = decided or _decided(estimator, tested), _names(estimator)
     found = []
@@ -143,16 +138,6 @@ def batch_effects(
     Some test captures are copied out of the corpus, so that no cache knows them, and predicted together in reverse
     order, without the others, and some of them alone. Their windows and labels must be those of the fold, their
     probabilities within 0.001.
-
-    Args:
-        estimator: fitted.
-        corpus: the captures that the fold is of.
-        test: positions of the test captures.
-        predictions: table of `decisions` of all of them; made anew if not given.
-        most: captures that are predicted again; None for `AGAIN`.
-
-    Returns:
-        One sentence per capture; none if every prediction depends on its own capture alone.
     """
     if predictions is None:
         predictions = decisions(estimator, corpus, "", test)
@@ -180,18 +165,8 @@ def batch_effects(
 def check_agreement(
     estimator: contract.System, corpus: Corpus, test: np.ndarray, predictions: pd.DataFrame | None = None
 ) -> None:
-    """Verify on a few test captures that ``predict`` and the probabilities agree.
-
-    Args:
-        estimator: fitted.
-        corpus: the captures that the fold is of.
-        test: positions of the test captures.
-        predictions: table of `decisions` of all of them; made anew if not given.
-
-    Raises:
-        PredictionError: they do not.
-    """
-    tested, decided = corpus[some_of(test, ALONE)], None
+    """Verify on a few test captures that ``predict`` and the probabilities agree."""
+    tested, decided = corpus[some_of(test, AGAIN)], None
     if predictions is not None:
         rows = predictions[predictions["capture"].isin(tested.index)]
         place = pd.Index(tested.index).get_indexer(rows["capture"])
@@ -263,10 +238,9 @@ def latency(
 ) -> tuple[list[float], list[float], dict[str, list[float]], dict[str, float]]:
     """Milliseconds from raw frames to a label, one capture at a time, warm, on one thread (`bench.timing`).
 
-    Returns:
-        One value per timed capture, for the whole capture and for no more of it than one decision needs (timed once
-        where each decision needs its whole capture); both by the wall clock, by name; and ``predict_relative``, the
-        mean time of a whole capture as a multiple of the reference workload's, with `paced`.
+    For each timed capture as a whole, and for no more of it than one decision needs (timed once where this is all of
+    it); both by the wall clock, by name; and ``predict_relative``, the mean time of a whole capture as a multiple of
+    the reference workload's, with `paced`.
     """
     chosen = np.unique(np.linspace(0, len(tested) - 1, min(TIMED_CAPTURES, len(tested))).astype(int))
     whole = [contract.blinded(estimator, tested[i : i + 1].detached()) for i in chosen]

@@ -21,7 +21,7 @@ from bench.work.backend import HERE, Backend
 from bench.work.bar import Bar
 from bench.work.curves import COLUMNS
 from bench.work.tracking import key_of, tracked
-from bench.work.workers import Here, Processes, Workers
+from bench.work.workers import Here, Processes
 
 
 class Interrupted(KeyboardInterrupt):
@@ -29,11 +29,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 def prepared(cells: Iterable[Cell], jobs: int | None) -> list[Plan]:
-    """A plan for each cell; all is checked before the first fold starts.
-
-    Raises:
-        InputError: something in the cells, the data or what installed packages add cannot be used.
-    """
+    """A plan for each cell; all is checked before the first fold starts."""
     plans = planned(list(cells), jobs)
     for plan in plans:
         if taken := reserved(map(str, plan.corpus.captures), columns_of(plan.cell)):
@@ -57,18 +53,7 @@ def columns_of(cell: Cell) -> frozenset[str]:
 
 
 def execute(plans: Sequence[Plan], backend: Backend = HERE) -> list[Result]:
-    """Run missing folds, plan after plan; a run that is finished is read from the store.
-
-    Args:
-        plans: plans from `prepared`.
-        backend: workers that do the folds.
-
-    Raises:
-        InputError: the store or the workers cannot be used, or another process runs one of the cells; those before it
-            are finished.
-        ClusterError: the workers are gone; what is finished is stored.
-        Interrupted: Ctrl-C; what is finished is stored.
-    """
+    """Run missing folds, plan after plan; a run that is finished is read from the store."""
     try:
         with _workers(plans, backend) as workers:
             if workers.threads:
@@ -84,7 +69,7 @@ def execute(plans: Sequence[Plan], backend: Backend = HERE) -> list[Result]:
         ) from e
 
 
-def _workers(plans: Sequence[Plan], backend: Backend) -> Workers:
+def _workers(plans: Sequence[Plan], backend: Backend) -> Here:
     if backend.workers:
         return imported(backend.workers)(backend.address, plans, warn)
     if backend.jobs and backend.jobs > usable_cores():
@@ -93,7 +78,7 @@ def _workers(plans: Sequence[Plan], backend: Backend) -> Workers:
     return Here() if backend.jobs == 1 else Processes()
 
 
-def _run(store: Store, plan: Plan, workers: Workers, bar: Bar) -> Result:
+def _run(store: Store, plan: Plan, workers: Here, bar: Bar) -> Result:
     """Find or make the run of a plan, have its missing folds done, and measure it."""
     key, cell = key_of(plan), plan.cell
     with only_one(key):
@@ -104,11 +89,11 @@ def _run(store: Store, plan: Plan, workers: Workers, bar: Bar) -> Result:
             console.print(line, markup=False, soft_wrap=True)
         bar.begin(cell.title(), len(plan.folds), [fold.name for fold in missing])
         try:
-            for done, machine in workers.folds(plan, missing) if missing else ():
-                run.add(done, machine)
+            for done in workers.folds(plan, missing) if missing else ():
+                run.add(done)
                 bar.end_fold(done)
         except (KeyboardInterrupt, ClusterError):
-            run.interrupt()
+            store.mark(run.made.run_id, "KILLED")  # stored folds stay and are found again
             raise
         result = run.close()
         if why := result.get("touchbench.batch_effect"):

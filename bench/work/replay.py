@@ -61,11 +61,7 @@ class Replay:
     times: tuple[float, ...] = ()
 
     def check(self, rate_hz: float) -> None:
-        """Refuse systems that cannot be replayed.
-
-        Raises:
-            InputError: another start, or a hop below one frame.
-        """
+        """Refuse systems that cannot be replayed."""
         if self.start not in ("onset", "middle"):
             raise InputError(f"start={self.start}: give onset or middle")
         if self.times and min(self.times) < 1000 / rate_hz:
@@ -115,11 +111,6 @@ def replay_fold(replay: Replay, at: Fitted, stopping: bool) -> FoldResult:
 
     Its table ``replay`` is the replay table; with ``stopping`` there are ``rules``, what was learned on training
     subjects, and ``thresholds``, what each threshold gives there. Calibration and threshold see only these.
-
-    Args:
-        replay: settings of the replay.
-        at: the fitted system with its captures.
-        stopping: True to learn when to stop.
     """
     corpus, fold, system = at.corpus, at.fold, at.system
     begun = replay.begun(corpus)
@@ -150,13 +141,6 @@ def replayed(
     """The replay table of some captures, without ``confidence`` and ``settled``; sorted by capture, then instant.
 
     A system that decides per window has the mean probability of its windows so far.
-
-    Args:
-        estimator: fitted.
-        corpus: captures from the beginning of the replay.
-        fold: fold name of the rows.
-        positions: positions of the captures.
-        instants: frames seen at each decision, rising.
     """
     parts, before = [], 0
     for frames in instants:
@@ -197,13 +181,7 @@ class Calibration:
 
     @classmethod
     def fit(cls, proba: np.ndarray, true: np.ndarray, ms: np.ndarray) -> Calibration:
-        """Maximum likelihood over decisions; temperatures stay within 1/100 and 100.
-
-        Args:
-            proba: probabilities [decisions, classes].
-            true: column of the true class, int [decisions].
-            ms: milliseconds seen before each decision [decisions].
-        """
+        """Maximum likelihood over decisions; temperatures stay within 1/100 and 100."""
         logs = np.log(np.maximum(proba, LEAST))
         late = _lateness(ms, ms.min(), ms.max())
         rows = np.arange(len(logs))
@@ -306,11 +284,7 @@ class Stopping:
 
 
 def unlearnable(estimator: contract.System, corpus: Corpus) -> str:
-    """The reason why no `Stopping` can be learned from some training captures; empty if it can.
-
-    Raises:
-        InputError: the system refuses one of the inner training parts.
-    """
+    """The reason why no `Stopping` can be learned from some training captures; empty if it can."""
     gestures, subjects = corpus.gestures, corpus.subjects.astype(str)
     if len(set(subjects)) < 2:
         return "only one subject trains"
@@ -329,12 +303,6 @@ def learned(
     """Learn the stopping rule from the training part; also return the result of each threshold there.
 
     Each of its subjects is replayed by a system that was not trained on it. No other capture is looked at.
-
-    Args:
-        untrained: function that makes a system.
-        corpus: the captures.
-        train: positions of the training captures.
-        replay: settings of the replay.
     """
     part = corpus[train]
     begun = replay.begun(part)

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bench import scores
+from bench.machine import Machine
 from bench.registry import is_own
 from bench.tables import uniform
 
@@ -43,6 +44,7 @@ class FoldResult:
         times: further milliseconds by name, one per timed decision.
         scored: tracked values of the fold, as its kind of run measures them.
         seconds: seconds of the whole fold.
+        machine: the machine that did it; None if that is unknown.
     """
 
     name: str
@@ -60,6 +62,7 @@ class FoldResult:
     times: dict[str, list[float]] = field(default_factory=dict)
     scored: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
+    machine: Machine | None = None
 
     @property
     def reason(self) -> str:

@@ -96,11 +96,7 @@ class Recogniser(PythonModel):
         return [f"ch{i + 1}" for i in range(self.grid[0] * self.grid[1])]
 
     def check_rate(self, rate_hz: float) -> None:
-        """Refuse frames of another rate.
-
-        Raises:
-            InputError: it is not the rate of the training captures.
-        """
+        """Refuse frames of another rate."""
         if not np.isclose(rate_hz, self.rate_hz, rtol=1e-3):
             raise InputError(
                 f"rate_hz={rate_hz:g}: this model was trained at {self.rate_hz:g} Hz; resample the frames, "
@@ -120,12 +116,8 @@ class Recogniser(PythonModel):
     def decision(self, corpus: Corpus, before: str | None) -> tuple[str, float, float | None]:
         """Label, confidence, and settledness of the label, 0 to 1, of the frames of one capture so far.
 
-        Args:
-            corpus: one capture.
-            before: the label that stood when 1/1.41 as much had been seen, if any.
-
-        Returns:
-            The last is None where the model has not learned when to decide, or has found no saving.
+        ``before`` is the label that stood when 1/1.41 as much had been seen, if any. Without a stopping rule that saves
+        time, nothing is settled: None.
         """
         raw = self._mean(corpus)
         proba, settled = self._calibrated(raw, corpus.lengths).to_numpy(), None
@@ -165,9 +157,6 @@ class Recogniser(PythonModel):
 
         Returns:
             One row per capture: capture, label, confidence, p_<class>.
-
-        Raises:
-            MlflowException: a table or a rate that does not fit; a server answers with its message.
         """
         try:
             self.check_rate((params or {}).get("rate_hz", self.rate_hz))
@@ -186,13 +175,7 @@ class Recogniser(PythonModel):
         return ModelSignature(Schema(inputs), Schema(outputs), rate)
 
     def model(self, plugins: list[str], frames: np.ndarray, packages: tuple[str, ...] = ()) -> dict[str, Any]:
-        """Arguments for MLflow's ``log_model`` and ``save_model``, besides the code (`own_code`).
-
-        Args:
-            plugins: names of parts whose packages the model needs.
-            packages: distributions that it needs besides.
-            frames: a few frames of a capture, for the input example.
-        """
+        """Arguments for MLflow's ``log_model`` and ``save_model``, besides the code (`own_code`)."""
         example = pd.DataFrame(frames.reshape(len(frames), -1), columns=self.channels)
         example.insert(0, "frame", np.arange(len(frames)))
         example.insert(0, "capture", "1")
@@ -261,11 +244,7 @@ def by_value() -> None:
 
 
 def load(model: str) -> Recogniser:
-    """A saved system, by its address in the user's store or a folder.
-
-    Raises:
-        InputError: there is none, or it is not one of touchbench's, or another version has saved it.
-    """
+    """A saved system, by its address in the user's store or a folder."""
     if re.match(r"(models|runs):/", model):
         mlflow.set_tracking_uri(store_uri())
     elif not (Path(model) / "MLmodel").is_file():
@@ -298,14 +277,10 @@ def load(model: str) -> Recogniser:
 @contextmanager
 def quiet() -> Iterator[None]:
     """Without MLflow's notes on pickled code and hints, which the help page has."""
-    loggers = [logging.getLogger(name) for name in ("mlflow", "mlflow.pyfunc", "mlflow.models")]
-    levels = [logger.level for logger in loggers]
+    logging.disable(logging.WARNING)
     try:
-        for logger in loggers:
-            logger.setLevel(logging.ERROR)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
     finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
+        logging.disable(logging.NOTSET)

@@ -31,11 +31,10 @@ def stopped(table: pd.DataFrame, threshold: float) -> pd.DataFrame:
 
 
 def learn_stopping(table: pd.DataFrame, rate_hz: float) -> tuple[float, pd.DataFrame]:
-    """The threshold that saves most time without loss on training subjects.
+    """The threshold that saves most time without loss on training subjects, and what each of the series gives.
 
-    Returns:
-        The threshold with the smallest mean observed time whose accuracy, as a mean over subjects, is not below that of
-        whole captures by more than one standard error of the difference; and what each threshold of the series gives.
+    It has the smallest mean observed time whose accuracy, as a mean over subjects, is not below that of whole captures
+    by more than one standard error of the difference.
     """
     at_the_end = _hits(stopped(table, np.inf))
     rows = []

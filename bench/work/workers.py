@@ -1,4 +1,4 @@
-"""Workers for folds: this process, processes of this machine, or others (`Workers`)."""
+"""Workers for folds: this process, or processes of this machine."""
 
 from __future__ import annotations
 
@@ -12,75 +12,52 @@ from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any, Self
 
 from joblib.externals.loky import get_reusable_executor
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.machine import Machine, this_machine
+from bench.machine import this_machine
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
 from bench.work.evaluation import folded
 from bench.work.fold import forget_peak
 from bench.work.results import FoldResult, failure
 
-Done = tuple[FoldResult, Machine | None]  # None if the machine is unknown
-
-
-class Workers(Protocol):
-    """Workers that do folds; every fold gives one result, a crashed worker a failed one.
-
-    Left with an exception (Ctrl-C), they end the folds that are under way.
-
-    Attributes:
-        threads: threads of each fold; 0 for those of its plan.
-    """
-
-    threads: int
-
-    def __enter__(self) -> Workers: ...
-
-    def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None: ...
-
-    def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[Done]:
-        """Do folds of a plan; each result as soon as it is there."""
-
 
 class Here:
-    """This process: of one fold at a time, starting another one takes longer than most folds."""
+    """This process: of one fold at a time, starting another one takes longer than most folds.
 
-    threads = 0
+    Other workers have the same methods. Every fold gives one result, a crashed worker a failed one. Left with an
+    exception (Ctrl-C), they end the folds that are under way.
+    """
 
-    def __enter__(self) -> Here:
+    threads = 0  # of each fold; 0 for those of its plan
+
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None:
         pass
 
-    def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[Done]:
-        """Do folds one after the other."""
+    def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[FoldResult]:
+        """Do folds of a plan; each result as soon as it is there."""
         fill_cache(plan.cell, plan.corpus)
         for fold in missing:
-            yield do_fold(plan.cell, plan.corpus, fold, plan.threads), this_machine()
+            yield do_fold(plan.cell, plan.corpus, fold, plan.threads)
 
 
-class Processes:
+class Processes(Here):
     """Worker processes of this machine, which stay for the next plan: importing torch takes seconds."""
 
-    threads = 0
-
-    def __init__(self) -> None:
-        self.pool: Any = None  # of loky, which has no types
-
-    def __enter__(self) -> Processes:
-        return self
+    pool: Any = None  # of loky, which has no types
 
     def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None:
         if kind and self.pool:  # else the folds that wait would be run before the process ends
             self.pool.shutdown(wait=True, kill_workers=True)
 
-    def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[Done]:
+    def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[FoldResult]:
         """Do folds side by side; after a worker has died (out of memory, say), one at a time, to see which kills it."""
         waiting, running, count = deque(missing), dict[Any, tuple[Fold, float]](), plan.workers
         self._start(count, plan.threads)
@@ -95,7 +72,7 @@ class Processes:
             done = next(as_completed(running))
             fold, began = running.pop(done)
             try:
-                yield done.result(), this_machine()
+                yield done.result()
             except BrokenProcessPool as e:
                 self.pool.shutdown(wait=True, kill_workers=True)
                 if count > 1:
@@ -104,7 +81,7 @@ class Processes:
                     count = 1
                 else:
                     error = f"The worker process died; out of memory?\n{e}"
-                    yield FoldResult(fold.name, error=error, seconds=time.perf_counter() - began), this_machine()
+                    yield FoldResult(fold.name, error=error, seconds=time.perf_counter() - began)
                 self._start(count, plan.threads)
 
     def _start(self, count: int, threads: int) -> None:
@@ -139,7 +116,7 @@ def do_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         raise
     except BaseException:  # whatever a system raises is this fold's result; even `sys.exit` does not end the command
         result = FoldResult(fold.name, error=failure())
-    result.seconds = time.perf_counter() - began
+    result.seconds, result.machine = time.perf_counter() - began, this_machine()
     return result
 
 

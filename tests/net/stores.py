@@ -208,7 +208,6 @@ def _compare_runs(found: Found, where: str, before: tuple[Side, Any], after: tup
     (one, run), (other, twin) = before, after
     found.counts["runs"] += 1
     found.equal("states", f"{where}: status", run.info.status, twin.info.status)
-    found.equal("states", f"{where}: captures", _inputs(run), _inputs(twin))
     for what in ("params", "tags"):
         sides = one.texts(getattr(run.data, what)), other.texts(getattr(twin.data, what))
         for name in found.both(what, where, *sides):
@@ -233,11 +232,6 @@ def _compare_runs(found: Found, where: str, before: tuple[Side, Any], after: tup
 
 def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
-
-
-def _inputs(run: Any) -> list[tuple[str, ...]]:
-    inputs = run.inputs.dataset_inputs if run.inputs else []
-    return sorted((i.dataset.name, i.dataset.digest, *(tag.value for tag in i.tags)) for i in inputs)
 
 
 def _stem(name: str) -> str:

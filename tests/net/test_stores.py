@@ -28,7 +28,7 @@ def before(tmp_path_factory, empty_store):
             store.keep(run, Path(file_of(name)))
         Path("figure.svg").write_bytes(b"a")
         store.keep(run, Path("figure.svg"))
-        per_class = Path(store.run(run).info.artifact_uri) / "per_class.parquet"
+        per_class = Path(store.client.get_run(run).info.artifact_uri) / "per_class.parquet"
         pd.read_parquet(per_class).to_csv(per_class.with_suffix(".csv"), index=False)
         per_class.unlink()  # as earlier versions stored it
     return folder
@@ -49,7 +49,7 @@ def compared(capsys, before, code):
 
 
 def next_metric(store, run, name):
-    store.log(run, {name: np.nextafter(store.run(run).data.metrics[name], 2)})
+    store.log(run, {name: np.nextafter(store.client.get_run(run).data.metrics[name], 2)})
 
 
 def next_cell(files):

@@ -30,7 +30,7 @@ class Memory(Store):
         data = SimpleNamespace(tags=dict(tags), params=dict(params or {}), metrics={}, steps={})
         info = SimpleNamespace(run_id=run_id, status="RUNNING", run_name=name, start_time=int(run_id))
         info.artifact_uri = mkdtemp()
-        self.kept[run_id] = SimpleNamespace(info=info, data=data, inputs=None, folder=Path(info.artifact_uri))
+        self.kept[run_id] = SimpleNamespace(info=info, data=data, folder=Path(info.artifact_uri))
         return self.kept[run_id]
 
     def log(self, run_id, metrics=None, params=None, tags=None, step=0):
@@ -40,9 +40,6 @@ class Memory(Store):
         data.tags.update(tags or {})
         data.steps.setdefault(step, {}).update(metrics or {})
 
-    def log_captures(self, run_id, *_):
-        self.kept[run_id].inputs = SimpleNamespace(dataset_inputs=[1])
-
     def keep(self, run_id, path, where=""):
         folder = self.kept[run_id].folder / where
         folder.mkdir(exist_ok=True)
@@ -51,10 +48,7 @@ class Memory(Store):
     def drop(self, address, name):
         rmtree(Path(address) / name, ignore_errors=True)
 
-    def begin(self, run_id):
-        self.end(run_id, "RUNNING")
-
-    def end(self, run_id, status):
+    def mark(self, run_id, status):
         self.kept[run_id].info.status = status
 
     def delete(self, run_id):
@@ -76,7 +70,7 @@ MEASURED = {}  # folds that a run was measured from, by number
 
 @dataclass(frozen=True)
 class Echo(Study):
-    """Predicts nothing: a row for each test capture; fails as a dictionary says."""
+    """Predicts nothing: a row for each test capture; fails, or tells more, as dictionaries say."""
 
     key: ClassVar[str] = "echo"
     fails: ClassVar[dict] = {}  # what to raise, by fold

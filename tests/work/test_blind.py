@@ -123,7 +123,7 @@ def test_what_is_made_of_a_blind_corpus_is_blind(tmp_path):
 
 WINDOWS = {"model.window": 0.3}
 UNLABELLED = {"protocol": "personal", "protocol.unlabelled": "true"}
-CIRCUMSTANCES = (Faults(("noise",)), Subjects((1,)), Instants(hop_ms=200.0), Instants(hop_ms=200.0, stopping=True))
+CIRCUMSTANCES = (Faults(("noise",)), Subjects((1,)), Instants(hop_ms=200.0, stopping=True))
 
 
 @pytest.mark.parametrize(
@@ -184,21 +184,11 @@ def test_declared_conditions_are_visible_and_no_others():
     assert contract.conditions(system) == ("cover",)
     contract.check_conditions(system, covered)
     assert contract.probabilities(system, covered).shape == (len(FEW), 3)
-    two = covered[np.flatnonzero(covered.gestures != "pat")]
-    telling = two.changed(captures=two.captures.assign(number=two.gestures == "tap", who=two.captures["subject"] + "!"))
-    for name, corpus, fact in (
-        ("cover", FEW, "no column 'cover'"),
-        ("number", telling, "tells the class"),
-        ("who", telling, "tells the subject"),
-        *((name, covered.with_target("cover"), "must not use") for name in ("gesture", "subject", "cover")),
-    ):
+    for name, corpus, fact in (("cover", FEW, "no column 'cover'"), ("gesture", covered, "must not use")):
         system = Cover()
         system.conditions = (name,)
         with pytest.raises(InputError, match=fact):
             contract.check_conditions(system, corpus)
-    system.conditions = "cover"
-    with pytest.raises(InputError, match="tuple"):
-        contract.conditions(system)
 
 
 def test_the_next_person_is_learned_from_although_one_has_a_single_capture():
@@ -233,22 +223,9 @@ class Votes(Mean):
         return np.full(len(X), self.classes_[0])
 
 
-class Undecided(Mean):
-    """Gives two classes the same probability, and names the second."""
-
-    def predict_proba(self, X):
-        return np.tile([0.5, 0.5, 0], (len(X), 1))
-
-    def predict(self, X):
-        return np.full(len(X), self.classes_[1])
-
-
 def test_a_fold_fails_where_predict_and_the_probabilities_disagree():
     fold = Fold("x", TRAIN, TEST)
     with pytest.raises(PredictionError, match=r"disagree on 6 of 6 captures; .* the order of classes_"):
         evaluated(cell_of(Swapped), FEW, fold, 1)
-    for kind in (Votes, Undecided):
-        assert not evaluated(cell_of(kind), FEW, fold, 1)[1].batch_effects
-    assert evaluated(cell_of(Centred), FEW, fold, 1)[
-        1
-    ].batch_effects  # its labels differ with the batch: marked, not failed
+    assert not evaluated(cell_of(Votes), FEW, fold, 1)[1].batch_effects
+    assert evaluated(cell_of(Centred), FEW, fold, 1)[1].batch_effects  # other labels in each batch: marked, not failed

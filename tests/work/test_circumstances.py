@@ -1,9 +1,8 @@
 """Circumstances: what is fitted on what, what is predicted in which case, and what is measured of it."""
 
 import pickle
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
-from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -11,29 +10,21 @@ import pytest
 
 import bench
 from bench import scores
-from bench.candidate import Wish
-from bench.circumstances.base import Case, Circumstance, option
 from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
 from bench.circumstances.subjects import Subjects
 from bench.cli import main
-from bench.corpora.faults import FAULTS, as_shares, damaged, usual_faults
+from bench.corpora.faults import FAULTS, as_shares, damaged
 from bench.errors import InputError
-from bench.outcomes.reactions import Reactions, by_capture
 from bench.outcomes.runs import every_result, plain
 from bench.plan.cells import cells
-from bench.plan.plan import Fold, Plan, folds_of
+from bench.plan.plan import Fold
 from bench.registry import views
-from bench.reports.views.base import View
-from bench.result import Result
 from bench.store import connect
 from bench.work.curves import COLUMNS, unharmed
 from bench.work.evaluation import folded, run_of
-from bench.work.fitted import labelled
-from bench.work.fold import decisions
 from bench.work.loop import prepared
 from bench.work.subset import subset
-from bench.work.tracking import key_of
 from tests.conftest import SMALL, random_corpus, with_other_values
 from tests.work.fakes import Level, cell_of
 
@@ -128,20 +119,6 @@ def test_labels_under_a_fault_are_those_of_the_damaged_captures_and_clean_ones_t
             np.testing.assert_allclose(part["p_true"], p_true, rtol=1e-6)
 
 
-def test_labels_are_right_where_a_class_is_not_tested_and_a_window_net_decides_often(corpus):
-    class Windows(Level):
-        def decide(self, X):
-            position = np.repeat(np.arange(len(X)), 2)
-            proba = np.tile([[0.0, 0.2, 0.8], [0.0, 0.7, 0.3]], (len(X), 1))
-            return pd.DataFrame({"capture": position, "start": 0, "frames": 1}), proba
-
-    model = Windows().fit(corpus, corpus.gestures)
-    test = np.flatnonzero((corpus.gestures != "pat") & (corpus.subjects == "3"))
-    rows = labelled(decisions(model, corpus, "3", test))
-    assert rows["predicted"].eq("tap").all() and rows["capture"].tolist() == test.tolist()
-    assert rows["p_true"].tolist() == pytest.approx(np.where(rows["true"] == "tap", 0.55, 0.45))
-
-
 class Shy(Level):
     """Abstains where no class is likely enough."""
 
@@ -166,11 +143,6 @@ def test_abstentions_are_wrong_in_every_circumstance_and_their_share_is_told():
         assert (row["accuracy"], row["abstained"]) == ((hit & ~gone).mean(), gone.mean())
     gone = np.isnan(system.predict_proba(CORPUS[TEST])[:, 0]).mean()
     assert 0 < run.metrics["abstained"] == gone < 1
-    labelled = scores.captures(run.tables["predictions"])
-    rows = by_capture(run.tables["predictions"], Reactions(silence=0.25)).assign(predicted=labelled["predicted"])
-    assert (rows["taken"] == "nothing").tolist() == labelled["predicted"].eq("").tolist()
-    wrong = (labelled["predicted"] != labelled["true"]).mean()
-    assert Reactions(silence=0.25).scores(rows)["2"] == pytest.approx(100 * (1 - wrong + 0.75 * gone))
 
 
 def test_metrics_are_those_of_the_table(stressed):
@@ -187,25 +159,8 @@ def test_metrics_are_those_of_the_table(stressed):
     assert measured["faults_tested"] == 2 and measured["faults_trained"] == 0
     assert {"loss.noise", "loss.early_end", "chance", "failing_slices", "accuracy.train_subjects.2"} <= set(measured)
     assert {"fault_seconds", "fault_cpu_seconds", "refit_seconds"} <= set(measured)
-    worst = max((measured["loss.noise"], "noise"), (measured["loss.early_end"], "early end"))
-    said = {
-        m.name: m.of(Result(run.about | {"faults": "noise, early_end"}, measured, {}))
-        for m in views()["under"].shows([run])
-    }
-    assert said["failing groups"] == f"{measured['failing_slices.under']} of {measured['tested_slices.under']}"
-    assert said["worst fault"] == f"{worst[1]} {100 * worst[0]:.1f}"
     alone = once(*stress((), (1,)))[0].tables["labels"]  # the learning curve alone
     assert not alone["circumstance"].eq("under").any() and set(alone["train_subjects"]) == {1, 3}
-    typed = [Faults(names).arguments() for names in ((), usual_faults(), FEW)]
-    assert typed == [{"under": "none"}, {"under": "all"}, {"under": "noise,early_end"}]
-
-
-def test_other_faults_or_training_subjects_are_another_run(corpus):
-    (cell,) = cells({"model": "bayes"})
-    plan = Plan(cell, corpus, tuple(folds_of(cell, corpus)), 1, 1)
-    every = (stress(FEW), stress(FEW[:1]), stress(FEW, (2,)), ())
-    keys = [key_of(plan.of(replace(cell, circumstances=some))) for some in every]
-    assert len(set(keys)) == 4 and keys[0] == key_of(plan.of(replace(cell, circumstances=stress(FEW))))
 
 
 def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
@@ -227,12 +182,6 @@ def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
             if n.startswith(("accuracy", "loss", "replay_accuracy", "failing_slices.")) or n == "chance"
         ]
         assert len(same) > 3 and {n: measured.metrics[n] for n in same} == {n: numbers[n] for n in same}
-    names = [m.name for m in views()["after"].shows([measured])]
-    assert names[1:3] == ["250 ms", "whole"] and "early stop %" not in names  # no capture lasts 1000 ms
-    assert "stopping" not in views()["after"].title([measured])
-    learned = Result(measured.about, measured.metrics | {"adaptive_accuracy": 0.5, "adaptive_ms": 300.0}, {})
-    spare = {m.name: m.spare for m in views()["after"].shows([learned])}
-    assert spare["early stop %"] == spare["at mean ms"] == 0 and "stopping" in views()["after"].title([learned])
     assert "stopping" not in measured.tables and {"labels", "replay", "learning", "slices"} < {*measured.tables}
     assert {"fault", "time"} <= {*measured.tables["slices"]["circumstance"]}
 
@@ -254,9 +203,6 @@ def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_agai
     (run,) = every_result(connect())
     assert run.complete and run["folds"] == 3 and views()["under"].holds(run) and not views()["after"].holds(run)
     assert {"accuracy", "loss.noise"} <= {*run.metrics} and "replay_accuracy" not in run
-    assert bench.choose(data="synth").choice.table["unit"].tolist() == ["capture"]
-    assert main([*words[:-2], "after=250ms"]) == 1  # alone: another run, whose captures are labelled
-    assert capsys.readouterr().out.count("3/3") == 1
     monkeypatch.setattr(Instants, "fold", replayed)
     done.clear()
     assert main(words) == 0 and "fold 2 done" in (said := capsys.readouterr().err) and "fold 1 done" not in said
@@ -264,113 +210,12 @@ def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_agai
     assert views()["after"].holds(run) and run["replay_accuracy"] > 0 and not run.failed
 
 
-@dataclass(frozen=True)
-class Pressed(Circumstance):
-    """Readings times a factor, in cases with names."""
-
-    key: ClassVar[str] = "pressed"
-
-    def cases(self, at):
-        for case in ("up", "down"):
-            for factor in (0.5, 2):
-                frames = at.corpus.frames * (factor if case == "up" else 1 / factor)
-                yield Case(case, factor, corpus=at.corpus.changed(frames=frames.astype(np.float32)))
-
-
-class Pressing(View):
-    noun = "times"
-    alike = {"pressed.hand": ("{} hand", "right")}
-
-
-def test_each_named_case_and_fractional_level_is_a_column_and_a_candidate():
-    result, run = once(Faults(("noise",)), Pressed())
-    view = Pressing("pressed", ("pressed",))
-    names = {f"accuracy.{case}.{level}" for case in ("up", "down") for level in ("0.5", "2")}
-    names |= {f"accuracy.noise.{severity}" for severity in range(1, 6)}
-    of = [{n for n in numbers if n.startswith("accuracy.")} for numbers in (run.metrics, result.scored)]
-    assert of == [names, names]
-    table = run.tables["labels"].assign(hit=lambda rows: rows["true"] == rows["predicted"])
-    right = table.groupby(["case", "level"])["hit"].mean()
-    shown = {m.name: m.cell(run) for m in view.shows([run])}
-    cases = [(case, level) for case in ("up", "down") for level in (0.5, 2)]
-    assert [*shown][:-1] == [f"{case}, {level:g} times" for case, level in cases]
-    assert shown == pytest.approx(
-        {f"{case}, {level:g} times": 100 * right[case, level] for case, level in cases}
-        | {"mean loss": 100 * (right["none", 0] - np.mean([right[one] for one in cases]))}
-    )
-    ways = [way.unit for way in view.candidates(run, Wish(Reactions()))]
-    assert ways == [f"{case}, {level:g} times" for case, level in cases]
-    left = Result(run.about | {"pressed.hand": "left"}, run.metrics, run.tables)
-    apart = [way.unit for way in view.candidates(left, Wish(Reactions()))]
-    assert apart == [f"{way}, left hand" for way in ways]
-
-
-def test_numbers_of_training_subjects_that_differ_between_folds_are_a_column():
-    """Of three folds of five subjects, one trains on four and two on three: 3.3 subjects on average."""
-    run = Result(ABOUT, {"accuracy.train_subjects.2": 0.5, "accuracy.train_subjects.3.3": 0.75}, {})
-    assert {m.name: m.of(run) for m in views()["train_subjects"].shows([run])} == {
-        "2 subjects": "50.0",
-        "3.3 subjects": "75.0",
-    }
-
-
-def test_times_in_another_order_are_the_same_run_and_the_same_candidates():
+def test_times_in_another_order_are_the_same_run():
     (one,), (other,) = (Instants.of({"after": text}) for text in ("200ms,1234.5678ms,100ms", "100ms,200ms,1234.5678ms"))
     assert one == other and one.params() == other.params()
     assert Instants.of(one.arguments()) == [one]
     (hop,) = Instants.of({"after": "each", "hop_ms": "33.3333333"})
     assert Instants.of(hop.arguments()) == [hop] and hop.arguments()["hop_ms"] == "33.3333333"
-    ways = []
-    for times in ((100.0, 200.0), (200.0, 300.0)):
-        _, run = once(Instants(times))
-        run.about.update({name: str(value) for name, value in Instants(times).params().items()})
-        ways.append({(c.apart, c.unit): c.scores for c in views()["after"].candidates(run, Wish(Reactions(), np.inf))})
-    both = {*ways[0]} & {*ways[1]}
-    assert {unit for _, unit in both} >= {"first 200 ms"} and len(both) == 2  # and the whole capture
-    assert all(ways[0][key].equals(ways[1][key]) for key in both)
-
-
-def test_times_beyond_the_longest_capture_and_equal_lengths_are_told_once(capsys):
-    words = [*SMALL, "model=bayes,tree", "features=jung28", "after=250ms,1000s"]
-    assert main(["run", *words]) == 0
-    said = capsys.readouterr().err
-    assert said.count("warning: synth: after=1000000ms: no capture lasts so long; the longest") == 1
-
-
-@dataclass(frozen=True)
-class Typed(Circumstance):
-    """Options with several values of a type."""
-
-    key: ClassVar[str] = "shares"
-
-    shares: tuple[float, ...] = option((), "shares", type="number")
-    sides: tuple[str, ...] = option(("left",), "sides", ("left", "right"))
-    ends: tuple[bool, ...] = option((), "ends", type="yes")
-
-
-def test_each_of_several_values_of_an_option_is_of_its_type():
-    (made,) = Typed.of({"shares": "0.5,0.25", "sides": "right,left", "ends": "no,yes"})
-    assert made == Typed((0.5, 0.25), ("right", "left"), (False, True)) and Typed.of(made.arguments()) == [made]
-    for key, value in (("shares", "zebra"), ("shares", "0.5,-1"), ("sides", "left,up"), ("ends", "maybe")):
-        with pytest.raises(InputError, match=f"{key}={value.split(',')[-1]}: give"):
-            Typed.of({key: value})
-
-
-@pytest.mark.parametrize(
-    ("words", "fact"),
-    [
-        (["hop_ms=200"], "hop_ms= needs after="),
-        (["after=0ms"], "after=0ms"),
-        (["after=250ms", "hop_ms=200"], "leave one of them out"),
-        (["after=each,250ms"], "after=each,250ms: each stands alone"),
-        (["under=nois"], "did you mean noise"),
-        (["train_subjects=0"], "at least 1"),
-    ],
-)
-def test_what_no_circumstance_takes_is_one_line(words, fact, capsys):
-    assert main(["run", *SMALL, "model=bayes", "features=jung28", *words]) == 2
-    error = capsys.readouterr().err
-    assert fact in error and error.count("\n") == 1
 
 
 def test_a_plain_run_and_one_in_a_circumstance_are_one_system(capsys):

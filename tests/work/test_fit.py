@@ -19,7 +19,7 @@ from bench.corpora.library import open_corpus
 from bench.plan.cells import cells
 from bench.work.fit import fit
 from bench.work.replay import STATE, Calibration, Replay, Stopping, Waiting, learned
-from bench.work.saved import Recogniser, load, quiet, requirements, step_of
+from bench.work.saved import Recogniser, load, quiet, step_of
 from tests.conftest import random_corpus, runs
 from tests.work.fakes import Level
 from tests.work.test_circumstances import CORPUS, TEST, TRAIN, Shy
@@ -92,14 +92,7 @@ def test_a_saved_system_decides_as_the_estimator_as_surely_as_it_may(shipped, mo
     unnamed = model.predict(table.drop(columns="capture"), params={"rate_hz": 135.0})
     assert unnamed["capture"].tolist() == [str(i + 1) for i in range(len(some))]
     assert unnamed["label"].equals(labels["label"])
-    for wrong, rate_hz, fact in (
-        (table, 54.0, "54"),
-        (table.drop(columns="ch64"), 135.0, "ch64"),
-        (table.assign(ch3=2000), 135.0, "full scale 1023"),
-        (table.assign(ch3=np.nan), 135.0, "ch3 is nan"),
-        (table.drop(columns=["capture", "frame"]), 135.0, "capture or frame"),
-        (table.assign(frame=table["frame"] * 2), 135.0, "frame"),
-    ):
+    for wrong, rate_hz, fact in ((table, 54.0, "54"), (table.drop(columns="ch64"), 135.0, "ch64")):
         with pytest.raises(mlflow.MlflowException, match=fact):
             model.predict(wrong, params={"rate_hz": rate_hz})
     metadata = model.metadata.metadata
@@ -138,9 +131,7 @@ def test_what_cannot_be_fitted_or_loaded_is_refused(shipped, capsys):
     shipped.fitted.recogniser.format = usual
     for arguments, fact in (
         (["fit", "out=full"], "out=full"),
-        (["fit", "data=nothing"], "nothing"),
         (["fit", "where=gesture == 'pat'"], "one gesture"),
-        (["predict", "x", "y.csv", "out=a", "out=b"], "out="),
         (["predict", "http://somewhere/model", "y.csv"], "not a saved model"),
         (["predict", "runs:/0123/model", "y.csv"], "runs:/0123/model cannot be loaded"),
         (["predict", "other", "y.csv"], "other is not a model of touchbench"),
@@ -170,25 +161,11 @@ def test_files_of_every_format_are_labelled_and_a_bad_one_is_one_line(monkeypatc
         assert labels["label"].tolist() == system.predict(corpus).tolist()
         np.testing.assert_allclose(labels.filter(like="p_"), system.predict_proba(corpus), atol=1e-5)
     table.drop(columns="ch12").to_csv("bad.csv", index=False)
-    np.savez("bad.npz", frames=np.zeros((4, 2, 2)), offsets=[0, 4])
     capsys.readouterr()
-    for arguments, facts in {
-        ("bad.csv",): "bad.csv 3x4 ch12",
-        ("bad.npz",): "bad.npz 3x4",
-        ("none.csv",): "none.csv",
-        ("new.csv", "rate_hz=54"): "54 100",
-        ("new.csv", "rate_hz=x"): "rate_hz=x",
-    }.items():
+    for arguments, facts in {("bad.csv",): "bad.csv 3x4 ch12", ("new.csv", "rate_hz=54"): "54 100"}.items():
         assert main(["predict", "m", *arguments]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert all(fact in line for fact in facts.split())
-
-
-def test_a_system_with_an_extra_brings_what_the_extra_names():
-    assert f"aeon=={version('aeon')}" in requirements(["rocket", "jung54"])
-    usual = requirements(["svm", "jung54"])
-    names = {requirement.split("==")[0] for requirement in usual}
-    assert f"mlflow=={version('mlflow')}" in usual and not {"aeon", "pytest", "ruff"} & names
 
 
 @pytest.mark.nightly

@@ -5,24 +5,22 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from filelock import FileLock
 
 from bench.cli import main
-from bench.commands.printing import choices_table, failures
-from bench.errors import ClusterError, InputError, StoreError
+from bench.errors import ClusterError, InputError
 from bench.machine import Machine
 from bench.plan.cells import cells
 from bench.plan.plan import planned, share_cores
 from bench.scratch import home
 from bench.work import loop
 from bench.work.fold import forget_peak, peak_memory
-from bench.work.loop import Interrupted, execute, prepared
+from bench.work.loop import Interrupted, execute
+from bench.work.tracking import key_of
 from bench.work.workers import Here
 from tests.conftest import predictions, runs
 from tests.work.fakes import DONE, MEASURED, Echo, Memory
-from tests.work.wayward import Wayward
 
 SMALL = ["data.subjects=4", "data.variants=normal", "jobs=2"]
 TINY = {"data.subjects": 4, "data.variants": "normal", "data.repetitions": 1}
@@ -31,14 +29,13 @@ TINY = {"data.subjects": 4, "data.variants": "normal", "data.repetitions": 1}
 class Backwards(Here):
     """Folds in this process, the last one first; they are cut off before fold number ``stop`` is done."""
 
-    stop, how, machines = -1, KeyboardInterrupt, ()
+    stop, how = -1, KeyboardInterrupt
 
     def folds(self, plan, missing):
         for fold in reversed(missing):
             if len(DONE) == self.stop:
                 raise self.how
-            for result, machine in super().folds(plan, [fold]):
-                yield result, self.machines[int(result.name) % 2] if self.machines else machine
+            yield from super().folds(plan, [fold])
 
 
 @pytest.fixture
@@ -47,8 +44,6 @@ def store(monkeypatch):
     memory = Memory()
     monkeypatch.setattr(loop, "connect", lambda writes: memory)
     monkeypatch.setattr(loop, "Processes", Backwards)
-    for name in ("stop", "how", "machines"):
-        monkeypatch.setattr(Backwards, name, getattr(Backwards, name))
     monkeypatch.setattr(Echo, "fails", {})
     return memory
 
@@ -63,37 +58,22 @@ def todo(plan, *numbers):
     return [plan.of(replace(plan.cell, study=Echo(number))) for number in numbers]
 
 
-def test_outcomes_come_in_the_order_of_the_plans_and_folds_in_that_of_the_protocol(store, plan, capsys):
+def test_outcomes_come_in_the_order_of_the_plans_and_folds_in_that_of_the_protocol(store, plan, capsys, monkeypatch):
+    monkeypatch.setattr(Echo, "fold_metrics", lambda self, result, rate_hz: {"score": int(result.name) / 3})
     outcomes = execute(todo(plan, 0, 1, 0))  # the same again is computed once
     assert [o["echo.number"] for o in outcomes] == ["0", "1", "0"] and store.statuses() == ["FINISHED"] * 2
     assert "all 4 folds are already stored" in capsys.readouterr().err.replace("\n", " ")
-    assert [r.name for number in range(2) for r in MEASURED[number]] == ["1", "2", "3", "4"] * 2
-    assert DONE == [(n, f) for n in range(2) for f in "4321"]
+    assert DONE == [(n, f) for n in range(2) for f in "4321"] and outcomes[2]["run_id"] == outcomes[0]["run_id"]
     for outcome in outcomes:
-        table = outcome.tables["predictions"]
-        assert table["capture"].tolist() == [int(i) for i in plan.corpus.index]
-        assert table["fold"].unique().tolist() == ["1", "2", "3", "4"] and outcome.complete and not outcome.errors
+        predictions, folds = outcome.tables["predictions"], outcome.tables["folds"]
+        assert predictions["capture"].tolist() == [int(i) for i in plan.corpus.index]
+        assert outcome.complete and not outcome.errors and "fold/score" not in outcome
         assert outcome.metrics == {"captures": len(plan.corpus), "folds": 4, "folds_failed": 0}
-
-
-def test_a_result_reads_its_tables_from_the_store(store, plan):
-    for _ in range(2):  # computed, and found again
-        (outcome,) = execute(todo(plan, 0))
-        shorter = pd.read_parquet(path := store.kept[outcome["run_id"]].folder / "predictions.parquet").iloc[1:]
-        shorter.to_parquet(path, index=False)
-        assert {*outcome.tables} == {"predictions", "folds"} and len(outcome.tables["predictions"]) == len(shorter)
-
-
-def test_folds_of_a_finished_run_are_its_tables_and_steps_of_its_numbers(store, plan, monkeypatch):
-    monkeypatch.setattr(Echo, "fold_metrics", lambda self, result, rate_hz: {"score": int(result.name) / 3})
-    (first,) = execute(todo(plan, 0))
-    (again,) = execute(todo(plan, 0))
-    (run,) = store.of_kind("echo")
-    assert len(DONE) == 4 and again["run_id"] == first["run_id"] and again.metrics == first.metrics
-    assert [run.data.steps[i]["fold/score"] for i in range(4)] == [1 / 3, 2 / 3, 1, 4 / 3] and "fold/score" not in again
-    folds = again.tables["folds"]
-    assert folds["fold"].tolist() == [*"1234"] and folds["score"].tolist() == [1 / 3, 2 / 3, 1, 4 / 3]
-    assert {*folds["status"]} == {"FINISHED"} and {*folds["error"]} == {""} and not (run.folder / "folds").exists()
+        assert folds["fold"].tolist() == [*"1234"] and folds["score"].tolist() == [1 / 3, 2 / 3, 1, 4 / 3]
+        assert {*folds["status"]} == {"FINISHED"} and {*folds["error"]} == {""}
+    for run in store.of_kind("echo"):  # the folds are tables of the run, and steps of its numbers
+        assert [run.data.steps[i]["fold/score"] for i in range(4)] == [1 / 3, 2 / 3, 1, 4 / 3]
+        assert not (run.folder / "folds").exists()
 
 
 @pytest.mark.parametrize(("how", "error"), [(KeyboardInterrupt, Interrupted), (ClusterError, ClusterError)])
@@ -125,10 +105,6 @@ def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
     assert outcome.tables["folds"]["error"].tolist() == ["", "SystemExit: enough", "ValueError: not finite", ""]
     err = capsys.readouterr().err
     assert "fold 2 failed: SystemExit: enough" in err and "fold 3 failed: ValueError: not finite\n" in err
-    assert failures([outcome]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    error, where = outcome.errors["3"]
-    assert error == "ValueError: not finite" and line.endswith(f"traceback of the first: {where}")
     Echo.fails.clear()
     DONE.clear()
     (outcome,) = execute(todo(plan, 0))
@@ -138,71 +114,26 @@ def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
     assert not outcome.scored and outcome.metrics == {"folds": 0, "folds_failed": 4} and store.statuses()[1] == "FAILED"
 
 
-def test_a_run_of_another_process_ends_the_command_after_those_before_it(store, plan, monkeypatch):
-    keys = {0: "one", 1: "two", 2: "three"}
-    monkeypatch.setattr(loop, "key_of", lambda plan: keys[plan.cell.study.number])
+def test_a_run_of_another_process_ends_the_command_after_those_before_it(store, plan):
+    one, two = todo(plan, 0, 1)
     (home() / "locks").mkdir(parents=True)
-    with FileLock(home() / "locks" / "two.lock"), pytest.raises(InputError, match="another process"):
-        execute(todo(plan, 0, 1, 2))
+    with FileLock(home() / "locks" / f"{key_of(two)}.lock"), pytest.raises(InputError, match="another process"):
+        execute([one, two])
     assert {number for number, _ in DONE} == {0} and store.statuses() == ["FINISHED"]
-    assert len(execute(todo(plan, 0, 1, 2))) == 3  # all locks are free again
-
-
-def test_locks_are_free_after_an_error_of_the_store(store, plan, monkeypatch):
-    with monkeypatch.context() as patch, pytest.raises(StoreError):
-        patch.setattr(store, "keep", lambda *_: (_ for _ in ()).throw(StoreError("full")))
-        execute(todo(plan, 0))
-    assert len(execute(todo(plan, 0))) == 1
+    assert len(execute([one, two])) == 2  # all locks are free again
 
 
 def test_a_run_names_its_machines(store, plan, monkeypatch):
-    monkeypatch.setattr(Backwards, "machines", (Machine("fast", "avx2"), Machine("slow", "sse")))
-    for _ in range(2):
+    machines = iter([Machine("fast", "avx2"), Machine("slow", "sse")] * 2)
+    monkeypatch.setattr("bench.work.workers.this_machine", lambda: next(machines))
+    for _ in range(2):  # as it ends, and as it is stored
         (run,) = execute(todo(plan, 0))
         assert run["cpu"] == "fast; slow" and run["simd"] == "avx2; sse"
-
-
-class Counting(Wayward):
-    """Counts how often it is made."""
-
-    made = []
-
-    def __init__(self):
-        super().__init__()
-        self.made.append(type(self).__name__)
-
-
-class Splits:
-    made = []
-
-    def __init__(self):
-        self.made.append(1)
-
-    def split(self, X, y, groups):
-        for name in sorted(set(groups)):
-            yield np.flatnonzero(groups != name), np.flatnonzero(groups == name)
-
-
-def test_a_system_and_a_protocol_are_built_once_before_the_first_fold(store, monkeypatch):
-    """Each fold then trains a system of its own."""
-    from bench.plan import cells as module
-
-    real = module.load
-    own = {"counting": Counting, "splits": Splits}
-    monkeypatch.setattr(module, "load", lambda room, name: own.get(name) or real(room, name))
-    Counting.made.clear()
-    Splits.made.clear()
-    made = prepared(cells({"model": "counting", "protocol": "splits", **TINY}), 1)
-    assert len(Counting.made) == 1
-    execute(made)
-    assert len(Counting.made) == 1 + 4 and len(Splits.made) == 1
 
 
 @pytest.mark.measured
 def test_a_run_is_tracked_whole(capsys):
     assert main(["run", "model=svm,cnn85", "model.epochs=2", *SMALL]) == 0
-    out = capsys.readouterr().out
-    assert "svm · jung54" in out and "cnn85[epochs=2]" in out and "synthetic" in out
     store, (svm, cnn) = runs("cell")
     assert svm.info.status == "FINISHED" and svm.data.tags["synthetic"] == "true"
     assert svm.data.params["model.C"] == "512.0" and svm.data.params["features"] == "jung54"
@@ -224,15 +155,6 @@ def test_a_run_is_tracked_whole(capsys):
     assert main(["run", "model=svm", *SMALL]) == 0  # the same again computes nothing
     assert "already stored" in capsys.readouterr().err and len(runs("cell")[1]) == 2
     assert runs("cell")[1][0].data.metrics == svm.data.metrics
-
-
-def test_a_whole_number_that_only_some_folds_choose_is_stored_and_shown_whole(store, plan, monkeypatch):
-    fold, chosen = Echo.fold, {"1": {"trees": 20000, "C": 0.5}, "2": {"level": True, "C": 40000.0}}
-    monkeypatch.setattr(Echo, "fold", lambda *all: replace(fold(*all), chosen=chosen.get(all[3].name, {"C": 1})))
-    (result,) = execute(todo(plan, 0))
-    texts = choices_table(result).texts
-    assert [row["trees"] for row in texts] == ["20000", "", "", ""] and texts[1]["level"] == "True"
-    assert [row["C"] for row in texts] == ["0.5", "4e+04", "1", "1"] and result.tables["chosen"]["C"].dtype == float
 
 
 def test_peak_memory_is_that_of_the_fold_alone():

@@ -10,11 +10,10 @@ from types import TracebackType
 
 from bench.corpora.corpus import Corpus
 from bench.errors import ClusterError, InputError
-from bench.machine import Machine, this_machine
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan
 from bench.work.results import FoldResult
-from bench.work.workers import Done, do_fold, fill_cache
+from bench.work.workers import do_fold, fill_cache
 
 ANSWER_S = 10.0  # that a scheduler has to answer
 FIRST_S = 30.0  # for the first worker to come
@@ -22,7 +21,7 @@ _filled: set[str] = set()  # of a worker's process: systems whose features are k
 
 
 class Cluster:
-    """The workers of a scheduler (`bench.work.workers.Workers`).
+    """The workers of a scheduler (as `bench.work.workers.Here`).
 
     Args:
         address: address of the scheduler, or the file that it has written.
@@ -60,7 +59,7 @@ class Cluster:
         """Disconnect; the scheduler then drops the folds that wait."""
         self.client.close(timeout=5)
 
-    def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[Done]:
+    def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[FoldResult]:
         """Do folds of a plan; each result as soon as it is there."""
         from distributed import as_completed
 
@@ -80,12 +79,10 @@ class Cluster:
                         f"cluster={self.address}: the scheduler is gone; every finished fold is stored, and the same "
                         "command continues from there"
                     ) from e
-                yield FoldResult(folds[future].name, error=f"{type(e).__name__}: {e}"), None
+                yield FoldResult(folds[future].name, error=f"{type(e).__name__}: {e}")
 
 
-def there(
-    cell: Cell, corpus: Corpus, fold: Fold, threads: int, expected: dict[str, object]
-) -> tuple[FoldResult, Machine]:
+def there(cell: Cell, corpus: Corpus, fold: Fold, threads: int, expected: dict[str, object]) -> FoldResult:
     """Do a fold, in a worker."""
     here = cell.identity()
     if differs := [
@@ -96,4 +93,4 @@ def there(
     if parts not in _filled:
         fill_cache(cell, corpus)
         _filled.add(parts)
-    return do_fold(cell, corpus, fold, threads), this_machine()
+    return do_fold(cell, corpus, fold, threads)
