@@ -33,7 +33,7 @@ def scratch() -> Iterator[None]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         sweep(folder)
-        for stored in (home() / "features", home() / "corpora", *(home() / "corpora").glob("*")):
+        for stored in (home(), home() / "features", home() / "corpora", *(home() / "corpora").glob("*")):
             sweep(stored, ".")  # written beside their names
         # Linux keeps the semaphores of workers whose whole group was killed.
         _remove_dead(Path("/dev/shm"), "sem.loky-*", r"sem\.loky-(\d{1,9})-.*")
