@@ -24,7 +24,7 @@ def keep(store, result):
         for name in result.tables:
             write_table(result.tables[name], Path(folder) / file_of(name))
         store.keep(run, Path(folder))
-    store.end(run, result["status"])
+    store.mark(run, result["status"])
     return run
 
 
