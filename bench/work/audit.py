@@ -177,7 +177,7 @@ def _(subject: Audited) -> str:
 @check("single capture")
 def _(subject: Audited) -> str:
     count = len(subject.test)
-    if effects := batch_effects(subject.first, subject.corpus, subject.test, most=count):
+    if effects := batch_effects(subject.first, subject.corpus, subject.test):
         raise Mistake(f"{len(effects)} of {count} predictions depend on the other captures: {effects[0]}")
     return f"{count} captures alone are predicted as in a batch, within {TOLERANCE:g}"
 
