@@ -88,7 +88,7 @@ class Reactions:
         table, reactions = self.cost_table(every), self.of(every)
         true = labelled["true"].astype(object).map(reactions)
         taken = labelled["taken"] if "taken" in labelled else labelled["predicted"].astype(object).map(reactions)
-        row, column = (table.index.get_indexer(each.fillna(NOTHING)) for each in (true, taken))
+        row, column = (table.index.get_indexer(pd.Index(each.fillna(NOTHING))) for each in (true, taken))
         return table.to_numpy()[row, column]
 
     def scores(self, labelled: pd.DataFrame) -> pd.Series:
