@@ -43,8 +43,8 @@ def watcher(recordings):
     return Threshold().learn(lambda: lda(TouchFeatures()), system, recordings[np.arange(3)], 5.0)[0]
 
 
-@pytest.mark.parametrize("unknown", ["", "pat"])
-def test_nothing_of_a_test_subject_is_learned(unknown, recordings):
+@pytest.mark.parametrize("detector, unknown", [("frames", ""), ("threshold", "pat")])
+def test_nothing_of_a_test_subject_is_learned(detector, unknown, recordings):
     (cell,) = cells({"data": "synth", "model": "lda", "features": "touch", "model.window": "0.75"})
     corpus = captures_in(recordings)
     fold = Fold("4", *(np.flatnonzero((corpus.subjects == "4") == tested) for tested in (False, True)))
@@ -55,7 +55,7 @@ def test_nothing_of_a_test_subject_is_learned(unknown, recordings):
     tested = np.repeat(corpus.subjects == "4", corpus.lengths)
     frames[tested] = frames[tested][::-1]
     other = corpus.changed(captures=table, frames=frames)
-    results = [Continuous(unknown=unknown).fold(cell, each, fold, 1) for each in (corpus, other)]
+    results = [Continuous(detector, unknown=unknown).fold(cell, each, fold, 1) for each in (corpus, other)]
     assert results[0].chosen == results[1].chosen and (float(str(results[0].chosen["reject"])) > 0) == bool(unknown)
     pd.testing.assert_frame_equal(results[0].trials, results[1].trials)
     assert not results[0].table.equals(results[1].table)  # the test subject was another one
@@ -91,7 +91,7 @@ def test_false_alarms_of_a_person_without_touches_count(recordings):
     (cell,) = cells({"data": "synth", "model": "lda", "features": "touch", "model.window": "0.75"})
     corpus = captures_in(relabelled(recordings, untouched="4"))
     fold = Fold("4", *(np.flatnonzero((corpus.subjects == "4") == tested) for tested in (False, True)))
-    result = Continuous().fold(cell, corpus, fold, 1)
+    result = Continuous("threshold").fold(cell, corpus, fold, 1)
     reports = (result.table["kind"] == "report").sum()
     numbers, tables = run_numbers([result], 20.0, "")
     rate = reports / (recordings.corpus.lengths[3] / 20 / 3600)
@@ -136,7 +136,7 @@ def test_background_without_touches_is_refused(recordings):
 
 
 def test_the_command_stores_what_it_prints_and_goes_on(capsys):
-    words = ["watch", *TINY, "model=lda", "features=touch", "model.window=0.5"]
+    words = ["watch", *TINY, "model=lda", "features=touch", "detector=threshold"]
     assert main(words) == 0
     printed = capsys.readouterr().out
     assert "3 subjects: too few for an interval" in " ".join(printed.split()) and "3/3" in printed
