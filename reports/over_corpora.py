@@ -6,7 +6,7 @@ Corpora differ in gestures, sensors and people, so their accuracies are not on o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,7 @@ from scipy.stats import rankdata
 
 from bench import few
 from bench.comparable import notes_on
-from bench.measures import Measure, Row, text
+from bench.measures import Measure, text
 from bench.outcomes import statistics
 from bench.outcomes.frame import by_subject
 from bench.reports.part import Part, Section
@@ -94,13 +94,11 @@ def section(found: Mapping[str, pd.DataFrame]) -> Section | None:
     parts = []
     for title, table in found.items():
         corpora = [name.removesuffix("_place") for name in table if name.endswith("_place")]
-
-        def placed(row: Row, data: str) -> str:
-            return f"{row[f'{data}_accuracy']:.1f} ({row[f'{data}_place']:g})"
-
         columns = [text("system"), Measure("mean_rank", "mean rank [95 %]", form=".2f", ends="mean_rank")]
-        columns += [text(data, f"{data} % (place)", lambda row, data=data: placed(row, data)) for data in corpora]
+        columns += [text(f"{data} % (place)") for data in corpora]
         rows = rows_of(table.rename(columns={"low": "mean_rank_low", "high": "mean_rank_high"}).head(statistics.RANKED))
+        for row, data in product(rows, corpora):
+            row[f"{data} % (place)"] = f"{row[f'{data}_accuracy']:.1f} ({row[f'{data}_place']:g})"
         remarks = [[note for data in corpora for note in notes_on(row["system"], data)] for row in rows]
         caption = CAPTION.format(title, table.attrs["people"])
         parts.append(Part(None, Table(columns, rows, remarks=remarks), caption))

@@ -59,14 +59,7 @@ class Compared:
 
 
 def compared(sides: Sequence[tuple[str, Mapping[str, Sequence[Result]]]]) -> Compared:
-    """Two systems on whole captures of the one group of runs that both have.
-
-    Args:
-        sides: for each system, its name and the results to search by group.
-
-    Raises:
-        InputError: one has no complete run, or they share no group, or several.
-    """
+    """Two systems on whole captures of the one group of runs that both have; of each its name and results by group."""
     groups = [_groups(name, runs) for name, runs in sides]
     both = [group for group in groups[0] if group in groups[1]]
     names = " and ".join(name for name, _ in sides)
@@ -75,9 +68,8 @@ def compared(sides: Sequence[tuple[str, Mapping[str, Sequence[Result]]]]) -> Com
         raise InputError(f"{names} share no data, subset and protocol: {on}; run one of them where the other was run")
     if len(both) > 1:
         raise InputError(f"both have runs on {'; '.join(both)}; name one with data=, where=, target= or protocol=")
-    (system, one), (other, two) = (
-        (each[both[0]], _accuracy(name, runs[both[0]])) for each, (name, runs) in zip(groups, sides, strict=True)
-    )
+    tables = [by_subject([r for r in runs[both[0]] if _is(name, r.system)])[0] for name, runs in sides]
+    (system, one), (other, two) = ((each[both[0]], t.iloc[0]) for each, t in zip(groups, tables, strict=True))
     if system == other:
         raise InputError(f"both are {system}; give two systems")
     if set(one.index) != set(two.index):
@@ -105,7 +97,3 @@ def _groups(name: str, runs: Mapping[str, Sequence[Result]]) -> dict[str, str]:
 def _is(name: str, system: str) -> bool:
     """Whether a name means a system, with or without the marks that tables add."""
     return name in (system, system.removesuffix(f" {MARK}"), system.removesuffix(f" {MARK}").split(" (uses ")[0])
-
-
-def _accuracy(name: str, results: Sequence[Result]) -> pd.Series:
-    return by_subject([r for r in results if _is(name, r.system)])[0].iloc[0]

@@ -110,12 +110,9 @@ class Summary:
     @property
     def limits(self) -> list[str]:
         """Limits of the conclusions, in sentences."""
-        folds, selected = int(self._first["folds"]), self.against not in {*self.rows["system"]}
+        folds = next(int(r["folds"]) for r in self.results if r.complete and r.alone)
+        selected = self.against not in {*self.rows["system"]}
         return statistics.warnings(self.subjects.shape[1], len(self.rows), folds, self.mixed, selected)
-
-    @property
-    def _first(self) -> Result:
-        return next(r for r in self.results if r.complete and r.alone)
 
     @property
     def compared(self) -> Table | None:

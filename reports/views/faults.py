@@ -33,10 +33,6 @@ def _halves(row: Row) -> str:
     return ", ".join(f"{fault.replace('_', ' ')} {severity:.1f}" for fault, severity in lowest) or "nowhere"
 
 
-def _clean(row: Row) -> Shown:
-    return 100 * row["subject_accuracy_mean"]
-
-
 def _mean_loss(row: Row) -> Shown:
     return 100 * sum(losses(row).values()) / len(losses(row)) if losses(row) else None
 
@@ -56,7 +52,7 @@ _failing = _of("failing_slices.under", "tested_slices.under")  # of captures as 
 
 ON_PAGE = (  # columns of the table of systems on the page, before the worst groups of captures
     text("system", read=lambda r: r.method),
-    Measure("accuracy", "clean %", _clean),
+    percent("accuracy", "clean %", "subject_accuracy_mean"),
     text("halves", "half of the margin is lost at", read=_halves),
     Measure("failing", "failing of tested groups", _failing),
 )
@@ -85,7 +81,7 @@ class Faults(View):
         "Accuracy in percent of clean captures, mean over subjects, and mean loss in points over all faults"
     )
     shown: ClassVar[tuple[Measure, ...]] = (
-        Measure("accuracy", "clean", _clean),
+        percent("accuracy", "clean", "subject_accuracy_mean"),
         Measure("mean_loss", "mean loss", _mean_loss),
         Measure("trained", "faults trained on", _of("faults_trained", "faults_tested"), spare=2),
         text("worst_fault", "worst fault", _worst_fault),
