@@ -68,7 +68,6 @@ TABLES = {  # modules that call one, beside bench.tables, and their files, none 
     "bench.work.tracking": "a copy of some tables for people, which is not read",
     "bench.features.cache": "features",
     "bench.reports.comparison": "published numbers",
-    "bench.reports.papers": "published numbers",
 }
 
 
