@@ -40,7 +40,7 @@ ROOMS = {
 }
 # These may be taken away: no other room imports one, and each may import all others.
 AWAY: dict[str, str] = {}
-FRONT = "bench bench.cli bench.commands"  # may import every room
+FRONT = "bench bench.__main__ bench.cli bench.commands"  # may import every room
 EXCEPTIONS = {  # importing module, imported room: reason
 }
 PRODUCING = (
