@@ -31,7 +31,7 @@ ROOMS = {
     "contract": ("bench.contract bench.models.search.space", "ground corpora features"),  # with the types that it names
     "models": ("bench.models", "ground corpora features contract"),
     "protocols": ("bench.protocols", "ground corpora"),
-    "plan": ("bench.plan", "ground values corpora contract models"),
+    "plan": ("bench.plan", "ground values corpora features contract models"),
     # The reading half.
     "outcomes": ("bench.outcomes", "ground values numbers corpora"),
     "reports": ("bench.reports", "ground values numbers grammar corpora outcomes"),
@@ -64,6 +64,7 @@ TABLES = {  # modules that call one, beside bench.tables, and their files, none 
     "bench.corpora.folder": "captures",
     "bench.corpora.read.rows": "files to import",
     "bench.corpora.read.cuddlebot": "files to import",
+    "bench.corpora.read.table": "files to import",
     "bench.table": "what is shown, for the user",
     "bench.work.tracking": "a copy of some tables for people, which is not read",
     "bench.features.cache": "features",
