@@ -1,11 +1,15 @@
-"""The machine that a run was made on."""
+"""The machine: its processor and free memory, and where folds are done."""
 
 from __future__ import annotations
 
 import platform
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
+
+from bench.errors import InputError
 
 
 class Machine(NamedTuple):
@@ -38,3 +42,46 @@ def simd() -> str:
     except (OSError, StopIteration):
         return ""
     return " ".join(sorted(f for f in flags if f.startswith(("avx", "fma", "amx", "asimd", "sve"))))
+
+
+@dataclass(frozen=True)
+class Backend:
+    """The workers that do folds.
+
+    Attributes:
+        jobs: processes of this machine, None for one per core.
+        workers: class of other workers, ``module:object``; empty for processes of this machine.
+        address: the place where they are found.
+    """
+
+    jobs: int | None = None
+    workers: str = ""
+    address: str = ""
+
+
+HERE = Backend()
+
+
+def available() -> float:
+    """Bytes available to this process: the machine's free memory, or the limit of its container."""
+    import psutil
+
+    limits = [float(psutil.virtual_memory().available)]
+    for name in ("memory.max", "memory/memory.limit_in_bytes"):  # of cgroups 2 and 1, which psutil does not read
+        with suppress(OSError, ValueError):
+            limits.append(float(Path("/sys/fs/cgroup", name).read_text()))
+    return min(limits)
+
+
+def ensure(asked: str, needed: float) -> None:
+    """Refuse a request, as it was typed, that needs more bytes of memory than are free."""
+    if needed > (free := available()):
+        raise InputError(f"{asked}: needs at least {_size(needed)} of memory, {_size(free)} are free; ask for less")
+
+
+def _size(number: float) -> str:
+    for unit in ("B", "kB", "MB", "GB"):
+        if number < 1000:
+            return f"{number:.3g} {unit}"
+        number /= 1000
+    return f"{number:.3g} TB" if number < 1e6 else f"{number:.1e} TB"

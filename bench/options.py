@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.errors import InputError, nearest
+from bench.machine import Backend
 from bench.measures import budgets, costs
 from bench.option import Option as Option
 from bench.option import value_of
 from bench.registry import imported, load, loaded, names
 from bench.words import DEFAULTS, Values, convert
-from bench.work.backend import Backend
 
 START, COMPARE, SHIP, MORE = "start here", "compare", "ship", "more"  # groups of the overview
 
@@ -108,10 +108,13 @@ def measured(command: Command) -> Iterator[Option]:
         yield Option("out", "text", *command.out)
 
 
-def added(command: str) -> dict[str, Option]:
+def added(command: str, among: Collection[str] | None = None) -> dict[str, Option]:
     """The keys that packages add to a command, or to ``makers`` of runs: entry points such as ``makers cluster``."""
-    found = (load("commands", name) for name in names("commands") if name.startswith(f"{command} "))
-    return {one.key: one for one in found}
+    return {key: load("commands", f"{command} {key}") for key in _added(command) if among is None or key in among}
+
+
+def _added(command: str) -> list[str]:
+    return [name.partition(" ")[2] for name in names("commands") if name.startswith(f"{command} ")]
 
 
 def used(command: str) -> dict[str, Any]:
@@ -128,9 +131,11 @@ def options(name: str, typed: Iterable[str] | None = None) -> dict[str, Option]:
     """
     command = load("commands", name)
     every = {option.key: option for option in (*(WORK if command.makes else ()), *command.options)}
-    packages = added(name) | (added("makers") if command.makes else {})
-    if command.makes and (typed is None or not {*map(_head, typed)} <= {*every, *packages}):
+    heads = None if typed is None else {*map(_head, typed)}
+    packages = added(name, heads) | (added("makers", heads) if command.makes else {})
+    if command.makes and (heads is None or not heads <= {*every, *packages}):
         every |= {option.key: option for option in measured(command)}
+        packages = added(name) | added("makers")
     every |= packages
     if "by" in every:
         every["by"] = replace(every["by"], values=tuple(costs()))
@@ -218,7 +223,7 @@ def limits_of(given: Mapping[str, Any]) -> dict[str, float]:
 
 def backend_of(values: Values) -> Backend:
     """The requested workers."""
-    for key, one in added("makers").items():
+    for key, one in added("makers", values).items():
         if address := str(values.get(key, "")):
             if "jobs" in values:
                 raise InputError(f"jobs={values['jobs']}: {key}= sets the number of workers; leave jobs= out")
@@ -228,7 +233,7 @@ def backend_of(values: Values) -> Backend:
 
 def backend_keys() -> set[str]:
     """Keys that say where folds are done, which changes no result."""
-    return {"jobs", *added("makers")}
+    return {"jobs", *_added("makers")}
 
 
 def jobs_of(values: Values) -> int | None:

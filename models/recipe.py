@@ -21,7 +21,7 @@ from bench.corpora.steps import Faulted, Repair, Scale, Step, Turned, Windows
 from bench.errors import InputError
 from bench.features.base import FeatureSet, extracts_alone, labels
 from bench.features.cache import PIECES, after
-from bench.memory import ensure
+from bench.machine import ensure
 from bench.models.by_person import ByPerson
 from bench.models.most_probable import MostProbable
 from bench.models.person import WAYS, PersonScaler, pooled

@@ -17,8 +17,8 @@ ROOT = Path(bench.__file__).parents[1]
 PACKAGES = ("bench", "features", "models", "protocols", "reports")
 
 # Rooms from the bottom to the top: modules, or packages with all below them, and the rooms that they may import.
-GROUND = "bench.errors bench.few bench.machine bench.memory bench.paired bench.pareto bench.progress "
-GROUND += "bench.registry bench.resampling bench.scratch bench.source bench.timing bench.words bench.work.backend"
+GROUND = "bench.errors bench.few bench.machine bench.paired bench.pareto bench.progress "
+GROUND += "bench.registry bench.resampling bench.scratch bench.source bench.timing bench.words"
 VALUES = "bench.candidate bench.comparable bench.measures bench.result bench.sentences bench.table "
 VALUES += "bench.option bench.store bench.tables"
 ROOMS = {

@@ -17,9 +17,9 @@ from bench.scratch import replacing
 from bench.words import PARTS
 
 if TYPE_CHECKING:
+    from bench.machine import Backend
     from bench.outcomes.gate import Measured
     from bench.plan.cells import Cell
-    from bench.work.backend import Backend
 
 LIMITS = ("error", "slower")  # keys
 COMMAND = Command(

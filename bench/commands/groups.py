@@ -13,8 +13,9 @@ from bench.errors import InputError
 from bench.measures import Measure, text
 from bench.options import BATCH, STORED, settings
 from bench.outcomes.candidates import eligible
+from bench.outcomes.frame import choosing
 from bench.outcomes.groups import Grouping, groupings, reactions
-from bench.outcomes.runs import asked_of, choosing, stored, without_runs
+from bench.outcomes.runs import asked_of, stored, without_runs
 from bench.progress import warn
 from bench.result import Result
 from bench.store import connect

@@ -21,18 +21,18 @@ from bench.options import (
     parse,
     values_of,
 )
-from bench.registry import load, loaded, names, view
+from bench.registry import load, loaded, view
 from bench.words import SMALL, Values
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from bench.circumstances.base import Circumstance
+    from bench.machine import Backend
     from bench.plan.cells import Cell
     from bench.plan.plan import Plan
     from bench.reports.views.base import View
     from bench.result import Result
-    from bench.work.backend import Backend
 
 STEPS = (
     Option("model.window", "number", None, "seconds per window; a model of whole captures then uses windows"),
@@ -105,7 +105,7 @@ def planned(name: str, values: Values) -> list[Plan]:
     one = load("commands", name)
     of_cells = {k: v for k, v in values.items() if k.partition(".")[0] in {*KEYS, *backend_keys()}}
     given = {**one.given, **{k: v for k, v in values.items() if k not in {*of_cells, "out"}}}
-    if one.makes in names("circumstances") and (study := load("circumstances", one.makes)).study:
+    if one.makes != "run" and (study := load("circumstances", one.makes)).study:
         todo = [replace(cell, study=each) for cell in cells(of_cells) for each in study.of(given)]
     else:
         several = circumstances(given) if given else [()]

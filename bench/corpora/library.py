@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
-from bench.corpora import cuts, duplicates
+from bench.corpora import duplicates
 from bench.corpora.corpus import Corpus
 from bench.corpora.doubts import doubts
 from bench.corpora.folder import Damaged, content_digest, open_folder, small_file, verified, write_folder
@@ -42,6 +42,8 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
         InputError: an unknown format or option, a file that the reader refuses, another import of the same name under
             way, or a data folder that cannot be written.
     """
+    from bench.corpora import cuts
+
     reader = load("corpora", kind)
     changes = {key: options[key] for key in cuts.OPTIONS if key in options}
     rest = {key: text for key, text in options.items() if key not in changes}
@@ -196,7 +198,9 @@ def _arguments(kind: str, reader: Callable, options: dict[str, str], source: Pat
         if key == "name":
             continue
         if key not in taken:
-            raise InputError(f"format {kind} has no option {key!r}; {nearest(key, {'name', *cuts.OPTIONS, *taken})}")
+            from bench.corpora.cuts import OPTIONS
+
+            raise InputError(f"format {kind} has no option {key!r}; {nearest(key, {'name', *OPTIONS, *taken})}")
         try:
             arguments[key] = float(text) if taken[key].annotation is float else text
         except ValueError as e:

@@ -15,10 +15,10 @@ import pandas as pd
 from scipy.signal import lfilter
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.read.cost import FULL_SCALE, VARIANTS
 from bench.errors import InputError
-from bench.memory import ensure
+from bench.machine import ensure
 
+VARIANTS, FULL_SCALE = ("gentle", "normal", "rough"), 1023  # of the Corpus of Social Touch, too
 PAD_MM = 160.0  # side of the sensitive area
 SHORTEST_S, LONGEST_S = 10 / 135, 1747 / 135
 BYTES_PER_VALUE = 40  # while one capture is computed: a few arrays of 64 bits

@@ -15,6 +15,7 @@ from bench.comparable import COMPARABLE, Row, context_of, shared
 from bench.errors import InputError, nearest
 from bench.measures import Interval, over_people
 from bench.result import COUNTS, Result
+from bench.words import labelled, typed
 
 IS = ["system", "model", "features", "parameters", "seed", "unit", "subset", "target", "data", "protocol"]
 PARTS = ("model", "features", "protocol", "data")  # whose parameters are ``<part>.<name>``
@@ -196,3 +197,19 @@ def by_subject(results: Iterable[Result]) -> tuple[pd.DataFrame, pd.Series]:
     means = table.groupby(level=0).mean()
     order = means.mean(axis=1).sort_values(ascending=False, kind="stable").index
     return means.loc[order], table.groupby(level=0).size().loc[order]
+
+
+def choosing(results: Sequence[Result], **more: str) -> str:
+    """The command that chooses among stored runs on the captures and under the protocol of the first result."""
+    words: dict[str, str] = {}
+    if results:
+        first = results[0]
+        words = {"data": first["data"], "where": first["subset"]}  # which may be one of several
+        words |= {"target": first["target"]} if first["target"] != "gesture" else {}
+        words |= labelled("protocol", str(first["protocol"]))
+        words |= {
+            k: str(v)
+            for k, v in first.about.items()
+            if k.startswith("protocol.") and len({str(r.get(k)) for r in results}) > 1
+        }
+    return typed("choose", words | more)

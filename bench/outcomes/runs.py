@@ -13,7 +13,7 @@ from bench.registry import KEYS as PARTS
 from bench.registry import names, run_views, views
 from bench.result import Result
 from bench.store import Store
-from bench.words import Values, convert, items, labelled, typed
+from bench.words import Values, convert, items
 
 ROOMS = {key: room for room, key in PARTS.items() if room != "corpora"}  # of the key of a part
 COLUMNS = {"where": "subset", "shots": "protocol.shots", "run": "run_id"}  # names in a result of other keys
@@ -28,23 +28,6 @@ Row = TypeVar("Row", bound=Mapping[str, Any])  # a result, or what has the same 
 
 class NothingTracked(InputError):
     """No run of a kind is there."""
-
-
-def choosing(results: Sequence[Result], **more: str) -> str:
-    """The command that chooses among stored runs on the captures and under the protocol of the first result."""
-    words: dict[str, str] = {}
-    if results:
-        first = results[0]
-        words = {"data": first["data"], "where": first["subset"]}  # which may be one of several
-        words |= {"target": first["target"]} if first["target"] != "gesture" else {}
-        words |= labelled("protocol", str(first["protocol"]))
-        words |= {k: str(v) for k, v in first.about.items() if k.startswith("protocol.") and different(results, k)}
-    return typed("choose", words | more)
-
-
-def different(results: Sequence[Result], key: str) -> bool:
-    """Whether results differ in what is known by a name."""
-    return len({str(r.get(key)) for r in results}) > 1
 
 
 def every_result(store: Store, asked: Mapping[str, Sequence[object]] | None = None) -> list[Result]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
@@ -12,10 +12,8 @@ from bench.outcomes.frame import subject_accuracy
 from bench.outcomes.reactions import by_capture, by_decision
 from bench.paired import TOLERANCE
 from bench.result import Result
-from bench.scores import captures
 from bench.work.stopping import standing
 
-NAMED = 3  # systems that a line names
 WINDOW = {"predict": "decide_ms_p50", "decision": "observed_ms"}  # what the costs of single windows read
 
 
@@ -45,17 +43,3 @@ def early_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
         hop, stored = str(result["stream.hop_ms"]), {"predict": "replay_ms_p50"}
         apart = (f"every {hop} ms",) if hop != "None" else ()
         yield Candidate(f"first {ms:.0f} ms", scores, stored, {"decision": ms}, apart, mark=EARLY)
-
-
-def one_label(results: Sequence[Result]) -> str:
-    """A warning of systems that predict one label for all test captures of a fold with several classes."""
-    systems = []
-    for result in results:
-        predictions = result.tables.get("predictions")
-        if predictions is None:
-            continue
-        labels = captures(predictions).groupby("fold", sort=False)[["true", "predicted"]].nunique()
-        if count := int(((labels["true"] > 1) & (labels["predicted"] == 1)).sum()):
-            systems.append(f"{result['system']} in {count} of {len(labels)} folds")
-    named = "; ".join(systems[:NAMED]) + (f" and {len(systems) - NAMED} more systems" if len(systems) > NAMED else "")
-    return f"warning: all test captures of a fold get the same label: {named}" if systems else ""

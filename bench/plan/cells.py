@@ -15,11 +15,9 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from bench import contract
-from bench.corpora import faults
 from bench.corpora.synth import generate
 from bench.errors import InputError, nearest
 from bench.features.base import OfFunction
-from bench.models import recipe
 from bench.registry import load, names, parameters, required
 from bench.source import source_digest, versions
 from bench.words import DEFAULTS, PARTS, Values, convert, items, text_of
@@ -130,7 +128,7 @@ class Part(Generic[Made]):
         if self.instance is not None:
             return [*contract.classes(self.instance)]
         beyond = set(self.parameters) - set(parameters(self.factory))
-        return [self.factory, *([recipe] if beyond else [])]
+        return [self.factory, *(["bench.models.recipe"] if beyond else [])]
 
     def packages(self) -> tuple[str, ...]:
         """Packages that this part alone depends on."""
@@ -232,6 +230,10 @@ class Cell:
             return tuned(self.model.short, self.model.factory, sets, str(self.features), self.tuning)
         if self.model.instance is not None:
             return contract.behind(self.model.make(), features)
+        if self.model.parameters.keys() <= parameters(self.model.factory).keys():
+            return contract.build(self.model.factory, features, **self.model.parameters)
+        from bench.models import recipe
+
         return recipe.build(self.model.factory, features, **self.model.parameters)
 
     def feature_sets(self) -> dict[str, contract.Features]:
@@ -246,7 +248,11 @@ class Cell:
 
     def identity(self) -> dict[str, object]:
         """Identity of its results, besides the captures: selection, parts with parameters, code, versions."""
-        made = [faults.all_faults()[name] for name in contract.trained_faults(self.untrained)]
+        made = []
+        if trained := contract.trained_faults(self.untrained):
+            from bench.corpora.faults import all_faults
+
+            made = [all_faults()[name] for name in trained]
         code = [NUMBERS, *(c for one in (*self.parts, *self.producers) for c in one.code()), *(f.damage for f in made)]
         if self.tuning:
             code.append("bench.models.search.tuning")
@@ -366,7 +372,8 @@ def variants(
     room = room or PARTS[key]
     dotted = _dotted(values, key)
     names = [sibling for sibling in siblings if isinstance(sibling, str)]
-    _refuse_unknown(f"{key}={part}", dotted, {p for name in names for p in _defaults(key, load(room, name))})
+    if dotted:
+        _refuse_unknown(f"{key}={part}", dotted, {p for name in names for p in _defaults(key, load(room, name))})
     if not isinstance(part, str):
         method = "split" if key == "protocol" else "fit"
         if inspect.isclass(part) or not callable(getattr(part, method, None)):
@@ -376,7 +383,8 @@ def variants(
     factory, module = load(room, part), ""
     if (file := part.rpartition(":")[0]).endswith(".py"):  # from wherever a worker is started
         part, module = f"{Path(file).absolute()}:{part.rpartition(':')[2]}", factory.__module__
-    usual, defaults = parameters(factory), _defaults(key, factory)
+    usual = parameters(factory)
+    defaults = _defaults(key, factory) if dotted else usual
     if seed is not None and "seed" in usual:
         usual["seed"] = seed
     made = []
@@ -394,7 +402,11 @@ def _dotted(values: Values, key: str) -> dict[str, object]:
 
 def _defaults(key: str, factory: Callable) -> dict[str, object]:
     """Parameters that may be typed for a part: its own and, of a model, the steps that any model can have."""
-    return parameters(factory) | (recipe.besides(factory) if key == "model" else {})
+    if key != "model":
+        return parameters(factory)
+    from bench.models import recipe
+
+    return parameters(factory) | recipe.besides(factory)
 
 
 def _refuse_unknown(part: str, dotted: Iterable[str], accepted: Collection[str]) -> None:

@@ -11,7 +11,6 @@ from bench import contract, scores
 from bench.result import Result
 from bench.words import LABELS
 from bench.work import fold as fold_of
-from bench.work.fitted import Fitted
 from bench.work.fold import batch_effects, check_agreement, computing, decisions, footprint, latency
 from bench.work.personal import met
 from bench.work.results import FoldResult, costs, failure, measured, tables_of
@@ -29,8 +28,10 @@ def folded(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         result.scored = cell.study.fold_metrics(result, corpus.rate_hz)
         return result
     system, result = evaluated(cell, corpus, fold, threads)
-    at = Fitted(cell, corpus, fold, system, result.table, threads)
     if cell.circumstances:
+        from bench.work.fitted import Fitted
+
+        at = Fitted(cell, corpus, fold, system, result.table, threads)
         result.tables = {LABELS: at.clean()}
     for circumstance in cell.circumstances:
         try:

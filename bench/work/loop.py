@@ -11,15 +11,14 @@ from bench.corpora.duplicates import named
 from bench.corpora.library import left_out
 from bench.corpora.read.limits import briefly
 from bench.errors import ClusterError, InputError
+from bench.machine import HERE, Backend
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, planned, usable_cores
 from bench.progress import console, warn
 from bench.registry import imported
 from bench.result import Result
 from bench.store import Store, connect, only_one
-from bench.work.backend import HERE, Backend
 from bench.work.bar import Bar
-from bench.work.curves import COLUMNS
 from bench.work.tracking import key_of, tracked
 from bench.work.workers import Here, Processes
 
@@ -49,6 +48,10 @@ def prepared(cells: Iterable[Cell], jobs: int | None) -> list[Plan]:
 
 def columns_of(cell: Cell) -> frozenset[str]:
     """Further columns of the tables of labels of its runs."""
+    if not cell.producers:
+        return frozenset()
+    from bench.work.curves import COLUMNS
+
     return frozenset().union(COLUMNS if cell.circumstances else (), *(one.columns for one in cell.producers))
 
 

@@ -18,7 +18,7 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.memory import ensure
+from bench.machine import ensure
 from bench.models.nets.last_layer import relearnt
 from bench.models.nets.training import (
     Optimiser,

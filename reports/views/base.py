@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from bench.candidate import Candidate, Losses, Wish
 from bench.comparable import shared
 from bench.measures import Cost, Measure, percent
 from bench.result import Result
@@ -19,6 +18,7 @@ from bench.words import LABELS
 if TYPE_CHECKING:
     import pandas as pd
 
+    from bench.candidate import Candidate, Losses, Wish
     from bench.reports.part import Section
 
 
@@ -129,6 +129,8 @@ class View:
 
     def candidates(self, result: Result, wish: Wish) -> Iterable[Candidate]:
         """The system in each case, scored by whole captures."""
+        from bench.candidate import Candidate
+
         told = shared(result, self.alike)
         table = result.tables[LABELS]
         for (case, level), rows in table[table["circumstance"] == self.key].groupby(["case", "level"], sort=False):

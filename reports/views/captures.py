@@ -19,11 +19,30 @@ if TYPE_CHECKING:
     from bench.candidate import Candidate, Wish
 
 
+NAMED = 3  # systems that a line names
+
+
 def held(results: Sequence[Result]) -> Iterator[tuple[View, list[Result]]]:
     """Each circumstance that some results have, with these results."""
     for view in circumstance_views():
         if members := [r for r in results if view.holds(r)]:
             yield view, members
+
+
+def one_label(results: Sequence[Result]) -> str:
+    """A warning of systems that predict one label for all test captures of a fold with several classes."""
+    from bench.scores import captures
+
+    systems = []
+    for result in results:
+        predictions = result.tables.get("predictions")
+        if predictions is None:
+            continue
+        labels = captures(predictions).groupby("fold", sort=False)[["true", "predicted"]].nunique()
+        if count := int(((labels["true"] > 1) & (labels["predicted"] == 1)).sum()):
+            systems.append(f"{result['system']} in {count} of {len(labels)} folds")
+    named = "; ".join(systems[:NAMED]) + (f" and {len(systems) - NAMED} more systems" if len(systems) > NAMED else "")
+    return f"warning: all test captures of a fold get the same label: {named}" if systems else ""
 
 
 class Captures(View):
@@ -36,8 +55,6 @@ class Captures(View):
 
     def printed(self, results: Sequence[Result]) -> Iterator[str | Table]:
         """A warning of systems that predict one label."""
-        from bench.outcomes.scored import one_label
-
         if line := one_label(results):
             yield line
 
@@ -47,7 +64,7 @@ class Captures(View):
 
     def then(self, results: Sequence[Result]) -> str:
         """The next command to type."""
-        from bench.outcomes.runs import choosing
+        from bench.outcomes.frame import choosing
 
         return choosing(results)
 

@@ -78,7 +78,7 @@ class InC(View):
 
     def then(self, results: Sequence[Result]) -> str:
         """The next command to type."""
-        from bench.outcomes.runs import choosing
+        from bench.outcomes.frame import choosing
 
         return choosing(results, by="cycles")
 

@@ -8,7 +8,7 @@ import pandas as pd
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.faults import seeded
 from bench.errors import InputError
-from bench.memory import ensure
+from bench.machine import ensure
 from touchbench_streams.recordings import Recordings, event_table
 
 TOUCH_S = (2.0, 6.0)  # excerpts of captures; a shorter capture is used whole

@@ -12,7 +12,7 @@ import pandas as pd
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.cost import FULL_SCALE, VARIANTS
 from bench.corpora.synth import BYTES_PER_VALUE, GESTURES, Habits, check_parameters, info_of, sensed, touch
-from bench.memory import ensure
+from bench.machine import ensure
 from touchbench_streams.recordings import Recordings, event_table
 
 GAP_S = (3.0, 10.0)  # between touches

@@ -105,7 +105,7 @@ class Continuous(View):
 
     def then(self, results: Sequence[Result]) -> str:
         """The next command to type."""
-        from bench.outcomes.runs import choosing
+        from bench.outcomes.frame import choosing
 
         if results := [r for r in results if not r.get("watch.unknown")]:
             return choosing(results, max_false_alarms=f"{FALSE_ALARMS:g}", max_latency="1s")

@@ -14,15 +14,14 @@ import pyarrow.csv as pacsv
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.limits import SYNTHETIC, called, check_columns, deviations, plain, quoted
 from bench.corpora.read.rows import CsvTable
+from bench.corpora.synth import FULL_SCALE, VARIANTS
 from bench.errors import InputError
 from bench.scratch import replacing
 
 GESTURES = tuple("grab hit massage pat pinch poke press rub scratch slap squeeze stroke tap tickle".split())
-VARIANTS = ("gentle", "normal", "rough")
 LABELS = ["subject", "variant", "gesture", "frame"]
 CHANNELS = [f"ch{i}" for i in range(1, 65)]
 RATE_HZ = 135.0
-FULL_SCALE = 1023
 
 # Of 31 x 3 x 14 x 6 = 7812 captures seven were removed before publication (Jung et al. 2017, section 3.3).
 PUBLISHED_MD5 = "c6035f76d1e13f81168dd79586dcb742"
