@@ -29,7 +29,7 @@ from sklearn.pipeline import Pipeline
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError, PredictionError, nearest
 from bench.features.base import FeatureSet
-from bench.models.search.space import Space
+from bench.models.space import Space
 from bench.registry import required
 
 SUM = 1e-3  # by which probabilities of a capture may miss a sum of 1: they may be float32, or printed and read

@@ -48,3 +48,17 @@ def nearest(word: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(word, known, n=3, cutoff=0.6)
     hint = f"did you mean {' or '.join(close)}? " if close else ""
     return f"{hint}known: {', '.join(known) or 'none'}"
+
+
+def short(text: str, most: int = 60) -> str:
+    """The text, or its beginning and end with dots between them where it is longer than ``most`` characters."""
+    if len(text) <= most:
+        return text
+    head = (most - 3) // 2
+    return f"{text[:head]}...{text[-(most - 3 - head) :]}"
+
+
+def plain(value: object, most: int = 80) -> str:
+    """A path or the message of another library, in one line."""
+    text = short(str(value) or type(value).__name__, 4 * most)
+    return short("".join(c if c.isprintable() else " " for c in text), most)

@@ -30,18 +30,14 @@ def scratch() -> Iterator[None]:
     Where the data folder cannot be written, temporary files lie where they always do.
     """
     folder, before, mine = home() / "tmp", tempfile.tempdir, None
-    try:
+    with suppress(OSError):  # nothing was asked of the folder yet; what needs it says so itself
         folder.mkdir(parents=True, exist_ok=True)
         sweep(folder)
         for stored in (home(), home() / "features", home() / "corpora", *(home() / "corpora").glob("*")):
             sweep(stored, ".")  # written beside their names
         # Linux keeps the semaphores of workers whose whole group was killed.
-        _remove_dead(Path("/dev/shm"), "sem.loky-*", r"sem\.loky-(\d{1,9})-.*")
-        mine = tempfile.mkdtemp(prefix=owner(), dir=folder)
-    except OSError:  # nothing was asked of the folder yet; what needs it says so itself
-        pass
-    else:
-        tempfile.tempdir = mine
+        _remove_dead(Path("/dev/shm"), r"sem\.loky-(\d{1,9})-.*")
+        mine = tempfile.tempdir = tempfile.mkdtemp(prefix=owner(), dir=folder)
     try:
         yield
     finally:
@@ -70,11 +66,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def new_folder(out: Path) -> Path:
-    """A folder that is new or empty.
-
-    Raises:
-        InputError: there is something already.
-    """
+    """A folder that is new or empty."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"out={out}: this place is not empty; name a new or empty folder")
     return out
@@ -82,11 +74,7 @@ def new_folder(out: Path) -> Path:
 
 @contextmanager
 def made_whole(out: Path) -> Iterator[Path]:
-    """Yield a folder to fill, which then takes its name: a kill leaves none or a whole one.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Yield a folder to fill, which then takes its name: a kill leaves none or a whole one."""
     out = out.absolute()
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -104,26 +92,14 @@ def owner() -> str:
 
 
 def sweep(folder: Path, before: str = "") -> None:
-    """Remove files left by dead processes of this machine.
-
-    Args:
-        folder: folder with entries named by `owner`.
-        before: prefix of the owner in their names.
-    """
-    _remove_dead(folder, f"{before}*", rf"{re.escape(before + socket.gethostname())}-(\d{{1,9}})-[^-]*")
+    """Remove what dead processes of this machine left: entries named as `owner` does, behind some text."""
+    _remove_dead(folder, rf"{re.escape(before + socket.gethostname())}-(\d{{1,9}})-[^-]*")
 
 
-def _remove_dead(folder: Path, glob: str, name: str) -> None:
-    """Remove the entries of a folder that are named after a process that is dead.
-
-    Args:
-        folder: where they lie.
-        glob: that finds them.
-        name: pattern of their names, with the number of the process as its group.
-    """
-    for path in folder.glob(glob):
-        process = re.fullmatch(name, path.name)
-        if process and not alive(int(process[1])):
+def _remove_dead(folder: Path, name: str) -> None:
+    """Remove the entries whose names fit a pattern with the number of a dead process as its group."""
+    for path in folder.glob("*"):
+        if (process := re.fullmatch(name, path.name)) and not _alive(int(process[1])):
             with suppress(OSError):  # it is gone already, or somebody else's
                 remove(path)
 
@@ -136,8 +112,7 @@ def remove(path: Path) -> None:
         path.unlink()
 
 
-def alive(process: int) -> bool:
-    """Return True if there is a process of this number."""
+def _alive(process: int) -> bool:
     import psutil  # not before there is something to remove: `bench --help` is to be fast
 
     return psutil.pid_exists(process)

@@ -6,7 +6,6 @@ import ast
 import hashlib
 import importlib.util
 import inspect
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -62,19 +61,12 @@ def _opened(path: str | Path, names: object) -> Iterator[bytes]:
 
 
 def _module_of(part: Code) -> str:
-    if isinstance(part, str):
-        return part
-    return part.__name__ if inspect.ismodule(part) else part.__module__
+    return part if isinstance(part, str) else part.__name__ if inspect.ismodule(part) else part.__module__
 
 
 @lru_cache(maxsize=1024)
 def _read(path: str, changed: int) -> tuple[bytes, list[tuple[str, tuple[str, ...]]]]:
-    """The syntax tree of a file without docstrings, and its imports but those for types alone.
-
-    Args:
-        path: the file.
-        changed: its time of change: it is read again after another one.
-    """
+    """The syntax tree of a file without docstrings, and its imports but those for types; read again once changed."""
     tree = ast.parse(Path(path).read_bytes())
     imported: list[tuple[str, tuple[str, ...]]] = []
     types: set[int] = set()
@@ -161,13 +153,9 @@ def versions(also: Iterable[str] = ()) -> dict[str, str]:
 
 def git_revision() -> str:
     """Revision of the checkout that touchbench runs from, with ``+changes`` if it has any; empty without git."""
-    if not shutil.which("git"):
+    words = "describe --always --exclude=* --abbrev=12 --dirty=+changes"
+    try:
+        done = subprocess.run(["git", "-C", Path(__file__).parent, *words.split()], capture_output=True, text=True)
+    except OSError:
         return ""
-    here = Path(__file__).parent
-
-    def git(*arguments: str) -> str:
-        done = subprocess.run(["git", "-C", here, *arguments], capture_output=True, text=True, check=False)
-        return done.stdout.strip() if done.returncode == 0 else ""
-
-    revision = git("rev-parse", "--short=12", "HEAD")
-    return revision + "+changes" if revision and git("status", "--porcelain", "--untracked-files=no") else revision
+    return done.stdout.strip() if done.returncode == 0 else ""

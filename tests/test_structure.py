@@ -28,7 +28,7 @@ ROOMS = {
     "corpora": ("bench.corpora", "ground"),
     "numbers": ("bench.scores bench.work.curves bench.work.stability bench.work.stopping", "ground values corpora"),
     "features": ("bench.features", "ground corpora"),
-    "contract": ("bench.contract bench.models.search.space", "ground corpora features"),  # with the types that it names
+    "contract": ("bench.contract bench.models.space", "ground corpora features"),  # with the types that it names
     "models": ("bench.models", "ground corpora features contract"),
     "protocols": ("bench.protocols", "ground corpora"),
     "plan": ("bench.plan", "ground values corpora features contract models"),
@@ -55,6 +55,7 @@ PRODUCING = (
 READING = ("bench.outcomes", "bench.reports")
 HEAVY = {"numpy", "pandas", "scipy", "sklearn", "torch", "mlflow", "matplotlib", "rich"}
 LIGHT = ["bench.measures", "bench.table", "bench.result", "bench.options", "bench.cli"]
+OURS = ("bench", "touchbench")
 EVERY = "import bench.registry as r; r.loaded('circumstances'), r.views(); "
 
 
@@ -138,14 +139,6 @@ def graph():
     return {name: imported(path.read_bytes(), named) - {name} for name, path in named.items()}
 
 
-def test_every_import_counts_and_a_circle_is_found():
-    named = {"a", "a.b", "c", "d"}
-    source = "from a import b\nif TYPE_CHECKING:\n    import c\ndef f():\n    from d import g\n    import numpy\n"
-    assert imported(source, named) == {"a.b", "c", "d"} and imported("from a import PARTS", named) == {"a"}
-    assert circle({"a": {"b", "d"}, "b": {"c"}, "c": {"d", "b"}, "d": set()}) == ["b", "c"]
-    assert circle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
-
-
 def test_no_modules_import_each_other_in_a_circle(graph):
     assert len(graph) > 200 and " -> ".join(circle(graph)) == ""
 
@@ -212,3 +205,12 @@ def test_help_comes_at_once(tmp_path):
     # 0.1 s where a bare Python takes 0.025 s: a busy or a slow machine takes longer for both
     seconds(code, tmp_path)
     assert any(seconds(code, tmp_path) < 4.5 * seconds("pass", tmp_path) for _ in range(3))
+
+
+def test_a_run_loads_what_it_uses(tmp_path):
+    """Whatever add-ons are installed: no other command, no circumstance, no step of systems that have none."""
+    words = "run data.subjects=2 data.variants=normal data.repetitions=1 protocol=loso model=svm features=touch jobs=1"
+    code = f"import sys; from bench.cli import main; assert main({words.split()}) == 0; print(*sys.modules)"
+    said = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    ours = [name for name in said.stdout.splitlines()[-1].split() if name.split(".")[0].partition("_")[0] in OURS]
+    assert len(ours) <= 64 and not {"bench.circumstances", "bench.models.recipe", "bench.commands.choose"} & {*ours}

@@ -14,9 +14,8 @@ import numpy as np
 from bench.commands.printing import say, then, unwritable, writable
 from bench.comparable import several
 from bench.corpora.corpus import Corpus
-from bench.corpora.library import ASIDE, import_corpus, imported, left_out, open_corpus, stored_value, verify
+from bench.corpora.library import ASIDE, briefly, import_corpus, imported, left_out, open_corpus, stored_value, verify
 from bench.corpora.read.cost import write
-from bench.corpora.read.limits import briefly
 from bench.corpora.read.table import write_table
 from bench.corpora.survey import Survey
 from bench.errors import InputError

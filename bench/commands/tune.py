@@ -13,7 +13,7 @@ from bench.registry import parameters
 from bench.words import DEFAULTS, Values, convert, items, text_of
 
 if TYPE_CHECKING:
-    from bench.models.search.space import Space, Tuning
+    from bench.models.space import Space, Tuning
     from bench.plan.cells import Cell
     from bench.result import Result
 

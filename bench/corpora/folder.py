@@ -23,8 +23,7 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus, unblinded
-from bench.corpora.read.limits import plain
-from bench.errors import InputError
+from bench.errors import InputError, plain
 from bench.scratch import home, owner
 
 SMALL = ("lengths.npy", "captures.parquet")

@@ -23,8 +23,7 @@ from bench.corpora import duplicates
 from bench.corpora.corpus import Corpus
 from bench.corpora.doubts import doubts
 from bench.corpora.folder import Damaged, content_digest, open_folder, small_file, verified, write_folder
-from bench.corpora.read.limits import plain
-from bench.errors import InputError, nearest
+from bench.errors import InputError, nearest, plain
 from bench.registry import load
 from bench.scratch import home, remove, replacing
 
@@ -269,3 +268,9 @@ def _made(folder: Path, make: Callable[[], Corpus]) -> Corpus:
     except OSError as e:
         raise _unwritable(folder, e) from e
     return open_folder(folder, folder.name)
+
+
+def briefly(warnings: list[str], rest: str) -> str:
+    """Warnings of an import in one line: the first three, and the command that prints all."""
+    text = "; ".join(warnings[:3])
+    return text if len(warnings) <= 3 else f"{len(warnings)} of them: {text}; for all: {rest}"

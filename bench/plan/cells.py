@@ -23,7 +23,7 @@ from bench.source import source_digest, versions
 from bench.words import DEFAULTS, PARTS, Values, convert, items, text_of
 
 if TYPE_CHECKING:
-    from bench.models.search.space import Tuning
+    from bench.models.space import Tuning
     from bench.plan.splits import Splitter
     from bench.source import Code
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 from bench import contract
 from bench.corpora.corpus import reserved
 from bench.corpora.duplicates import named
-from bench.corpora.library import left_out
-from bench.corpora.read.limits import briefly
+from bench.corpora.library import briefly, left_out
 from bench.errors import ClusterError, InputError
 from bench.machine import HERE, Backend
 from bench.plan.cells import Cell

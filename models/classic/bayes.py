@@ -12,7 +12,7 @@ from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
 from bench.models.classic.scaling import ZScaler
-from bench.models.search.space import Range
+from bench.models.space import Range
 
 
 @dataclass(eq=False, repr=False)

@@ -6,7 +6,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.tree import DecisionTreeClassifier
 
 from bench.errors import InputError
-from bench.models.search.space import Range
+from bench.models.space import Range
 
 
 def boost(features: TransformerMixin, rounds: int = 300, depth: int = 8, seed: int = 0) -> Pipeline:

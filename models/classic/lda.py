@@ -17,7 +17,7 @@ from bench.features.base import constant
 from bench.models.by_person import ByPerson
 from bench.models.feature_rows import captures_of, undamaged
 from bench.models.person import WEIGHT, codes_of, share
-from bench.models.search.space import Range
+from bench.models.space import Range
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from bench.features.base import constant
 from bench.models.feature_rows import captures_of, undamaged
 from bench.models.most_probable import MostProbable
 from bench.models.person import codes_of, relearnt
-from bench.models.search.space import Range
+from bench.models.space import Range
 
 BATCH = 256
 RATE = 2e-3  # at its highest, a third of the way (one cycle, Smith and Topin 2019)

@@ -5,7 +5,7 @@ from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from bench.models.search.space import Range
+from bench.models.space import Range
 
 
 def rf(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float = 0.0, seed: int = 0) -> Pipeline:

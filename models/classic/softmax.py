@@ -6,7 +6,7 @@ from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
 from bench.models.classic.scaling import ZScaler
-from bench.models.search.space import Range
+from bench.models.space import Range
 
 
 def softmax(features: TransformerMixin, C: float = 1.0) -> Pipeline:

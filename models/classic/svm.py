@@ -8,7 +8,7 @@ from sklearn.svm import SVC
 
 from bench.errors import InputError
 from bench.models.classic.scaling import RangeScaler, ZScaler
-from bench.models.search.space import Range
+from bench.models.space import Range
 
 PENALTIES = [2.0**k for k in range(-5, 16, 2)]  # of the published grids
 

@@ -11,7 +11,7 @@ from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
 from bench.models.most_probable import MostProbable
-from bench.models.search.space import Range
+from bench.models.space import Range
 
 
 @dataclass(eq=False, repr=False)

@@ -18,9 +18,9 @@ from bench.models.most_probable import MostProbable
 from bench.models.search import portfolio
 from bench.models.search.ensemble import Ensemble, logarithms, selected, tempered
 from bench.models.search.inner_folds import by_subject, check_search, labelled_folds
-from bench.models.search.space import Trial
 from bench.models.search.study import Study, Tried, identity, within
 from bench.models.sizes import sizes
+from bench.models.space import Trial
 from bench.models.temperature import fit_temperature
 from bench.timing import timed
 from bench.words import quantity

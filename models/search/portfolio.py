@@ -28,7 +28,7 @@ from bench.models.classic.rf import et, rf
 from bench.models.classic.softmax import softmax
 from bench.models.classic.svm import svm
 from bench.models.classic.xgb import xgb
-from bench.models.search.space import Range, Space, Trial
+from bench.models.space import Range, Space, Trial
 from bench.registry import parameters
 
 MODELS = {"lda": lda, "svm": svm, "softmax": softmax, "et": et, "rf": rf, "xgb": xgb, "perceptron": perceptron}

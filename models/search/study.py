@@ -18,7 +18,7 @@ import numpy as np
 from filelock import FileLock
 
 from bench.corpora.corpus import Corpus
-from bench.models.search.space import Range, Space, Trial, distribution, suggested
+from bench.models.space import Range, Space, Trial, distribution, suggested
 from bench.scratch import home
 from bench.source import source_digest, versions
 

@@ -19,8 +19,8 @@ from bench.errors import InputError
 from bench.features.selection import COUNTS, Subset
 from bench.models.recipe import besides, build
 from bench.models.search.inner_folds import Tables, by_subject, check_search, labelled_folds
-from bench.models.search.space import Range, Space, Trial, Tuning
 from bench.models.search.study import Study, Tried, identity
+from bench.models.space import Range, Space, Trial, Tuning
 from bench.paired import within_one_standard_error
 from bench.registry import parameters
 

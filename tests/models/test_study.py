@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import wilcoxon
 
-from bench.models.search.space import Range
 from bench.models.search.study import Study, Tried, study_name
+from bench.models.space import Range
 from bench.scratch import home
 
 CAPTURES = SimpleNamespace(digest="abc", index=np.arange(3), piece=np.zeros(3, int), steps=())

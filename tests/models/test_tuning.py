@@ -21,10 +21,10 @@ from bench.features.ta273 import Ta273
 from bench.models.classic.rf import et
 from bench.models.classic.svm import svm
 from bench.models.search.inner_folds import Tables, inner_folds
-from bench.models.search.space import Range
 from bench.models.search.study import Tried
 from bench.models.search.tuning import Search
 from bench.models.sizes import parameter_count
+from bench.models.space import Range
 from bench.scratch import home
 from tests.conftest import random_corpus, with_other_values
 

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from bench.errors import InputError
+from bench.errors import InputError, plain, short
 
 SYNTHETIC = "synthetic"  # a column that marks generated captures
 MOST_LABEL = 200  # characters
@@ -24,23 +24,9 @@ _UNSEEN = re.compile(
 )
 
 
-def short(text: str, most: int = 60) -> str:
-    """The text, or its beginning and end with dots between them where it is longer than ``most`` characters."""
-    if len(text) <= most:
-        return text
-    head = (most - 3) // 2
-    return f"{text[:head]}...{text[-(most - 3 - head) :]}"
-
-
 def quoted(text: str, most: int = 40) -> str:
     """The text between quotes, with every character visible."""
     return short(repr(short(text, 4 * most)), most)
-
-
-def plain(value: object, most: int = 80) -> str:
-    """A path or the message of another library, in one line."""
-    text = short(str(value) or type(value).__name__, 4 * most)
-    return short("".join(c if c.isprintable() else " " for c in text), most)
 
 
 def called(path: Path) -> str:
@@ -52,12 +38,6 @@ def listed(names: list[str]) -> str:
     """The first three names and the number of the others."""
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return ", ".join(short(name, 30) for name in names[:3]) + more
-
-
-def briefly(warnings: list[str], rest: str) -> str:
-    """Warnings of an import in one line: the first three, and the command that prints all."""
-    text = "; ".join(warnings[:3])
-    return text if len(warnings) <= 3 else f"{len(warnings)} of them: {text}; for all: {rest}"
 
 
 def flaw(word: str) -> str:
