@@ -19,7 +19,7 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point; an `InputError` is one line and exit code 2, a store that fails one line and 1."""
+    """Entry point: what a user can mend is one line, with exit code 2 for wrong input and 1 for what failed."""
     arguments = sys.argv[1:] if arguments is None else arguments
     gc.set_threshold(GARBAGE)
     _open_output()
@@ -27,31 +27,30 @@ def main(arguments: list[str] | None = None) -> int:
         code = _done(arguments)
         sys.stdout.flush()
         return code
-    except (InputError, HiddenError) as e:
-        print(_line(e), file=sys.stderr)
-        return 2
-    except (StoreError, ClusterError) as e:
-        print(_line(e), file=sys.stderr)
-        return 1
     except BrokenPipeError:  # whoever read the output has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as e:
-        if e.errno == errno.ENAMETOOLONG:
-            print(_line(ValueError(f"{e.filename}: the name is too long; choose a shorter one")), file=sys.stderr)
-            return 2
-        if e.errno not in FULL:
-            raise
-        where = f" ({e.filename})" if e.filename else ""
-        message = f"no space is left{where}; free some and repeat the command, which continues"
-        print(_line(ValueError(message)), file=sys.stderr)
-        return 1
-    except MemoryError as e:
-        print(_line(ValueError(f"memory ran out ({e or 'no details'}); use less data or fewer jobs")), file=sys.stderr)
-        return 1
     except KeyboardInterrupt as e:
         print(f"bench: {str(e) or 'interrupted; the same command starts again from the beginning'}", file=sys.stderr)
         return 130
+    except (InputError, HiddenError, StoreError, ClusterError, MemoryError, OSError) as e:
+        code, text = _failure(e)
+        print(_line(text), file=sys.stderr)
+        return code
+
+
+def _failure(error: Exception) -> tuple[int, str]:
+    """The exit code of an error, and what to say; one that no user can mend is raised again."""
+    if isinstance(error, MemoryError):
+        return 1, f"memory ran out ({error or 'no details'}); use less data or fewer jobs"
+    if not isinstance(error, OSError):
+        return 2 if isinstance(error, InputError | HiddenError) else 1, str(error)
+    if error.errno == errno.ENAMETOOLONG:
+        return 2, f"{error.filename}: the name is too long; choose a shorter one"
+    if error.errno not in FULL:
+        raise error
+    where = f" ({error.filename})" if error.filename else ""
+    return 1, f"no space is left{where}; free some and repeat the command, which continues"
 
 
 def _done(arguments: list[str]) -> int:
@@ -114,9 +113,9 @@ def _open_output() -> None:
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
-def _line(error: Exception) -> str:
+def _line(text: str) -> str:
     """An error in one line; a long one loses its middle, as what to do stands at the end."""
-    text = " ".join(str(error).split())
+    text = " ".join(text.split())
     text = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)  # what a terminal would obey
     most = LONGEST - len("bench: ")
     kept = (most - 3) // 2

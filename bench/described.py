@@ -9,7 +9,7 @@ import inspect
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from bench.option import Option
 from bench.options import START, WORK, added, commands, options
@@ -23,16 +23,8 @@ LISTED = re.compile(r"^(- | |=)", re.MULTILINE)  # a line of a list or a table
 SEED = "seed"  # a parameter without a source: any is as good
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of a part.
-
-    Attributes:
-        name: name, as in ``model.NAME=``.
-        default: default value as it is typed; empty for an empty text.
-        meaning: meaning, with the unit.
-        source: origin of the default; empty if the docstring names none.
-    """
+class Parameter(NamedTuple):
+    """A parameter of a part; default as it is typed, empty for an empty text; source of the default, if it is told."""
 
     name: str
     default: str
@@ -40,16 +32,8 @@ class Parameter:
     source: str
 
 
-@dataclass(frozen=True)
-class Described:
-    """A part.
-
-    Attributes:
-        name: name of the part.
-        summary: first line of its docstring, without the full stop.
-        more: other paragraphs; lines of lists and tables stay.
-        parameters: parameters with a default, in their order.
-    """
+class Described(NamedTuple):
+    """A part: the first line of its docstring, further paragraphs, parameters with a default."""
 
     name: str
     summary: str
@@ -105,11 +89,8 @@ def help_of_parts(arguments: Sequence[str], rooms: Mapping[str, str]) -> str:
 
 def _row(key: str, p: Parameter) -> str:
     """A parameter in the form of the other keys of help."""
-    text = f"{p.meaning}; default {p.default or 'empty'}"
-    text += f" ({p.source})" if p.source else ""
-    label = f"  {key}.{p.name}= "
-    indent = " " * 20
-    return textwrap.fill(text, WIDTH, break_on_hyphens=False, initial_indent=f"{label:20}", subsequent_indent=indent)
+    text = f"{p.meaning}; default {p.default or 'empty'}" + (f" ({p.source})" if p.source else "")
+    return _filled(f"{key}.{p.name}", text, 20)
 
 
 def _meanings(part: object) -> dict[str, str]:
@@ -154,10 +135,8 @@ def help_of(name: str) -> str:
     if shared:
         rows.append(f"  {' '.join(f'{key}=' for key in shared)}   as for bench run")
     usage = "\n".join(f"bench {name} {form}".rstrip() for form in command.usage.split("\n"))
-    paragraph, examples = (
-        textwrap.fill(command.text, WIDTH, break_on_hyphens=False),
-        textwrap.indent(command.examples, "  "),
-    )
+    paragraph = textwrap.fill(command.text, WIDTH, break_on_hyphens=False)
+    examples = textwrap.indent(command.examples, "  ")
     return "\n\n".join(filter(None, [usage, paragraph, "\n".join(rows), examples])) + "\n"
 
 
@@ -170,6 +149,10 @@ def _key(option: Option) -> str:
         text += f": {(', ' if option.joint == ',' else option.joint).join(option.values)}"
     if option.type != "yes" and option.default not in (None, "", 0, ()):
         text += f"; default {option.default:g}" if option.type == "number" else f"; default {option.default}"
-    return textwrap.fill(
-        text, WIDTH, break_on_hyphens=False, initial_indent=f"  {option.key + '= ':16}", subsequent_indent=" " * 18
-    )
+    return _filled(option.key, text, 18)
+
+
+def _filled(key: str, text: str, indent: int) -> str:
+    """A row of help: a key, and behind it a text in lines."""
+    first = f"  {key}= ".ljust(indent)
+    return textwrap.fill(text, WIDTH, break_on_hyphens=False, initial_indent=first, subsequent_indent=" " * indent)

@@ -45,13 +45,12 @@ class Option:
         return found[1] if found else ""
 
 
-def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "text", alias: str = "") -> Any:
+def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "text") -> Any:
     """A field that is an option: a key of the command with its only default.
 
     A tuple takes all values between commas; of any other, several values are several runs.
     """
-    one = Option("", type, default, help, values)
-    return dataclasses.field(default=default, metadata={"option": one, "alias": alias})
+    return dataclasses.field(default=default, metadata={"option": Option("", type, default, help, values)})
 
 
 @dataclass(frozen=True)
@@ -59,26 +58,25 @@ class Options:
     """Fields made by `option`, which are read from typed values."""
 
     @classmethod
-    def fields(cls) -> dict[str, tuple[Option, str]]:
-        """Each option by its key, with its alias."""
-        made = {f.name: f.metadata for f in dataclasses.fields(cls) if "option" in f.metadata}
-        return {name: (dataclasses.replace(f["option"], key=name), f["alias"]) for name, f in made.items()}
+    def fields(cls) -> dict[str, Option]:
+        """Each option by its key."""
+        every = dataclasses.fields(cls)
+        return {f.name: dataclasses.replace(f.metadata["option"], key=f.name) for f in every if "option" in f.metadata}
 
     @classmethod
     def of(cls, values: Values) -> list[Self]:
         """Every combination of the typed values."""
         choices: dict[str, list] = {}
-        for name, (one, alias) in cls.fields().items():
-            if key := next((k for k in (name, alias) if k in values), ""):
-                given = [_read(dataclasses.replace(one, key=key), each) for each in items(key, values[key])]
-                whole = isinstance(one.default, tuple)
-                choices[name] = [tuple(dict.fromkeys(given))] if whole else list(dict.fromkeys(given))
+        for name, one in cls.fields().items():
+            if name in values:
+                given = list(dict.fromkeys(_read(one, each) for each in items(name, values[name])))
+                choices[name] = [tuple(given)] if isinstance(one.default, tuple) else given
         return [cls(**dict(zip(choices, each, strict=True))) for each in itertools.product(*choices.values())]
 
     def arguments(self) -> dict[str, str]:
         """The options as typed; defaults are left out."""
-        given = {name: getattr(self, name) for name in self.fields()}
-        return {name: typed_as(value) for name, value in given.items() if value != self.fields()[name][0].default}
+        given = {name: (getattr(self, name), one.default) for name, one in self.fields().items()}
+        return {name: typed_as(value) for name, (value, default) in given.items() if value != default}
 
 
 def _read(one: Option, value: object) -> Any:

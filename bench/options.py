@@ -6,7 +6,7 @@ heavy is imported, so that help comes at once.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -37,9 +37,6 @@ class Command:
         module: module of a package's command, with a function of its name that takes the arguments.
         follows: lines to type next after other commands, with ``{}`` for the saved model, of a package's command.
         makes: key of the circumstance or study that a command which makes runs shows; ``run`` for captures.
-        keys: its options of circumstances; empty for all, or those of its study.
-        given: options that it gives where they are not typed.
-        out: folder of ``out=``, with its help; empty if it writes nothing.
     """
 
     group: str
@@ -52,9 +49,6 @@ class Command:
     module: str = ""
     follows: Mapping[str, str] = field(default_factory=dict)
     makes: str = ""
-    keys: tuple[str, ...] = ()
-    given: Mapping[str, str] = field(default_factory=dict)
-    out: tuple[str, str] = ("", "")
 
 
 def _usual(key: str, help: str) -> Option:
@@ -95,17 +89,11 @@ def makers() -> dict[str, Command]:
     return {name: one for name, one in commands().items() if one.makes}
 
 
-def measured(command: Command) -> Iterator[Option]:
-    """The options of circumstances, or of a study, in a command; by the names of this command."""
+def measured(makes: str) -> dict[str, Option]:
+    """The options of all circumstances, of ``run``, or of a study."""
     every = loaded("circumstances").values()
-    mine = [c for c in every if c.key == command.makes and c.study] or [c for c in every if not c.study]
-    fields = {name: one for c in mine for name, one in c.fields().items()}
-    for key in command.keys or fields:
-        option, alias = fields[key]
-        name = alias if alias and command.makes != "run" else key
-        yield replace(option, key=name, default=command.given.get(name, option.default))
-    if command.out[0]:
-        yield Option("out", "text", *command.out)
+    mine = (one for one in every if (not one.study if makes == "run" else one.study and one.key == makes))
+    return {name: option for one in mine for name, option in one.fields().items()}
 
 
 def added(command: str, among: Collection[str] | None = None) -> dict[str, Option]:
@@ -134,7 +122,7 @@ def options(name: str, typed: Iterable[str] | None = None) -> dict[str, Option]:
     heads = None if typed is None else {*map(_head, typed)}
     packages = added(name, heads) | (added("makers", heads) if command.makes else {})
     if command.makes and (heads is None or not heads <= {*every, *packages}):
-        every |= {option.key: option for option in measured(command)}
+        every |= measured(command.makes)
         packages = added(name) | added("makers")
     every |= packages
     if "by" in every:

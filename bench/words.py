@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Mapping
-from typing import TypeVar, overload
+from typing import Any
 
 from bench.errors import InputError
 
@@ -37,7 +37,6 @@ UNITS = {  # typed units, by the unit in which an amount is kept
     "ms": {"ms": 1, "s": 1e3},
     "MHz": {"kHz": 1e-3, "MHz": 1, "GHz": 1e3},
 }
-Usual = TypeVar("Usual")
 LARGEST, LARGEST_SEED = 10**6, 2**32 - 1  # of a whole number, of a seed, which NumPy and scikit-learn bound
 BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
 READERS: dict[type, tuple[str, Callable[[str], object]]] = {
@@ -96,15 +95,7 @@ def quantity(key: str, given: object, unit: str = "", zero: bool = False, prefix
     return value
 
 
-@overload
-def convert(key: str, given: object, default: None) -> int | None: ...
-
-
-@overload
-def convert(key: str, given: object, default: Usual) -> Usual: ...
-
-
-def convert(key: str, given: object, default: object) -> object:
+def convert(key: str, given: object, default: object) -> Any:
     """Text as a value of the type of the default; a default of None takes None or a whole number.
 
     What is no text (an API call) is taken as it is, if it is of that type.

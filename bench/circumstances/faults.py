@@ -28,7 +28,7 @@ class Faults(Circumstance):
     word: ClassVar[str] = "fault"
 
     under: tuple[str, ...] = option(
-        (), "faults that damage the test captures, or all", (*FAULTS.split(), *LATER.split(), CLEAN), alias="faults"
+        (), "faults that damage the test captures, or all", (*FAULTS.split(), *LATER.split(), CLEAN)
     )
 
     @classmethod

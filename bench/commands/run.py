@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
 from bench.option import Option
@@ -22,7 +22,7 @@ from bench.options import (
     values_of,
 )
 from bench.registry import load, loaded, view
-from bench.words import SMALL, Values
+from bench.words import ALL, CLEAN, FAULTS, LATER, SMALL, Values
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,9 +69,17 @@ STRESS = Command(
     "bench stress data=haart protocol=loso model=svm,rf features=jung54\n"
     "bench stress data=haart protocol=loso model=rf seed=0,1,2 faults=noise,shift train_subjects=2,4,8",
     makes="under",
-    keys=("under", "train_subjects"),
-    given={"faults": "all"},
-    out=("stress", "folder for tables and figures"),
+    options=(
+        Option(
+            "faults",
+            "text",
+            ALL,
+            "faults that damage the test captures, or all",
+            (*FAULTS.split(), *LATER.split(), CLEAN),
+        ),
+        Option("train_subjects", "text", "", "numbers of training subjects for a learning curve"),
+        Option("out", "text", "stress", "folder for tables and figures"),
+    ),
 )
 
 
@@ -91,10 +99,16 @@ def command(name: str, arguments: list[str]) -> int:
 
     values = parse(arguments, keys(name, arguments))
     plans = planned(name, values)
-    out = values.get("out", load("commands", name).out[0])
-    folder = writable(Path(out)) if out else None
+    folder = writable(Path(out)) if (out := given_to(name, values).get("out")) else None
     circumstances = dict.fromkeys(one.key for plan in plans for one in plan.cell.circumstances)
     return printed(name, execute(plans, backend_of(values)), [*circumstances], folder)
+
+
+def given_to(name: str, values: Values) -> dict[str, Any]:
+    """What a command that makes runs is given besides keys of its cells and workers; its own keys with defaults."""
+    usual = {one.key: one.default for one in load("commands", name).options if one.default and "." not in one.key}
+    of_runs = {*KEYS, *backend_keys()}
+    return usual | {key: value for key, value in values.items() if key.partition(".")[0] not in of_runs}
 
 
 def planned(name: str, values: Values) -> list[Plan]:
@@ -102,14 +116,16 @@ def planned(name: str, values: Values) -> list[Plan]:
     from bench.plan.cells import cells
     from bench.work.loop import prepared
 
-    one = load("commands", name)
-    of_cells = {k: v for k, v in values.items() if k.partition(".")[0] in {*KEYS, *backend_keys()}}
-    given = {**one.given, **{k: v for k, v in values.items() if k not in {*of_cells, "out"}}}
-    if one.makes != "run" and (study := load("circumstances", one.makes)).study:
-        todo = [replace(cell, study=each) for cell in cells(of_cells) for each in study.of(given)]
+    makes, given = load("commands", name).makes, given_to(name, values)
+    made = cells({key: value for key, value in values.items() if key not in given})
+    given.pop("out", "")
+    if "faults" in given:  # what bench stress calls under=
+        given["under"] = given["faults"]
+    if makes != "run" and (study := load("circumstances", makes)).study:
+        todo = [replace(cell, study=each) for cell in made for each in study.of(given)]
     else:
         several = circumstances(given) if given else [()]
-        todo = [replace(cell, circumstances=each) for cell in cells(of_cells) for each in several]
+        todo = [replace(cell, circumstances=each) for cell in made for each in several]
     return prepared(todo, backend_of(values).jobs)
 
 
@@ -117,11 +133,9 @@ def circumstances(values: Values) -> list[tuple[Circumstance, ...]]:
     """Every combination of the circumstances that typed values ask for, by their first option."""
     asked = []
     for one in (c for c in loaded("circumstances").values() if not c.study):
-        options = [n for name, (_, alias) in one.fields().items() for n in (name, alias) if n]
-        first, (_, alias) = next(iter(one.fields().items()))
-        if {first, alias} & {*values}:
+        if one.key in values:
             asked.append(one)
-        elif alone := {*options} & {*values}:
+        elif alone := one.fields().keys() & values.keys():
             raise InputError(f"{min(alone)}= needs {one.key}=; add it or leave {min(alone)}= out")
     return [*itertools.product(*(one.of(values) for one in asked))]
 
