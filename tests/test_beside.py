@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -55,10 +54,8 @@ def mine(tmp_path, monkeypatch):
     (folder / "features" / "mean.py").write_text(MEAN)
     (folder / "tests" / "near.py").touch()
     (folder / "tests" / "test_mine.py").write_text(TEST.format(small=SMALL))
-    (folder / "wrap.py").write_text("from models.mynet import Mine\ndef mine():\n    return Mine()\n")
     (folder / "script.py").write_text(SCRIPT)
     monkeypatch.chdir(folder)
-    return folder
 
 
 def said(*command):
@@ -69,26 +66,8 @@ def said(*command):
     return done.stdout
 
 
-BENCH = Path(sys.executable).with_name("bench")
-OPTIONS = [f"{key}={value}" for key, value in SMALL.items()]
-
-
-def test_scripts_workers_and_tests_of_the_folder(mine):
+@pytest.mark.usefixtures("mine")
+def test_scripts_workers_and_tests_of_the_folder():
     alone, spawned = said(sys.executable, "script.py").splitlines()[-2:]
     assert alone == spawned and len(alone.split()) == 2
     assert "1 passed" in said(sys.executable, "-m", "pytest", "-q", "tests")
-
-
-def test_systems_of_files_and_saved_models(mine):
-    said(BENCH, "run", "model=wrap.py:mine", "jobs=2", *OPTIONS)
-    said(BENCH, "fit", "model=wrap.py:mine", "out=rec", *OPTIONS)
-    said(BENCH, "fit", "model=lda", "features=jung28", "out=lda_rec", *OPTIONS)
-    frames = mine / "frames.csv"
-    frames.write_text("frame," + ",".join(f"ch{i + 1}" for i in range(64)) + "\n")
-    with frames.open("a") as file:
-        file.writelines(f"{t}," + ",".join(["7"] * 64) + "\n" for t in range(30))
-    for model in ("rec", "lda_rec"):
-        assert "label" in said(BENCH, "predict", model, "frames.csv")
-    # Without touchbench: the code that a model carries is enough, wherever it is loaded.
-    code = "import mlflow, sys; m = mlflow.pyfunc.load_model('lda_rec'); import bench; print(bench.__file__)"
-    assert str(mine / "lda_rec") in said(sys.executable, "-c", f"import sys; sys.modules.pop('bench', None); {code}")

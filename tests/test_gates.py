@@ -65,8 +65,6 @@ def test_a_new_circumstance_is_one_file_and_appears_everywhere(plug, monkeypatch
     assert {"1 captures of each class", "2 captures of each class", "capture"} == {*table["unit"]}
     printed = done(["choose", "max_each_loss=0", "why=yes"])[1]
     assert "loss to few captures" in printed and done(["choose", "max_each_loss=100"])[0] == 0
-    Path("robot.toml").write_text("[budget]\neach_loss = 100\n")
-    assert done(["choose", "scene=robot.toml"])[0] == 0
     assert done(["report", "max_each_loss=100"])[0] == 0
     page_has("Accuracy in percent by training captures of each class", "max_each_loss=100")
     sheet = pd.read_csv("report/each.csv")
