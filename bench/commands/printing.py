@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ from rich.console import Console
 from bench.comparable import notes_on
 from bench.errors import InputError
 from bench.few import INTERVAL, too_few
-from bench.measures import Interval, Measure, Row, known, text
+from bench.measures import Interval, Measure, known, text
 from bench.outcomes.frame import grouped, names
 from bench.progress import console
 from bench.registry import names as registered
@@ -54,11 +54,7 @@ def then(*commands: str) -> None:
 
 
 def writable(folder: Path) -> Path:
-    """Make the folder of ``out=`` before anything is run.
-
-    Raises:
-        InputError: it cannot be.
-    """
+    """Make the folder of ``out=`` before anything is run."""
     with unwritable(folder):
         folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -66,11 +62,7 @@ def writable(folder: Path) -> Path:
 
 @contextmanager
 def unwritable(out: Path) -> Iterator[None]:
-    """Refuse an unwritable destination, in one line; existing files stay.
-
-    Raises:
-        InputError: it cannot be.
-    """
+    """Refuse an unwritable destination, in one line; existing files stay."""
     try:
         yield
     except OSError as e:
@@ -91,12 +83,7 @@ def best(results: Sequence[Result], view: View) -> list[Result]:
 
 
 def show(results: Sequence[Result], views: Sequence[tuple[View, Sequence[Result]]]) -> int:
-    """Print the chosen values of each fold, a row for each run, and failures; return the exit code.
-
-    Args:
-        results: results of one kind of run.
-        views: the views of them, and which each shows.
-    """
+    """Print the chosen values of each fold, a row for each run in each view that shows it, and failures; exit code."""
     out = output()
     for view, members in views:
         for result in members:
@@ -170,12 +157,7 @@ def known_score(result: Result, view: View) -> float:
 
 def choices_table(result: Result) -> Table:
     """What a search has chosen on the training part of each fold."""
-    chosen = result.tables["chosen"]
-
-    def value(name: str) -> Callable[[Row], str]:
-        return lambda row: (
-            "" if known(row[name]) is None else f"{row[name]:.4g}" if isinstance(row[name], float) else str(row[name])
-        )
-
-    columns = [text(str(name), read=value(str(name)), spare=i) for i, name in enumerate(chosen)]
-    return Table(columns, rows_of(chosen), f"Chosen in each training part: {_title(result)}")
+    chosen = result.tables["chosen"].rename(columns=str)
+    words = chosen.map(lambda v: "" if known(v) is None else f"{v:.4g}" if isinstance(v, float) else str(v))
+    columns = [text(name, spare=i) for i, name in enumerate(words)]
+    return Table(columns, rows_of(words), f"Chosen in each training part: {_title(result)}")

@@ -101,8 +101,6 @@ def drawn(store: Store) -> Iterator[str]:
             try:
                 kinds[result.kind].figure(result, Path(folder))
             except InputError as e:  # such as a table that was deleted: the others go on
-                from bench.progress import warn  # loads rich
-
                 warn(f"warning: no figure of run {run_id}: {e}")
                 continue
             store.keep(run_id, Path(folder))
