@@ -159,5 +159,5 @@ def choices_table(result: Result) -> Table:
     """What a search has chosen on the training part of each fold."""
     chosen = result.tables["chosen"].rename(columns=str)
     words = chosen.map(lambda v: "" if known(v) is None else f"{v:.4g}" if isinstance(v, float) else str(v))
-    columns = [text(name, spare=i) for i, name in enumerate(words)]
+    columns = [text(str(name), spare=i) for i, name in enumerate(words)]
     return Table(columns, rows_of(words), f"Chosen in each training part: {_title(result)}")
