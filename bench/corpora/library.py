@@ -21,7 +21,6 @@ from filelock import FileLock, Timeout
 
 from bench.corpora import duplicates
 from bench.corpora.corpus import Corpus
-from bench.corpora.doubts import doubts
 from bench.corpora.folder import Damaged, content_digest, open_folder, small_file, verified, write_folder
 from bench.errors import InputError, nearest, plain
 from bench.registry import load
@@ -42,6 +41,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
             way, or a data folder that cannot be written.
     """
     from bench.corpora import cuts
+    from bench.corpora.doubts import doubts
 
     reader = load("corpora", kind)
     changes = {key: options[key] for key in cuts.OPTIONS if key in options}
