@@ -15,7 +15,7 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable, Iterator
-from copy import copy, deepcopy
+from copy import copy
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from types import FunctionType
@@ -66,12 +66,7 @@ class Features(Protocol):
 
 @dataclass(frozen=True)
 class Hook(Generic[Value]):
-    """An attribute that a system or another part may have; that it is of the declared type is up to the part's author.
-
-    Args:
-        name: name of the attribute.
-        default: value for parts that lack the attribute.
-    """
+    """An attribute that a system or another part may have, its type up to the author, and the value without it."""
 
     name: str
     default: Value
@@ -82,20 +77,22 @@ class Hook(Generic[Value]):
 
 
 @dataclass(frozen=True)
-class Method:
-    """A method that a system or another part may have, known by its name and the names of its parameters.
+class Method(Generic[Value]):
+    """A method that a part may have, and what is done without it.
 
-    Anything else of this name is the author's own: a number, a set, or a method with other parameters.
-
-    Args:
-        name: name of the method.
-        parameters: names of its parameters; further ones need a default.
+    It is known by its name and the names of its parameters; further ones need a default. Anything else of this name is
+    the author's own: a number, a set, or a method with other parameters.
     """
 
     name: str
     parameters: tuple[str, ...]
+    default: Callable[..., Value]
 
-    def __call__(self, part: object) -> Callable[..., Any] | None:
+    def __call__(self, part: object, *values: object) -> Value:
+        """Its result for a part."""
+        return (self.of(part) or self.default)(*values)
+
+    def of(self, part: object) -> Callable[..., Value] | None:
         """The method of a part, None for a part without it."""
         method = getattr(part, self.name, None)
         if not callable(method):
@@ -106,26 +103,13 @@ class Method:
             return None
         count = len(self.parameters)
         same = tuple(p.name for p in found[:count]) == self.parameters
-        return (
-            method if same and not any(p.default is p.empty and p.kind not in STARRED for p in found[count:]) else None
-        )
-
-
-CHECK = Method("check", ())
-CHECK_TRAINING = Method("check_training", ("X", "y"))
-LENGTH = Method("length", ("rate_hz",))
-SEEN = Method("seen", ("X",))
-ADAPT = Method("adapt", ("X", "y"))
-DECIDE = Method("decide", ("X",))
-KEEPS_BEFORE = Method("keeps_before", ("taxels",))
-KEEPS = Method("keeps", ("frames", "taxels"))
+        return method if same and all(p.default is not p.empty or p.kind in STARRED for p in found[count:]) else None
 
 
 # Attributes of a factory
 
 packages: Hook[tuple[str, ...]] = Hook("packages", ())
 """Distributions that this system alone depends on; their versions are part of a run's identity."""
-
 space: Hook[Space | None] = Hook("space", None)
 """Values to search for each parameter, by `bench tune` without lists."""
 
@@ -133,7 +117,6 @@ space: Hook[Space | None] = Hook("space", None)
 
 searches: Hook[bool] = Hook("searches", False)
 """Whether it chooses its parameters itself, so that nothing else should."""
-
 trained_faults: Hook[tuple[str, ...]] = Hook("trained_faults", ())
 """Names of the faults that copies of its training captures go through."""
 
@@ -141,31 +124,22 @@ trained_faults: Hook[tuple[str, ...]] = Hook("trained_faults", ())
 
 search_seconds: Hook[float | None] = Hook("search_seconds_", None)
 """Seconds that its search took, also where part of it was stored before."""
-
 history: Hook[list[dict[str, float]]] = Hook("history_", [])
 """Numbers by epoch, tracked as metrics with steps."""
-
 chosen: Hook[dict[str, object]] = Hook("chosen_", {})
 """What it chose on its training part, by name."""
-
 trials: Hook[pd.DataFrame | None] = Hook("trials_", None)
 """What it chose among, a row each."""
-
 members: Hook[list[System]] = Hook("members", [])
 """Fitted systems that decide together."""
-
 learnt_numbers: Hook[int | None] = Hook("parameters_", None)
 """Numbers that it has learnt, of a system or a feature set; `bench.models.sizes` counts those of a system without."""
-
 constants: Hook[int] = Hook("constants_", 0)
 """Numbers that it must keep besides what it has learnt."""
-
 bytes_saved: Hook[int] = Hook("bytes_saved_", 0)
 """Bytes fewer than four for each number, of a part that decides with weights of fewer bits."""
-
 numbers_in_memory: Hook[int | None] = Hook("activations_", None)
 """Numbers in memory during one decision; of a classifier on features, besides features and scores."""
-
 learns: Hook[bool] = Hook("learns", True)
 """Of a feature set: whether its values depend on training captures."""
 
@@ -173,25 +147,23 @@ learns: Hook[bool] = Hook("learns", True)
 # Before a run
 
 
-def check(part: object) -> None:
-    """``check()``: raises an `InputError` for parameters that cannot be, of a system or a feature set."""
-    if method := CHECK(part):
-        method()
-
-
-def check_training(estimator: System, X: Corpus, y: np.ndarray) -> None:
-    """``check_training(X, y)``: raises an `InputError` for a training part that it cannot learn from."""
-    if method := CHECK_TRAINING(estimator):
-        method(X, y)
+check: Method[None] = Method("check", (), lambda: None)
+"""Raises an `InputError` for parameters that cannot be, of a system or a feature set."""
+check_training: Method[None] = Method("check_training", ("X", "y"), lambda X, y: None)
+"""Raises an `InputError` for a training part that it cannot learn from."""
+seen_by_features: Method[list[Corpus]] = Method("seen", ("X",), lambda X: [X])
+"""The input of its feature sets, in training and prediction; by default the captures unchanged."""
+kept_before: Method[int] = Method("keeps_before", ("taxels",), lambda taxels: 0)
+"""Numbers in memory for the steps before the system."""
+kept: Method[int] = Method("keeps", ("frames", "taxels"), lambda frames, taxels: frames * taxels)
+"""Of a feature set: numbers in memory while it is computed; by default the capture."""
+LENGTH: Method[Any] = Method("length", ("rate_hz",), lambda rate_hz: None)
+DECIDE: Method[Any] = Method("decide", ("X",), lambda X: None)
 
 
 def window(estimator: System, rate_hz: float) -> int | None:
-    """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows.
-
-    Raises:
-        InputError: its method raises anything, or gives something else: it is asked before any fold.
-    """
-    if length := LENGTH(estimator):
+    """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows."""
+    if length := LENGTH.of(estimator):
         try:
             frames = length(rate_hz)
         except InputError:
@@ -220,11 +192,6 @@ def features(estimator: System) -> dict[str, Features]:
     return dict(sets) if isinstance(sets, dict) else {}
 
 
-def seen_by_features(estimator: System, X: Corpus) -> list[Corpus]:
-    """``seen(X)``: the input of its feature sets, in training and prediction; by default the captures unchanged."""
-    return seen(X) if (seen := SEEN(estimator)) else [X]
-
-
 def conditions(estimator: System) -> tuple[str, ...]:
     """``conditions``: columns of the captures that it, or a part of it, needs to predict; none by default.
 
@@ -239,11 +206,7 @@ def conditions(estimator: System) -> tuple[str, ...]:
 
 
 def check_conditions(estimator: System, corpus: Corpus) -> None:
-    """Refuse conditions that a system cannot have when it predicts.
-
-    Raises:
-        InputError: a column that is not there, or that tells the class or the subject.
-    """
+    """Refuse conditions that a system cannot have when it predicts: they are not there, or tell class or subject."""
     secret = {"subject", "gesture", *corpus.target.split("+")}
     for name in conditions(estimator):
         if name in secret:
@@ -260,38 +223,8 @@ def check_conditions(estimator: System, corpus: Corpus) -> None:
 
 
 def blinded(estimator: System, X: Part) -> Part:
-    """Captures as a system sees them in prediction: no labels, no subjects, no origin (`Corpus.blind`).
-
-    A table of features stays as it is.
-    """
+    """Captures as a system sees them in prediction (`Corpus.blind`); a table of features as it is."""
     return X.blind(conditions(estimator)) if isinstance(X, Corpus) and not X.is_blind else X  # type: ignore[return-value]
-
-
-# A person whom it meets
-
-
-def adapts(estimator: System) -> bool:
-    """Return True if it has ``adapt``, or is a pipeline whose last part has."""
-    part = estimator.steps[-1][1] if isinstance(estimator, Pipeline) else estimator
-    return ADAPT(part) is not None
-
-
-def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
-    """``adapt(X, y)``: a system for one person, from a fitted one, which stays as it is, and some of their captures.
-
-    Args:
-        estimator: fitted, and `adapts`.
-        X: captures of the person.
-        y: their class names; None if unlabelled.
-    """
-    X = blinded(estimator, X) if y is None else X
-    estimator = deepcopy(estimator)  # one that changes itself would carry the captures of a person into other tests
-    if not isinstance(estimator, Pipeline):
-        return estimator.adapt(X, y)  # type: ignore[attr-defined]
-    *before, (name, last) = estimator.steps
-    if not before:
-        return last.adapt(X, y)
-    return Pipeline([*before, (name, last.adapt(Pipeline(before).transform(X), y))])
 
 
 # Decisions of a fitted system
@@ -299,7 +232,7 @@ def adapted(estimator: System, X: Corpus, y: np.ndarray | None) -> System:
 
 def decides_often(estimator: System) -> bool:
     """Return True if it has ``decide``, and so may decide more than once per capture."""
-    return DECIDE(estimator) is not None
+    return DECIDE.of(estimator) is not None
 
 
 def abstention(estimator: System) -> str | None:
@@ -322,7 +255,7 @@ def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         PredictionError: a label is no class, or probabilities are none.
     """
     X = blinded(estimator, X)
-    if method := DECIDE(estimator):
+    if method := DECIDE.of(estimator):
         table, proba = method(X)
         return table, probable(estimator, proba, len(table), "decide")
     return pd.DataFrame({"capture": np.arange(len(X)), "start": 0, "frames": X.lengths}), probabilities(estimator, X)
@@ -334,11 +267,7 @@ def has_probabilities(estimator: System) -> bool:
 
 
 def probabilities(estimator: System, X: Corpus) -> np.ndarray:
-    """``predict_proba(X)`` [captures, classes], zeros where it abstains; a system without gets 1 for its label.
-
-    Raises:
-        PredictionError: a label is no class, or probabilities are none.
-    """
+    """``predict_proba(X)`` [captures, classes], zeros where it abstains; a system without gets 1 for its label."""
     X = blinded(estimator, X)
     if has_probabilities(estimator):
         return probable(estimator, estimator.predict_proba(X), len(X), "predict_proba")  # type: ignore[attr-defined]
@@ -346,11 +275,7 @@ def probabilities(estimator: System, X: Corpus) -> np.ndarray:
 
 
 def labels(estimator: System, X: Corpus) -> np.ndarray:
-    """``predict(X)``: the label of each capture as text, a class or its `abstention`.
-
-    Raises:
-        PredictionError: a label is neither, or their number is another than that of the captures.
-    """
+    """``predict(X)``: the label of each capture as text, a class or its `abstention`; a `PredictionError` otherwise."""
     given = np.asarray(estimator.predict(blinded(estimator, X)), dtype=object).ravel()  # CatBoost gives a column
     if len(given) != len(X):
         raise PredictionError(f"predict gives {len(given)} labels for {len(X)} captures; give one each")
@@ -366,13 +291,7 @@ def labels(estimator: System, X: Corpus) -> np.ndarray:
 
 
 def probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarray:
-    """Probabilities that a method gives, zeros for a row of NaN of a system that abstains.
-
-    Args:
-        estimator: fitted.
-        proba: result of the method, [rows, classes].
-        rows: decisions that were asked for.
-        method: its name, for messages.
+    """Probabilities [rows, classes] that a method gives, zeros for a row of NaN of a system that abstains.
 
     Raises:
         PredictionError: they are no probabilities; the message says what to do.
@@ -417,27 +336,11 @@ def inside(estimator: System) -> System:
     return getattr(estimator, "best_", estimator)
 
 
-def kept_before(estimator: System, taxels: int) -> int:
-    """``keeps_before(taxels)``: numbers in memory for the steps before the system; none by default."""
-    return keeps(taxels) if (keeps := KEEPS_BEFORE(estimator)) else 0
-
-
-def kept(feature_set: Features, frames: int, taxels: int) -> int:
-    """``keeps(frames, taxels)`` of a feature set: numbers in memory while it is computed; by default the capture."""
-    return keeps(frames, taxels) if (keeps := KEEPS(feature_set)) else frames * taxels
-
-
 # From a factory or an object to a system
 
 
 def build(factory: Callable, feature_set: Features | None, **parameters: object) -> System:
-    """A system from its factory, with the feature set where it takes one.
-
-    Args:
-        factory: a class or a function.
-        feature_set: a transformer of captures to a table; None for a system that reads captures.
-        parameters: keyword arguments.
-    """
+    """A system from its factory, with the feature set where it takes one."""
     names = required(factory)
     if names and feature_set is not None:
         return factory(**{names[0]: feature_set}, **parameters)
@@ -456,9 +359,6 @@ def reads_tables(system: object) -> bool:
 
     What stands first in it decides: the first step of a pipeline, all members of a union or an ensemble, what a search
     searches. A class of one's own learns from tables if it is derived from one that does.
-
-    Raises:
-        InputError: the factory raises something.
     """
     if inspect.isclass(system):
         return not issubclass(system, Pipeline) and _of_tables(system)
@@ -472,21 +372,16 @@ def reads_tables(system: object) -> bool:
             raise InputError(f"model={name}: it cannot be made: {type(e).__name__}: {e}") from e
     if isinstance(system, Pipeline):
         return reads_tables(system.steps[0][1])
-    if not _of_tables(type(system)) or not isinstance(system, BaseEstimator):
-        return _of_tables(type(system))
-    values = system.get_params(deep=False)
+    values = system.get_params(deep=False) if isinstance(system, BaseEstimator) else {}
     parts = [part[1] for key in ("transformer_list", "estimators", "transformers") for part in values.get(key) or []]
-    return all(reads_tables(part) for part in (*parts, values.get("estimator")) if isinstance(part, BaseEstimator))
+    inner = (part for part in (*parts, values.get("estimator")) if isinstance(part, BaseEstimator))
+    return _of_tables(type(system)) and all(map(reads_tables, inner))
 
 
 def _of_tables(kind: type) -> bool:
     """Whether a class, or one it is derived from, is of a package whose estimators learn from tables."""
     modules = [each.__module__ for each in kind.__mro__]
-    return any(
-        m.split(".")[0] in TABLES
-        for m in modules
-        if m not in ("sklearn.base", "sklearn.utils.metaestimators") and not m.startswith("sklearn.utils")
-    )
+    return any(m.split(".")[0] in TABLES and not m.startswith(("sklearn.base", "sklearn.utils")) for m in modules)
 
 
 def copied(part: Part) -> Part:

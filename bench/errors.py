@@ -6,7 +6,6 @@ import difflib
 from collections.abc import Iterable
 
 GONE = {  # commands and keys that are gone: what to type instead
-    "adapt": "bench fit MODEL FILE out=FOLDER",
     "groups": "bench choose groups=yes",
     "stream": "bench run after=each stopping=yes",
     "chip": "bench run form=c",
@@ -16,6 +15,8 @@ GONE = {  # commands and keys that are gone: what to type instead
     "papers": "bench report lists published numbers",
     "completion": "bench COMMAND --help lists the keys",
     "submit": "bench report writes comparison.csv, which others can compare with theirs",
+    "shots": "protocol=personal protocol.shots=N, of addons/people",
+    "person": "model=adaptable model.classifier=NAME model.ways=centre+scale+pool, of addons/people",
     "leaderboard": "bench report writes comparison.csv, which others can compare with theirs",
 }
 

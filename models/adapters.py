@@ -65,8 +65,6 @@ class FromTorch(WindowNet):
         device: PyTorch device.
     """
 
-    linear_last = False  # a module may end in anything
-
     module: Callable[[int, int, int, int], nn.Module]
     frames: int = 50
     seconds: float = 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,20 +54,6 @@ class Guarded(MostProbable):
         self.robust_ = Perceptron(self.units, seed=self.seed).fit(X, y)
         self.classes_ = self.linear_.classes_
         return self
-
-    def adapt(self, X: pd.DataFrame, y: np.ndarray | None) -> Guarded:
-        """The same for one person (as `Discriminants.adapt`); the usual range moves with their mean as well.
-
-        The network measures from that mean, too, and its last layer learns what has labels.
-        """
-        adapted = copy(self)
-        adapted.linear_ = self.linear_.adapt(X, y)
-        moved = (adapted.linear_.learnt_.mean - self.linear_.learnt_.mean).astype(np.float32)
-        adapted.mean_ = self.mean_ + moved
-        network = copy(self.robust_)
-        network.mean_ = network.mean_ + moved
-        adapted.robust_ = network.adapt(X, y)
-        return adapted
 
     def doubts(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Weight of the network, 0 to 1 [rows]; missing values are unusual."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,6 @@ import numpy as np
 import pandas as pd
 from sklearn.base import clone
 from sklearn.pipeline import Pipeline
-from sklearn.utils.metaestimators import available_if
 
 from bench import contract
 from bench.corpora.corpus import COPY, Corpus, origin, storage
@@ -24,7 +22,6 @@ from bench.features.cache import PIECES, after
 from bench.machine import ensure
 from bench.models.by_person import ByPerson
 from bench.models.most_probable import MostProbable
-from bench.models.person import WAYS, PersonScaler, pooled
 from bench.models.quantised import BITS, can_be, in_bits
 from bench.registry import parameters as defaults_of
 
@@ -53,9 +50,6 @@ class Recipe(MostProbable):
         faults: faults for copies of the training captures only; ``all`` stands for every fault.
         copies: damaged copies of each training capture, if there are faults.
         turns: further copies of each training capture, on a grid that is mirrored or turned.
-        person: adaptation of a classifier on features to one person (`bench.models.person.WAYS`): ``centre`` and
-            ``scale`` features by their own, and ``pool``, which keeps the training rows and is fitted anew to them and
-            the person's, each of which counts ten times.
         bits: bits of a learnt weight in prediction: 32, or 8 as `bench export` stores them.
     """
 
@@ -66,7 +60,6 @@ class Recipe(MostProbable):
     scale: str = "none"
     faults: tuple[str, ...] = ()
     copies: int = 3
-    person: tuple[str, ...] = ()
     bits: int = 32
     turns: int = 0
 
@@ -84,7 +77,6 @@ class Recipe(MostProbable):
             raise InputError(f"model.hop={self.hop:g} needs model.window=")
         if self.window and (contract.decides_often(self.system) or contract.window(self.system, 1.0)):
             raise InputError(f"model.window={self.window:g}: the system cuts its own windows; leave it out")
-        self._check_person()
         if self.bits not in BITS:
             raise InputError(f"model.bits={self.bits}: give 32 or 8")
         if self.bits != 32 and not (type(self.system) in PLAIN and can_be(self.system.steps[-1][1])):
@@ -93,19 +85,6 @@ class Recipe(MostProbable):
             )
         self.training_steps()
         contract.check(self.system)
-
-    def _check_person(self) -> None:
-        if not self.person:
-            return
-        option = f"model.person={'+'.join(self.person)}"
-        if len(set(self.person)) < len(self.person):
-            raise InputError(f"{option}: name each way once")
-        if wrong := set(self.person) - set(WAYS):
-            raise InputError(f"{option}: {min(wrong)!r} is none of {', '.join(WAYS)}; join some of them by +")
-        if contract.adapts(self.system):
-            raise InputError(f"{option}: the system adapts by itself; leave it out")
-        if _behind_features(self.system) is None:
-            raise InputError(f"{option}: the system has no classifier on features; leave it out")
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Forwarded to the wrapped system; refuses copies that need more memory than there is."""
@@ -147,23 +126,6 @@ class Recipe(MostProbable):
             self.window_ = frames
         return self
 
-    @available_if(lambda self: self.bits == 32 and (bool(self.person) or contract.adapts(self.system)))
-    def adapt(self, X: Corpus, y: np.ndarray | None) -> Recipe:
-        """The same for one person, some of whose captures the system inside adapts to (`bench.contract.adapted`)."""
-        seen, row = taken(X, self.steps())
-        labels = None if y is None else np.asarray(y)[row]
-        adapted = copy(self)
-        if not self.person:
-            adapted.system_ = contract.adapted(self.system_, seen, labels)
-            return adapted
-        (name, features), (_, scaler), *rest = self.system_.steps
-        table = features.transform(seen)
-        scaler, behind = scaler.adapt(table, labels), Pipeline(rest)
-        if "pool" in self.person and labels is not None:
-            behind = pooled(behind, self.rows_, (scaler.transform(table), labels))
-        adapted.system_ = Pipeline([(name, features), ("person", scaler), *behind.steps])
-        return adapted
-
     def _fitted(self, X: Corpus, y: np.ndarray) -> contract.System:
         """The system inside; one behind a feature set is given the kept features, where there are some."""
         system, steps = clone(self.system), self.training_steps()
@@ -177,10 +139,7 @@ class Recipe(MostProbable):
         else:
             seen, row = taken(X, steps)
             table = first.fit_transform(seen, y[row])
-        scaler = [("person", PersonScaler(self.person))] if self.person else []
-        if "pool" in self.person:
-            self.rows_ = table, y[row]  # of training, with which a person's are pooled
-        return Pipeline([(name, first), *Pipeline([*scaler, *behind]).fit(table, y[row]).steps])
+        return Pipeline([(name, first), *Pipeline(behind).fit(table, y[row]).steps])
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """Every decision: one per window, or those of the system inside (`bench.contract.decide`)."""

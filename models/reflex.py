@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from sklearn.pipeline import Pipeline
-from sklearn.utils.metaestimators import available_if
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import Windows
@@ -112,20 +110,6 @@ class Reflex(MostProbable):
         self.whole_, self.early_ = (recipe.fit(X, y) for recipe in self._recipes())
         self.classes_, self.window_ = self.whole_.classes_, self.whole_.window_
         return self
-
-    @available_if(lambda self: self.bits == 32)
-    def adapt(self, X: Corpus, y: np.ndarray | None) -> Reflex:
-        """The same for one person, from whose mean features are measured.
-
-        Both discriminants learn what has labels, and so does the last layer of the network.
-
-        Args:
-            X: some captures of the person.
-            y: their class names; None if unlabelled.
-        """
-        adapted = copy(self)
-        adapted.whole_, adapted.early_ = self.whole_.adapt(X, y), self.early_.adapt(X, y)
-        return adapted
 
     def _parts(self, X: Corpus) -> list[tuple[Recipe, np.ndarray]]:
         """Who decides on which captures [n]: one on those of a window and more, one on shorter ones."""

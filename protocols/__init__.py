@@ -7,8 +7,6 @@ PARTS = {
     "loso": "bench.protocols.subjects:LOSO",
     "groupkfold": "bench.protocols.subjects:SubjectKFold",
     "challenge": "bench.protocols.challenge:Challenge",
-    "personal": "bench.protocols.personal:Personal",
-    "transfer": "bench.protocols.transfer:Transfer",
     "kfold": "bench.protocols.captures:CaptureKFold",
     "holdout": "bench.protocols.captures:Holdout",
 }

@@ -19,7 +19,7 @@ from bench.options import makers
 from bench.outcomes.candidates import repeated
 from bench.outcomes.frame import grouped
 from bench.outcomes.runs import every_result, of_captures, wanted
-from bench.registry import views
+from bench.registry import imported, load, names, views
 from bench.reports import over_corpora
 from bench.reports.chart import cost_chart, marks
 from bench.reports.comparison import comparison, provenance, provenance_section, published, runs_section
@@ -28,7 +28,6 @@ from bench.reports.details import pictures
 from bench.reports.figures import save
 from bench.reports.latex import latex, papers, sheet, side_by_side
 from bench.reports.layout import markdown, page, slug
-from bench.reports.new_person import gained, new_person_section
 from bench.reports.papers import against as beside_papers
 from bench.reports.papers import published_section
 from bench.reports.part import Part, Section
@@ -177,10 +176,17 @@ def csv_tables(
 
 
 def shown(results: Sequence[Result]) -> Iterator[tuple[Any, list[Result]]]:
-    """The view of captures, and of each study and circumstance that there is a result of, with these results."""
-    for view in views().values():
+    """Views that there is a result of, with these results: of captures, studies, circumstances, and of protocols."""
+    for view in (*views().values(), *_of_protocols(results)):
         if members := [r for r in results if view.holds(r)]:
             yield view, members
+
+
+def _of_protocols(results: Sequence[Result]) -> list[Any]:
+    """What protocols show of their runs; few do."""
+    used = sorted({r["protocol_name"] for r in results} & names("protocols").keys())
+    places = dict.fromkeys(getattr(load("protocols", name), "view", "") for name in used)
+    return [imported(place)() for place in places if place]
 
 
 def sections(
@@ -188,9 +194,6 @@ def sections(
 ) -> list[Section]:
     """The sections of circumstances, of people and of several corpora; those of one heading are one."""
     made = [view.section(members, folder) for view, members in shown(results)]
-    personal = [r for r in results if "protocol.shots" in r]
-    if section := new_person_section(personal):
-        made.append(replace(section, line=(gained(personal) or ("", ""))[1]))
     if people := [Part(picture=group.pictures["subjects"]) for group in summaries if "subjects" in group.pictures]:
         made.append(Section("People", people, next((group.people for group in summaries if group.people), "")))
     joined: dict[str, Section] = {}
@@ -212,5 +215,5 @@ def _noted(part: Part) -> Part:
 def unmeasured(results: Sequence[Result], arguments: str) -> list[tuple[str, str]]:
     """Commands that would measure what no result has, each with its summary."""
     held = {view.key for view, _ in shown(results)}
-    words = repeated(arguments, impersonal=True)
+    words = repeated(arguments)
     return [(typed(name, words), one.summary) for name, one in makers().items() if one.makes not in held]

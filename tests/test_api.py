@@ -171,6 +171,7 @@ def test_mistakes_raise_with_the_key(values, fact):
 
 
 def test_options_take_numbers_of_numpy_and_none():
-    given = {"margin": np.float64(3), "why": np.True_, "shots": np.int64(3), "run": None}
+    given = {"margin": np.float64(3), "why": np.True_, "run": None}
     typed = settings("choose", given)
-    assert [typed[key] for key in given] == [3.0, True, 3, ""] and typed["unit"] == "capture"
+    assert [typed[key] for key in given] == [3.0, True, ""] and typed["unit"] == "capture"
+    assert settings("run", {"jobs": np.int64(3)})["jobs"] == 3

@@ -38,7 +38,6 @@ COMMAND = Command(
         ),
         Option("unit", "text", "capture", "unit of accuracy", ("capture", "window")),
         BATCH,
-        Option("shots", "count", None, "labelled captures of a new person, with protocol=personal or transfer"),
         Option("why", "yes", False, "yes: also print what the choice depends on, and what is left out"),
         Option("groups", "yes", False, "yes: print instead which gestures the most accurate system can tell apart"),
     ),
@@ -79,7 +78,7 @@ def chosen(values: Values) -> Chosen:
     scene = read_scene(str(values["scene"])) if "scene" in values else None
     values = {**scene.values, **values} if scene else values
     given = settings("choose", values)
-    how: dict[str, Any] = {key: given.get(key) for key in ("margin", "clock", "unit", "batch", "shots", "why")}
+    how: dict[str, Any] = {key: given.get(key) for key in ("margin", "clock", "unit", "batch", "why")}
     notes = scene.board.sentences(values) if scene and scene.board else []
     asked = asked_of(values)
     return choices.choose(

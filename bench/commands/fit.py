@@ -1,4 +1,4 @@
-"""The command ``bench fit``: one system is trained on all captures and saved, or a saved one adapted to a person."""
+"""The command ``bench fit``: one system is trained on all captures and saved."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from bench.options import (
     following,
     keys,
     parse,
-    parse_words,
     settings,
     used,
 )
@@ -32,14 +31,8 @@ COMMAND = Command(
     START,
     "train one system on all captures and save it as an MLflow model",
     "Prints the address of the model in the store. Use it in mlflow.pyfunc.load_model, mlflow models serve, bench "
-    "predict and all commands that take MODEL. Each key has one value. With MODEL FILE, "
-    "adapts a saved model to one person, whose captures FILE has in the format of bench data import table. With a "
-    "column gesture, the model learns from the labels. Without it, the model adapts to differences between this person "
-    "and the training subjects. MODEL does not change. reflex, lda, networks (their last layer) and models with "
-    "model.person= can adapt; bench run protocol=personal measures the gain.",
-    "bench fit data=haart model=svm features=jung54 out=svm\nmlflow models serve -m svm --env-manager local\n"
-    "bench fit svm anna.csv out=svm_anna",
-    usage="[key=value ...]\nMODEL FILE out=FOLDER [rate_hz=HZ]",
+    "predict and all commands that take MODEL. Each key has one value.",
+    "bench fit data=haart model=svm features=jung54 out=svm\nmlflow models serve -m svm --env-manager local",
     options=(
         DATA,
         WHERE,
@@ -48,19 +41,16 @@ COMMAND = Command(
         FEATURES,
         SEED,
         Option("stopping", "yes", True, "no: skip three extra fits for calibration and early decisions"),
-        Option("out", "text", "", "folder for a copy of the model, or for the adapted one; new or empty"),
-        Option("rate_hz", "number", None, "frame rate of FILE in Hz; must equal the model's"),
+        Option("out", "text", "", "folder for a copy of the model; new or empty"),
     ),
 )
 
 
 def command(arguments: list[str]) -> int:
-    """Train one system on all captures and save it, or adapt a saved one to a person."""
+    """Train one system on all captures and save it."""
     from bench.commands.printing import then
     from bench.work.stopping import NO_SAVING
 
-    if arguments and "=" not in arguments[0]:
-        return adapted(*parse_words(arguments, keys("fit"), 2))
     values = parse(arguments, keys("fit"))
     fitted, out = trained(values), values.get("out")
     print(fitted, *([out] if out else []), sep="\n")
@@ -89,28 +79,3 @@ def trained(values: Values) -> Fitted:
     if more:
         raise InputError("bench fit saves one system; give one value of each key")
     return fit(cell, Path(given["out"]) if given["out"] else None, given["stopping"], learner)
-
-
-def adapted(words: list[str], values: dict[str, str]) -> int:
-    """Adapt a saved system to the captures of one person in a file, and save it."""
-    from bench.commands.predict import read
-    from bench.commands.printing import then
-    from bench.scratch import new_folder
-    from bench.work.fit import save_adapted
-
-    if wrong := [key for key in values if key not in ("out", "rate_hz")]:
-        raise InputError(f"{wrong[0]}= trains a system, and bench fit MODEL FILE adapts one; leave it out")
-    model, recogniser, corpus = read("fit", words, values)
-    if "out" not in values:
-        raise InputError("bench fit MODEL FILE needs out=, the folder for the adapted model")
-    out = new_folder(Path(values["out"]))
-    if len(people := set(corpus.captures.get("subject", []))) > 1:
-        raise InputError(
-            f"the file has captures of {len(people)} subjects; a model adapts to one, so give captures of one subject"
-        )
-    labels = corpus.captures["gesture"].to_numpy() if "gesture" in corpus.captures else None
-    seconds = save_adapted(model, recogniser, corpus, labels, out)
-    how = "without labels" if labels is None else "with labels"
-    print(f"{out}: adapted to {len(corpus)} captures {how} in {seconds:.2f} s")
-    then(f"bench predict {quoted(str(out))} new.csv")
-    return 0

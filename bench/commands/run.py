@@ -40,7 +40,6 @@ STEPS = (
     Option("model.scale", "text", "", "divide by the largest reading so far, or take logs", ("peak", "log")),
     Option("model.faults", "text", "", "also train on damaged copies: all, or faults of bench stress", (), "+"),
     Option("model.turns", "count", 0, "number of mirrored or rotated copies of each training capture"),
-    Option("model.person", "text", "", "adapt to a person without labels", ("centre", "scale", "pool"), "+"),
     Option("model.device", "text", "cpu", "device that trains networks", ("cpu", "cuda")),
 )
 RUN = Command(

@@ -102,7 +102,7 @@ def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
 
     Raises:
         InputError: there is no such corpus, it is no longer what was imported, it has no gesture, or corpora do not go
-            together (`bench.corpora.skins.together`).
+            together (`bench.corpora.joined.together`).
     """
     if "+" in name:
         return _together(name)
@@ -219,28 +219,26 @@ def generated(make: Callable[..., Corpus], parameters: dict[str, Any], *code: Mo
     return _made(home() / "corpora" / "synth" / key, lambda: make(**parameters))
 
 
-def open_joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
-    """Captures of two skins as `bench.corpora.skins.joined` makes them, stored under all that they depend on.
+def made_once(kind: str, about: object, make: Callable[[], Corpus], module: ModuleType) -> Corpus:
+    """A corpus made of stored ones, stored under all that it depends on.
 
     Args:
-        target: captures of a stored corpus, or some of them.
-        source: another stored corpus.
-        names: names in ``target`` of classes of ``source``.
+        kind: folder of such corpora.
+        about: what it is made of; JSON.
+        make: makes it.
+        module: its code.
 
     Raises:
-        InputError: as of `joined`, or the data folder cannot be written.
+        InputError: it cannot be made or stored.
     """
-    from bench.corpora import skins
-
-    code = Path(skins.__file__).read_bytes()
-    captures = [part for c in (target, source) for part in (c.digest, c.name, c.index.tolist())]
-    key = hashlib.sha256(json.dumps([*captures, sorted(names.items())]).encode() + code).hexdigest()[:16]
-    return _made(home() / "corpora" / ".transfer" / key, lambda: skins.joined(target, source, names))
+    code = Path(str(module.__file__)).read_bytes()
+    key = hashlib.sha256(json.dumps(about).encode() + code).hexdigest()[:16]
+    return _made(home() / "corpora" / f".{kind}" / key, make)
 
 
 def _together(name: str) -> Corpus:
-    """Several corpora as one, stored under all that it depends on."""
-    from bench.corpora import skins
+    """Several corpora as one."""
+    from bench.corpora import joined
 
     names = name.split("+")
     if len(set(names)) < len(names) or {"", "synth"} & {*names}:
@@ -248,9 +246,7 @@ def _together(name: str) -> Corpus:
     corpora = [stored_value(each) for each in names]
     if partly := [corpus.name for corpus in corpora if corpus.info.get(ASIDE)]:
         raise InputError(f"data={name[:100]}: {partly[0]} has captures without a gesture; give it alone")
-    code = Path(skins.__file__).read_bytes()
-    key = hashlib.sha256(json.dumps([[c.digest, c.name] for c in corpora]).encode() + code).hexdigest()[:16]
-    return _made(home() / "corpora" / ".joined" / key, lambda: skins.together(corpora))
+    return made_once("joined", [[c.digest, c.name] for c in corpora], lambda: joined.together(corpora), joined)
 
 
 def _made(folder: Path, make: Callable[[], Corpus]) -> Corpus:

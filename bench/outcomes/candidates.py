@@ -107,8 +107,6 @@ def candidates(
     kinds = {tag: view for tag, view in run_views().items() if (tag if view.apart else "") == study}
     every = [r for r in results if r.kind in kinds and kinds[r.kind].offers(r, wish)]
     command = next(iter(kinds.values())).key
-    if not study:
-        command += "".join(f" protocol=personal protocol.shots={number}" for number in asked.get("shots", []))
     chosen, notes = eligible(every, asked, batch, command)
     lent: dict[str, dict[str, float]] = {}
     for r in chosen:
@@ -193,17 +191,13 @@ def _losses(
 ) -> np.ndarray:
     """Points that each candidate loses under each fault at each severity, float [candidates, cases, subjects].
 
-    NaN where no complete result is of all faults, and for windows and early decisions. Seeds are averaged. Systems
-    with captures of a new person are tested under faults without these captures.
+    NaN where no complete result is of all faults, and for windows and early decisions. Seeds are averaged.
     """
     lost = np.full((len(table), len(losses.circumstances), len(subjects)), np.nan)
-    personal = str(context["protocol"]).startswith("personal")
-    name, protocol = ("protocol_name", "loso") if personal else ("protocol_label", context["protocol_label"])
-    on_captures = context.comparable[:-1]  # without the protocol
     for circumstance in circumstance_views():
         by_system: dict[str, dict[str, list[Result]]] = {}
         for r in results:
-            if circumstance.holds(r) and r[name] == protocol and r.complete and r.comparable[:-1] == on_captures:
+            if circumstance.holds(r) and r.complete and r.comparable == context.comparable:
                 by_system.setdefault(r.system, {}).setdefault(r["seed"], []).append(r)
         for system, seeds in by_system.items():
             rows = (table["system"] == system) & table["whole"]
@@ -222,18 +216,15 @@ def missing(table: pd.DataFrame, asked: Iterable[str], losses: Losses | None) ->
         command, *more = cost.command.format(faults=",".join(losses.names if losses else ())).split()
         given = dict(word.split("=", 1) for word in more)
         lacking = table["arguments"][table[cost.key].isna() & table["whole"] & (table["mark"] == "")]
-        lines = dict.fromkeys(typed(command, repeated(text, cost.losses) | given) for text in lacking if text)
+        lines = dict.fromkeys(typed(command, repeated(text) | given) for text in lacking if text)
         if lines:
             commands[f"The {cost.noun} of {several(len(lines), 'system')}"] = [*lines]
     return commands
 
 
-def repeated(text: str, impersonal: bool = False) -> dict[str, str]:
+def repeated(text: str) -> dict[str, str]:
     """Arguments of a run that another command repeats."""
-    given = {k: v for k, v in json.loads(text or "{}").items() if k.split(".")[0] in TAKEN}
-    if impersonal and given.get("protocol", "").startswith("personal"):
-        given = {k: v for k, v in given.items() if not k.startswith("protocol.")} | {"protocol": "loso"}
-    return given
+    return {k: v for k, v in json.loads(text or "{}").items() if k.split(".")[0] in TAKEN}
 
 
 def eligible(
@@ -243,8 +234,6 @@ def eligible(
     for key in asked:
         if (name := COLUMNS.get(key, key)).startswith("protocol.") and not any(name in r for r in results):
             raise InputError(f"{key}: no stored run has this parameter; leave it out or run that protocol")
-    if "shots" in asked:
-        results = [r for r in results if r.get("protocol.unlabelled") != "True"]
     kept = selected(results, {"target": ["gesture"], **asked})
     complete = [r for r in kept if r.complete]
     notes: list[str] = []

@@ -372,7 +372,6 @@ def choose(
     clock: float | None = None,
     unit: str = "capture",
     batch: bool = False,
-    shots: int | None = None,
     notes: Sequence[str] = (),
     why: bool = False,
 ) -> Chosen:
@@ -386,8 +385,6 @@ def choose(
         _check_study(study, by, unit, limits, clock)
     if scene.faults is not None and unit == "window":
         raise InputError("unit=window: losses under faults are of whole captures; leave it or the faults out")
-    if shots is not None:
-        asked = _with_shots(shots, asked, study)
     for part in without_runs([results], asked):
         warn(f"warning: {part}: no run is stored")
     most = limits.get("decision", np.inf if by == "decision" else None)
@@ -403,18 +400,6 @@ def choose(
     others = expected(among, choice.chosen, by, limits, margin)
     lacking = missing(among.table, [by, *limits], scene.faults)
     return Chosen(choice, among, by, limits, margin, clock, scene, others, lacking, [*notes], why)
-
-
-def _with_shots(shots: int, asked: Mapping[str, list[str]], study: str) -> Mapping[str, list[str]]:
-    """The runs with labelled captures of a new person."""
-    if shots < 0:
-        raise InputError(f"shots={shots}: give 0 or more")
-    asked = {"protocol": ["personal"], **asked, "shots": [str(shots)]}
-    if wrong := {*asked["protocol"]} - {"personal", "transfer"}:
-        raise InputError(f"protocol={min(wrong)}: it has no shots; leave protocol= or shots out")
-    if study:
-        raise InputError(f"shots={shots}: bench {_command(study)} has no captures of a new person; leave shots out")
-    return asked
 
 
 def _command(study: str) -> str:

@@ -16,7 +16,7 @@ from bench.store import Store
 from bench.words import Values, convert, items
 
 ROOMS = {key: room for room, key in PARTS.items() if room != "corpora"}  # of the key of a part
-COLUMNS = {"where": "subset", "shots": "protocol.shots", "run": "run_id"}  # names in a result of other keys
+COLUMNS = {"where": "subset", "run": "run_id"}  # names in a result of other keys
 SAME = (*COMPARABLE, *SAME_SYSTEM, "features_name", "model_name")  # what makes two runs repetitions of one
 COLUMNS |= {part: f"{part}_name" for part in ROOMS}
 SELECTING = ("data", "where", "target", "protocol", "model", "features", "run", "latest")  # keys of stored runs

@@ -21,7 +21,7 @@ KEYS = ("by", "margin", "unit")  # of a scene and of `bench choose`
 OTHER = {  # lines of each section that are no budgets: a key, and that of `bench choose`, empty for those read here
     "budget": {"clock": "clock", "board": "", "share": ""},
     "faults": {"names": "", "severity": ""},
-    "people": {"shots": "shots"},
+    "people": {},
 }
 EVERY = tuple(FAULTS.split())
 NESTED = "it is nested more deeply than any line of a scene; see docs/scenes.md"
@@ -121,8 +121,6 @@ def scene_of(table: Mapping[str, object]) -> Scene:
         unmeasured = [k for k, cost in limits["budget"].items() if "studies" not in cost.on] + ["clock"]
         if lacking := [k for k in unmeasured if k in sections["budget"]]:
             raise InputError(f"[budget] {lacking[0]}: runs of [{apart[0]}] do not measure it; leave one of them out")
-        if "shots" in sections["people"]:
-            raise InputError(f"[people] shots: runs of [{apart[0]}] have none; leave one of them out")
     board = _of_board(sections["budget"])
     more = {} if board is None else board.budgets("decision" in sections["budget"])
     return Scene(more | values, _reactions(table), _faults(sections["faults"]), board)

@@ -52,11 +52,7 @@ class Part(Generic[Made]):
 
     @property
     def factory(self) -> Callable[..., Made]:
-        """The class or function behind the name.
-
-        Raises:
-            InputError: its file is not what it was when the command began.
-        """
+        """The class or function behind the name; its file must be what it was when the command began."""
         factory = load(self.room, self.name)
         if self.module and factory.__module__ != self.module:
             raise InputError(f"{self.name}: the file was changed while it was in use; start the command again")
@@ -77,18 +73,12 @@ class Part(Generic[Made]):
         return self.factory(**self.parameters)
 
     def changed(self, seed: int | None = None) -> dict[str, object]:
-        """Parameters that are not the default. The seed of a model is no such, as it is that of the run.
-
-        Args:
-            seed: the default of a parameter ``seed``, if it is not that of the factory.
-        """
+        """Parameters that are not the default; that of ``seed`` may be another one, and of a model is the run's."""
         if self.instance is not None:
             return _arguments(self.instance) if self.name == type(self.instance).__name__ else {}
         usual = parameters(self.factory)
-        if self.room == "models" and "seed" in self.parameters:
-            usual["seed"] = self.parameters["seed"]
-        elif seed is not None:
-            usual["seed"] = seed
+        own = self.parameters.get("seed", seed) if self.room == "models" else seed
+        usual |= {} if own is None else {"seed": own}
         return {k: v for k, v in self.parameters.items() if k not in usual or v != usual[k]}
 
     @property
@@ -103,19 +93,13 @@ class Part(Generic[Made]):
         return self.label()
 
     def label(self, seed: int | None = None) -> str:
-        """The name with those parameters that are not the default: ``svm[C=8.0]``.
-
-        Args:
-            seed: default seed, as in `changed`.
-        """
+        """The name with those parameters that are not the default (`changed`): ``svm[C=8.0]``."""
         texts = {k: text_of(v) if isinstance(v, tuple) else v for k, v in self.changed(seed).items()}
-        changed = ", ".join(f"{k}={v}" for k, v in texts.items())
-        return f"{self.short}[{changed}]" if changed else self.short
+        return _with(self.short, texts)
 
     def typed(self) -> str:
         """The same with the full name of a file, as `bench.words.labelled` reads it."""
-        changed = ", ".join(f"{k}={text_of(v)}" for k, v in self.changed().items())
-        return f"{self.name}[{changed}]" if changed else self.name
+        return _with(self.name, {k: text_of(v) for k, v in self.changed().items()})
 
     def identity(self) -> tuple:
         """Identity of a part: name and parameters."""
@@ -204,9 +188,9 @@ class Cell:
         return f"{self.system()} | {self.data} | {self.protocol}"
 
     @property
-    def has_objects(self) -> bool:
-        """True if a part is a Python object."""
-        return any(part.instance is not None for part in self.parts)
+    def objects(self) -> list[object]:
+        """Parts that are Python objects."""
+        return [part.instance for part in self.parts if part.instance is not None]
 
     @property
     def seed(self) -> int | None:
@@ -242,10 +226,6 @@ class Cell:
             return {self.features.label(self._features_seed): self.features.make()}
         return {name: contract.copied(part) for name, part in contract.features(self.untrained).items()}
 
-    def packages(self) -> tuple[str, ...]:
-        """Packages that this system alone depends on."""
-        return self.model.packages()
-
     def identity(self) -> dict[str, object]:
         """Identity of its results, besides the captures: selection, parts with parameters, code, versions."""
         made = []
@@ -263,7 +243,7 @@ class Cell:
             "measured": [(one.key, one.identity()) for one in self.producers],
             "faults": [(f.name, f.amounts) for f in made],  # they may come from other packages
             "code": source_digest(*code),
-            "versions": versions(self.packages()),
+            "versions": versions(self.model.packages()),
         }
 
     def arguments(self) -> dict[str, str]:
@@ -283,6 +263,12 @@ class Cell:
             values |= {k: text_of(how[k]) for k in (("smallest", "inner") if "smallest" in how else HOW) if k in how}
         values |= {"seed": str(self.seed)} if self.seed else {}
         return values | {key: text for one in self.producers for key, text in one.arguments().items()}
+
+
+def _with(name: str, changed: dict[str, object]) -> str:
+    """A name with parameters."""
+    words = ", ".join(f"{k}={v}" for k, v in changed.items())
+    return f"{name}[{words}]" if words else name
 
 
 def _arguments(made: object) -> dict[str, object]:
@@ -336,8 +322,7 @@ def cells(values: Values) -> list[Cell]:
                 variants(values, "model", model, chosen["model"], seed),
             ):
                 cell = Cell(data, data_parameters, where, target, *parts)
-                objects = [id(part.instance) for part in cell.parts if part.instance is not None]
-                distinct.setdefault(f"{cell!r} {objects}", cell)
+                distinct.setdefault(f"{cell!r} {[*map(id, cell.objects)]}", cell)
     return list(distinct.values())
 
 
@@ -357,17 +342,9 @@ def _takes_features(model: object) -> bool:
 def variants(
     values: Values, key: str, part: object, siblings: list, seed: int | None = None, room: str = ""
 ) -> list[Part]:
-    """One part with every combination of its dotted parameters.
+    """One part, a name or an object, with every combination of its dotted parameters.
 
-    In a grid of several parts, a parameter is for those that take it.
-
-    Args:
-        values: all that was typed.
-        key: key that names it.
-        part: a name, or an object.
-        siblings: all parts of this key.
-        seed: seed of the run; a part that takes none has none.
-        room: room of the parts; empty for that of `PARTS`.
+    In a grid of several parts (``siblings``), a parameter is for those that take it; a part without a seed has none.
     """
     room = room or PARTS[key]
     dotted = _dotted(values, key)
@@ -410,11 +387,7 @@ def _defaults(key: str, factory: Callable) -> dict[str, object]:
 
 
 def _refuse_unknown(part: str, dotted: Iterable[str], accepted: Collection[str]) -> None:
-    """Refuse a parameter that the part, such as ``model=svm``, does not have.
-
-    Raises:
-        InputError: there is one.
-    """
+    """Refuse a parameter that the part, such as ``model=svm``, does not have."""
     for parameter in dotted:
         if parameter not in accepted:
             raise InputError(f"{part} has no parameter {parameter!r}; {nearest(parameter, accepted)}")

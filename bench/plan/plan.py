@@ -6,9 +6,11 @@ import hashlib
 import itertools
 import os
 import warnings
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,13 +33,13 @@ class Fold:
         name: the tested subject, or a number.
         train: positions of the training captures, int32 [captures].
         test: positions of the test captures, int32 [captures].
-        known: captures of the tested person that are known beforehand, if there are any.
+        pairs: further captures that a system learns from, and captures tested after it, of a protocol that has such.
     """
 
     name: str
     train: np.ndarray
     test: np.ndarray
-    known: splits.Calibration | None = None
+    pairs: Sequence[tuple[np.ndarray, np.ndarray]] = ()
 
 
 @dataclass(frozen=True)
@@ -67,13 +69,9 @@ class Plan:
 
     @cached_property
     def repeats(self) -> list[tuple[int, int]]:
-        """Tested captures with the same frames as a training or calibration capture, and that capture.
-
-        Positions in the corpus, one pair for each tested capture.
-        """
-        calibrations = [pair for fold in self.folds if fold.known for draw in fold.known.draws for pair in draw]
-        sides = ((fold.train, fold.test) for fold in self.folds)
-        return seen_before(repeated(self.corpus), itertools.chain(sides, calibrations), len(self.corpus))
+        """Tested captures with the same frames as a training capture, and that one: a pair for each tested capture."""
+        sides = [side for fold in self.folds for side in ((fold.train, fold.test), *fold.pairs)]
+        return seen_before(repeated(self.corpus), sides, len(self.corpus))
 
     @cached_property
     def label(self) -> str:
@@ -84,7 +82,8 @@ class Plan:
     @cached_property
     def facts(self) -> dict[str, str]:
         """Properties of the protocol for statistics and tables; ``""`` for missing ones."""
-        official = splits.official_split(self.cell.splitter, self.corpus)
+        published = getattr(self.cell.splitter, "official_split", None)
+        official = published(self.corpus) if published else None
         ratio = shared_ratio(self.folds)
         return {
             "mixes_subjects": str(self.mixes_subjects).lower(),
@@ -109,8 +108,7 @@ class Plan:
         """Identity of the captures and folds."""
         folds = hashlib.sha256()
         for fold in self.folds:
-            pairs = [pair for draw in fold.known.draws for pair in draw] if fold.known else []
-            for positions in (fold.train, fold.test, *(part for pair in pairs for part in pair)):
+            for positions in (fold.train, fold.test, *itertools.chain.from_iterable(fold.pairs)):
                 folds.update(f"{fold.name} {len(positions)} ".encode() + np.asarray(positions, np.int64).tobytes())
         return {
             "digest": self.corpus.digest,
@@ -139,7 +137,7 @@ def planned(cells: list[Cell], jobs: int | None) -> list[Plan]:
             first[key] = Plan(cell, corpus, folds, *share_cores(jobs, len(folds)))
             refuse_repeats(first[key])
         plans.append(first[key].of(cell))
-        if contract.CHECK_TRAINING(estimator):
+        if contract.check_training.of(estimator):
             gestures = corpus.gestures
             for fold in plans[-1].folds:
                 contract.check_training(estimator, corpus[fold.train], gestures[fold.train])
@@ -153,11 +151,7 @@ def _captures_and_protocol(cell: Cell) -> tuple:
 
 
 def refuse_repeats(plan: Plan) -> None:
-    """Refuse a protocol that separates people if a recording of two of them is on both sides of a fold.
-
-    Raises:
-        InputError: there is such a capture; the message names the first and a condition that leaves it out.
-    """
+    """Refuse a protocol that separates people if a recording of two of them is on both sides of a fold."""
     cell, corpus = plan.cell, plan.corpus
     pairs = [(i, j) for i, j in plan.repeats if corpus.subjects[i] != corpus.subjects[j]]
     if not pairs or plan.mixes_subjects:
@@ -172,26 +166,19 @@ def refuse_repeats(plan: Plan) -> None:
 
 
 def checked(cell: Cell) -> contract.System:
-    """The untrained system of a cell, its parameters and those of its feature sets checked; it is not to be fitted.
-
-    Raises:
-        InputError: one of them cannot be.
-    """
+    """The untrained system of a cell, its parameters and those of its feature sets checked; it is not to be fitted."""
     for part in (cell.untrained, *cell.feature_sets().values()):
         contract.check(part)
     return cell.untrained
 
 
 def corpus_of(cell: Cell) -> Corpus:
-    """The captures that a cell is about, with others that its protocol trains on.
-
-    Raises:
-        InputError: they cannot be opened, chosen, joined, or told apart by the target.
-    """
+    """The captures that a cell is about, with others that its protocol trains on; at least two classes."""
     if cell.study and (own := cell.study.captures(cell)) is not None:
         return own
     corpus = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
-    corpus = splits.captures(cell.splitter, corpus)
+    joined = getattr(cell.splitter, "joined", None)
+    corpus = joined(corpus) if joined else corpus
     if len(set(corpus.gestures)) < 2:
         where = f" where={quoted(cell.where)}" if cell.where else ""
         raise InputError(f"data={cell.data}{where}: only one {corpus.target} is left; choose captures of two or more")
@@ -199,14 +186,9 @@ def corpus_of(cell: Cell) -> Corpus:
 
 
 def captures_of(data: str, parameters: dict[str, object], where: str, target: str) -> Corpus:
-    """The captures of a corpus that satisfy a condition.
-
-    Raises:
-        InputError: they cannot be opened, chosen, or told apart by the target.
-    """
+    """The captures of a corpus that satisfy a condition, with the classes of a target."""
     corpus = open_corpus(data, parameters)
-    if where:
-        corpus = corpus.select(where)
+    corpus = corpus.select(where) if where else corpus
     return corpus if target == "gesture" else corpus.with_target(target)
 
 
@@ -217,15 +199,14 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
         InputError: the protocol cannot split this corpus, or a fold tests a class that it does not train.
     """
     gestures, subjects = corpus.gestures, corpus.subjects
-    calibrations = splits.calibrations(cell.splitter, corpus, gestures, subjects)
     with warnings.catch_warnings():  # of a splitter that needs no subjects
         warnings.filterwarnings("ignore", "The groups parameter is ignored by")
-        pairs = cell.splitter.split(corpus, gestures, subjects)
-        folds = [Fold("", _positions(train), _positions(test), next(calibrations)) for train, test in pairs]
+        split: Iterable[Any] = cell.splitter.split(corpus, gestures, subjects)
+        folds = [Fold("", _positions(train), _positions(test), *pairs) for train, test, *pairs in split]
     mixed = mixes_subjects(corpus, folds)
     if untaught := corpus.info.get(UNTAUGHT, []):
         taught = ~np.isin(gestures, untaught)
-        folds = [Fold("", fold.train[taught[fold.train]], fold.test, fold.known) for fold in folds]
+        folds = [Fold("", fold.train[taught[fold.train]], fold.test, fold.pairs) for fold in folds]
     for i, fold in enumerate(folds, 1):
         tested = pd.unique(subjects[fold.test])
         fold.name = tested[0] if len(tested) == 1 and not mixed else f"fold{i:02d}"
@@ -273,11 +254,7 @@ def usable_cores() -> int:
 
 
 def share_cores(jobs: int | None, folds: int) -> tuple[int, int]:
-    """Worker processes and threads in each, so that their product fits the cores.
-
-    Raises:
-        InputError: ``jobs`` is less than 1.
-    """
+    """Worker processes and threads in each, so that their product fits the cores."""
     cores = usable_cores()
     if jobs is not None and jobs < 1:
         raise InputError(f"jobs={jobs}: give at least 1, or leave it out for {cores} (the cores of this machine)")

@@ -7,9 +7,9 @@ test) capture positions. It may also have
   default, and ``subjects mixed`` where captures of a subject are on both sides of a fold;
 - ``official_split(corpus)``: whether its folds are those of a publication, where there is such a split at all;
 - ``joined(corpus)``: the captures that it splits, where these are more than those of ``data=``;
-- ``calibrations(X, y, groups)``: of each fold and draw, pairs of positions: captures that are known of the person who
-  is tested, and those that are tested then; with ``unlabelled``, whether labels are not known, and ``weight``, how
-  often a known capture counts in training.
+- ``systems(cell, corpus, fold)``: the fitted systems of a fold, each a `Tested`; else one, fitted to ``train``. Its
+  ``split`` may then yield (train, test, pairs): further captures that a system learns from, and those tested after it;
+- ``view``: ``module:class`` of what the report shows of its runs, with ``holds``, ``section``, ``brief``, ``sheets``.
 
 Whether subjects are mixed, and how many captures are tested by those trained on, is seen from the folds themselves.
 """
@@ -17,13 +17,12 @@ Whether subjects are mixed, and how many captures are tested by those trained on
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from itertools import repeat
-from typing import Protocol
+from collections.abc import Iterable
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from bench import contract
 from bench.corpora.corpus import Corpus
 
 
@@ -35,61 +34,24 @@ class Splitter(Protocol):
 
 
 def label(protocol: Splitter, corpus: Corpus, mixes_subjects: bool, name: str, seed: object = None) -> str:
-    """The protocol in words, distinct for runs on other splits.
-
-    Args:
-        protocol: splitter.
-        corpus: corpus to split.
-        mixes_subjects: True if a fold has captures of one subject on both sides.
-        name: name of a protocol without a label, with its parameters.
-        seed: seed of the protocol, None for the default; it is appended to a label that lacks it.
-    """
-    if words := getattr(protocol, "label", None):
-        return with_seed(words(corpus), seed)
+    """The protocol in words, distinct for runs on other splits: it names a seed that is not the default."""
+    if own := getattr(protocol, "label", None):
+        words = own(corpus)
+        return words if seed is None or re.search(rf"\bseed {seed}\b", words) else f"{words}, seed {seed}"
     return name + (", subjects mixed" if mixes_subjects else "")
 
 
-def with_seed(label: str, seed: object) -> str:
-    """A label that names the seed, if there is one."""
-    return label if seed is None or re.search(rf"\bseed {seed}\b", label) else f"{label}, seed {seed}"
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """Calibration captures of the tested person in a fold.
+class Tested(NamedTuple):
+    """A fitted system and the captures of a fold that it predicts.
 
     Attributes:
-        draws: for each draw, pairs of positions: calibration captures, and captures tested after them. In a draw every
-            test capture of the fold is tested once.
-        labelled: True if the calibration captures have labels.
-        weight: number of times that a calibration capture counts in training.
+        name: name of the fold, or of a part of it.
+        estimator: fitted.
+        tested: positions of the captures.
+        metrics: costs of fitting.
     """
 
-    draws: tuple[tuple[tuple[np.ndarray, np.ndarray], ...], ...]
-    labelled: bool
-    weight: int
-
-
-def calibrations(protocol: Splitter, corpus: Corpus, y: np.ndarray, groups: np.ndarray) -> Iterator[Calibration | None]:
-    """Yield the calibration of each fold; None without end for a protocol without any."""
-    drawn = getattr(protocol, "calibrations", None)
-    if drawn is None:
-        yield from repeat(None)
-        return
-    labelled, weight = not getattr(protocol, "unlabelled", False), getattr(protocol, "weight", 1)
-    for draws in drawn(corpus, y, groups):
-        pairs = tuple(tuple((np.asarray(shots), np.asarray(tested)) for shots, tested in draw) for draw in draws)
-        none = not any(len(shots) for draw in pairs for shots, _ in draw)
-        yield None if none else Calibration(pairs, labelled, weight)
-
-
-def captures(protocol: Splitter, corpus: Corpus) -> Corpus:
-    """The captures to split: the corpus itself, or with others."""
-    joined = getattr(protocol, "joined", None)
-    return corpus if joined is None else joined(corpus)
-
-
-def official_split(protocol: Splitter, corpus: Corpus) -> bool | None:
-    """Return True if its folds are the published ones, None if none were published."""
-    official = getattr(protocol, "official_split", None)
-    return official(corpus) if official else None
+    name: str
+    estimator: contract.System
+    tested: np.ndarray
+    metrics: dict[str, float]

@@ -123,7 +123,7 @@ class Audited:
         """True if it declares random training by a parameter ``seed`` or ``random_state``."""
         params: dict[str, object] = getattr(self.cell.estimator(), "get_params", dict)()
         named = any(k.split("__")[-1] in ("seed", "random_state") and v is not None for k, v in params.items())
-        return self.cell.seed is not None or (self.cell.has_objects and named)
+        return self.cell.seed is not None or (bool(self.cell.objects) and named)
 
 
 def predicted(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from bench import contract, scores
+from bench.plan.splits import Tested
 from bench.result import Result
 from bench.words import LABELS
 from bench.work import fold as fold_of
-from bench.work.fold import batch_effects, check_agreement, computing, decisions, footprint, latency
-from bench.work.personal import met
+from bench.work.fold import batch_effects, check_agreement, computing, decisions, fitted, footprint, latency
 from bench.work.results import FoldResult, costs, failure, measured, tables_of
 
 if TYPE_CHECKING:
@@ -52,12 +52,20 @@ def folded(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
     return result
 
 
+def systems(cell: Cell, corpus: Corpus, fold: Fold) -> Iterable[Tested]:
+    """The fitted systems of a fold: one, if the protocol has no others."""
+    if own := getattr(cell.splitter, "systems", None):
+        return own(cell, corpus, fold)
+    estimator = cell.estimator()
+    return [Tested(fold.name, estimator, fold.test, fitted(estimator, corpus[fold.train]))]
+
+
 def evaluated(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> tuple[contract.System, FoldResult]:
-    """The fitted system of a fold, the last of several draws; predictions of the test captures, and their costs."""
+    """The fitted system of a fold, the last of several; predictions of the test captures, and their costs."""
     parts, effects = [], []
-    share = -(-fold_of.AGAIN // sum(map(len, fold.known.draws))) if fold.known else None
+    share = -(-fold_of.AGAIN // len(fold.pairs)) if fold.pairs else None
     with computing(threads):
-        for one in met(cell, corpus, fold):
+        for one in systems(cell, corpus, fold):
             parts.append(decisions(one.estimator, corpus, one.name, one.tested))
             effects += batch_effects(one.estimator, corpus, one.tested, parts[-1], share)
         if not effects:  # of other predictions in each batch

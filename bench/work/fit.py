@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import time
-from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -97,7 +95,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
 
     recogniser = Recogniser(estimator, corpus, learned_stopping, more)
     plugins = [part.name for part in (cell.model, cell.features) if part]
-    model = recogniser.model(plugins, corpus[0][:EXAMPLE_FRAMES], cell.packages())
+    model = recogniser.model(plugins, corpus[0][:EXAMPLE_FRAMES], cell.model.packages())
     by_value()
     how = f" {learner.params}" if learner else ""
     key = hashlib.sha256(f"{key_of(plan)} fit{how}".encode()).hexdigest()[:20]
@@ -141,35 +139,3 @@ def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
         warn(f"warning: the model has no calibration and no stopping threshold: {why}")
         return None
     return learned(cell.estimator, corpus, np.arange(len(corpus)), Replay())[0]
-
-
-def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarray | None, out: Path) -> float:
-    """Adapt a saved system to one person, save it as a folder, and return the seconds of adapting."""
-    import mlflow
-
-    from bench.work.saved import by_value, own_code, quiet
-
-    if recogniser.adapted:
-        raise InputError(f"{model} is adapted already; adapt the original model to all captures of the person at once")
-    if not contract.adapts(recogniser.estimator):
-        raise InputError(
-            f"{model} cannot adapt to a person; use reflex, lda, a network or a model fitted with model.person="
-        )
-    if unknown := sorted({str(name) for name in y} - set(recogniser.classes)) if y is not None else []:
-        raise InputError(f"gesture {unknown[0]} is not a class of {model}; known: {', '.join(recogniser.classes)}")
-    began = time.perf_counter()
-    personal = copy(recogniser)
-    personal.adapted = True
-    personal.estimator = contract.adapted(recogniser.estimator, corpus, y)
-    if recogniser.watcher is not None:
-        personal.watcher = recogniser.watcher.adapted(personal.estimator, corpus, y)
-    seconds = time.perf_counter() - began
-    by_value()
-    with own_code() as code, quiet():
-        needed = Path(mlflow.pyfunc.get_model_dependencies(model)).read_text(encoding="utf-8").splitlines()
-        packages = [line for line in needed if line.strip()]
-        arguments = personal.model([], corpus[0][:EXAMPLE_FRAMES])
-        arguments |= {"pip_requirements": packages, "code_paths": [code]}
-        with made_whole(out) as beside:
-            mlflow.pyfunc.save_model(str(beside), **arguments)
-    return seconds

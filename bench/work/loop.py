@@ -35,10 +35,10 @@ def prepared(cells: Iterable[Cell], jobs: int | None) -> list[Plan]:
                 f"{plan.corpus.name} has a column {min(taken)!r}, a name that tables of results use; rename "
                 "the column and import again"
             )
-        if plan.cell.circumstances and any(fold.known for fold in plan.folds):
+        if plan.cell.circumstances and any(fold.pairs for fold in plan.folds):
             raise InputError(
-                f"protocol={plan.cell.protocol}: {plan.cell.circumstances[0].key}= does not adapt systems to a person; "
-                "leave protocol.shots= and protocol.unlabelled= out"
+                f"protocol={plan.cell.protocol} has several systems in a fold, {plan.cell.circumstances[0].key}= tests "
+                "one; leave one of them out"
             )
         for one in plan.cell.producers:
             one.refuse(plan)

@@ -17,9 +17,9 @@ from bench.machine import Machine
 from bench.registry import is_own
 from bench.tables import uniform
 
-COMBINED: dict[str, Callable[[list[float]], SupportsFloat]] = {  # numbers of folds; of any other the largest counts
-    **dict.fromkeys((f"{work}{kind}_seconds" for work in ("fit", "adapt") for kind in ("", "_wall", "_cpu")), np.mean),
-    "search_seconds": np.mean,
+COMBINED: dict[
+    str, Callable[[list[float]], SupportsFloat]
+] = {  # numbers of folds; of seconds the mean, of any other the largest
     **dict.fromkeys(("reference_ms", "quiet_ms", "slowdown", "predict_relative"), np.median),
 }
 
@@ -143,7 +143,8 @@ def costs(results: list[FoldResult], spent: Iterable[str] = ()) -> dict[str, flo
         results: results of the folds.
         spent: names of seconds in circumstances, of which the run has the mean.
     """
-    combined = COMBINED | dict.fromkeys(spent, np.mean)
+    seconds = {name for r in results for name in r.metrics if name.endswith("_seconds")}
+    combined = COMBINED | dict.fromkeys({*spent, *seconds}, np.mean)
     names = dict.fromkeys(name for r in results for name in r.metrics)  # a fold may have one that another has not
     numbers = {
         name: float(combined.get(name, max)([r.metrics[name] for r in results if name in r.metrics])) for name in names

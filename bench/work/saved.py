@@ -70,7 +70,6 @@ class Recogniser(PythonModel):
     """
 
     format = ""  # of a model that another version has saved
-    adapted = False  # to a person
     step = 0.0  # of a model that was saved before there was any
     watcher: Any = None  # of a model that was saved before there were any
 

@@ -74,7 +74,7 @@ def params_of(cell: Cell, corpus: Corpus, threads: int) -> dict[str, object]:
             params[f"{name}_file"] = hashlib.sha256(content).hexdigest()
     params |= {f"tuning.{k}": v for k, v in (cell.tuning or {}).items()}
     params |= {"threads": threads, "git": git_revision()}
-    return params | {f"version.{k}": v for k, v in versions(cell.packages()).items()}
+    return params | {f"version.{k}": v for k, v in versions(cell.model.packages()).items()}
 
 
 @dataclass(eq=False)
@@ -190,7 +190,7 @@ def tracked(store: Store, plan: Plan, key: str) -> TrackedRun:
     tags = tags_of(cell, plan.corpus) | plan.facts
     tags |= {"protocol": str(cell.protocol), "protocol_label": plan.label}
     tags |= {"touchbench.kind": cell.kind, "touchbench.cell": key, "touchbench.command": cell.command}
-    if not cell.has_objects:  # an object cannot be typed
+    if not cell.objects:  # an object cannot be typed
         tags["touchbench.arguments"] = json.dumps(cell.arguments())
     run = store.find(key, cell.kind)
     if run and not run.data.params:

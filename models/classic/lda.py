@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -16,7 +15,6 @@ from bench.errors import InputError
 from bench.features.base import constant
 from bench.models.by_person import ByPerson
 from bench.models.feature_rows import captures_of, undamaged
-from bench.models.person import WEIGHT, codes_of, share
 from bench.models.space import Range
 
 
@@ -97,8 +95,8 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         Z = (Z - mean) / sd
         centres, heavy = _means(Z, codes, weight)
         Z -= centres[codes]
-        self.learnt_ = Learnt(mean, sd, centres, heavy, self._scatter(Z, captures, weight))
-        self._solve(weight.sum())
+        self.learnt_ = Learnt(mean, sd, centres, heavy, self.scatter_of(Z, captures, weight))
+        self.solve(weight.sum())
         return self
 
     def summed(self, X: pd.DataFrame, y: np.ndarray) -> Summed:
@@ -109,7 +107,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         low, high = Z.min(axis=0), Z.max(axis=0)
         centres, heavy = _means(Z, codes, weight)
         Z = Z - centres[codes]
-        return Summed(classes, heavy, centres, self._scatter(Z, captures, weight), weight @ Z**2, low, high)
+        return Summed(classes, heavy, centres, self.scatter_of(Z, captures, weight), weight @ Z**2, low, high)
 
     def fit_summed(self, parts: Sequence[Summed]) -> Discriminants:
         """`fit` to the rows of several parts, which share no capture: equal but for rounding."""
@@ -126,10 +124,10 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         for part in parts:
             scatter += part.scatter
         self.learnt_ = Learnt(mean, sd, (centres - mean) / sd, heavy, scatter / sd[:, None] / sd)
-        self._solve(heavy.sum())
+        self.solve(heavy.sum())
         return self
 
-    def _scatter(self, Z: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    def scatter_of(self, Z: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Of rows about the centres of their classes, what is particular to a capture counting more by ``windows``."""
         scatter = (Z.T * weight) @ Z
         if self.windows == 1:
@@ -137,7 +135,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         means, heavy = _means(Z, captures, weight)
         return scatter + (self.windows - 1) * (means.T * heavy) @ means
 
-    def _solve(self, total: float) -> None:
+    def solve(self, total: float) -> None:
         """Coefficients from what was learnt of rows with a total weight."""
         learnt = self.learnt_
         scatter = learnt.scatter / total
@@ -147,47 +145,6 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         coef = np.linalg.solve(scatter, learnt.centres.T).T
         self.coef_ = coef / learnt.sd
         self.intercept_ = -0.5 * (coef * learnt.centres).sum(axis=1) - self.coef_ @ learnt.mean
-
-    def adapt(self, X: pd.DataFrame | np.ndarray, y: np.ndarray | None, weight: float = float(WEIGHT)) -> Discriminants:
-        """The same for one person: features measured from their own mean, and with labels their captures learnt too.
-
-        The mean of the person's rows takes the place of that of training, as far as `bench.models.person.share` goes;
-        where captures with labels are not of all classes alike, rows are measured from their classes for that. Rows
-        with labels then join those of training with a weight, in closed form: the statistics that were learnt are all
-        that is needed.
-
-        Args:
-            X: features [rows, n_features] of some captures of the person.
-            y: class names [rows], all from training; None if unlabelled.
-            weight: weight of a labelled row relative to one of training.
-        """
-        adapted = copy(self)
-        old = self.learnt_
-        Z = (np.asarray(X, dtype=np.float64) - old.mean) / old.sd
-        captures = captures_of(X)
-        codes = None if y is None else codes_of(y, self.classes_)
-        believed, apart = share(captures, codes, len(self.classes_))
-        shift = believed * (Z - old.centres[codes] if apart else Z).mean(axis=0)
-        total = old.heavy.sum()
-        adapted.learnt_ = replace(old, mean=old.mean + np.where(np.isfinite(old.sd), old.sd, 0) * shift)
-        if codes is not None:
-            adapted.learnt_ = adapted._joined(Z - shift, codes, captures, np.full(len(Z), weight))
-            total += weight * len(Z)
-        adapted._solve(total)
-        return adapted
-
-    def _joined(self, Z: np.ndarray, codes: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> Learnt:
-        """What was learnt, and more rows."""
-        old = self.learnt_
-        heavy = np.bincount(codes, weight, len(self.classes_))
-        centres = np.zeros_like(old.centres)
-        np.add.at(centres, codes, Z * weight[:, None])
-        centres /= np.where(heavy > 0, heavy, 1)[:, None]
-        both = old.heavy + heavy
-        apart = np.sqrt(self.windows * old.heavy * heavy / both)[:, None] * (centres - old.centres)
-        scatter = old.scatter + self._scatter(Z - centres[codes], captures, weight) + apart.T @ apart
-        mixed = (old.heavy[:, None] * old.centres + heavy[:, None] * centres) / both[:, None]
-        return replace(old, centres=mixed, heavy=both, scatter=scatter)
 
     @property
     def constants_(self) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +12,8 @@ from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
 from bench.features.base import constant
-from bench.models.feature_rows import captures_of, undamaged
+from bench.models.feature_rows import undamaged
 from bench.models.most_probable import MostProbable
-from bench.models.person import codes_of, relearnt
 from bench.models.space import Range
 
 BATCH = 256
@@ -102,31 +100,15 @@ class Perceptron(MostProbable):
         """In SDs, cut off; what is not a number is taken for the mean."""
         return np.nan_to_num((Z - self.mean_) / self.scale_, nan=0.0).clip(-self.clip, self.clip)
 
-    def _hidden(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    def hidden(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Rectified units [rows, units]; in double precision they do not depend on the rows beside them."""
         scaled = self._scaled(np.asarray(X, dtype=np.float32)).astype(np.float64)
         hidden = scaled @ self.coefs_[0] + self.intercepts_[0]
         return np.maximum(hidden, 0)
 
-    def adapt(self, X: pd.DataFrame | np.ndarray, y: np.ndarray | None) -> Perceptron:
-        """The same for one person, whose captures the last layer learns (`bench.models.person.relearnt`).
-
-        Args:
-            X: features [rows, n_features] of some captures of the person.
-            y: class names [rows]; None if unlabelled, which changes nothing.
-        """
-        if y is None:
-            return self
-        adapted = copy(self)
-        old = np.column_stack([self.coefs_[1].T, self.intercepts_[1]])
-        new = relearnt(old, self._hidden(X), codes_of(y, self.classes_), captures_of(X)).astype(np.float32)
-        adapted.coefs_ = [self.coefs_[0], new[:, :-1].T.copy()]
-        adapted.intercepts_ = [self.intercepts_[0], new[:, -1]]
-        return adapted
-
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""
-        logits = self._hidden(X) @ self.coefs_[1] + self.intercepts_[1]
+        logits = self.hidden(X) @ self.coefs_[1] + self.intercepts_[1]
         return softmax(logits, axis=1)
 
     @property

@@ -74,11 +74,6 @@ class Hughes2017CNN(Hughes2017):
     batch: int = 100
     bits: int = 32
 
-    @property
-    def linear_last(self) -> bool:
-        """Weights in few bits do not learn a person."""
-        return self.bits == 32
-
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run.
 

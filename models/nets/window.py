@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -12,14 +11,12 @@ import numpy as np
 import pandas as pd
 import torch
 from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted
 from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.machine import ensure
-from bench.models.nets.last_layer import relearnt
 from bench.models.nets.training import (
     Optimiser,
     Samples,
@@ -30,7 +27,6 @@ from bench.models.nets.training import (
     probabilities,
     train,
 )
-from bench.models.person import codes_of
 from bench.registry import parameters
 
 LONGEST_S = 3600.0  # of a window
@@ -80,7 +76,6 @@ class WindowNet(ClassifierMixin, BaseEstimator):
 
     patience: ClassVar[int | None] = None  # as of `Schedule`
     smoothing: ClassVar[float] = 0.0
-    linear_last: ClassVar[bool] = True  # its last linear layer gives the logits, so that it can learn a person
     holds_out: ClassVar[bool] = False  # whether one training subject chooses the epoch
 
     def __init_subclass__(cls, **more: object) -> None:
@@ -210,22 +205,6 @@ class WindowNet(ClassifierMixin, BaseEstimator):
             self.history_ = before + train(net, samples, target, optimiser, schedule, forward, judge)
         self.activations_ = activations(net, one)
         return self
-
-    @available_if(lambda self: self.linear_last)
-    def adapt(self, X: Corpus, y: np.ndarray | None) -> WindowNet:
-        """The same for one person, whose captures the last layer learns (`nets.last_layer`); itself without labels.
-
-        Args:
-            X: some captures of the person.
-            y: their class names; None if unlabelled.
-        """
-        check_is_fitted(self, "net_")
-        if y is None:
-            return self
-        adapted = copy(self)
-        codes = codes_of(np.asarray(y), self.classes_)
-        adapted.net_ = relearnt(self.net_, self.samples(X), codes, self.batch, self.logits)
-        return adapted
 
     def _accuracy(self, X: Corpus, codes: np.ndarray) -> float:
         return float((self.predict_proba(X).argmax(axis=1) == codes).mean())

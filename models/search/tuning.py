@@ -15,7 +15,6 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError
 from bench.features.selection import COUNTS, Subset
 from bench.models.recipe import besides, build
 from bench.models.search.inner_folds import Tables, by_subject, check_search, labelled_folds
@@ -266,8 +265,6 @@ def tuned(
         tuning: ``space`` of the model's parameters, ``smallest`` (``features`` for the smallest subset of these that
             suffices), and further arguments of `Search`.
     """
-    if len(tuning["space"].get("person", [()])) > 1:
-        raise InputError("model.person= cannot be tuned: nobody whom a search judges by is known; give one value")
     if tuning.get("smallest") == "features":
         (all_columns,) = features.values()
         features = {f"{n} best of {shown}": Subset(clone(all_columns), n) for n in COUNTS} | features

@@ -24,18 +24,9 @@ class Plain(ClassifierMixin, BaseEstimator):
         return np.full(len(X), self.classes_[1])
 
 
-def test_an_attribute_is_read_by_its_name_and_has_a_default():
-    hooks = {hook.name: hook for hook in vars(contract).values() if isinstance(hook, contract.Hook)}
-    nothing = {"history_": [], "chosen_": {}, "members": [], "constants_": 0, "bytes_saved_": 0, "learns": True}
-    nothing |= {"packages": (), "trained_faults": (), "searches": False}
-    nothing |= dict.fromkeys(["space", "search_seconds_", "trials_", "parameters_", "activations_"])
-    assert {name: hook(Plain()) for name, hook in hooks.items()} == nothing
-    for name, hook in hooks.items():
-        part, value = Plain(), object()
-        setattr(part, name, value)
-        assert hook(part) is value
+def test_a_default_is_nobody_s_to_change():
     contract.history(Plain()).append(1)
-    assert contract.history(Plain()) == []  # nobody changes it for others
+    assert contract.history(Plain()) == []
 
 
 def test_a_factory_is_handed_the_feature_set_whatever_its_argument_is_called(corpus):
@@ -113,9 +104,6 @@ class Owner(Plain):
     def decide(self, scores, threshold):
         return scores > threshold
 
-    def adapt(self, rate):
-        return rate
-
     def keeps(self):
         return True
 
@@ -127,13 +115,9 @@ def test_a_method_is_known_by_the_names_of_its_parameters_others_are_the_authors
     own = Owner().fit(corpus, corpus.gestures)
     contract.check(own)
     assert contract.window(own, 100.0) is None and contract.seen_by_features(own, corpus) == [corpus]
-    assert not contract.adapts(own) and not contract.decides_often(own)
+    assert not contract.decides_often(own)
     assert contract.kept(own, 40, 64) == 40 * 64 and contract.kept_before(own, 64) == 0
     assert len(contract.decide(own, corpus)[0]) == len(corpus)
-    for length, fact in (
-        (lambda rate_hz: 1 / 0, "raises ZeroDivisionError"),
-        (lambda rate_hz: 0.5, "gives 0.5; give a"),
-    ):
-        own.length = length
-        with pytest.raises(InputError, match=fact):
-            contract.window(own, 100.0)
+    own.length = lambda rate_hz: 0.5
+    with pytest.raises(InputError, match="gives 0.5; give a"):
+        contract.window(own, 100.0)

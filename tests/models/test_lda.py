@@ -10,7 +10,6 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 
-from bench.features.base import labels
 from bench.features.touch import TouchFeatures
 from bench.models import by_person
 from bench.models.classic.lda import Discriminants, lda
@@ -99,46 +98,6 @@ def test_constant_features_have_no_weight(shrinkage):
         np.testing.assert_allclose(model.coef_[:, :3], Discriminants(0).fit(X, y).coef_, rtol=1e-5)
     nothing = Discriminants(shrinkage).fit(X * 0 + 3, y)
     np.testing.assert_allclose(nothing.predict_proba(X), 1 / 3)
-
-
-@pytest.mark.parametrize(("windows", "labelled"), [(1.0, True), (2.0, True), (2.0, False)])
-def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labelled):
-    """Against every row of training and of the person together, in the units of training, with naive loops."""
-    rng = np.random.default_rng(0)
-    X = pd.DataFrame(rng.normal(size=(120, 6)), index=labels(np.repeat(np.arange(40), 3), np.zeros(120, dtype=int)))
-    y = rng.integers(0, 3, 40).astype(str).repeat(3)
-    P = pd.DataFrame(rng.normal(0.7, 1, (20, 6)), index=labels(np.repeat(np.arange(10), 2), np.zeros(20, dtype=int)))
-    yp = np.array(list("0001001001")).repeat(2)  # and none of the third class
-    general = Discriminants(0.2, windows).fit(X, y)
-    before = general.decision_function(P)
-    own = general.adapt(P, yp if labelled else None, weight=4.0)
-    mean, sd = X.to_numpy().mean(axis=0), X.to_numpy().std(axis=0)
-    person = (P.to_numpy() - mean) / sd
-    rows = (X.to_numpy() - mean) / sd
-    first = np.array([rows[y == c].mean(axis=0) for c in "012"])
-    rest = person - first[yp.astype(int)] if labelled else person  # 7 and 3 captures of two classes
-    shift = rest.mean(axis=0) * 10 / 15
-    names, weight, capture = y, np.ones(120), np.repeat(np.arange(40), 3)
-    if labelled:
-        rows, names = np.vstack([rows, person - shift]), np.concatenate([y, yp])
-        weight = np.concatenate([weight, np.full(20, 4.0)])
-        capture = np.concatenate([capture, 100 + np.repeat(np.arange(10), 2)])
-    centres = np.array([np.average(rows[names == c], axis=0, weights=weight[names == c]) for c in "012"])
-    scatter = np.zeros((6, 6))
-    for row, name, w in zip(rows, names, weight, strict=True):
-        d = row - centres[int(name)]
-        scatter += w * np.outer(d, d)
-    for each in np.unique(capture):
-        part = capture == each
-        d = np.average(rows[part], axis=0, weights=weight[part]) - centres[int(names[part][0])]
-        scatter += (windows - 1) * weight[part].sum() * np.outer(d, d)
-    scatter /= weight.sum()
-    scatter = 0.8 * scatter + (0.2 * np.trace(scatter) / 6 + 1e-9) * np.eye(6)
-    coef = np.linalg.solve(scatter, centres.T).T
-    probe = rng.normal(size=(7, 6))
-    expected = ((probe - mean) / sd - shift) @ coef.T - 0.5 * (coef * centres).sum(axis=1)
-    np.testing.assert_allclose(own.decision_function(probe), expected, atol=1e-9)
-    np.testing.assert_array_equal(general.decision_function(P), before)  # it stays as it is
 
 
 def left_out(stored, name):

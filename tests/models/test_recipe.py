@@ -114,7 +114,6 @@ def test_steps_are_taken_one_after_the_other(corpus):
         ("svm", {"repair": "stuck+bent"}),
         ("cnn85", {"faults": "nois"}),
         ("rf", {"copies": 0, "faults": "all"}),
-        ("svm", {"person": "whole"}),
         ("lda", {"shrinkage": -0.1}),
         ("perceptron", {"units": 0}),
         ("touchnet", {"kernel": 4}),

@@ -108,11 +108,6 @@ RUNS = {  # commands that fill the store, by the name of what they print
         ["run", *THREE, "model=tree,bayes", "features=jung28"],
         ["run", *SYNTH, "model=tree", "features=jung28"],
     ],
-    "personal": [
-        ["run", *PEOPLE, "model=lda", "features=jung28", "protocol=personal", "protocol.shots=0,1", "protocol.draws=1"],
-        ["run", *PEOPLE, "model=bayes", "features=jung28", "protocol=personal", "protocol.shots=1", "protocol.draws=1"],
-        ["run", *PEOPLE, "model=lda", "features=jung28", "protocol=transfer", "protocol.source=three"],
-    ],
     "tune": [["tune", *PEOPLE, "model=tree", "features=jung28", "model.level=1,9", "inner=2"]],
     "smallest": [["tune", *PEOPLE, "model=tree", "features=jung28", "smallest=level", "model.level=1,3", "inner=2"]],
     "stress": [

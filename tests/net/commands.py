@@ -3,7 +3,6 @@
 from tests.net.build import PEOPLE, RATE, SYNTH, TABLE, THREE
 
 ON = ["data=people", "where=all", "target=gesture", "protocol=loso"]
-NEW = ["data=people", "protocol=personal"]
 SCENES = {
     "robot.toml": """
 by = "ram"
@@ -27,7 +26,7 @@ worst = 80
 worst_person = 5
 worst_tenth = 5
 """,
-    "new.toml": 'margin = 10\n[people]\nshots = 1\n[reactions]\ncalm = ["stroke", "rub"]\n',
+    "new.toml": 'margin = 10\n[reactions]\ncalm = ["stroke", "rub"]\n',
 }
 LDA = [*SYNTH[:-1], "model=lda", "features=touch", "model.window=0.5"]
 TREE = ["model=tree", "features=jung28"]
@@ -45,9 +44,6 @@ STEPS = {  # each list in a copy of the store
         ["choose", *ON, "by=fault_loss", "max_worst_fault=60"],
         ["choose", *ON, "by=fault_loss", "why=yes"],
         ["choose", *ON, "by=worst_person", "min_worst_tenth=30"],
-        ["choose", *NEW, "shots=1", "why=yes"],
-        ["choose", *NEW, "protocol.shots=0"],
-        ["choose", "data=people", "protocol=transfer"],
         ["choose", "target=gesture+variant"],
         ["choose", "data=synth"],
         ["choose", *ON, "model=svm"],
@@ -55,7 +51,7 @@ STEPS = {  # each list in a copy of the store
     "choose_scenes": [
         ["choose", *ON, "scene=robot.toml"],
         ["choose", *ON, "scene=robot.toml", "why=yes"],
-        ["choose", "data=people", "scene=new.toml", "why=yes"],
+        ["choose", *ON, "scene=new.toml", "why=yes"],
         ["choose", "data=synth", "scene=toy"],
     ],
     "groups": [
@@ -81,7 +77,6 @@ STEPS = {  # each list in a copy of the store
     "fit": [
         ["fit", *LDA, "stopping=no", "out=rec"],
         ["predict", "rec", "three.csv", "out=p.csv"],
-        ["fit", "rec", "one.csv", "out=rec_1"],
     ],
 }
 FILES = {  # golden files of what commands write, by the step that writes them
@@ -134,8 +129,6 @@ WRONG = [  # commands that are refused
     ["run", *PEOPLE, "jobs=2"],
     ["run", *PEOPLE, "seed=x"],
     ["run", *PEOPLE, "protocol=challenge", "protocol.seed=-1"],
-    ["run", *PEOPLE, "protocol=transfer"],
-    ["run", *PEOPLE, "protocol=personal", "protocol.shots=-1"],
     ["run", *PEOPLE, "model.repair=hope"],
     ["tune", *PEOPLE, "model=lda", "model.window=x"],
     ["tune", *PEOPLE, *TREE, "model.level=1,9", "trials=0"],
@@ -153,8 +146,7 @@ WRONG = [  # commands that are refused
     ["choose", "batch=maybe"],
     ["choose", "jobs=2"],
     ["choose", "max_flsh=64kB"],
-    ["choose", *NEW, "shots=-1"],
-    ["choose", "data=people", "protocol=loso", "shots=1"],
+    ["choose", "data=people", "shots=1"],
     ["choose", *ON, "unit=window", "by=fault_loss"],
     ["tune", *PEOPLE, *TREE, "smallest=depth"],
     ["tune", *PEOPLE, *TREE, "smallest=level", "trials=5"],

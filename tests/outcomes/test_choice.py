@@ -215,8 +215,8 @@ def test_runs_on_the_newest_corpus_of_a_name_win():
 def test_arguments_tell_protocols_apart():
     results = []
     for seed in ("0", "1"):
-        name = {"protocol": "personal" + f"[seed={seed}]" * (seed == "1")}
-        parameters = {"protocol.seed": seed, "protocol.shots": "3", "protocol.unlabelled": "False"}
+        name = {"protocol": "challenge" + f"[seed={seed}]" * (seed == "1")}
+        parameters = {"protocol.seed": seed, "protocol.repeats": "3"}
         results.append(run(f"lda {seed}", protocol_label=f"seed {seed}", **name, **parameters))
     results += [run("svm"), run("rf", target="hand")]
     with pytest.raises(InputError) as error:
@@ -226,12 +226,12 @@ def test_arguments_tell_protocols_apart():
     for option, system in zip(options, ("lda 0", "lda 1", "svm"), strict=True):
         words = dict(word.split("=") for word in option.split())
         assert systems(results, {key: [value] for key, value in words.items()}) == [system]
-    assert systems(results, {"shots": ["3"], "protocol.seed": ["1"]}) == ["lda 1"]
+    assert systems(results, {"protocol.repeats": ["3"], "protocol.seed": ["1"]}) == ["lda 1"]
     assert systems(results, {"target": ["hand"]}) == ["rf"]
-    with pytest.raises(InputError, match=r"protocol\.draws"):
-        systems(results, {"protocol.draws": ["2"]})
+    with pytest.raises(InputError, match=r"protocol\.folds"):
+        systems(results, {"protocol.folds": ["2"]})
     with pytest.raises(NothingTracked):
-        systems(results, {"shots": ["9"]})
+        systems(results, {"protocol.repeats": ["9"]})
 
 
 def test_a_run_with_a_failed_fold_is_named():

@@ -61,31 +61,17 @@ def test_a_dotted_key_is_for_the_parts_that_take_it():
     assert (str(cell.model), str(cell.protocol)) == ("cnn85[frames=20, hop=10]", "kfold[folds=5]")
 
 
-MISTAKES = [  # what is typed, and facts that the message names
-    ("protocol=losso", "protocol=losso", "loso"),
-    ("features=jung55", "features=jung55", "jung54"),
-    ("model.c=3", "model=svm", "'c'", "C"),
+MISTAKES = [  # what is typed, and facts that the message names; others are golden
     ("model=cnn85 model.frames=8.5", "model.frames=8.5", "whole number"),
-    ("model=cnn85 model.frames=None", "model.frames=None", "85"),
     ("model=cnn85 features=jung54", "features=jung54", "cnn85"),
     ("data=haart data.subjects=3", "data.subjects", "synth"),
     ("data.subject=3", "data=synth", "'subject'", "subjects"),
-    ("data=nowhere", "data=nowhere"),
-    ("jobs=0", "jobs=0", "1"),
-    ("where=variant=='loud'", "variant=='loud'"),
     ("where=loudness>3", "synth", "subject, variant"),
     ("where=gesture=='pat'", "gesture=='pat'", "only one"),
     ("protocol=groupkfold protocol.folds=11", "protocol.folds=11", "10"),
     ("where=(subject=='1')|(gesture!='pat')", "fold 1", "pat", "protocol=loso"),
     ("model=cnn85 model.hop=0", "model.hop=0", "1"),
-    ("model.C=-1", "model.C=-1", "above 0"),
-    ("model.kernel=foo", "model.kernel=foo", "linear"),
     ("model=rf model.trees=0", "model.trees=0"),
-    ("model=xgb model.rate=0", "model.rate=0"),
-    ("model=bayes model.ridge=0", "model.ridge=0"),
-    ("features.area=hand", "features.area=hand", "capture"),
-    ("protocol=challenge protocol.seed=-1", "protocol.seed=-1", "from 0"),
-    ("data.seed=-1", "data.seed=-1", "from 0"),
     ("data.subjects=2 model=zhou2016_gm_lstm", "training subject"),
 ]
 

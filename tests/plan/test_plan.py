@@ -18,14 +18,6 @@ from bench.work.loop import warnings
 from tests.conftest import random_corpus
 from tests.corpora.test_duplicates import copied
 
-SEEDS = [  # of a run, of a feature set, of both
-    {},
-    {"seed": "2"},
-    {"features.seed": "2"},
-    {"model": "rf", "features.seed": "2"},
-    {"model": "rf", "seed": "1", "features.seed": "0"},
-]
-
 
 def plan_of(corpus, **values):
     (cell,) = cells(values)
@@ -49,12 +41,10 @@ def test_random_splits_that_test_the_same_subject_are_different_folds():
     [
         ("loso", {"mixes_subjects": "false", "test_over_train": repr(1 / 3), "official_split": ""}),
         ("kfold", {"mixes_subjects": "true", "test_over_train": repr(1 / 9), "official_split": ""}),
-        ("holdout", {"mixes_subjects": "true", "test_over_train": "", "official_split": ""}),
         (
             "challenge",
             {"mixes_subjects": "false", "test_over_train": repr(5 * 9 / (5 * 27)), "official_split": "false"},
         ),
-        (GroupKFold(2), {"mixes_subjects": "false", "test_over_train": "", "official_split": ""}),
         (KFold(3), {"mixes_subjects": "true", "test_over_train": repr(1 / 2), "official_split": ""}),
     ],
 )
@@ -62,12 +52,6 @@ def test_facts_are_seen_from_the_folds(protocol, facts):
     """4 subjects of 9 captures: a split of 3 and 1 of them; two halves share no training captures."""
     corpus = random_corpus(per_class=3) if protocol != "kfold" else random_corpus(per_class=10)
     assert plan_of(corpus, protocol=protocol).facts == facts
-
-
-def test_halves_that_swap_share_nothing():
-    a, b = np.arange(5), np.arange(5, 10)
-    assert shared_ratio((Fold("1", a, b), Fold("2", b, a))) is None
-    assert shared_ratio((Fold("1", a, b), Fold("2", a[1:], b))) == 10 / 9
 
 
 def test_a_plain_splitter_is_a_protocol_and_says_whom_it_mixes(corpus):
@@ -82,12 +66,10 @@ def test_a_plain_splitter_is_a_protocol_and_says_whom_it_mixes(corpus):
 @pytest.mark.parametrize(
     "line",
     [
-        "data=synth protocol=loso model=svm features=jung54",
         "data=synth data.subjects=12 data.variants=rough+gentle where='variant == '\"'\"'rough'\"'\"'' "
         "target=gesture+variant protocol=kfold protocol.folds=5 model=svm model.C=8.0 features=jung28 "
         "features.area=capture",
         "data=haart protocol=challenge model=cnn85 model.frames=40 model.hop=10 seed=3",
-        "data=haart protocol=loso model=rf model.trees=7 features=gaus features.families=sd+msd",
     ],
 )
 def test_the_arguments_of_a_cell_make_it_again(line):
@@ -129,17 +111,6 @@ def test_the_arguments_of_a_cell_repeat_every_seed(protocol, model, features, se
     assert (cells(again)[0].system(), cells(again)[0].seed) == (cell.system(), cell.seed)
 
 
-def test_the_seed_of_a_feature_set_is_that_of_the_run_or_named():
-    found = [cells({"model": "bayes", "features": "hughes36", **more})[0] for more in SEEDS]
-    assert [(cell.system(), cell.seed) for cell in found] == [
-        ("bayes · hughes36", 0),
-        ("bayes · hughes36", 2),
-        ("bayes · hughes36", 2),
-        ("rf · hughes36[seed=2]", 0),
-        ("rf · hughes36[seed=0]", 1),
-    ]
-
-
 def test_commands_that_search_make_the_same_search_again(monkeypatch):
     from bench.commands import tune
 
@@ -147,11 +118,7 @@ def test_commands_that_search_make_the_same_search_again(monkeypatch):
     monkeypatch.setattr(tune, "evaluated", lambda cells, jobs: made.append(cells))
     for line in (
         "model=svm features=gaus model.C=1.0,2.0 model.gamma=0.5 trials=9 seconds=60 seed=1",
-        "model=bayes trials=4 inner=loso",
         "model=cnn85 smallest=frames model.frames=10,85 model.epochs=2",
-        "model=svm features=jung28 smallest=features inner=2",
-        "model=rf features=hughes36 model.trees=5,10 seed=2",
-        "model=rf features=hughes36 model.trees=5,10 seed=2 features.seed=1",
         "model=rf features=hughes36 smallest=trees model.trees=5,10 seed=2 protocol=kfold protocol.seed=3",
     ):
         tune.searched(parse(line.split(), keys("tune")))
@@ -177,24 +144,18 @@ def copies(monkeypatch, pairs, **values):
     return plan
 
 
-@pytest.mark.parametrize("protocol", ["loso", "groupkfold", "challenge", "personal"])
+@pytest.mark.parametrize("protocol", ["loso", "challenge"])
 def test_the_same_capture_of_two_subjects_is_refused_where_they_are_apart(protocol, monkeypatch):
     """Captures 9 to 17 are those of subject 2."""
-    values = {"groupkfold": {"protocol.folds": "4"}, "personal": {"protocol.shots": "1"}}.get(protocol, {})
     with pytest.raises(InputError) as refused:
-        copies(monkeypatch, [(10, 1)], protocol=protocol, where="repetition < 3", **values)
+        copies(monkeypatch, [(10, 1)], protocol=protocol, where="repetition < 3")
     message = str(refused.value)
     count = 1 if protocol == "challenge" else 2  # its five draws test one of the two
     facts = [f"protocol={protocol}", "bench data show mine", f" {count}", "1 (subject 1)", "10 (subject 2)"]
     assert all(fact in message for fact in facts) and "\n" not in message
     where = message.split('where="')[1].split('"')[0]
-    plan = copies(monkeypatch, [(10, 1)], protocol=protocol, where=where, **values)
+    plan = copies(monkeypatch, [(10, 1)], protocol=protocol, where=where)
     assert set(range(36)) - set(plan.corpus.index) - set(range(2, 36, 3)) in ({1}, {10}) and not plan.repeats
-
-
-def test_the_same_capture_is_no_harm_on_one_side(monkeypatch):
-    plan = copies(monkeypatch, [(10, 1), (30, 28)], where="subject != '2'")
-    assert not plan.repeats and not any("same frames" in line for line in warnings(plan))
 
 
 def test_the_same_capture_is_a_warning_where_subjects_are_mixed_or_the_same(monkeypatch):
@@ -204,9 +165,6 @@ def test_the_same_capture_is_a_warning_where_subjects_are_mixed_or_the_same(monk
         expected |= {i for i in fold.test for j in fold.train if np.array_equal(mixed.corpus[int(i)], mixed.corpus[j])}
     assert {tested for tested, _ in mixed.repeats} == expected and expected
     assert any(f"{len(expected)} test captures have the same frames as a training" in line for line in warnings(mixed))
-    known = copies(monkeypatch, [(0, 1), (2, 1)], protocol="personal", **{"protocol.shots": "1"})
-    assert {tested for tested, _ in known.repeats} == {0, 1, 2} and not known.mixes_subjects
-    assert sum("same frames" in line for line in warnings(known)) == 1
 
 
 def test_cells_on_the_same_captures_and_protocol_share_their_plan(monkeypatch):

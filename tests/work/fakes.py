@@ -14,6 +14,7 @@ from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 
 from bench.circumstances.base import Study, option
+from bench.protocols.subjects import LOSO
 from bench.result import Result
 from bench.store import Store
 from bench.work.results import FoldResult, table_of
@@ -117,4 +118,5 @@ class Level(ClassifierMixin, BaseEstimator):
 
 def cell_of(system, *circumstances):
     """What a fold needs of a cell: it makes systems of a class of tests."""
-    return SimpleNamespace(title=lambda: "a cell", estimator=system, seed=0, study=None, circumstances=circumstances)
+    known = {"title": lambda: "a cell", "seed": 0, "study": None, "splitter": LOSO()}
+    return SimpleNamespace(estimator=system, circumstances=circumstances, **known)

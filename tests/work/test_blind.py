@@ -22,12 +22,10 @@ from bench.features.jung28 import Jung28
 from bench.models.classic.lda import Discriminants
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, planned
-from bench.plan.splits import Calibration
 from bench.work import loop
 from bench.work.evaluation import evaluated, folded
 from bench.work.fold import batch_effects
 from bench.work.loop import execute, prepared
-from bench.work.personal import met
 from bench.work.replay import prefix
 from tests.conftest import random_corpus
 from tests.work.fakes import Level, Memory, cell_of
@@ -74,21 +72,6 @@ class Cover(Mean):
         return super().predict_proba(X)
 
 
-class Neighbours(Mean):
-    """Remembers the captures of a person in itself, as much code of others does."""
-
-    def adapt(self, X, y):
-        self.near_ = dict(zip((frames.tobytes() for frames in X), y, strict=True)) | getattr(self, "near_", {})
-        return self
-
-    def predict_proba(self, X):
-        proba = super().predict_proba(X)
-        for i, frames in enumerate(X):
-            if (label := getattr(self, "near_", {}).get(frames.tobytes())) is not None:
-                proba[i] = self.classes_ == label
-        return proba
-
-
 def trained(system):
     return system.fit(FEW[TRAIN], FEW.gestures[TRAIN])
 
@@ -122,13 +105,12 @@ def test_what_is_made_of_a_blind_corpus_is_blind(tmp_path):
 
 
 WINDOWS = {"model.window": 0.3}
-UNLABELLED = {"protocol": "personal", "protocol.unlabelled": "true"}
 CIRCUMSTANCES = (Faults(("noise",)), Subjects((1,)), Instants(hop_ms=200.0, stopping=True))
 
 
 @pytest.mark.parametrize(
     ("circumstances", "how"),
-    [*((some, how) for some in ((), *((c,) for c in CIRCUMSTANCES)) for how in ({}, WINDOWS)), ((), UNLABELLED)],
+    [(some, how) for some in ((), *((c,) for c in CIRCUMSTANCES)) for how in ({}, WINDOWS)],
 )
 def test_every_kind_of_run_predicts_blind(circumstances, how, tmp_path, monkeypatch):
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: FEW)
@@ -171,13 +153,6 @@ def test_features_of_the_whole_corpus_do_not_hide_that_they_depend_on_the_batch(
             assert bool(batch_effects(system, stored, TEST)) is effects
 
 
-def test_what_adapts_in_place_carries_nothing_into_other_tests():
-    system, blind = trained(Neighbours()), FEW[TEST].blind()
-    before, labels = system.predict(blind).tolist(), FEW.gestures[TEST][::-1]
-    assert contract.adapted(system, FEW[TEST], labels).predict(blind).tolist() == labels.tolist() != before
-    assert system.predict(blind).tolist() == before
-
-
 def test_declared_conditions_are_visible_and_no_others():
     covered = FEW.changed(captures=FEW.captures.assign(cover="fur"))
     system = Pipeline([("all", Cover())]).fit(covered, covered.gestures)
@@ -189,17 +164,6 @@ def test_declared_conditions_are_visible_and_no_others():
         system.conditions = (name,)
         with pytest.raises(InputError, match=fact):
             contract.check_conditions(system, corpus)
-
-
-def test_the_next_person_is_learned_from_although_one_has_a_single_capture():
-    """Of three tested people the second has no capture to learn from; the others' are learned from as labelled."""
-    alone, shots, rest = TEST[:1], TEST[1:3], TEST[3:]
-    draw = ((shots, rest[:1]), (shots[:0], alone), (shots, rest[1:]))
-    fold = Fold("x", TRAIN, TEST, Calibration((draw,), True, 2))
-    fitted = [one.estimator.means_ for one in met(cell_of(Level), FEW, fold)]
-    both = np.concatenate([TRAIN, np.repeat(shots, 2)])
-    expected = [Level().fit(FEW[rows], FEW.gestures[rows]).means_ for rows in (both, TRAIN, both)]
-    np.testing.assert_allclose(fitted, expected)
 
 
 class Swapped(Mean):

@@ -30,6 +30,8 @@ from bench.work.replay import Replay, learned
 from bench.work.saved import Recogniser
 from touchbench_chip.tables import chip_of
 from touchbench_chip.write import files_of
+from touchbench_people.adaptation import adapted
+from touchbench_people.scaler import adaptable
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-O1")
 LIBRARY = """#include "touch.c"
@@ -118,7 +120,7 @@ SYSTEMS = {
     "xgb": lambda: xgb(Jung28(), trees=5),
     "hughes2017_cnn": lambda: Recipe(Hughes2017CNN(epochs=4, rate=1e-3), repair=("stuck", "dead")),
     "windows of a frame": lambda: Recipe(rf(TouchFeatures(), trees=9), window=0.02),
-    "a person": lambda: Recipe(svm(Jung28()), person=("centre", "scale")),
+    "a person": lambda: adaptable(Jung28()),
 }
 STOPPING = {"lda", "bayes"}  # learn when to decide, too
 SAME_IN_8_BITS = {"lda", "lda scaled", "softmax on jung28", "bayes"}  # Python computes what C does
@@ -207,7 +209,7 @@ def made(name, stopping=False):
     recogniser = fitted(SYSTEMS[name](), touched(), stopping)
     if name == "a person":
         captures = touched()[touched().subjects == "2"]
-        recogniser.estimator = recogniser.estimator.adapt(captures, captures.gestures)
+        recogniser.estimator = adapted(recogniser.estimator, captures, captures.gestures)
     return recogniser
 
 

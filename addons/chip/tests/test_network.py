@@ -17,6 +17,7 @@ from bench.models.nets.cnn85 import CNN85
 from bench.models.nets.hughes2017 import Hughes2017CNN, in_bits
 from bench.models.recipe import Recipe
 from touchbench_chip.tables import check, chip_of
+from touchbench_people.adaptation import adapted
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
 LENGTHS = (1, 5, 9, 10, 11, 26, 27, 28, 36, 44, 45, 46, 60, 75, 101)
@@ -107,7 +108,7 @@ def test_repair_and_a_person_go_along():
     corpus, recogniser = made("cost")
     captures = corpus[:6]
     person = deepcopy(recogniser)
-    person.estimator = recogniser.estimator.adapt(captures, captures.gestures[::-1])
+    person.estimator = adapted(recogniser.estimator, captures, captures.gestures[::-1])
     frames = corpus.frames.copy()
     frames[:, 1, 2] = 1023
     stuck = corpus.changed(frames=frames)

@@ -21,7 +21,6 @@ from bench.models.classic.svm import RankedSVC
 from bench.models.classic.tree import PrunedTree
 from bench.models.classic.xgb import BoostedTrees
 from bench.models.out_of_distribution import UNUSUAL, Guarded
-from bench.models.person import PersonScaler
 from bench.models.quantised import lower, rounded
 
 SINGLE = np.float32
@@ -82,7 +81,7 @@ def _affine(steps: list, width: int) -> Affine:
     """Steps between features and classifier as (x - a) b + c."""
     scaling = np.zeros(width), np.ones(width), np.zeros(width)
     for step in steps:
-        if isinstance(step, PersonScaler):
+        if hasattr(step, "shift_"):  # features of a person: touchbench_people.scaler
             scaling = _then(scaling, step.mean_ + step.shift_, 1 / step.scale_, step.mean_)
         elif isinstance(step, RangeScaler):
             scaling = _then(scaling, step.data_min_, step.scale_, np.full(width, float(step.feature_range[0])))

@@ -20,9 +20,9 @@ from bench.outcomes.candidates import candidates
 from bench.plan.cells import cells
 from bench.plan.plan import Fold
 from bench.store import connect
-from bench.work.fit import save_adapted
 from bench.work.saved import Recogniser, load
 from tests.conftest import predictions, random_corpus, runs
+from touchbench_people.commands import save_adapted
 from touchbench_streams.detectors.threshold import Threshold
 from touchbench_streams.fold import recordings_of, run_numbers
 from touchbench_streams.recordings import Recordings, captures_in

@@ -62,11 +62,8 @@ def recordings_of(captures: Corpus, background: str) -> Recordings:
 def refuse(plan: Plan, background: str, unknown: str) -> None:
     """Refuse folds that mix subjects or train on one, and a background that does not exist."""
     corpus, name = plan.corpus, plan.cell.protocol
-    if any(fold.known for fold in plan.folds):
-        raise InputError(
-            f"protocol={name}: bench watch does not adapt systems to a person; leave protocol.shots= and "
-            "protocol.unlabelled= out"
-        )
+    if any(fold.pairs for fold in plan.folds):
+        raise InputError(f"protocol={name} has several systems in a fold, bench watch tests one; choose loso")
     if plan.mixes_subjects:
         raise InputError(
             f"protocol={name}: bench watch needs other subjects in the test part; choose loso or challenge"

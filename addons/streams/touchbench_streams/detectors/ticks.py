@@ -310,12 +310,14 @@ class TickWatcher:
             deciders={"name": named},
         )
 
-    def adapted(self, system: contract.System, captures: Corpus, y: np.ndarray | None) -> TickWatcher:
-        """The same with an adapted system, and names adapted to these captures; they have not learned background."""
+    def changed(
+        self, system: contract.System, change: Callable[..., contract.System], captures: Corpus, y: np.ndarray | None
+    ) -> TickWatcher:
+        """The same with another system, and names changed by these captures; they have not learned background."""
         if y is not None:
             known = np.isin(y, self.names.classes_)
             captures, y = captures[known], y[known]
-        return replace(self, system=system, names=contract.adapted(self.names, captures, y))
+        return replace(self, system=system, names=change(self.names, captures, y))
 
     def prepared(self, recordings: Corpus) -> Corpus:
         """Recordings without their labels, after the steps that are done frame by frame."""

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench import contract
 from bench.cli import main
 from bench.corpora.library import open_corpus
 from bench.work.saved import Recogniser, load
 from tests.work.fakes import Level
+from touchbench_people.adaptation import adapted
 
 SMALL = ["data=synth", "data.subjects=4", "where=gesture in ['pat', 'rub', 'grab'] and subject != '4'", "stopping=no"]
 
@@ -35,12 +35,12 @@ def test_with_labels_or_without_it_decides_as_one_adapted_by_hand_and_mistakes_a
     files = {"labelled": written(corpus, shown, "labelled.csv", gesture=corpus.gestures)}
     files["alone"] = written(corpus, shown, "alone.csv")
     for name, file in files.items():
-        assert main(["fit", "rec", file, f"out={name}"]) == 0
+        assert main(["adapt", "rec", file, f"out={name}"]) == 0
         part = corpus[shown].detached()
-        by_hand = contract.adapted(general, part, part.gestures if name == "labelled" else None)
-        adapted = load(name).estimator.predict_proba(corpus[rest])
-        np.testing.assert_allclose(adapted, by_hand.predict_proba(corpus[rest]), atol=1e-9)
-        assert not np.array_equal(adapted, before)
+        by_hand = adapted(general, part, part.gestures if name == "labelled" else None)
+        found = load(name).estimator.predict_proba(corpus[rest])
+        np.testing.assert_allclose(found, by_hand.predict_proba(corpus[rest]), atol=1e-9)
+        assert not np.array_equal(found, before)
     np.testing.assert_array_equal(load("rec").estimator.predict_proba(corpus[rest]), before)
     pins = [Path(name, "requirements.txt").read_text().split() for name in ("rec", "labelled")]
     assert pins[0] == pins[1] and pins[0]
@@ -63,7 +63,7 @@ def test_with_labels_or_without_it_decides_as_one_adapted_by_hand_and_mistakes_a
         ("rec", "alone.csv", "out=new", "rate_hz=54"): "54",
         ("nothing", "alone.csv", "out=new"): "nothing",
     }.items():
-        assert main(["fit", *arguments]) == 2
+        assert main(["adapt", *arguments]) == 2
         output = capsys.readouterr()
         assert fact in output.err and output.err.count("\n") == 1 and not output.out, arguments
     assert not Path("new").exists()

@@ -10,13 +10,13 @@ import torch
 from torch import nn
 
 from bench.models.nets.training import Samples, moved
-from bench.models.person import relearnt as of_layer
+from touchbench_people.adaptation import relearnt as of_layer
 
 
 def relearnt(
     net: nn.Module, samples: Samples, target: np.ndarray, batch: int, forward: Callable[[nn.Module, object], object]
 ) -> nn.Module:
-    """A network whose last linear layer has learnt some captures of a person, too (`bench.models.person.relearnt`).
+    """A network whose last linear layer has learnt some captures of a person, too (`adaptation.relearnt`).
 
     Args:
         net: fitted; it stays as it is.

@@ -1,4 +1,4 @@
-"""Captures brought to another skin: against averages and lines drawn by hand."""
+"""Several corpora as one, and captures brought to another sensor: against averages and lines drawn by hand."""
 
 import numpy as np
 import pandas as pd
@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.skins import OWN, SOURCE, brought, joined, regridded, resampled, scaled, together, weights
+from bench.corpora.joined import brought, regridded, resampled, scaled, together, weights
 from bench.errors import InputError
-from tests.conftest import random_corpus
 
 
 @given(st.integers(1, 30), st.integers(1, 30))
@@ -43,31 +42,13 @@ def test_a_rate_and_a_grid_by_hand():
     np.testing.assert_allclose(scaled(frames, 31.0, 1.0).max(), 1.0)
 
 
-def other_skin():
+def other_sensor():
     """Two people whose classes are called otherwise, on 4 x 5 taxels at 40 Hz, up to 1."""
     rng = np.random.default_rng(0)
     labels = [(who, name) for who in ("1", "2") for name in ("PAT", "rub", "knock")]
     arrays = [rng.random((n, 4, 5)).astype(np.float32) for n in (8, 9, 10, 11, 12, 13)]
     captures = pd.DataFrame(labels, columns=["subject", "gesture"])
     return Corpus.from_captures(arrays, captures, 40.0, full_scale=1.0, name="other")
-
-
-def test_both_are_brought_to_the_coarser_of_each():
-    target = random_corpus(3, 4, longest=30).changed(rate_hz=100.0)
-    names = sorted(set(target.gestures))
-    source = other_skin()
-    target.info["warnings"], source.info["warnings"] = ["ours"], ["theirs"]
-    both = joined(target, source, {"PAT": names[0], "rub": names[1]})
-    assert both.rate_hz == 40.0 and both.grid == (4, 5) and both.full_scale == target.full_scale
-    assert both.info["warnings"][1:] == ["ours", "other: theirs"] and "more than one" in both.info["warnings"][0]
-    mine = both.captures["skin"] == OWN
-    kept = np.flatnonzero(np.isin(target.gestures, names[:2]))
-    assert both.gestures.tolist() == [*target.gestures[kept], *[names[0], names[1]] * 2]
-    assert both.subjects[mine].tolist() == target.subjects[kept].tolist()
-    assert not set(both.subjects[mine]) & set(both.subjects[~mine]) and len(set(both.subjects[~mine])) == 2
-    assert both.captures["skin"].tolist() == [OWN] * len(kept) + [SOURCE] * 4
-    np.testing.assert_allclose(both[len(kept)], source[0] * target.full_scale, rtol=1e-6)
-    np.testing.assert_allclose(both[0], brought(target[kept[:1]], 40.0, (4, 5), target.full_scale)[0])
 
 
 def study(name, people=("1", "2"), classes=("pat", "rub"), shape=(4, 5), rate_hz=40.0, **columns):
@@ -93,19 +74,11 @@ def test_several_corpora_as_one_keep_people_apart_and_have_the_classes_and_condi
     np.testing.assert_allclose(joint[9], brought(third[1:2], 20.0, (4, 3), 4.0)[0] / 4, rtol=1e-6)
 
 
-def test_the_same_people_are_not_joined_nor_trained_on():
+def test_the_same_people_are_not_joined():
     one = study("one").changed(digest="d" * 64)
     cut = study("two").changed(info={"format": "table", "unchanged": "d" * 64})
     with pytest.raises(InputError, match=r"data=one\+two: one and two are imports of the same recordings"):
         together([one, cut])
-    both = together([one, study("three")])
-    for target, source in ((one, cut), (cut, one), (both, cut), (cut, both), (both, both[:2].changed(name="four"))):
-        with pytest.raises(InputError, match=r"protocol=transfer: .* (same recordings|same captures)"):
-            joined(target, source, {})
-    aligned, released = (study(name).changed(info={"format": "haart"}) for name in ("haart-aligned", "haart"))
-    with pytest.raises(InputError, match="haart and haart-aligned are imports of the same recordings"):
-        joined(together([released, one]), aligned, {})
-    assert len(joined(one, study("three"), {})) == 8  # other people
     with pytest.raises(InputError, match="1 classes are in all"):
         together([one, study("three", classes=("pat", "hug"))])
     with pytest.raises(InputError, match="have the same captures: 4"):

@@ -1,4 +1,4 @@
-"""Adaptation of a classifier on features to one person by some of their captures."""
+"""Any classifier on features for one person: with scaled features, or fitted again with the person's captures."""
 
 from __future__ import annotations
 
@@ -7,79 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import minimize
-from scipy.special import log_softmax, softmax
 from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.pipeline import Pipeline
 
+from bench import contract
+from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.features.base import constant
 from bench.models.feature_rows import captures_of, undamaged
+from bench.registry import load, parameters
+from touchbench_people.adaptation import WEIGHT, adapts, codes_of, share
 
 WAYS = ("centre", "scale", "pool")
-WEIGHT = 10  # of a row of the person beside one of training; docs/notes/numbers.md
-PRIOR = 5.0  # captures that the mean of training counts beside those of a person
-SPREAD_PRIOR = 20.0  # and its spread
-STIFF = 0.3  # of a network's last layer
-ROUNDS = 200  # at most, until it has learnt
-
-
-def share(captures: np.ndarray, codes: np.ndarray | None, classes: int) -> tuple[float, bool]:
-    """Weight of the person's own mean, 0 to 1, and True if class means must be removed from it first.
-
-    With as many labelled captures of each class it is the whole way, of anything else n captures go n / (n + 5) of it:
-    a few captures may be of a few classes.
-
-    Args:
-        captures: capture of each row, numbered from 0.
-        codes: class of each row; None if unknown.
-        classes: number of classes.
-    """
-    count = captures.max() + 1
-    if codes is None:
-        return count / (count + PRIOR), False
-    each = np.bincount(codes[np.unique(captures, return_index=True)[1]], minlength=classes)
-    return (1.0, False) if (each == each[0]).all() else (count / (count + PRIOR), True)
-
-
-def codes_of(y: np.ndarray, classes: np.ndarray) -> np.ndarray:
-    """Positions of class names.
-
-    Raises:
-        InputError: one of them was never learnt.
-    """
-    if not np.isin(y, classes).all():
-        unknown = sorted(set(map(str, y)) - set(map(str, classes)))
-        raise InputError(f"{unknown[0]!r} is none of the classes that were learnt")
-    return np.searchsorted(classes, y)
-
-
-def relearnt(old: np.ndarray, inputs: np.ndarray, codes: np.ndarray, captures: np.ndarray) -> np.ndarray:
-    """The last layer of a network after it has learnt some captures of a person, too.
-
-    It minimises the cross-entropy of their captures, a mean over the rows of each, while its weights stay near those
-    that it had: the squared distance costs half of `STIFF` times the mean square length of a row.
-
-    Args:
-        old: weights, and the intercept as the last column [classes, inputs + 1].
-        inputs: inputs of the layer [rows, inputs].
-        codes: class of each row.
-        captures: capture of each row.
-    """
-    inputs = np.column_stack([inputs, np.ones(len(inputs))]).astype(np.float64)
-    share = (1 / np.bincount(captures)[captures])[:, None]
-    wanted = np.eye(len(old))[codes]
-    price = STIFF * np.mean((inputs**2).sum(axis=1))
-
-    def loss(flat: np.ndarray) -> tuple[float, np.ndarray]:
-        away = flat.reshape(old.shape) - old
-        logits = inputs @ (away + old).T
-        wrong = (softmax(logits, axis=1) - wanted) * share
-        cost = -(wanted * log_softmax(logits, axis=1) * share).sum() + price / 2 * (away**2).sum()
-        return cost, (wrong.T @ inputs + price * away).ravel()
-
-    begin = old.astype(np.float64)
-    return minimize(loss, begin.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": ROUNDS}).x.reshape(old.shape)
+SPREAD_PRIOR = 20.0  # captures that the spread of training counts beside those of a person
 
 
 @dataclass(eq=False, repr=False)
@@ -147,15 +87,50 @@ class PersonScaler(TransformerMixin, BaseEstimator):
         return self.mean_ + (X - self.mean_ - self.shift_) / self.scale_
 
 
-def pooled(
-    classifier: Pipeline, training: tuple[pd.DataFrame, np.ndarray], person: tuple[pd.DataFrame, np.ndarray]
-) -> Pipeline:
-    """A classifier fitted anew to rows of training and those of a person, each of which counts `WEIGHT` times.
+class ForPerson(Pipeline):
+    """A feature set, a `PersonScaler` and a classifier, which adapt to a person.
+
+    Attributes:
+        rows_: training rows and class names, if the classifier is fitted again to them and those of the person.
+    """
+
+    def fit(self, X: Corpus, y: np.ndarray) -> ForPerson:
+        """Learn from captures and their class names."""
+        (name, features), *behind = self.steps
+        table = features.fit_transform(X, y)
+        if "pool" in behind[0][1].ways:
+            self.rows_ = table, np.asarray(y)
+        self.steps = [(name, features), *Pipeline(behind).fit(table, y).steps]
+        return self
+
+    def adapt(self, X: Corpus, y: np.ndarray | None) -> ForPerson:
+        """The same for one person: scaled, and with ``pool`` fitted again; each labelled row counts `WEIGHT` times."""
+        (name, features), (_, scaler), *rest = self.steps
+        table = features.transform(X)
+        scaler = scaler.adapt(table, y)
+        if "pool" in scaler.ways and y is not None:
+            rows, labels = zip(self.rows_, *[(scaler.transform(table), y)] * WEIGHT, strict=True)
+            rest = clone(Pipeline(rest)).fit(pd.concat(rows), np.concatenate(labels)).steps
+        return ForPerson([(name, features), ("person", scaler), *rest])
+
+
+def adaptable(
+    features: contract.Features, classifier: str = "svm", ways: tuple[str, ...] = WAYS[:2], seed: int = 0
+) -> contract.System:
+    """A classifier on features that adapts to a person.
 
     Args:
-        classifier: fitted or not; it stays as it is.
-        training: rows and class names.
-        person: rows and class names of the person.
+        features: feature set.
+        classifier: name of a model that learns from features and does not adapt itself.
+        ways: ``centre`` and ``scale`` features by the person's own, and ``pool``, which keeps the training rows and is
+            fitted again to them and the person's, each of which counts ten times.
+        seed: random seed of the classifier, if it has one.
     """
-    tables, labels = zip(training, *[person] * WEIGHT, strict=True)
-    return clone(classifier).fit(pd.concat(tables), np.concatenate(labels))
+    if wrong := [way for way in ways if way not in WAYS] or [way for way in WAYS if ways.count(way) > 1]:
+        raise InputError(f"model.ways={'+'.join(ways)}: {wrong[0]!r}: join each of {', '.join(WAYS)} once by +")
+    factory = load("models", classifier)
+    system = contract.build(factory, features, **({"seed": seed} if "seed" in parameters(factory) else {}))
+    if not isinstance(system, Pipeline) or len(system.steps) < 2 or adapts(system):
+        raise InputError(f"model.classifier={classifier}: name a classifier on features that does not adapt by itself")
+    first, *rest = system.steps
+    return ForPerson([first, ("person", PersonScaler(ways)), *rest])

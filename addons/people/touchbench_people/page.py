@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -35,6 +36,24 @@ CAPTION = (
 Curves = tuple[str, dict[str, pd.DataFrame]]  # a set of comparable runs in words, and the curve of each system
 
 
+class NewPerson:
+    """What the report shows of runs of these protocols."""
+
+    key = "people"
+
+    def holds(self, result: Result) -> bool:
+        """Whether a run is of one of them."""
+        return "protocol.shots" in result
+
+    def section(self, results: Sequence[Result], folder: Path) -> Section | None:
+        """The section of the page."""
+        return new_person_section(results)
+
+    def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+        """No CSV file."""
+        return {}
+
+
 def curves_of(results: Sequence[Result]) -> list[Curves]:
     """The curves of systems with at least two calibrations, for each set of comparable results; the best first."""
     personal = [r for r in results if r["protocol_name"] in ("personal", "transfer") and r.complete]
@@ -65,19 +84,19 @@ def new_person_section(results: Sequence[Result]) -> Section | None:
             rows += [row | {"system": system} for row in rows_of(named)]
         remarks = [notes_on(str(row["system"]), context.split(",")[0]) for row in rows]
         parts.append(Part(None, Table(COLUMNS, rows, remarks=remarks), CAPTION.format(context), scarce(results)))
-    return Section(PEOPLE, parts) if parts else None
+    return Section(PEOPLE, parts, gained(results)) if parts else None
 
 
-def gained(results: Sequence[Result]) -> tuple[str, str] | None:
-    """A sentence on the gain of the most accurate system from captures of a new person."""
+def gained(results: Sequence[Result]) -> str:
+    """A sentence on the gain of the most accurate system from captures of a new person; empty without any."""
     for context, by_system in curves_of(results):
         system, curve = next(iter(by_system.items()))
         row = curve[curve["known"] != WITHOUT].iloc[-1]
         if np.isfinite(row.get("gain", np.nan)):
             gain = Measure("gain", form="+.1f", ends="gain").of(row)
             told = {"context": context, "known": row["known"], "system": system, "gain": gain}
-            return PEOPLE, sentences("bench.reports", "sentences", "gained", **told)[0]
-    return None
+            return sentences("touchbench_people", "people", "gained", **told)[0]
+    return ""
 
 
 def comparable(results: Sequence[Result]) -> list[list[Result]]:

@@ -1,6 +1,7 @@
-"""Captures of one skin converted to another: full scale, rate and grid, each by a function of its own.
+"""Several corpora as one: captures of one sensor converted to another, full scale, rate and grid each by a function.
 
-Nothing is learnt, and what becomes of a capture depends on that capture alone. What the other skin cannot hold is lost.
+Nothing is learnt, and what becomes of a capture depends on that capture alone. What the other sensor cannot hold is
+lost.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import named, shared
 from bench.errors import InputError
 
-OWN, SOURCE = "own", "source"  # what the column ``skin`` says
 STUDIES = ("cost", "cuddlebot", "haart")  # formats of one study each: two corpora of a format are of the same people
 
 
@@ -74,12 +74,12 @@ def regridded(frames: np.ndarray, rows: int, cols: int) -> np.ndarray:
 
 
 def brought(corpus: Corpus, rate_hz: float, grid: tuple[int, int], full_scale: float) -> list[np.ndarray]:
-    """Captures of a corpus converted to the rate, grid and full scale of another skin, float32."""
+    """Captures of a corpus converted to the rate, grid and full scale of another sensor, float32."""
     shares = (scaled(frames, corpus.full_scale, full_scale) for frames in corpus)
     return [regridded(resampled(values, corpus.rate_hz, rate_hz), *grid) for values in shares]
 
 
-def _refuse_the_same(target: Corpus, source: Corpus, what: str) -> None:
+def refuse_the_same(target: Corpus, source: Corpus, what: str) -> None:
     """Nobody is trained on who is tested.
 
     Args:
@@ -136,10 +136,10 @@ def together(corpora: Sequence[Corpus]) -> Corpus:
     """
     name = "+".join(corpus.name for corpus in corpora)
     for one, other in combinations(corpora, 2):
-        _refuse_the_same(one, other, f"data={name}")
+        refuse_the_same(one, other, f"data={name}")
     classes = sorted(set.intersection(*(set(corpus.gestures) for corpus in corpora)))
     if len(classes) < 2:
-        those = "; ".join(f"{corpus.name}: {_classes_of(corpus)}" for corpus in corpora)
+        those = "; ".join(f"{corpus.name}: {classes_of(corpus)}" for corpus in corpora)
         raise InputError(f"data={name}: {len(classes)} classes are in all of them; two are needed ({those})")
     parts = [corpus[np.flatnonzero(np.isin(corpus.gestures, classes))] for corpus in corpora]
     columns = [c for c in parts[0].captures if c != "split" and all(c in part.captures for part in parts)]
@@ -147,20 +147,20 @@ def together(corpora: Sequence[Corpus]) -> Corpus:
         part.captures[columns].assign(subject=part.name + " " + part.captures["subject"].astype(str), corpus=part.name)
         for part in parts
     ]
-    frames, fields = _common(parts)
-    info = _info(parts) | {"format": "joined", "parts": [origin for part in parts for origin in _origins(part)]}
+    frames, fields = common(parts)
+    info = origin_of(parts) | {"format": "joined", "parts": [origin for part in parts for origin in _origins(part)]}
     return Corpus.from_captures(frames, pd.concat(tables).astype("str"), name=name, info=info, **fields)
 
 
-def _common(parts: Sequence[Corpus]) -> tuple[list[np.ndarray], dict[str, float]]:
-    """Captures brought to what all skins can give, and their rate and full scale."""
+def common(parts: Sequence[Corpus]) -> tuple[list[np.ndarray], dict[str, float]]:
+    """Captures brought to what all sensors can give, and their rate and full scale."""
     rate_hz, full_scale = min(part.rate_hz for part in parts), parts[0].full_scale
     grid = min(part.grid[0] for part in parts), min(part.grid[1] for part in parts)
     frames = [f for part in parts for f in brought(part, rate_hz, grid, full_scale)]
     return frames, {"rate_hz": rate_hz, "full_scale": full_scale}
 
 
-def _info(parts: Sequence[Corpus]) -> dict[str, object]:
+def origin_of(parts: Sequence[Corpus]) -> dict[str, object]:
     """Origin, licences and warnings of several corpora; a warning of the first one does not name it."""
     names = " and ".join(part.name for part in parts)
     synthetic = any(part.synthetic for part in parts)
@@ -177,50 +177,6 @@ def _info(parts: Sequence[Corpus]) -> dict[str, object]:
     }
 
 
-def joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
-    """Captures of one skin, and behind them those of another, of the classes that both have.
-
-    Both are brought to the lower of their rates, and each way to the fewer of their taxels; the full scale is that of
-    the first. What is the same already stays as it is.
-
-    Args:
-        target: captures.
-        source: captures of the other skin.
-        names: names in ``target`` of classes of ``source``, where they differ.
-
-    Returns:
-        A corpus in memory, float32, whose column ``skin`` says which is which. People of the other skin are others,
-        whatever they are called.
-
-    Raises:
-        InputError: a class that is not there is given a name, less than two are left, or a capture is in both.
-    """
-    for old, new in names.items():
-        for name, corpus in ((old, source), (new, target)):
-            if name not in set(corpus.gestures):
-                raise InputError(
-                    f"protocol.classes={old}:{new}: {corpus.name} has no {name!r}; it has {_classes_of(corpus)}"
-                )
-    _refuse_the_same(target, source, "protocol=transfer")
-    renamed = np.array([names.get(name, name) for name in source.gestures], dtype=object)
-    classes = sorted(set(target.gestures) & set(renamed))
-    if len(classes) < 2:
-        raise InputError(
-            f"protocol=transfer: {target.name} and {source.name} share {len(classes)} classes; name more with "
-            f"protocol.classes=, which maps those of {source.name} ({_classes_of(source)}) to those of {target.name} "
-            f"({_classes_of(target)})"
-        )
-    kept = np.flatnonzero(np.isin(renamed, classes))
-    target, source = target[np.flatnonzero(np.isin(target.gestures, classes))], source[kept]
-    columns = list(target.captures)
-    rows = source.captures.reindex(columns=columns, fill_value="").assign(
-        subject="other " + source.captures["subject"].astype(str), gesture=renamed[kept], skin=SOURCE
-    )
-    captures = pd.concat([target.captures.assign(skin=OWN), rows], ignore_index=True)
-    frames, fields = _common((target, source))
-    info = _info((target, source)) | {"format": "transfer", "source_name": source.name}
-    return Corpus.from_captures(frames, captures.astype("str"), name=target.name, info=info, **fields)
-
-
-def _classes_of(corpus: Corpus) -> str:
+def classes_of(corpus: Corpus) -> str:
+    """Its class names, sorted."""
     return ", ".join(sorted(set(corpus.gestures)))

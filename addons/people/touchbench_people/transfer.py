@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from itertools import chain
 
 import numpy as np
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.library import open_corpus, open_joined
-from bench.corpora.skins import OWN, SOURCE
+from bench.corpora.library import made_once, open_corpus
 from bench.errors import InputError, nearest
-from bench.protocols.personal import WEIGHT, Pairs, Personal
-from bench.protocols.subjects import Folds
 from bench.registry import parameters
 from bench.words import convert
+from touchbench_people import skins
+from touchbench_people.personal import WEIGHT, Folds, Pairs, Personal, with_shots
+from touchbench_people.skins import OWN, SOURCE
 
 
 class Transfer(Personal):
     """Train on all captures of another corpus, test on those of ``data=``, on the classes that both have.
 
-    Both are brought to what both skins can give (`bench.corpora.skins`): shares of full scale, the lower of their rates
-    and, each way, the fewer of their taxels. A finer one that is trained on would teach what the coarser cannot show,
-    and the other way round. With ``shots`` or ``unlabelled`` each tested person calibrates, as in
-    `bench.protocols.personal.Personal`.
+    Both are brought to what both skins can give (`touchbench_people.skins`): shares of full scale, the lower of their
+    rates and, each way, the fewer of their taxels. A finer one that is trained on would teach what the coarser cannot
+    show, and the other way round. With ``shots`` or ``unlabelled`` each tested person calibrates, as in `Personal`.
 
     Args:
         source: name of the corpus that is trained on; ``synth`` may be followed by parameters, as in
@@ -67,7 +65,10 @@ class Transfer(Personal):
             source = open_corpus(name, _generator(name, pairs))
         except InputError as e:
             raise InputError(f"protocol.source={self.source}: {e}") from e
-        return open_joined(corpus, source, self._names())
+        names = self._names()
+        parts = [part for each in (corpus, source) for part in (each.digest, each.name, each.index.tolist())]
+        about = [*parts, sorted(names.items())]
+        return made_once("transfer", about, lambda: skins.joined(corpus, source, names), skins)
 
     def _names(self) -> dict[str, str]:
         pairs = [pair.partition(":") for pair in self.classes.split("+") if pair]
@@ -88,16 +89,16 @@ class Transfer(Personal):
         return f"transfer from {self.source} ({people[0]}), {count} shared classes{calibration} ({people[1]})"
 
     def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
-        """Yield one (train, test): the source, and all of ``data=``."""
+        """Yield one (train, test, pairs): the source, all of ``data=``, and pairs of each draw and tested subject."""
         skin = X.captures["skin"].to_numpy()
-        yield np.flatnonzero(skin == SOURCE), np.flatnonzero(skin == OWN)
+        yield np.flatnonzero(skin == SOURCE), np.flatnonzero(skin == OWN), self._pairs(X, y)
 
-    def calibrations(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Iterator[list[Pairs]]:
-        """For each draw, pairs of indices per tested subject: calibration captures, and captures tested after them."""
+    def _pairs(self, X: Corpus, y: object) -> Pairs:
+        """Calibration captures of a subject, and captures tested after them: draw by draw, subject by subject."""
         target = np.flatnonzero(X.captures["skin"].to_numpy() == OWN)
-        people = list(super().calibrations(X[target], None if y is None else np.asarray(y)[target]))
-        draws = [chain.from_iterable(pairs) for pairs in zip(*people, strict=True)]
-        yield [[(target[shots], target[tested]) for shots, tested in draw] for draw in draws]
+        people = list(self.calibrations(X[target], None if y is None else np.asarray(y)[target]))
+        draws = chain.from_iterable(chain.from_iterable(draw) for draw in zip(*people, strict=True))
+        return with_shots([(target[shots], target[tested]) for shots, tested in draws])
 
 
 def _generator(name: str, pairs: list[str]) -> dict[str, object]:

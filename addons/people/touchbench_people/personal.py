@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
+from itertools import chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.protocols.subjects import LOSO, Folds, natural_order
+from bench.plan.splits import Tested
+from bench.protocols.subjects import LOSO, natural_order
+from bench.timing import timed_once
+from bench.work.fold import fitted, seconds_of
+from touchbench_people.adaptation import WEIGHT, adapted, adapts
+
+if TYPE_CHECKING:
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold
 
 Pairs = list[tuple[np.ndarray, np.ndarray]]  # positions of the calibration, and of the captures tested after it
+Folds = Iterator[tuple[np.ndarray, np.ndarray, Pairs]]
 
-WEIGHT = 10  # as of a system that adapts (docs/notes/numbers.md)
 APART = {"subject", "gesture", "repetition", "split", "skin"}  # columns that are no conditions
 
 
@@ -25,8 +36,8 @@ class Personal:
     shots; without shots this is leaving one subject out. Draws are nested: with three shots there are the two that two
     have, and one more. Of a class with fewer captures in a half all are taken.
 
-    A system that can adapt (`bench.contract.adapts`) is fitted to the others once and adapted in each draw; any other
-    one is fitted anew to the others and the shots, each ``weight`` times. Without labels it stays as it is.
+    A system that adapts (`touchbench_people.adaptation`) is fitted to the others once and adapted in each draw; any
+    other one is fitted anew to the others and the shots, each ``weight`` times. Without labels it stays as it is.
 
     Args:
         shots: labelled captures of each class.
@@ -35,6 +46,8 @@ class Personal:
         weight: number of times that a shot counts for a system that cannot adapt.
         seed: random seed of halves and draws.
     """
+
+    view = "touchbench_people.page:NewPerson"
 
     def __init__(
         self, shots: int = 0, draws: int = 5, unlabelled: bool = False, weight: int = WEIGHT, seed: int = 0
@@ -69,13 +82,46 @@ class Personal:
         return f"personal, {shots}{drawn}{self._conditions(corpus)} ({len(set(corpus.subjects))} subjects)"
 
     def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
-        """Yield (train, test) capture indices, without the shots, subjects in natural order.
+        """Yield (train, test) capture indices, without the shots, subjects in natural order, and pairs of each draw.
 
         Raises:
             InputError: parameters that cannot be, or there is only one subject.
         """
         self.check()
-        yield from LOSO().split(X, y, groups)
+        folds = LOSO().split(X, y, groups)
+        for (train, test), draws in zip(folds, self.calibrations(X, y, groups), strict=True):
+            yield train, test, with_shots([*chain.from_iterable(draws)])
+
+    def systems(self, cell: Cell, corpus: Corpus, fold: Fold) -> Iterator[Tested]:
+        """The systems of a fold: one, or one for each pair of each draw.
+
+        No tested capture is looked at, nor the label of a calibration capture that is unlabelled.
+        """
+        general = cell.estimator()
+        if not fold.pairs:
+            yield Tested(fold.name, general, fold.test, fitted(general, corpus[fold.train]))
+            return
+        refits = not self.unlabelled and not adapts(general)
+        seconds = {} if refits else fitted(general, corpus[fold.train])
+        draws = 1 if self.unlabelled else self.draws
+        for number, (shots, tested) in enumerate(fold.pairs):
+            name = fold.name if draws == 1 else f"{fold.name} draw {1 + number * draws // len(fold.pairs)}"
+            if not len(tested):
+                continue
+            if not len(shots):  # of a person with one capture
+                seconds = seconds or fitted(general, corpus[fold.train])
+                yield Tested(name, general, tested, seconds)
+            elif refits:
+                estimator = cell.estimator()
+                both = np.concatenate([fold.train, np.repeat(shots, self.weight)])
+                yield Tested(name, estimator, tested, fitted(estimator, corpus[both]))
+            elif adapts(general):
+                part = corpus[shots]
+                labels = None if self.unlabelled else part.gestures
+                estimator, times, cpu = timed_once(partial(adapted, general, part, labels))
+                yield Tested(name, estimator, tested, seconds | seconds_of("adapt", times, cpu))
+            else:  # it can do nothing without labels
+                yield Tested(name, general, tested, seconds)
 
     def calibrations(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Iterator[list[Pairs]]:
         """For each fold and draw, pairs of indices: calibration captures of the subject, captures tested after them."""
@@ -88,7 +134,7 @@ class Personal:
             if self.unlabelled:
                 yield [[(halves[0], halves[1]), (halves[1], halves[0])]]
             elif not self.shots:
-                yield [[(captures[:0], captures)]]
+                yield []
             else:
                 yield [self._draw(X, parts, halves, draw) for draw in range(1, self.draws + 1)]
 
@@ -129,3 +175,8 @@ class Personal:
         halves = [pair for draws in Personal(unlabelled=True, seed=self.seed).calibrations(corpus) for pair in draws[0]]
         same = any(np.isin(kinds[tested], kinds[shots]).any() for shots, tested in halves)
         return ", under the same conditions" if same else ", under other conditions"
+
+
+def with_shots(pairs: Pairs) -> Pairs:
+    """The pairs; none if all of them are without calibration captures."""
+    return pairs if any(len(shots) for shots, _ in pairs) else []
