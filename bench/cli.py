@@ -71,7 +71,7 @@ def _done(arguments: list[str]) -> int:
     if {"-h", "--help"} & {*rest}:
         print(_help(name, rest), end="")
         return 0
-    _check(rest)
+    _check(name, rest)
     command = load("commands", name)
     with scratch():
         if command.makes:
@@ -90,7 +90,7 @@ def _help(name: str, arguments: list[str]) -> str:
     return help_of_parts(words, rooms()) if words else help_of(name)
 
 
-def _check(arguments: list[str]) -> None:
+def _check(name: str, arguments: list[str]) -> None:
     """Refuse options as most programs have them, NUL characters, and a working folder that was deleted."""
     for i, argument in enumerate(arguments):
         if "\0" in argument:
@@ -98,7 +98,8 @@ def _check(arguments: list[str]) -> None:
         if argument.startswith("--") and argument.strip("-"):
             key, equals, value = argument.lstrip("-").replace("-", "_").partition("=")
             value = value if equals else next((a for a in arguments[i + 1 :] if not a.startswith("-")), "VALUE")
-            raise InputError(f"{argument}: options are written key=value, without dashes: {key}={value}")
+            what = f": {key}={value}" if key in keys(name) else f"; {nearest(key, keys(name))}"
+            raise InputError(f"{argument}: options are written key=value, without dashes{what}")
     try:
         os.getcwd()  # where it is gone, nothing relative can be found
     except OSError as e:

@@ -36,9 +36,14 @@ class CaptureKFold:
         y = X.gestures if y is None else np.asarray(y)
         names, counts = np.unique(y.astype(str), return_counts=True)
         if self.folds < 2 or counts.min() < self.folds:
+            rare, most = names[counts.argmin()], counts.min()
+            what = (
+                f"give 2 to {most} folds"
+                if most > 1
+                else f'two are needed; leave it out with where="gesture != {rare!r}"'
+            )
             raise InputError(
-                f"protocol.folds={self.folds}: gesture {names[counts.argmin()]} of {X.name} has {counts.min()} captures"
-                f" here; give 2 to {counts.min()} folds"
+                f"protocol.folds={self.folds}: gesture {rare} of {X.name} has {most} captures here; {what}"
             )
         splitter = StratifiedKFold(self.folds, shuffle=True, random_state=self.seed)
         yield from splitter.split(np.zeros(len(y)), y)

@@ -65,8 +65,13 @@ class SubjectKFold:
         groups = np.asarray(X.subjects if groups is None else groups)
         subjects = len(set(groups))
         if self.folds < 2 or self.folds > subjects:
+            what = (
+                f"give 2 to {subjects} folds"
+                if subjects > 1
+                else "two are needed; take protocol=kfold or more captures"
+            )
             raise InputError(
-                f"protocol.folds={self.folds}: {X.name} has {subjects} subjects here; give 2 to {subjects} folds"
+                f"protocol.folds={self.folds}: {X.name} has {subjects} subject{'s' * (subjects > 1)} here; {what}"
             )
         splitter = GroupKFold(self.folds, shuffle=True, random_state=self.seed)
         yield from splitter.split(groups, groups=groups)

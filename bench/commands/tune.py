@@ -110,8 +110,11 @@ def _parameters(cell: Cell) -> dict[str, object]:
 
 def _values(name: str, listed: object, default: object) -> list[object]:
     """The values of a list, each of the type of the default; several names together stay joined by +."""
-    values = [convert(f"model.{name}", value, default) for value in items(f"model.{name}", listed)]
-    return list(dict.fromkeys(text_of(value) if isinstance(value, tuple) else value for value in values))
+    typed = [convert(f"model.{name}", value, default) for value in items(f"model.{name}", listed)]
+    values = [text_of(value) if isinstance(value, tuple) else value for value in typed]
+    if twice := [value for value in dict.fromkeys(values) if values.count(value) > 1]:
+        raise InputError(f"model.{name}: the value {twice[0]} stands twice; give different ones, or one to fix it")
+    return values
 
 
 def _tuning(cell: Cell, params: dict[str, object], how: dict[str, object], trials: int) -> Tuning:

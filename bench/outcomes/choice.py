@@ -310,7 +310,11 @@ class Chosen:
         """The choice, its reason and what to expect, or the binding budgets and a remedy; all with ``why``."""
         brief, every = self._brief()[:BRIEF], self._every()
         more = 0 if self.why else sum(line not in brief for line in every)
-        command = None if self.choice.chosen is not None else f"{_command(self.study)} {SMALL}"
+        command = (
+            None
+            if self.choice.chosen is not None
+            else f"{_command(self.study)} data={self.among.first['data']} {SMALL}"
+        )
         return [*(every if self.why else brief), *said("rest", more=more, command=command)]
 
     def _brief(self) -> list[str]:

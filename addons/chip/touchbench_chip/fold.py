@@ -36,8 +36,9 @@ def refuse(plan: Plan, detector: str) -> None:
             f"detector={detector}: only the C of systems on touch with model.window= watches; leave it out"
         )
     if missing := lacking():
+        which = "which is" if len(missing) == 1 else "which are"
         raise InputError(
-            f"form=c needs {', '.join(missing)}, which are not installed; on Debian, install gcc make "
+            f"form=c needs {', '.join(missing)}, {which} not installed; on Debian, install gcc make "
             "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
         )
 
