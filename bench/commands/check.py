@@ -80,11 +80,12 @@ def _command(arguments: list[str]) -> int:
     baseline = [then for then in gate.read(path) if not asked or _cells([then.run], asked, then)]
     if not baseline:
         raise InputError(f"baseline={path} holds no system with {' '.join(added)}; leave a key out")
+    failed: dict[tuple, str] = {}
     if how["stored"]:
-        current, failed = _stored(baseline), {}
+        current = _stored(baseline)
     else:
         current, failed = _run([then.run for then in baseline], backend_of(values), asked)
-    verdicts = gate.compare(baseline, current, **limits, failed=failed)
+    verdicts = gate.compare(baseline, current, limits["error"], limits["slower"], failed)
     say(*(verdict.line for verdict in verdicts))
     if how["junit"]:
         _write(Path(how["junit"]), gate.junit(verdicts), "junit")
@@ -156,7 +157,7 @@ def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, fl
         say(f"a run failed; {path} is unchanged")
         return 1
     kept = [then for then in before if gate.counterpart(then, after)]
-    say(*(verdict.line for verdict in gate.compare(kept, after, **limits)))
+    say(*(verdict.line for verdict in gate.compare(kept, after, limits["error"], limits["slower"])))
     for now in after:
         if not any(gate.counterpart(then, [now]) for then in before):
             hits = (now.labels["true"] == now.labels["predicted"]).mean()
