@@ -297,6 +297,7 @@ def connect(writes: bool = False) -> Store:
         uri = f"sqlite+pysqlite:///{quote(path.absolute().as_uri())}?mode=ro&uri=true"
     from mlflow import MlflowClient
     from mlflow.exceptions import MlflowException
+    from mlflow.store.artifact.artifact_repository_registry import _artifact_repository_registry
     from sqlalchemy.exc import SQLAlchemyError
 
     # Several processes that create the tables at the same moment break the file for good.
@@ -309,6 +310,9 @@ def connect(writes: bool = False) -> Store:
                 if not path.exists() or not path.stat().st_size:
                     create(path)
                 _upgrade(path)
+            _artifact_repository_registry.register(
+                BESIDE, artifacts_beside
+            )  # also where the entry point is not installed
             client = MlflowClient(uri)
             return Store(client, _experiment(client, None if fixed else path))
         except (MlflowException, SQLAlchemyError, StoreError, ImportError, UnicodeError) as e:  # a driver, a name
