@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from mlflow import MlflowClient
     from mlflow.entities import Run, RunInfo
+    from mlflow.store.artifact.artifact_repo import ArtifactRepository
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
 EXPERIMENT = "touchbench"
@@ -219,15 +220,20 @@ class Store:
     @reached()
     def keep(self, run_id: str, path: Path, where: str = "") -> None:
         """Store a file, or the files of a folder, with a run."""
-        (self.client.log_artifacts if path.is_dir() else self.client.log_artifact)(run_id, str(path), where or None)
+        place = self._place(self.client.get_run(run_id).info.artifact_uri)
+        (place.log_artifacts if path.is_dir() else place.log_artifact)(str(path), where or None)
 
     @reached()
     def drop(self, address: str, name: str) -> None:
         """Delete an artifact, or a folder of them, where the place that keeps it can."""
+        with suppress(NotImplementedError):
+            self._place(address).delete_artifacts(name)
+
+    def _place(self, address: str) -> ArtifactRepository:
+        """Where artifacts of an address are kept; MLflow's client remembers where they were before a folder moved."""
         from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
 
-        with suppress(NotImplementedError):
-            get_artifact_repository(address, store_uri()).delete_artifacts(name)
+        return get_artifact_repository(address, self.client.tracking_uri)
 
     @reached()
     def mark(self, run_id: str, status: str) -> None:

@@ -174,4 +174,4 @@ def test_options_take_numbers_of_numpy_and_none():
     given = {"margin": np.float64(3), "why": np.True_, "run": None}
     typed = settings("choose", given)
     assert [typed[key] for key in given] == [3.0, True, ""] and typed["unit"] == "capture"
-    assert settings("run", {"jobs": np.int64(3)})["jobs"] == 3
+    assert settings("check", {"error": np.int64(3)})["error"] == 3

@@ -48,7 +48,7 @@ COMPOSED = {
     "series": lambda: FromSeries(make_pipeline(FunctionTransformer(flattened), KNeighborsClassifier(3)), "both", 12),
     "module": lambda: FromTorch(module=linear, frames=5, epochs=2),
     "lda on windows": lambda: made("lda", window=0.1, **HARSH),
-    "svm for a person": lambda: made("svm", person=("centre", "scale", "pool"), turns=1),
+    "svm, turned": lambda: made("svm", turns=1),
     "cnn85 on damaged copies": lambda: made("cnn85", **HARSH),
     "reflex, scaled": lambda: made("reflex", scale="log"),
 }

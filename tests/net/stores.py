@@ -119,7 +119,9 @@ class Side:
         """Files of a run by name; a copied folder has them beside its database."""
         uri = urlparse(run.info.artifact_uri)
         root = Path(uri.path) if uri.scheme in ("", "file") else None
-        if self.folder and root is not None:
+        if self.folder and uri.scheme == "touchbench":  # beside the database, wherever it is moved
+            root = self.folder / uri.path.lstrip("/")
+        elif self.folder and root is not None:
             beside = self.folder / "mlruns" / root.parent.parent.name / run.info.run_id / "artifacts"
             root = beside if beside.exists() else root
         if root is None or not (root.exists() or self.folder):

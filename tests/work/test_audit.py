@@ -178,7 +178,7 @@ def test_what_cannot_be_made_is_one_line_and_exit_code_2(capsys):
     )
     assert main(["audit", "model=own.py:Own"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "KeyError: 'red'" in line
+    assert "KeyError: 'colour'" in line
 
 
 def test_the_limit_of_chance_by_hand():
