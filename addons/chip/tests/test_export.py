@@ -47,7 +47,9 @@ def test_it_decides_as_python_does(name, bits):
     check_agreement(name, bits)
 
 
-@pytest.mark.parametrize("name, bits", [*((name, 8) for name in sorted(SAME_IN_8_BITS)), ("svm", 32), ("rf", 32), ("xgb", 32)])
+@pytest.mark.parametrize(
+    "name, bits", [*((name, 8) for name in sorted(SAME_IN_8_BITS)), ("svm", 32), ("rf", 32), ("xgb", 32)]
+)
 def test_it_has_as_many_bytes_as_are_counted(name, bits):
     check_sizes(name, bits)
 
