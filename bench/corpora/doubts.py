@@ -30,7 +30,8 @@ def _labels(corpus: Corpus) -> Iterator[str]:
         for one, other, *_ in (sorted(words) for _, words in alike if len(words) > 1):
             yield f"{column} {one!r} and {other!r} differ by case or blanks alone; if they are one, correct the file"
     for rare in counts.index[RARE * counts <= counts.median()]:
-        if usual := next((word for word in counts.index if word != rare and _letters(rare, word) <= 2), ""):
+        others = (word for word in counts.index if word.casefold() != rare.casefold())
+        if usual := next((word for word in others if _letters(rare, word) <= 2), ""):
             yield f"gesture {rare!r} has {counts[rare]} of {len(corpus)} captures; if it is {usual!r}, correct the file"
 
 
