@@ -18,6 +18,8 @@ BRIEF, LONG = 0.1, 30.0  # seconds of a usual touch
 
 def doubts(corpus: Corpus) -> list[str]:
     """What cannot be right, for an import and a survey."""
+    if not len(corpus):
+        return []
     step = -(-len(corpus) // MOST)
     some = [corpus[i].reshape(int(corpus.lengths[i]), -1) for i in range(0, len(corpus), step)]
     return [*_labels(corpus), *_seconds(corpus), *_range(corpus, np.concatenate(some)), *_grid(corpus.grid, some)]

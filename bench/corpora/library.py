@@ -67,7 +67,8 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
                 unchanged = content_digest(corpus)
                 corpus = cuts.cut(corpus, kind, changes)
                 corpus = corpus.changed(info=corpus.info | {"unchanged": unchanged})
-            warnings = [*duplicates.warning(corpus), *doubts(gestures_of(corpus)), *corpus.info.get("warnings", [])]
+            touches = corpus[np.flatnonzero(~np.isin(corpus.gestures, corpus.info.get(ASIDE, [])))]
+            warnings = [*duplicates.warning(corpus), *doubts(touches), *corpus.info.get("warnings", [])]
             corpus = corpus.changed(name=name, info=corpus.info | {"format": kind, "warnings": warnings})
             digest = content_digest(corpus)
             stored = folder / digest[:16]

@@ -34,7 +34,7 @@ def test_a_saved_model_watches_with_the_detector_that_was_asked_for(tmp_path):
         "out": str(tmp_path / "rec"),
     }
     fitted = bench.fit(**words, **GIVEN)
-    params = connect().run(fitted.run_id).data.params
+    params = connect().client.get_run(fitted.run_id).data.params
     assert (params["watch.detector"], params["watch.false_alarms"]) == ("frames[wait=0.5]", "40")
     recogniser = load(str(tmp_path / "rec"))
     watcher, kept = recogniser.watcher, fitted.recogniser.watcher
