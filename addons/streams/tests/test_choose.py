@@ -36,7 +36,7 @@ def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(st
     assert bench.choose(by="latency").system == "loud" and "500 ms of latency" in str(bench.choose(by="latency"))
     assert main(["choose", "max_false_alarms=0.5"]) == 1
     out = capsys.readouterr().out
-    assert "lowest false-alarm rate is 1 per hour (small" in out and f"bench watch {SMALL}" in out
+    assert "lowest false-alarm rate is 1 per hour (small" in out and f"bench watch data=haart {SMALL}" in out
     assert main(["choose"]) == 0 and "touches" not in capsys.readouterr().out
     for wrong in ("by=decision", "max_decision=1s", "unit=window", "clock=64MHz"):
         assert main(["choose", "max_latency=1s", wrong]) == 2
