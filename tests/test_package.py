@@ -76,7 +76,7 @@ def test_it_runs_where_the_clone_is_not(built, which, tmp_path):
     said(python, "-m", "pip", "install", "-q", "--no-deps", built[which == "sdist"])
     # Its dependencies are those of this environment, without add-ons: a path in a .pth file brings packages.
     own = Path(said(python, "-c", "import sysconfig; print(sysconfig.get_paths()['purelib'])").strip())
-    (packages := tmp_path / "packages").mkdir()
+    (packages := tmp_path / "site-packages").mkdir()
     for folder in {sysconfig.get_paths()["purelib"], sysconfig.get_paths()["platlib"]}:
         for file in Path(folder).iterdir():
             if "touchbench" not in file.name:
