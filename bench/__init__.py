@@ -249,10 +249,9 @@ def choose(**values: object) -> Chosen:
     Args:
         values: the runs to choose among, as `runs` selects them;
             ``by`` (the cost to keep low, default ``flash``); budgets ``max_flash``, ``max_ram``, ``max_predict``,
-            ``max_decision``, ``max_cycles``; ``clock`` of the target, such as ``64MHz``, at which measured cycles count
-            for ``max_decision``; ``margin`` (tolerated loss of accuracy in points); ``unit`` (``capture`` or
-            ``window``); ``batch`` (``yes`` to include systems whose labels depend on the batch); ``shots`` (labelled
-            captures of a new person).
+            ``max_decision`` and those of packages; ``clock`` of the target, such as ``64MHz``; ``margin`` (tolerated
+            loss of accuracy in points); ``unit`` (``capture`` or ``window``); ``batch`` (``yes`` to include systems
+            whose labels depend on the batch).
     """
     from bench.commands.choose import chosen
     from bench.options import keys, values_of

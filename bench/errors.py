@@ -15,8 +15,8 @@ GONE = {  # commands and keys that are gone: what to type instead
     "papers": "bench report lists published numbers",
     "completion": "bench COMMAND --help lists the keys",
     "submit": "bench report writes comparison.csv, which others can compare with theirs",
-    "shots": "protocol=personal protocol.shots=N, of addons/people",
-    "person": "model=adaptable model.classifier=NAME model.ways=centre+scale+pool, of addons/people",
+    "shots": "protocol=personal protocol.shots=N",
+    "person": "model=adaptable model.classifier=NAME model.ways=centre+scale+pool",
     "leaderboard": "bench report writes comparison.csv, which others can compare with theirs",
 }
 

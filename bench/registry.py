@@ -25,6 +25,7 @@ from bench.errors import InputError, nearest
 
 CAPTURES = "bench.reports.views.captures:Captures"  # what is shown of captures
 FILE_MODULE = "touchbench_file_"  # what modules of files are called
+APART = ("features", "models", "protocols", "reports")  # folders of the package bench that stand beside it
 KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}  # of parts of a cell
 
 
@@ -168,9 +169,8 @@ def is_library(path: str) -> bool:
 
 def is_own(path: str) -> bool:
     """Whether a file is code of the user's."""
-    packages = (f"bench.{room}" for room in ("features", "models", "protocols", "reports"))
-    ours = {place_of("bench"), *map(place_of, packages)}
-    return Path(path).is_file() and not is_library(path) and not ours & {*Path(path).parents}
+    ours = (place_of(package) for package in ("bench", *(f"bench.{folder}" for folder in APART)))
+    return Path(path).is_file() and not is_library(path) and not lies_beside(path, ours)
 
 
 @cache

@@ -15,9 +15,8 @@ from pathlib import Path
 from types import ModuleType
 
 from bench.errors import InputError
-from bench.registry import FILE_MODULE, is_library, is_own, place_of
+from bench.registry import APART, FILE_MODULE, is_library, is_own, place_of
 
-BESIDE = ("features", "models", "protocols", "reports")  # folders of the package bench that stand beside it
 Code = ModuleType | Callable | str  # a module or its name, a class, a function
 
 
@@ -104,7 +103,7 @@ def path_of(name: str) -> Path | None:
     """The Python file of a module that is no part of an installed package, found without importing it."""
     top, *rest = name.split(".")
     if top == "bench":
-        place = place_of(f"bench.{rest.pop(0)}") if rest and rest[0] in BESIDE else place_of("bench")
+        place = place_of(f"bench.{rest.pop(0)}") if rest and rest[0] in APART else place_of("bench")
     elif (found := _found(top, tuple(sys.path))) is None:
         return None
     else:

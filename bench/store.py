@@ -88,8 +88,8 @@ def _unusable(error: Exception) -> str:
     """Why a store cannot be opened."""
     if schemas := re.search(r"found version (\w+), but expected (\w+)", str(error)):
         return (
-            f"its schema is {schemas[1]}, and the installed MLflow expects {schemas[2]}: another version of MLflow "
-            "wrote it; install that version, or set MLFLOW_TRACKING_URI to another store"
+            f"its schema is {schemas[1]}, this MLflow expects {schemas[2]}: another version wrote it; install that, "
+            "or set MLFLOW_TRACKING_URI to another store"
         )
     return _first_line(error.__cause__ or error)
 
@@ -316,9 +316,8 @@ def connect(writes: bool = False) -> Store:
                 if not path.exists() or not path.stat().st_size:
                     create(path)
                 _upgrade(path)
-            _artifact_repository_registry.register(
-                BESIDE, artifacts_beside
-            )  # also where the entry point is not installed
+            # The entry point is for MLflow's own programs, and may be that of an earlier installation.
+            _artifact_repository_registry.register(BESIDE, artifacts_beside)
             client = MlflowClient(uri)
             return Store(client, _experiment(client, None if fixed else path))
         except (MlflowException, SQLAlchemyError, StoreError, ImportError, UnicodeError) as e:  # a driver, a name

@@ -26,8 +26,8 @@ from bench.scratch import home, replacing
 
 REPEATS = 2  # of each piece of work; the shorter one counts
 NEAR = 3  # workloads before a piece of work, and after it, whose median counts
-AROUND = 3  # workloads before work that is done once, and again after it
-WARM_UP = 1
+AROUND = 8  # workloads before work that is done once, and again after it
+WARM_UP = 3
 KEPT = "reference.json"
 
 Given = TypeVar("Given")
@@ -88,14 +88,18 @@ def spent(work: Callable[[], object]) -> tuple[float, float]:
 
 
 def timed(works: Iterable[Callable[[], object]]) -> Times:
-    """Do each piece of work twice, with the workload between them, and give the shorter times."""
-    references = [spent(reference) for _ in range(WARM_UP + 1)][WARM_UP:]
+    """Do each piece of work twice, with the workload between all of them, and give the shorter times."""
+    references = [spent(reference) for _ in range(WARM_UP)][-1:]
     done = []
     for work in works:
-        walls, cpus = zip(*(spent(work) for _ in range(REPEATS)), strict=True)
+        walls, cpus = [], []
+        for _ in range(REPEATS):
+            wall, cpu = spent(work)
+            walls.append(wall)
+            cpus.append(cpu)
+            references.append(spent(reference))
         done.append((min(cpus), min(walls), len(references)))
-        references.append(spent(reference))
-    ratios = [cpu / _middle(references[max(0, place - NEAR) : place + NEAR]) for cpu, _, place in done]
+    ratios = [cpu / _middle(references[max(0, end - NEAR - REPEATS) : end + NEAR]) for cpu, _, end in done]
     return _times(ratios, [wall for _, wall, _ in done], references)
 
 

@@ -27,6 +27,10 @@ class CaptureKFold:
         """Protocol label of every row of results."""
         return f"{self.folds}-fold, subjects mixed"
 
+    def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:
+        """Number of folds."""
+        return self.folds
+
     def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
         """Yield (train, test) capture indices, every class spread over all folds.
 
@@ -64,6 +68,10 @@ class Holdout:
     def label(self, corpus: Corpus) -> str:
         """Protocol label of every row of results."""
         return f"{1 - self.test:.0%} / {self.test:.0%} hold-out, subjects mixed"
+
+    def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:
+        """Return 1."""
+        return 1
 
     def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
         """Yield the one (train, test) pair of capture indices.

@@ -36,6 +36,10 @@ class Challenge:
         """True if the corpus declares the split of the challenge."""
         return "split" in corpus.captures and bool(corpus.captures["split"].isin(["train", "test"]).any())
 
+    def get_n_splits(self, X: Corpus, y: object = None, groups: object = None) -> int:
+        """1 where the corpus declares its split, else the number of repeats."""
+        return 1 if self.official_split(X) else self.repeats
+
     def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
         """Yield (train, test) capture indices.
 

@@ -23,6 +23,10 @@ class LOSO:
         """Protocol label of every row of results."""
         return f"LOSO ({len(set(corpus.subjects))} subjects)"
 
+    def get_n_splits(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> int:
+        """Number of subjects."""
+        return len(set(X.subjects if groups is None else groups))
+
     def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
         """Yield (train, test) capture indices, subjects in natural order.
 
@@ -55,6 +59,10 @@ class SubjectKFold:
     def label(self, corpus: Corpus) -> str:
         """Protocol label of every row of results."""
         return f"{self.folds}-fold by subject"
+
+    def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:
+        """Number of folds."""
+        return self.folds
 
     def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
         """Yield (train, test) capture indices.

@@ -3,13 +3,12 @@
 import errno
 import shutil
 import sqlite3
-import types
 from pathlib import Path
 
 import pytest
 import sqlalchemy
+from alembic import command
 from alembic.config import Config
-from alembic.script import ScriptDirectory
 from mlflow import MlflowClient
 from mlflow.store import db_migrations
 
@@ -30,15 +29,27 @@ def test_what_a_killed_creation_left_is_removed(tmp_path, dead):
     assert not left.exists()
 
 
+def test_an_empty_file_is_no_broken_store(tmp_path):
+    (tmp_path / "mlflow.db").touch()
+    assert store.connect().of_kind("cell") == []
+
+
 @pytest.mark.real_store
-def test_a_store_of_another_version_is_refused_in_one_line(tmp_path, capsys, empty_store):
+@pytest.mark.parametrize(
+    ("harm", "fact"),
+    [
+        ("update alembic_version set version_num = 'ffffffffffff'", "its schema is ffffffffffff, this MLflow expects"),
+        ("delete from alembic_version", "its schema is None"),
+    ],
+)
+def test_a_store_of_another_version_or_a_broken_one_is_refused_in_one_line(harm, fact, tmp_path, capsys, empty_store):
     (tmp_path / "mlflow.db").write_bytes(empty_store.read_bytes())
     with sqlite3.connect("mlflow.db") as db:
-        db.execute("update alembic_version set version_num = 'ffffffffffff'")
+        db.execute(harm)
     before = dump()
     assert main(SMALL) == 2
     said = capsys.readouterr().err.strip()
-    assert said.startswith("bench: MLflow store sqlite") and len(said) < 400, said
+    assert said.startswith("bench: MLflow store sqlite") and len(said) < 400 and fact in said, said
     assert dump() == before
 
 
@@ -72,29 +83,25 @@ def test_a_deleted_experiment_is_named_with_the_way_back(capsys):
 
 
 @pytest.mark.real_store
-def test_a_store_of_an_older_mlflow_is_upgraded_beside_a_copy(tmp_path, capsys, empty_store):
-    """Its schema is one step back, as alembic makes it."""
+def test_a_store_of_an_older_mlflow_is_upgraded_beside_a_copy(capsys, empty_store):
     shutil.copy(empty_store, "mlflow.db")
     config = Config()
     config.set_main_option("script_location", str(Path(db_migrations.__file__).parent))
     config.set_main_option("sqlalchemy.url", "sqlite:///mlflow.db")
-    newest, before = ([*ScriptDirectory.from_config(config).walk_revisions()][k].revision for k in (0, 1))
-    with sqlite3.connect("mlflow.db") as db:
-        db.execute("update alembic_version set version_num = ?", [before])
-    done = types.SimpleNamespace(returncode=0)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.store.subprocess.run", lambda words, **_: upgraded(words, newest) or done)
-        store.connect()
-    assert f"mlflow.db.{before}" in capsys.readouterr().err
-    with sqlite3.connect(f"mlflow.db.{before}") as db:
-        assert db.execute("select version_num from alembic_version").fetchone() == (before,)
+    older, newest = revision("mlflow.db", lambda: command.downgrade(config, "-1"))
+    store.connect()
+    assert f"mlflow.db.{older}" in capsys.readouterr().err
+    assert revision("mlflow.db")[0] == newest and revision(f"mlflow.db.{older}")[0] == older
 
 
-def upgraded(words, newest):
-    """What the command does, without the step itself, which this file has had."""
-    assert words[-3:] == ["db", "upgrade", "sqlite:///mlflow.db"]
-    with sqlite3.connect("mlflow.db") as db:
-        db.execute("update alembic_version set version_num = ?", [newest])
+def revision(path, change=lambda: None):
+    """The schema of a file after a change, and before it."""
+    found = []
+    for work in (lambda: None, change):
+        work()
+        with sqlite3.connect(path) as db:
+            found += db.execute("select version_num from alembic_version").fetchone()
+    return found[1], found[0]
 
 
 def test_a_store_that_can_only_be_read_is_read_and_left_alone(in_net, tmp_path, monkeypatch, capsys):
@@ -142,11 +149,19 @@ def test_an_artifact_that_is_not_there_is_none_and_a_server_that_is_gone_is_an_e
         connected.path(run_id, "mlflow-artifacts:/x", "nothing.csv")
 
 
-def test_an_address_that_cannot_be_opened_is_one_line_without_its_password(monkeypatch, capsys):
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", "postgresql+nodriver://me:secret@127.0.0.1:9/x")
+@pytest.mark.parametrize(
+    ("uri", "fact"),
+    [
+        ("postgresql+nodriver://me:secret@127.0.0.1:9/x", "nodriver://me:***@127.0.0.1:9/x cannot be used"),
+        ("http://me:secret@127.0.0.1:9", "http://me:***@127.0.0.1:9 cannot be used"),
+    ],
+)
+def test_an_address_that_cannot_be_opened_is_one_line_without_its_password(uri, fact, monkeypatch, capsys):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     assert main(["choose"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "nodriver://me:***@127.0.0.1:9/x cannot be used" in line and "secret" not in line
+    assert fact in line and "secret" not in line
 
 
 def test_what_stays_locked_is_one_line(capsys, monkeypatch):
@@ -197,3 +212,8 @@ def test_numbers_parameters_tags_and_files_are_kept(tmp_path):
     assert connected.path(run_id, artifacts, "b.csv") is None
     connected.drop(artifacts, "folds")
     assert connected.names(run_id, artifacts) == []
+
+
+def test_what_mlflow_refuses_is_one_line():
+    with pytest.raises(store.StoreError, match="supplied: Names may only"):
+        store.connect().create("7", {}, {"#": 1})

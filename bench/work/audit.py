@@ -179,7 +179,7 @@ def _(subject: Audited) -> str:
     count = len(subject.test)
     if effects := batch_effects(subject.first, subject.corpus, subject.test):
         raise Mistake(f"{len(effects)} of {count} predictions depend on the other captures: {effects[0]}")
-    return f"{count} captures alone are predicted as in a batch, within {TOLERANCE:g}"
+    return f"{count} captures in another batch, some of them alone, are predicted the same, within {TOLERANCE:g}"
 
 
 @check("equal seeds")

@@ -20,8 +20,8 @@ from bench.errors import PredictionError
 from bench.models.sizes import sizes
 from bench.timing import Times, timed, timed_once
 
-AGAIN = 16  # test captures of a fold that are predicted again, in a batch and an order of their own
-ALONE = 2  # of these, predicted alone as well: for some systems one capture takes as long as all together
+AGAIN = 32  # test captures of a fold that are predicted again, in a batch and an order of their own
+ALONE = 8  # of these, predicted alone as well: for some systems one capture takes as long as all together
 TOLERANCE = 1e-3  # of a probability: float32 rounds otherwise in a batch of another size
 TIMED_CAPTURES = 5
 WARM_UP = 1
@@ -166,7 +166,7 @@ def check_agreement(
     estimator: contract.System, corpus: Corpus, test: np.ndarray, predictions: pd.DataFrame | None = None
 ) -> None:
     """Verify on a few test captures that ``predict`` and the probabilities agree."""
-    tested, decided = corpus[some_of(test, AGAIN)], None
+    tested, decided = corpus[some_of(test, ALONE)], None
     if predictions is not None:
         rows = predictions[predictions["capture"].isin(tested.index)]
         place = pd.Index(tested.index).get_indexer(rows["capture"])

@@ -17,11 +17,9 @@ from bench.machine import Machine
 from bench.registry import is_own
 from bench.tables import uniform
 
-COMBINED: dict[
-    str, Callable[[list[float]], SupportsFloat]
-] = {  # numbers of folds; of seconds the mean, of any other the largest
-    **dict.fromkeys(("reference_ms", "quiet_ms", "slowdown", "predict_relative"), np.median),
-}
+Combine = Callable[[list[float]], SupportsFloat]
+# How numbers of folds combine; of seconds the mean counts, of any other, such as a size, the largest.
+COMBINED: dict[str, Combine] = dict.fromkeys(("reference_ms", "quiet_ms", "slowdown", "predict_relative"), np.median)
 
 
 @dataclass

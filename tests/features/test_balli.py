@@ -1,6 +1,7 @@
 """Signals, statistics and selection against loops written from the definitions, on captures of any length and grid."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_toeplitz
@@ -8,7 +9,7 @@ from scipy.ndimage import label as components
 from scipy.spatial import ConvexHull
 
 from bench.features.balli import NAMES, SIGNALS, STATISTICS, Balli
-from tests.features.captures import GRIDS, LEVELS, corpus_of, ragged
+from tests.features.captures import GRIDS, LEVELS, corpus_of, ragged, row_of
 
 
 def naive_signals(frame):
@@ -75,6 +76,12 @@ def naive_statistics(x):
     return [*out, *solve_toeplitz(r[:4] + [1e-9 * r[0], 0, 0, 0], r[1:])]
 
 
+def of_signal(*values):
+    """Statistics of a signal: the mean pressure on a grid of one taxel."""
+    row = row_of(Balli(0), np.array(values, np.float32)[:, None, None])
+    return row.filter(like="mean_pressure_").rename(lambda name: name.removeprefix("mean_pressure_"))
+
+
 @given(st.integers(0, 10_000), st.sampled_from([*GRIDS, (5, 3)]), st.sampled_from([*LEVELS]), st.booleans())
 def test_the_table_is_every_statistic_of_every_signal(seed, grid, levels, real):
     low, high, full_scale = LEVELS[levels]
@@ -86,6 +93,25 @@ def test_the_table_is_every_statistic_of_every_signal(seed, grid, levels, real):
         for name, trace in zip(SIGNALS, traces, strict=True):
             columns = [f"{name}_{statistic}" for statistic in STATISTICS]
             np.testing.assert_allclose(table.loc[i, columns], naive_statistics(trace), 1e-5, 1e-6, err_msg=name)
+
+
+def test_statistics_by_hand():
+    saw = of_signal(0, 1, 0, 1)
+    assert (saw["mean"], saw["median"], saw["variance"], saw["energy"]) == (0.5, 0.5, 0.25, 0.5)
+    assert saw["mobility"] == pytest.approx(np.sqrt(8 / 9 / 0.25))  # of the differences 1, -1, 1
+    assert saw["complexity"] == pytest.approx(np.sqrt(4 / (8 / 9)) / saw["mobility"])
+    two = of_signal(0, 1)  # autocorrelation 1, -1/2, 0, 0, 0
+    system = [[1, -0.5, 0, 0], [-0.5, 1, -0.5, 0], [0, -0.5, 1, -0.5], [0, 0, -0.5, 1]]
+    expected = np.linalg.solve(system, [-0.5, 0, 0, 0])
+    assert two[["ar1", "ar2", "ar3", "ar4"]].to_numpy(float) == pytest.approx(expected, rel=1e-6)
+    block = [0, 0, 0, 0, 1, 1, 1, 1]  # range 2, deviation 1/2, at each length
+    assert of_signal(*block, *block)["hurst"] == pytest.approx(0)
+    assert of_signal(*[0] * 8, *[1] * 8)["hurst"] == 0.5  # the chunks of 8 frames are constant
+    assert of_signal(*block, 0, 0, 0, 0, 0, 0, 0)["hurst"] == 0.5  # not 16 frames
+    growing = of_signal(*block, *[2 * v for v in block])["hurst"]  # 4 and 4, then range 5, variance 11/16
+    assert growing == pytest.approx(np.log2(5 / np.sqrt(11 / 16) / 4))
+    ramp = of_signal(*range(20))
+    assert ramp["mobility"] == ramp["complexity"] == 0
 
 
 def test_kept_columns_keep_their_order_and_values(corpus):

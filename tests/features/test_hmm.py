@@ -3,7 +3,8 @@
 import itertools
 
 import numpy as np
-from hypothesis import given
+import pytest
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.special import logsumexp
 from scipy.stats import norm
@@ -42,9 +43,37 @@ def test_likelihood_is_the_sum_over_all_paths(seed, lengths, states, far):
     near(logs, [[logsumexp([log for _, log in paths(models, c, s)]) for c in range(2)] for s in sequences], rtol=1e-9)
 
 
-def test_iterations_raise_the_likelihood_of_what_is_learnt():
-    rng = np.random.default_rng(0)
-    lengths, classes = np.resize([3, 9, 5, 12], 24), np.resize([0, 1, 1], 24)
-    frames = rng.normal(size=(lengths.sum(), 2)) + 3 * rng.integers(0, 2, (lengths.sum(), 1))
-    history = GaussianHMMs(2, 6).fit(frames, lengths, classes).history_
-    assert history.shape == (6, 2) and (np.diff(history, axis=0) > -1e-6).all() and (history[-1] > history[0]).all()
+@given(st.integers(0, 10_000))
+def test_an_iteration_equals_expectations_over_all_paths(seed):
+    rng = np.random.default_rng(seed)
+    begin = random_models(rng, states=2)
+    lengths = np.array([3, 1, 5, 2, 4, 5, 2])
+    classes = np.array([1, 0, 1, 0, 0, 1, 1])
+    frames = rng.normal(size=(lengths.sum(), 2))
+    models = GaussianHMMs(2, 1)
+    models._begin = lambda parts: vars(models).update({k: v.copy() for k, v in vars(begin).items() if k[-1] == "_"})
+    models.fit(frames, lengths, classes)
+    sequences = np.split(frames, np.cumsum(lengths)[:-1])
+    for c in range(2):
+        start, moves, weight, first, second = np.zeros(2), np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2)), 0
+        total = 0
+        for sequence in (sequences[i] for i in np.flatnonzero(classes == c)):
+            every = list(paths(begin, c, sequence))
+            likelihood = logsumexp([log for _, log in every])
+            total += likelihood
+            for path, log in every:
+                share = np.exp(log - likelihood)
+                start[path[0]] += share
+                for a, b in itertools.pairwise(path):
+                    moves[a, b] += share
+                for t, s in enumerate(path):
+                    weight[s] += share
+                    first[s] += share * sequence[t]
+                    second = second + share * np.outer(np.arange(2) == s, sequence[t] ** 2)
+        assume(weight.min() > 0.01 and moves.sum(axis=1).min() > 0.01)
+        mean = first / weight[:, None]
+        assert models.history_[0, c] == pytest.approx(total)
+        near(models.start_[c], start / start.sum(), atol=2e-6)
+        near(models.transition_[c], moves / moves.sum(axis=1, keepdims=True), atol=2e-6)
+        near(models.mean_[c], mean)
+        near(models.variance_[c], np.maximum(second / weight[:, None] - mean**2, 1e-3), rtol=1e-7)

@@ -1,6 +1,7 @@
 """Gesture-level features against loops, the autoencoder, and likelihoods of standardised observations."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -53,6 +54,33 @@ def test_moments_by_hand():
     values = moments(corpus_of([frames]))
     near(values[0], [1, 3, 9, 27, 2, 6, 18, 4, 12, 8])
     near(values[1], [3, 5, 9, 17, 7, 13, 25, 19, 37, 55])
+
+
+def test_the_code_is_that_of_a_network_with_sigmoids():
+    frames = np.random.default_rng(0).random((5, 6))
+    encoder = hughes36._encoder(frames.astype(np.float32), 1, 0)
+    assert [w.shape for w, _ in encoder] == [(200, 6), (100, 200), (50, 100), (25, 50), (10, 25)]
+    layer = frames.T
+    for weight, bias in encoder[:-1]:
+        layer = 1 / (1 + np.exp(-(weight @ layer + bias[:, None])))
+    near(hughes36._code(frames, encoder), (encoder[-1][0] @ layer).T + encoder[-1][1])
+
+
+@pytest.mark.parametrize("grid", [(8, 8), (1, 1)])
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+def test_everything_is_finite(grid, kind):
+    rng = np.random.default_rng(0)
+    constant = [np.full((n, *grid), v, kind) for n in (1, 2, 50) for v in (0, 7, 65535)]
+    noisy = [rng.integers(0, 65536, (n, *grid)).astype(kind) for n in (1, 3, 70)]
+    everything = corpus_of([*constant, *noisy], full_scale=65535.0)
+    for arrays, gestures in (
+        ([*constant, *noisy], ["a", "b"] * 6),
+        ([np.zeros((n, *grid), kind) for n in (1, 4)], ["a", "b"]),  # nothing was ever pressed
+        ([*noisy, constant[2]], ["a", "a", "a", "b"]),  # one capture of one frame
+    ):
+        features = quick(states=3).fit(corpus_of(arrays, gestures, full_scale=65535.0), np.array(gestures))
+        table = features.transform(everything)
+        assert np.isfinite(table).all(axis=None) and table.filter(like="hmm_").min(axis=None) >= -100
 
 
 def test_likelihoods_are_per_frame_of_what_training_frames_standardise(corpus):

@@ -107,3 +107,18 @@ def test_sums_beyond_what_float32_counts_are_exact():
     frames[1, 0, 0] += 1  # one unit in 10^8
     row = row_of(Jung54(), frames, full_scale=65535.0)
     assert row["f22_peaks"] == 1 and row["f03_pressure_variability"] == 1
+
+
+def test_by_hand_on_a_fingertip_that_moves_one_column():
+    frames = np.zeros((2, 8, 8), np.uint16)
+    frames[0, 0, 0], frames[1, 0, 1] = 100, 200
+    row = row_of(Jung54(), frames)
+    assert row["f01_mean_pressure"] == 300 / 128 and row["f02_max_pressure"] == 200
+    assert row["f03_pressure_variability"] == 300 and row["f43_derivative"] == 300 / 64
+    assert row["f20_contact_area"] == row["f21_peak_contact_area"] == 1 / 64
+    assert (row["f24_row_travel_mean"], row["f26_col_travel_mean"], row["f27_col_travel_sum"]) == (0, 1, 1)
+    assert row["f28_duration"] == 2 and row["f23_mean_crossings"] == 1
+    assert (row["f29_values_bin1"], row["f30_values_bin2"]) == (127 / 128, 1 / 128)
+    assert row["f37_spatial_peaks_mean"] == 0.5  # 100 is not above 0.75 of 200
+    assert (row["f45_up_right"], row["f48_down_right"]) == (0.5, 0.5)  # to the right, on the border of two quadrants
+    assert row["f49_step_mean"] == row["f51_step_sum"] == 1 and row["f52_step_range"] == 0

@@ -1,10 +1,13 @@
 """Selection of columns against a slow search with discriminant analysis written out."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from sklearn.model_selection import GroupKFold
 
 from bench.features import selection
+from bench.features.jung28 import Jung28
+from bench.features.selection import Subset
 
 
 def naive_hits(values, label, subject, columns):
@@ -52,6 +55,19 @@ def labelled(seed, captures=120, columns=8, classes=3, subjects=6):
     return values @ rng.normal(size=(columns, columns)) * 10.0 ** rng.integers(-3, 4, columns), label, subject
 
 
+@pytest.mark.parametrize("subjects", [2, 6, 11])
+def test_the_criterion_is_discriminant_analysis_left_out_by_subject(subjects):
+    values, label, subject = labelled(1, subjects=subjects)
+    label[np.flatnonzero(subject == "1")[::2]] = 3  # a class that nobody else has
+    fold = selection.left_out(label, subject)
+    assert len(np.unique(fold)) == min(subjects, 5)
+    parts = [selection.Discriminant(values, label, fold != i) for i in np.unique(fold)]
+    for size in (1, 2, 5):
+        sets = np.array([np.random.default_rng(i).permutation(8)[:size] for i in range(10)])
+        hits = sum(part.hits(sets) for part in parts)
+        assert hits.tolist() == [naive_hits(values, label, subject, s) for s in sets] and len(set(hits)) > 1
+
+
 @pytest.mark.parametrize("seed", [0, 8, 17])
 def test_selection_equals_a_slow_search(seed, monkeypatch):
     values, label, subject = labelled(seed, captures=60, columns=7)
@@ -69,3 +85,13 @@ def test_selection_equals_a_slow_search(seed, monkeypatch):
         assert removed and hits(tuple(floating)) > hits(tuple(forward))
     monkeypatch.setattr(selection, "STEPS", 0)  # no step is left for going back
     assert selection.select(values, label, subject, 5).tolist() == forward
+
+
+def test_a_subset_keeps_the_selected_columns_of_training_captures(corpus):
+    train, test = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
+    every = Jung28().fit_transform(corpus)
+    label = np.unique(corpus.gestures[train], return_inverse=True)[1]
+    kept = every.columns[selection.select(every.iloc[train].to_numpy(), label, corpus.subjects[train], 6)]
+    features = Subset(Jung28(), 6).fit(corpus[train], corpus.gestures[train])
+    assert list(features.get_feature_names_out()) == list(kept) and len(kept) == 6
+    pd.testing.assert_frame_equal(features.transform(corpus[test]), every.iloc[test][kept].reset_index(drop=True))

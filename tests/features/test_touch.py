@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.synth import generate
 from bench.features.touch import TouchFeatures
 from tests.features.captures import corpus_of, ragged, row_of
 
@@ -41,3 +42,14 @@ def test_neighbours_of_a_capture_change_nothing(seed, grid):
         frames, start = np.concatenate([*others, capture, after]), sum(map(len, others))
         corpus = Corpus(frames, np.array([start]), np.array([len(capture)]), captures, 12.0, full_scale=1023.0)
         assert TouchFeatures().transform(corpus).equals(row)
+
+
+def test_columns_that_only_rounding_moves_are_constant():
+    """On one row the centre lies in the middle of it, wherever it is pressed."""
+    rng = np.random.default_rng(0)
+    arrays = [rng.integers(0, 1000, (n, 1, 7)).astype(np.uint16) for n in (2, 3, 40, 41)]
+    table = TouchFeatures().extract(corpus_of(arrays, None, 50.0))
+    still = table[["row_crossings", "row_turns", "row_sd", "row_step", "row_range", "row_skewness"]]
+    assert still.eq(0).all(axis=None) and table["row_mean"].round(6).eq(0.5).all()
+    varied = TouchFeatures().transform(generate(subjects=1, repetitions=1))
+    assert (varied.std() > 1e-6).all()  # generated gestures differ in every column

@@ -40,6 +40,14 @@ def test_each_pick_is_the_best_next_one(seed):
     assert sum(weights.values()) == pytest.approx(1)
 
 
+def test_what_is_not_allowed_is_not_picked():
+    proba, codes, subjects = drawn(1, members=6)
+    for most in (1, 2, 3):
+        assert len(selected(proba, codes, subjects, lambda some, most=most: len(some) <= most)) <= most
+    assert 0 not in selected(proba, codes, subjects, lambda some: 0 not in some)
+    assert selected(proba, codes, subjects, lambda some: False) == {}
+
+
 @pytest.mark.parametrize("bounds", [(0.05, 20.0), (0.9, 1.1)])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_temperature_has_the_least_loss_within_its_bounds(seed, bounds):

@@ -77,6 +77,16 @@ def few_updates(monkeypatch):
     monkeypatch.setattr("bench.models.out_of_distribution.Perceptron", partial(Perceptron, **QUICK))
 
 
+def test_doubt_counts_features_beyond_two_and_a_half_deviations(few_updates):
+    X, y = table()
+    undamaged = (X.index.get_level_values("copy") == 0).astype(bool)
+    usual = X[undamaged]
+    away = ((X - usual.mean()).abs() > 2.5 * usual.std(ddof=0)).sum(axis=1)
+    doubts = Guarded(doubt=0.5).fit(X, y).doubts(X)
+    np.testing.assert_allclose(doubts, (away / 6 / 0.5).clip(upper=1))
+    assert doubts[~undamaged].min() >= 1 / 3 and 0 < (doubts == 0).sum() < len(X)
+
+
 def test_a_row_without_doubt_is_judged_by_discriminants_of_undamaged_rows_and_one_in_doubt_by_the_network(few_updates):
     X, y = table()
     model = Guarded(doubt=1 / 6).fit(X, y)

@@ -22,6 +22,29 @@ def windows():
     return Windows(random_corpus(subjects=1), 5, 5)
 
 
+def dropping(units=8):
+    torch.manual_seed(0)
+    return nn.Sequential(nn.Flatten(), nn.Linear(320, units), nn.ReLU(), nn.Dropout(0.5), nn.Linear(units, 2))
+
+
+def test_an_epoch_is_a_new_order_without_the_incomplete_batch_with_dropout(windows, monkeypatch):
+    seen, modes, batch, net = [], set(), windows.batch, dropping()
+
+    def noted(rows):
+        seen.append(rows)
+        modes.add(net.training)
+        return batch(rows)
+
+    monkeypatch.setattr(windows, "batch", noted)
+    for size, batches in ((16, len(windows) // 16), (10_000, 1)):
+        seen.clear()
+        evaluated = lambda: float(net.eval().training)  # noqa: E731
+        train(net, windows, np.zeros(len(windows)), still(net), Schedule(3, size, 0), judge=evaluated)
+        epochs = np.array(seen).reshape(3, batches * min(size, len(windows)))
+        assert len(seen) == 3 * batches and modes == {True}
+        assert all(len(set(rows)) == len(rows) for rows in epochs) and not np.array_equal(epochs[0], epochs[1])
+
+
 def test_the_best_epoch_is_kept_and_training_stops_when_the_loss_stands_still(windows):
     target = np.zeros(len(windows), dtype=int)
     net = nn.Sequential(nn.Flatten(), nn.Linear(320, 2))
@@ -48,11 +71,19 @@ def test_loss_with_smoothing_and_several_decisions_by_hand(windows):
     assert row == {"loss": pytest.approx(-(expected * np.log(proba)).sum(1).mean(), rel=1e-5), "rate": 0.0}
 
 
-def test_a_training_that_diverges_says_where(windows):
+def test_a_training_that_diverges_says_where_unless_an_epoch_was_judged(windows):
     target = np.arange(len(windows)) % 2
     net = nn.Sequential(nn.Flatten(), nn.Linear(320, 2))
     with pytest.raises(FloatingPointError, match=r"epoch \d .*1e\+38"):
         train(net, windows, target, Optimiser(torch.optim.SGD(net.parameters(), 1e38)), Schedule(4, 8, 0))
+    fresh = nn.Sequential(nn.Flatten(), nn.Linear(320, 2))
+
+    def judge():  # after which the network can only diverge
+        fresh.register_forward_hook(lambda *_: torch.full((8, 2), np.nan, requires_grad=True))
+        return 0.5
+
+    history = train(fresh, windows, target, still(fresh), Schedule(4, 8, 0), judge=judge)
+    assert len(history) == 2 and torch.isfinite(fresh[1].weight).all()
 
 
 def test_the_optimiser_of_cnn85_equals_the_update_rule_written_out():

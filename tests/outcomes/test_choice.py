@@ -8,7 +8,7 @@ from scipy.stats import ttest_rel
 from bench.candidate import Wish
 from bench.errors import InputError
 from bench.outcomes.candidates import PLAIN, Candidates, People, candidates, eligible
-from bench.outcomes.choice import decide, expected, reasons
+from bench.outcomes.choice import decide, expectation, expected, reasons
 from bench.outcomes.runs import NothingTracked, selected, without_runs
 from tests.results import evaluated, made_up, result, systems_of
 
@@ -259,3 +259,14 @@ def test_a_model_of_a_file_goes_by_its_file_and_by_its_name(tmp_path):
         assert selected(results, {"model": [name]}) == [results[row]], name
     asked = {"model": ["other.py:near", "near", "rf"], "features": ["touch", "balli"]}
     assert without_runs([results], asked) == ["features=balli", "model=other.py:near", "model=rf"]
+
+
+def test_what_to_expect_is_the_mean_of_people_left_out_and_the_worst_person():
+    among = people_of(1)
+    scores = np.array([70.0, 80, 75, 85, 80, 90])
+    said = expectation(scores, among, 0)
+    assert said[0].startswith("Expect 80.0 % [72.6, 87.4] for new people")  # 80 +- 2.571 * 7.071 / sqrt(6)
+    own = among.subjects.loc[0]
+    assert f"subject {own.idxmin()}, has {own.min():.1f} %" in said[1]
+    assert "nothing fits" in expectation(np.array([*scores[:5], np.nan]), among, 0)[0]
+    assert expectation(None, among, 0) == [] == expectation(scores, among, None)

@@ -34,6 +34,21 @@ def test_signed_ranks_are_exact_with_and_without_ties(n):
     assert statistics.wilcoxon(tied) == pytest.approx(signed_rank_by_hand(tied))
 
 
+def test_signed_ranks_of_many_subjects_and_of_none_that_differ():
+    many = RNG.normal(0.3, 1, 40)
+    assert statistics.wilcoxon(many) == pytest.approx(stats.wilcoxon(many).pvalue)
+    assert statistics.wilcoxon(np.zeros(8)) == 1 and np.isnan(statistics.wilcoxon(np.ones(5)))
+    assert statistics.wilcoxon(np.array([0, 0, 0.1, 0, 0, 0])) == 1
+    assert statistics.wilcoxon(np.array([0.0, 0, 1, 2, 3, -4])) == 14 / 16  # zeros take no rank
+
+
+def test_interval_is_scipys_paired_t_interval():
+    a, b = RNG.normal(60, 8, 10), RNG.normal(57, 8, 10)
+    expected = stats.ttest_rel(a, b).confidence_interval(0.95)
+    assert statistics.interval(a - b) == pytest.approx((expected.low, expected.high))
+    assert all(np.isnan(statistics.interval(a[:4])))
+
+
 def test_nadeau_and_bengio_widen_the_variance_by_hand():
     d = np.array([1.0, 3.0, 2.0, 6.0])  # mean 3, variance 14 / 3
     low, high, p = statistics.nadeau_bengio(d, 1 / 3)
@@ -53,6 +68,11 @@ def test_friedman_of_jung_2017():
     assert ranks[subjects.index].tolist() == pytest.approx(np.mean(by_subject, axis=0))
     chi2 = 12 * 31 * ((ranks - 3) ** 2).sum() / (5 * 6)  # Friedman's; equal ranks make it larger
     assert ranks.index[0] == "SVM RBF" and p <= stats.chi2.sf(chi2, 4) < 10 * p
+
+
+def test_systems_that_never_differ_have_no_friedman_statistic():
+    ranks, p = statistics.friedman(pd.DataFrame(np.full((3, 4), 50.0), index=list("abc")))
+    assert np.isnan(p) and set(ranks) == {2.0}
 
 
 @given(st.lists(st.integers(-5, 5), min_size=1, max_size=8))
@@ -87,6 +107,13 @@ def test_differences_are_from_the_best_and_equal_sums_are_ties():
     assert np.isnan(rows.loc["a", "p"]) and rows.loc["b", "difference"] == 0 and rows.loc["b", "p"] == 1
     assert rows.loc["c", "difference"] == pytest.approx(-25 / 3) and rows.loc["c", "rank_biserial"] == -1
     assert rows.loc["c", "nb_low"] < rows.loc["c", "low"]
+
+
+def test_folds_that_are_not_subjects_are_corrected_as_folds():
+    subjects = pd.DataFrame([[60.0, 70, 80, 60, 50, 50], [50.0, 60, 75, 58, 49, 45]], index=["a", "b"])
+    folds = pd.DataFrame([[65.0, 70], [55.0, 66]], index=["a", "b"])
+    row = statistics.against_best(subjects, folds, 1.0).set_index("system").loc["b"]
+    assert (row["nb_low"], row["nb_high"], row["nb_p"]) == statistics.nadeau_bengio(np.array([-10.0, -4]), 1.0)
 
 
 ONE_PERSON = [(n, k, m) for n in range(2, 31) for m in (6, 7, 11, 84) for k in (0, m // 3, m - 1)]

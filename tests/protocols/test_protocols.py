@@ -45,6 +45,7 @@ def test_folds_equal_scikit_learns(corpus):
 )
 def test_subjects_are_apart_where_the_name_promises_it(protocol, mixed, covers, corpus):
     folds = list(protocol.split(corpus, corpus.gestures, corpus.subjects))
+    assert len(folds) == protocol.get_n_splits(corpus, corpus.gestures, corpus.subjects)
     for train, test in folds:
         assert len(train) and len(test) and not set(train) & set(test)
         assert bool(set(corpus.subjects[train]) & set(corpus.subjects[test])) == mixed

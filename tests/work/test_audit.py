@@ -36,6 +36,11 @@ class Nearest(Level):
         return (frames.astype(float) ** self.power).mean()
 
 
+class FailsToFit(Nearest):
+    def training(self, X, y):
+        raise RuntimeError("too few")
+
+
 class ReadsLabels(Nearest):
     def predict_proba(self, X):
         return (X.captures["gesture"].to_numpy()[:, None] == self.classes_).astype(float)
@@ -44,6 +49,21 @@ class ReadsLabels(Nearest):
 class Logits(Nearest):
     def predict_proba(self, X):
         return np.log(super().predict_proba(X))
+
+
+class Unknown(Nearest):
+    predict_proba = None
+
+    def predict(self, X):
+        return np.where(self.level(X) > np.median(self.means_), self.classes_[0], "unknown")
+
+
+class Reversed(Nearest):
+    def predict_proba(self, X):
+        return super().predict_proba(X)[:, ::-1]
+
+    def predict(self, X):
+        return self.classes_[super().predict_proba(X).argmax(axis=1)]
 
 
 class RemembersInItsClass(Nearest):
@@ -103,6 +123,11 @@ class Seeded(Nearest):
         return X[drawn], y[drawn]
 
 
+class ChangesArguments(Nearest):
+    def __init__(self, power=1.0):
+        self.power = power * 2
+
+
 class ChangesParametersInFit(Nearest):
     def __init__(self, power=1.0, largest=None):
         super().__init__(power)
@@ -113,6 +138,13 @@ class ChangesParametersInFit(Nearest):
         return super().fit(X, y)
 
 
+class KeepsState(Nearest):
+    def fit(self, X, y):
+        before = getattr(self, "means_", np.zeros(1))
+        super().fit(X, y).means_ += 0.5 * before.mean()
+        return self
+
+
 class ReadsTestFrames(Nearest):
     def training(self, X, y):
         self.scale_ = float(storage(X)[0].mean())
@@ -120,6 +152,18 @@ class ReadsTestFrames(Nearest):
 
     def of(self, frames):
         return super().of(frames) + frames.max() / self.scale_
+
+
+class EightByEight(Nearest):
+    def of(self, frames):
+        return super().of(frames.reshape(-1, 8, 8))
+
+
+class NeedsTwoFrames(Nearest):
+    def of(self, frames):
+        if len(frames) < 2:
+            raise ValueError("the difference of\none frame")
+        return super().of(frames)
 
 
 class CannotBeSaved(Nearest):
@@ -136,15 +180,22 @@ def audit_of(kind):
 
 
 MISTAKES = [
+    (FailsToFit, "fit", "RuntimeError: too few"),
     (ReadsLabels, "no labels needed", "X.captures"),
     (Logits, "labels and probabilities", "softmax"),
+    (Unknown, "labels and probabilities", "'unknown', which is not one of the trained gestures"),
+    (Reversed, "labels and probabilities", "disagree on "),
     (CentresOnTheBatch, "single capture", "of 28 predictions"),
     (Unseeded, "equal seeds", "parameter seed"),
     (DependsOnOrder, "training order", "%"),
     (HasSeenTheTest, "shuffled labels", "28 of 28 "),
+    (ChangesArguments, "clone and parameters", "RuntimeError: Cannot clone object"),
     (ChangesParametersInFit, "clone and parameters", "fit() changes parameters"),
+    (KeepsState, "no state between fits", "fit before it: "),
     (RemembersInItsClass, "no state between fits", "remembers captures"),
     (ReadsTestFrames, "test captures", "change what is learned: "),
+    (EightByEight, "another grid and rate", "ValueError: cannot reshape array"),
+    (NeedsTwoFrames, "one-frame captures", "ValueError: one frame"),
     (CannotBeSaved, "saved and loaded", "TypeError: cannot pickle 'generator' object"),
 ]
 
@@ -162,6 +213,10 @@ def needs(check):
     return {before.name, *needs(before)} if before else set()
 
 
+def test_every_check_has_a_system_that_it_finds():
+    assert {check for _, check, _ in MISTAKES} == {check.name for check in CHECKS}
+
+
 def test_systems_without_a_mistake_pass(capsys):
     results, sentences = audit_of(Seeded)
     assert results[FAILED] == set() and results[SKIPPED] == {"training order"} and "seed" in sentences["training order"]
@@ -172,13 +227,19 @@ def test_systems_without_a_mistake_pass(capsys):
     assert lines[-2].startswith("Nearest[power=0.5]: 13 passed; ") and "model.power=0.5" in lines[-1]
 
 
-def test_what_cannot_be_made_is_one_line_and_exit_code_2(capsys):
-    Path("own.py").write_text(
-        "class Own:\n    fit = predict = None\n    def __init__(self): raise KeyError('colour')\n"
-    )
+@pytest.mark.parametrize(
+    ("code", "fact"),
+    [
+        ("def __init__(self): raise KeyError('colour')", "KeyError: 'colour'"),
+        ("conditions = ('gesture',)", "'gesture'"),
+        ("def check(self): raise InputError('model.depth=0: give 1')", "model.depth=0: give 1"),
+    ],
+)
+def test_what_cannot_be_audited_is_one_line_and_exit_code_2(code, fact, capsys):
+    Path("own.py").write_text(f"from bench import InputError\nclass Own:\n    fit = predict = None\n    {code}\n")
     assert main(["audit", "model=own.py:Own"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "KeyError: 'colour'" in line
+    assert fact in line
 
 
 def test_the_limit_of_chance_by_hand():

@@ -159,11 +159,21 @@ def test_declared_conditions_are_visible_and_no_others():
     assert contract.conditions(system) == ("cover",)
     contract.check_conditions(system, covered)
     assert contract.probabilities(system, covered).shape == (len(FEW), 3)
-    for name, corpus, fact in (("cover", FEW, "no column 'cover'"), ("gesture", covered, "must not use")):
+    two = covered[np.flatnonzero(covered.gestures != "pat")]
+    telling = two.changed(captures=two.captures.assign(number=two.gestures == "tap", who=two.captures["subject"] + "!"))
+    for name, corpus, fact in (
+        ("cover", FEW, "no column 'cover'"),
+        ("number", telling, "tells the class"),
+        ("who", telling, "tells the subject"),
+        *((name, covered.with_target("cover"), "must not use") for name in ("gesture", "subject", "cover")),
+    ):
         system = Cover()
         system.conditions = (name,)
         with pytest.raises(InputError, match=fact):
             contract.check_conditions(system, corpus)
+    system.conditions = "cover"
+    with pytest.raises(InputError, match="tuple"):
+        contract.conditions(system)
 
 
 class Swapped(Mean):

@@ -98,11 +98,16 @@ def test_a_prefix_is_the_first_frames(lengths, frames):
     assert Replay().begun(corpus) is corpus
 
 
-def test_instants_rise_to_the_longest_capture():
-    """At 100 Hz: 62.5 ms times the powers of the root of 2, or every 25 ms, in whole frames."""
-    assert Replay().instants(20, 100.0).tolist() == [6, 8, 12, 17, 20]
-    assert Replay(25.0).instants(11, 100.0).tolist() == [2, 5, 7, 10, 11]
-    assert Replay(times=(80.0, 30.0)).instants(20, 100.0).tolist() == [3, 8, 20]
+@given(st.integers(1, 2000), st.floats(1, 500), st.one_of(st.none(), st.floats(1, 5000)))
+def test_instants_rise_to_the_longest_capture(longest, rate, hop_ms):
+    hop_ms = hop_ms and max(hop_ms, 1000 / rate)
+    times, now = [], 0
+    while len(times) < 4000 and (not times or times[-1] < longest):
+        now += 1
+        ms = now * hop_ms if hop_ms else 62.5 * 2 ** ((now - 1) / 2)
+        times.append(int(np.floor(ms * rate / 1000 + 1e-6)))
+    naive = sorted({n for n in times if 0 < n < longest} | {longest})
+    assert Replay(hop_ms).instants(longest, rate).tolist() == naive
 
 
 def test_features_of_prefixes_are_not_those_kept_for_whole_captures(tmp_path):

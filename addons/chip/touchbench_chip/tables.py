@@ -142,7 +142,7 @@ def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
 
 
 def _features(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]:
-    """Which C computes the features, and of which windows."""
+    """The name of the C that computes the features, and the windows that it sees."""
     features = system.steps[0][1]
     windows = next((step for step in steps if isinstance(step, Windows)), None)
     if isinstance(features, TouchFeatures):

@@ -1,7 +1,7 @@
-"""A fitted system for one person, from some of their captures; it stays as it is itself.
+"""Adaptation makes a fitted system for one person, from some captures of this person; the given system does not change.
 
-A system of one's own has ``adapt(X, y)``, which returns the adapted one; y is None without labels. How those of
-touchbench adapt stands here, a function for each.
+A user's own system has a method ``adapt(X, y)``, which returns the adapted system; y is None without labels. Here is a
+function for each system of touchbench that can adapt.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from bench.models.reflex import Reflex
 
 WEIGHT = 10  # of a row of the person beside one of training; docs/notes/numbers.md
-PRIOR = 5.0  # captures that the mean of training counts beside those of a person
+PRIOR = 5.0  # weight of the mean of training beside the captures of a person, in captures
 STIFF = 0.3  # of a network's last layer
 ROUNDS = 200  # at most, until it has learnt
 OWN = contract.Method("adapt", ("X", "y"), lambda X, y: None)

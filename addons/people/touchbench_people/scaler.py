@@ -19,7 +19,7 @@ from bench.registry import load, parameters
 from touchbench_people.adaptation import WEIGHT, adapts, codes_of, share
 
 WAYS = ("centre", "scale", "pool")
-SPREAD_PRIOR = 20.0  # captures that the spread of training counts beside those of a person
+SPREAD_PRIOR = 20.0  # weight of the spread of training beside the captures of a person, in captures
 
 
 @dataclass(eq=False, repr=False)
@@ -91,7 +91,7 @@ class ForPerson(Pipeline):
     """A feature set, a `PersonScaler` and a classifier, which adapt to a person.
 
     Attributes:
-        rows_: training rows and class names, if the classifier is fitted again to them and those of the person.
+        rows_: rows of training and their class names, with ``pool`` alone.
     """
 
     def fit(self, X: Corpus, y: np.ndarray) -> ForPerson:
@@ -122,8 +122,8 @@ def adaptable(
     Args:
         features: feature set.
         classifier: name of a model that learns from features and does not adapt itself.
-        ways: ``centre`` and ``scale`` features by the person's own, and ``pool``, which keeps the training rows and is
-            fitted again to them and the person's, each of which counts ten times.
+        ways: ``centre`` and ``scale`` use mean and spread of the person's features. ``pool`` keeps the rows of
+            training, and fits the classifier again to these and the person's rows, each counted ten times.
         seed: random seed of the classifier, if it has one.
     """
     if wrong := [way for way in ways if way not in WAYS] or [way for way in WAYS if ways.count(way) > 1]:

@@ -13,7 +13,7 @@ OWN, SOURCE = "own", "source"  # what the column ``skin`` says
 
 
 def joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
-    """Captures of one skin, and behind them those of another, of the classes that both have.
+    """Captures of two skins, one behind the other; only classes that both skins have.
 
     Both are brought to the lower of their rates, and each way to the fewer of their taxels; the full scale is that of
     the first. What is the same already stays as it is.

@@ -14,7 +14,7 @@ RATES = (1, 5, 10, 60)  # false alarms per hour of background, at which missed t
 
 
 def watch(**values: object) -> pd.DataFrame:
-    """A row per run on recordings; takes the keys of ``bench watch``, as `bench.run` does those of ``bench run``."""
+    """Run ``bench watch`` with its keys, and return a row per run."""
     from bench.commands.run import made
 
     return made("watch", values)

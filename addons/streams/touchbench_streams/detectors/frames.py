@@ -127,9 +127,9 @@ def _highest(values: np.ndarray) -> np.ndarray:
 def features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.ndarray:
     """What the classifier sees of each tick, from the signals of this tick and those before it [ticks, features].
 
-    The first tick of a stream is its own baseline, and nothing has moved yet. So that the next ones are no rise, its
-    levels but for the mean are those of an idle sensor. Offsets are added to each level, and to the size of each
-    change, before its logarithm is taken.
+    The first tick of a stream is its own baseline, and nothing has moved yet. Its levels, without the mean, are set to
+    those of an idle sensor; else the next ticks would look like a rise. Logarithms are taken after offsets are added
+    to each level and to the size of each change.
     """
     levels = signals[:, :LEVELS].copy()
     levels[0, 1:] = idle[1:]

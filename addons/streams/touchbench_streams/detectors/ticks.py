@@ -183,7 +183,7 @@ def sweep(
     count: int,
     levels: np.ndarray,
 ) -> pd.DataFrame:
-    """Count what each level gives on recordings, of each of which there is a fitted detector and its evidence.
+    """Count touches found and alarms for each level of a threshold, over recordings with a fitted detector each.
 
     Returns:
         Columns ``level``, ``alarms``, ``hours`` (of background), ``found`` (share), ``hits`` and ``reports``
