@@ -61,6 +61,8 @@ class Measure:
         spare: 0 for a column that every table shows; else a narrow terminal leaves out the highest first, and a column
             without any value is not shown.
         shows: outputs that have this column: terminal, page, latex, csv.
+        unit: unit of the shown number, where its key does not name it.
+        meaning: meaning of a number that runs track, in words; empty for any other.
     """
 
     key: str
@@ -72,6 +74,8 @@ class Measure:
     join: str = " / "
     spare: int = 0
     shows: tuple[str, ...] = ("terminal", "page")
+    unit: str = ""
+    meaning: str = ""
 
     @property
     def name(self) -> str:
@@ -150,7 +154,6 @@ class Cost(Measure):
     """
 
     help: str = ""
-    unit: str = ""
     better: str = "low"
     noun: str = ""
     words: str = ""
@@ -240,26 +243,7 @@ def known(value: Any) -> Any:
 
 def percent(key: str, heading: str = "", read: str = "", **more: Any) -> Measure:
     """A stored share, shown in percent."""
-    return Measure(key, heading, read, scale=in_percent, **more)
-
-
-def over_people(key: str, heading: str = "", prefix: str = "", **more: Any) -> Measure:
-    """The mean over subjects of their accuracies in percent, with its 95 % t-interval; none for too few subjects.
-
-    A run stores mean and SD under names that begin with the prefix.
-    """
-
-    def read(row: Row) -> Cell:
-        from bench.paired import share_interval  # loads NumPy
-
-        mean, sd = (known(row.get(f"{prefix}subject_accuracy_{name}")) for name in ("mean", "sd"))
-        people = known(row.get("subjects"))
-        if mean is None or sd is None or people is None or people < INTERVAL:
-            return None if mean is None else 100 * mean
-        low, high = share_interval(mean, sd, int(people))
-        return Interval(100 * mean, 100 * low, 100 * high)
-
-    return Measure(key, heading, read, ends=key, **more)
+    return Measure(key, heading, read, scale=in_percent, unit="%", **more)
 
 
 def interval_words(row: Row) -> str:
@@ -300,6 +284,7 @@ OF_SYSTEMS = (  # costs of every run
         unit="kB",
         axis="kB of flash (learnt and stored numbers; in C, linked code)",
         unknown="their size cannot be counted",
+        meaning="four bytes for each learnt number, or one with `model.bits=8`",
         help="largest flash, such as 256kB or 256KiB",
         shows=OUTPUTS,
     ),
@@ -313,6 +298,7 @@ OF_SYSTEMS = (  # costs of every run
         noun="RAM",
         axis="kB of RAM during one decision",
         unknown="their memory cannot be counted",
+        meaning="four bytes for each number in memory during one prediction",
         help="largest RAM, such as 32kB",
         shows=("page", "csv"),
     ),
@@ -391,40 +377,74 @@ def framed(measure: Measure) -> Measure:
 
 
 def run_columns() -> list[Measure]:
-    """Columns of the tables of evaluations: of the terminal, the page, LaTeX and comparison.csv.
+    """Columns of the tables of evaluations (of the terminal, the page, LaTeX and comparison.csv), and numbers of runs.
 
-    A new column is an entry here; a number that the run tracks is read by its name.
+    A new column is an entry here; a number that the run tracks is read by its name. One with a meaning is tracked
+    (`tracked`), in the order of this list.
     """
     page, csv, every = ("page",), ("csv",), OUTPUTS
+    share = "mean over subjects of the share of correctly classified captures; `_low`, `_high`: 95 % t-interval"
+    pooled = "share of correctly classified captures of all subjects; `_low`, `_high`: 95 % bootstrap over subjects"
+    wall = "the same by the wall clock, on the machine as it was"
     return [
-        over_people("accuracy", "accuracy %", shows=every),
-        percent("subject_sd", "SD", "subject_accuracy_sd", spare=11, shows=every),
+        percent("accuracy", "accuracy %", ends="accuracy", shows=every, meaning=share),
+        percent("subject_sd", "SD", spare=11, shows=every, meaning="SD over subjects of their shares"),
         text("interval", read=interval_words, shows=csv),
-        Measure("difference", form="+.1f", shows=csv),
+        Measure("difference", form="+.1f", shows=csv, unit="points"),
         Measure("p_holm", "p Holm", form=p_value, spare=1, shows=("page", "latex", "csv")),
         text("against", shows=csv),
         text("unit", shows=csv),
         text("combined", "windows combined by", spare=1, shows=("page", "csv")),
         text("seed", shows=csv),
-        percent("pooled_accuracy", read="accuracy", shows=csv),
-        percent("macro_f1", "macro-F1 %", spare=12, shows=every),
-        percent("macro_precision", shows=csv),
-        percent("abstained", "abstained %", spare=1, shows=every),
-        percent("window_accuracy", "window accuracy %", "window_subject_accuracy_mean", spare=13, shows=("terminal",)),
-        Measure("fit_seconds", "fit s", form=".2f", spare=1, shows=("page", "latex", "csv")),
-        Measure("predict_ms_p50", "predict ms", form=".2f", shows=("terminal", "latex", "csv")),
-        *(
-            Measure(name, shows=csv)
-            for name in ("predict_ms_p95", "predict_wall_ms_p50", "fit_wall_seconds", "slowdown")
-        ),
+        percent("pooled_accuracy", shows=csv, meaning=pooled),
+        percent("macro_f1", "macro-F1 %", spare=12, shows=every, meaning="mean over gestures of F1, subjects pooled"),
+        percent("macro_precision", shows=csv, meaning="the same of precision"),
+        percent("macro_recall", shows=(), meaning="the same of recall"),
+        percent("abstained", "abstained %", spare=1, shows=every, meaning="captures without a label, if there are any"),
+        percent("window_accuracy", "window accuracy %", spare=13, shows=("terminal",)),
+        Measure("fit_seconds", "fit s", form=".2f", spare=1, shows=("page", "latex", "csv"), meaning=FIT),
+        Measure("fit_cpu_seconds", shows=(), meaning="the same, time of the processor as it was"),
+        Measure("predict_ms_p50", "predict ms", form=".2f", shows=("terminal", "latex", "csv"), meaning=PREDICT),
+        Measure("predict_ms_p95", shows=csv),
+        Measure("predict_wall_ms_p50", shows=csv, meaning=wall),
+        Measure("fit_wall_seconds", shows=csv, meaning="training by the wall clock, on the machine as it was"),
+        Measure("slowdown", shows=csv, meaning="reference workload: time during the run by that on the quiet machine"),
+        Measure("reference_ms", shows=(), meaning="the reference workload, during the run"),
+        Measure("quiet_ms", shows=(), meaning="the reference workload, on the quiet machine"),
+        Measure("predict_relative", shows=(), meaning="computing time as a multiple of the reference workload's"),
+        Measure("decide_ms_p50", shows=(), meaning="computing time for no more touch than one window"),
+        Measure("decide_wall_ms_p50", shows=(), meaning=wall),
         *(cost for cost in OF_SYSTEMS if cost.shows),
         Measure("predict", "predict ms p50 / p95", ("predict_ms_p50", "predict_ms_p95"), ".2f", spare=1, shows=page),
-        Measure("decision_ms", "decision ms", form=".0f", spare=1, shows=("page", "csv")),
-        Measure("parameters", form=whole, spare=1, shows=("page", "csv")),
-        Measure("peak_rss_bytes", shows=csv),
-        Measure("captures", form=".0f", shows=csv),
-        Measure("subjects", "n", form=whole, shows=("page", "csv")),
-        text("published", "published %", spare=1, shows=("page", "csv")),
+        Measure("decision_ms", "touch + computing ms", form=".0f", spare=1, shows=("page", "csv"), meaning=DECISION),
+        Measure("capture_ms", shows=(), meaning="median touch of a capture, which `max_decision=` limits"),
+        Measure("observed_ms", shows=(), meaning="median touch of a window, or of a capture without windows"),
+        Measure("parameters", form=whole, spare=1, shows=("page", "csv"), meaning="learnt numbers"),
+        Measure("peak_rss_bytes", shows=csv, meaning="most memory of the worker during a fold"),
+        Measure("captures", form=".0f", shows=csv, meaning="labelled captures, each in each of its test folds"),
+        Measure("windows", shows=(), meaning="labelled windows, if there are more than captures"),
+        Measure("subjects", "n", form=whole, shows=("page", "csv"), meaning="tested subjects"),
+        text("published", "published %", spare=1, shows=("page", "csv"), unit="%"),
         text("folds", shows=("page", "csv")),
         *(text(name, shows=csv) for name in ("run_id", "group", "note", "subset", "data", "protocol")),
     ]
+
+
+FIT = "training in a fold, mean over folds, without features and search, on the quiet machine"
+PREDICT = "one capture from raw frames to label, on one thread of the quiet machine: median; `_p95`, `_p99`: quantiles"
+DECISION = "median touch of a capture and its computing time together"
+
+
+def tracked() -> list[tuple[str, str, str]]:
+    """Each number of a run in MLflow: its name, unit and meaning."""
+    named = {"seconds": "s", "ms": "ms", "bytes": "bytes", "slowdown": "factor", "relative": "factor"}
+    rows = []
+    for one in (measure for measure in run_columns() if measure.meaning):
+        units = [named[word] for word in one.source.split("_") if word in named]
+        rows.append((one.source, "share" if one.scale is in_percent else units[0] if units else "number", one.meaning))
+    return rows
+
+
+def unit_headings(measures: Iterable[Measure]) -> dict[str, str]:
+    """The keys of columns with their units, unless the key has it, such as ``fit_seconds``."""
+    return {measure.key: f"{measure.key} {measure.unit}" for measure in measures if measure.unit}

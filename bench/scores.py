@@ -101,12 +101,11 @@ def over_people(labelled: pd.DataFrame) -> dict[str, float]:
 
 
 def accuracies(predictions: pd.DataFrame) -> dict[str, float]:
-    """Accuracy of captures, and of windows where there are more decisions than captures; quick, for one fold."""
+    """Accuracy of captures, and of windows where there are more decisions than captures, in one fold."""
     labelled = captures(predictions)
-    shares = {"accuracy": float((labelled["true"] == labelled["predicted"]).mean())}
+    shares = {"accuracy": over_people(labelled)["accuracy"]}
     if len(predictions) > len(labelled):
-        decided = windows(predictions)
-        shares["window_accuracy"] = float((decided["true"] == decided["predicted"]).mean())
+        shares["window_accuracy"] = over_people(windows(predictions))["accuracy"]
     return shares
 
 
@@ -125,8 +124,8 @@ def summary(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
     low, high = subject_interval(capture)
     ends = (predictions["start"] + predictions["frames"]).groupby([predictions["fold"], predictions["capture"]])
     scores |= {
-        "accuracy_low": low,
-        "accuracy_high": high,
+        "pooled_accuracy_low": low,
+        "pooled_accuracy_high": high,
         "captures": len(capture),
         "subjects": capture["subject"].nunique(),
         "observed_ms": 1000 / rate_hz * predictions["frames"].median(),
@@ -139,12 +138,13 @@ def summary(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
 
 
 def _prefixed(prefix: str, labelled: pd.DataFrame, classes: list[str]) -> dict[str, float]:
-    table = per_class(labelled, classes)
-    subject = per_subject(labelled)["accuracy"]
+    table, people = per_class(labelled, classes), over_people(labelled)
     return {
-        f"{prefix}accuracy": (labelled["true"] == labelled["predicted"]).mean(),
-        f"{prefix}subject_accuracy_mean": subject.mean(),
-        f"{prefix}subject_accuracy_sd": subject.std(ddof=1),
+        f"{prefix}accuracy": people["accuracy"],
+        f"{prefix}accuracy_low": people["low"],
+        f"{prefix}accuracy_high": people["high"],
+        f"{prefix}subject_sd": people["subject_sd"],
+        f"{prefix}pooled_accuracy": (labelled["true"] == labelled["predicted"]).mean(),
         f"{prefix}macro_f1": table["f1"].mean(),
         f"{prefix}macro_recall": table["recall"].mean(),
         f"{prefix}macro_precision": table["precision"].mean(),

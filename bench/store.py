@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 EXPERIMENT = "touchbench"
 SQLITE = ("sqlite:///", "sqlite+pysqlite:///")  # before a file
 BESIDE = "touchbench"  # scheme of the addresses of artifacts that lie beside MLflow's SQLite file, wherever it is moved
-FORMAT = "3"  # version of stored runs; others are left out
+FORMAT = "4"  # version of stored runs; others are left out
 PAGE = 5000  # runs of one request
 OF_FOLDS = "fold/"  # numbers of a run whose steps are its folds
 PARTS = {key for room, key in KEYS.items() if room != "corpora"}  # whose names are parameters

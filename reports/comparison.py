@@ -15,7 +15,7 @@ import pandas as pd
 from bench import few
 from bench.comparable import notes_on, seed_number
 from bench.described import definitions
-from bench.measures import Cost, Measure, Row, columns, framed, run_columns, text
+from bench.measures import Cost, Measure, Row, columns, framed, run_columns, text, unit_headings
 from bench.outcomes import statistics
 from bench.outcomes.frame import by_subject, names
 from bench.reports.contexts import busy
@@ -29,6 +29,8 @@ SCORED = {
     "vote_": ("capture", "majority vote", ("capture vote",)),
     "window_": ("window", "", ("window", "window macro precision", "window macro recall")),
 }
+UNITS = unit_headings(m for m in columns(run_columns(), "csv") if not isinstance(m, Cost))  # of comparison.csv
+UNITS |= {end: f"{end} %" for end in ("low", "high")}
 CONTEXT = ["data", "subset", "protocol", "group"]
 TESTED = ("difference", "p_holm")
 ROWS = 300  # of a table on the page; the CSV files hold all
@@ -104,7 +106,6 @@ def views(result: Result, numbers: Mapping[tuple, list]) -> Iterator[Row]:
             "combined": combined if windowed else "",
             "seed": result["seed"],
             "against": "",
-            "decision_ms": result.get("decision_ms" if unit == "window" else "capture_decision_ms"),
             # One decision a capture is its vote.
             "published": _published(result, units if windowed else (*units, "capture vote"), numbers),
             "folds": result.folds,

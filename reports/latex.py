@@ -16,7 +16,7 @@ from bench import few
 from bench.comparable import MARK, MIXED, MIXED_MARK, facts_of, notes_on
 from bench.described import definitions
 from bench.errors import InputError, nearest
-from bench.measures import Interval, Measure, columns, framed, percent, run_columns, text
+from bench.measures import Cost, Interval, Measure, columns, framed, percent, run_columns, text, unit_headings
 from bench.outcomes.frame import by_subject
 from bench.reports.contexts import busy
 from bench.result import Result
@@ -52,6 +52,9 @@ HEAD = r"% One table for each corpus, subset, protocol and unit. Needs \usepacka
 SCORES = ("accuracy", "macro_f1")  # columns under each protocol
 HEADINGS = {"accuracy": "accuracy", "p_holm": "$p$ (Holm)", "macro_f1": "macro-F1", "abstained": "abstained"}
 HEADINGS |= {"fit_seconds": "fit s", "predict_ms_p50": "ms", "flash": "kB"}
+TEXT_WIDTH, COLUMN = 455, 222  # points: 16 cm of an A4 page, and one of two columns on it
+NAME = 24  # letters of a line of a name, at least
+SIZES = (("small", 4.9, 4), ("footnotesize", 4.4, 3), ("scriptsize", 3.9, 2))  # points of a letter, beside a column
 COSTS = {"fit": "fit_seconds", "predict": "predict_ms_p50", "flash": "flash"}  # columns of `run_columns`, of a system
 SIDE_BY_SIDE = r"% One table for each corpus and subset. Needs \usepackage{booktabs}." + "\n"
 
@@ -64,6 +67,7 @@ class Paper:
     table: Table
     best: list[int | None]  # for each column, the row of its most accurate system
     notes: list[str]
+    heads: dict[str, tuple[str, str]]  # of a column with several under its protocol: protocol and heading in LaTeX
 
 
 def latex(table: pd.DataFrame) -> str:
@@ -89,10 +93,21 @@ def _side_by_side(one: Paper, position: int) -> str:
         if row is not None:
             cells.iloc[row, column] = rf"\textbf{{{cells.iloc[row, column]}}}"
     data, subset = one.data
-    names = definitions(str(row["system"]) for row in one.table.rows)
+    names, values = _classifiers(str(row["system"]) for row in one.table.rows)
     about = {"data": data, "subset": subset, "notes": one.notes, "classifiers": names}
     words = sentences("bench.reports", "sentences", "paper", **about)
-    return _written(cells.rename(columns=escaped), escaped(" ".join(words)), f"tab:touchbench-paper-{position}")
+    if one.heads:
+        heads = [one.heads.get(str(name), ("", str(name))) for name in cells]
+        cells.columns = pd.MultiIndex.from_tuples([(escaped(head), escaped(name)) for head, name in heads])
+    else:
+        cells = cells.rename(columns=escaped)
+    return values + _written(cells, escaped(" ".join(words)), f"tab:touchbench-paper-{position}")
+
+
+def _classifiers(systems: Iterable[str]) -> tuple[list[str], str]:
+    """A sentence for each classifier without its parameters, whose names are of the code; with them, as comments."""
+    every = definitions(systems)
+    return [re.sub(r" \(\S+=[^)]*\)\.$", ".", each) for each in every], "".join(f"% {each}\n" for each in every)
 
 
 def escaped(words: object) -> str:
@@ -116,18 +131,42 @@ def _one(part: pd.DataFrame, position: int) -> str:
     compared = ~part["system"].astype(str).str.endswith(MARK)
     best = compared & (part["accuracy"] == part["accuracy"][compared].max()) & (len(part) > 1)
     cells["accuracy"] = cells["accuracy"].mask(best, r"\textbf{" + cells["accuracy"] + "}")
-    return _written(cells, _caption(part), f"tab:touchbench-{position}")
+    names, values = _classifiers(part["system"].astype(str))
+    return values + _written(cells, _caption(part, names), f"tab:touchbench-{position}")
 
 
 def _written(cells: pd.DataFrame, caption: str, label: str) -> str:
-    """A table of LaTeX cells."""
-    form = "l" + "r" * (len(cells.columns) - 1)
-    about = {"column_format": form, "caption": caption, "label": label, "position_float": "centering"}
-    text = cells.replace("-", "--").style.hide(axis="index").to_latex(hrules=True, **about)
-    return text.replace("\\centering\n", "\\centering\\small\\setlength{\\tabcolsep}{4pt}\n", 1)
+    """A table of LaTeX cells, no wider than a page: in smaller letters, then with names in several lines."""
+    heads = [name if isinstance(name, tuple) else ("", name) for name in cells]  # protocol and heading
+    columns = [[_seen(text) for text in (head, *cells.iloc[:, i])] for i, (_, head) in enumerate(heads)]
+    longest = max(len(word) for text in columns[0] for word in re.split("[ _]", text))  # a name may break there
+    longest = max(longest, min(NAME, max(map(len, columns[0]))))
+    for style in SIZES:
+        size, letter, beside = style
+        first, *others = [letter * max(map(len, column)) + 2 * beside for column in columns]
+        room = TEXT_WIDTH - sum(others)  # of the names
+        if letter * longest + 2 * beside <= room:
+            break
+    form, cells = "l", cells.replace("-", "--")
+    if first > room:
+        form = f"p{{{max(room, letter * longest) - 2 * beside:.0f}pt}}"
+        cells.isetitem(0, r"\raggedright " + cells.iloc[:, 0].str.replace(r"\_", r"\_\allowbreak{}", regex=False))
+    about = {"column_format": form + "r" * len(others), "caption": caption, "label": label}
+    about |= {"environment": "table*" if first + sum(others) > COLUMN else "table", "position_float": "centering"}
+    text = cells.style.hide(axis="index").to_latex(hrules=True, multicol_align="c", **about)
+    spans = {head: [i for i, (other, _) in enumerate(heads, 1) if other == head] for head, _ in heads if head}
+    rules = "".join(rf"\cmidrule(lr){{{places[0]}-{places[-1]}}}" for places in spans.values())
+    if rules:
+        text = text.replace(" \\\\\n", f" \\\\\n{rules}\n", 1)
+    return text.replace("\\centering\n", f"\\centering\\{size}\\setlength{{\\tabcolsep}}{{{beside}pt}}\n", 1)
 
 
-def _caption(part: pd.DataFrame) -> str:
+def _seen(text: str) -> str:
+    """What is seen of a LaTeX cell, with a letter for each command."""
+    return re.sub(r"[${}\\]", "", re.sub(r"\\[a-zA-Z]+", "x", text))
+
+
+def _caption(part: pd.DataFrame, names: Sequence[str]) -> str:
     """Data, subset, protocol, unit, number of captures and subjects, and what the numbers are."""
     one, data = part.iloc[0], str(part["data"].iloc[0])
     corpus = re.search(r"corpus [0-9a-f]+$", str(one.get("group", "")))
@@ -146,7 +185,7 @@ def _caption(part: pd.DataFrame) -> str:
         timed="predict_ms_p50" in part,
         busy=[*dict.fromkeys(note for row in rows_of(part) for note in busy(row))],
         against=against[0] if against and part["p_holm"].notna().any() else "",
-        classifiers=definitions(part["system"].astype(str)),
+        classifiers=names,
         notes=[*dict.fromkeys(notes)],
     )
     return escaped(" ".join(words)).replace(r"95 \%", r"95\,\%")
@@ -200,10 +239,11 @@ def _paper(data: tuple[str, str], protocols: Mapping[str, list[Result]], asked: 
     costs = [measure for measure in run_columns() if measure.key in [COSTS[name] for name in asked if name in COSTS]]
     rows: dict[str, dict[str, Any]] = {}
     measures: list[Measure] = []
+    spans = {cost.name: ("costs", HEADINGS[cost.key]) for cost in costs}
     best: list[str | None] = []
     for name in ordered:
         head = heads[name] + f" {MIXED_MARK}" * (name in mixed)
-        accuracy, sd, macro = f"{head}: accuracy", f"{head}: SD", f"{head}: macro_f1"
+        accuracy, sd, macro = f"{head}: accuracy %", f"{head}: SD %", f"{head}: macro_f1 %"
         for system, scores in people[name].iterrows():
             seeds = [r for r in protocols[name] if r.system == system]
             row = rows.setdefault(str(system), {"system": str(system)})
@@ -213,9 +253,11 @@ def _paper(data: tuple[str, str], protocols: Mapping[str, list[Result]], asked: 
         if "accuracy" in asked:
             compared = [str(system) for system in people[name].index if not str(system).endswith(MARK)]
             measures.append(Measure(accuracy, head, (accuracy, sd), join=" ± "))
+            spans[head] = head, "accuracy"
             best.append(compared[0] if len(compared) > 1 else None)
         if "macro_f1" in asked:
             measures.append(percent(macro, f"{head}, macro-F1"))
+            spans[f"{head}, macro-F1"] = head, "F1"
             best.append(None)
     notes = sentences(
         *("bench.reports", "sentences", "paper_notes"),
@@ -227,7 +269,8 @@ def _paper(data: tuple[str, str], protocols: Mapping[str, list[Result]], asked: 
         notes=[*dict.fromkeys(note.rstrip(".") for system in rows for note in notes_on(system, data[0]))],
     )
     places = [None, *(None if system is None else [*rows].index(system) for system in best), *([None] * len(costs))]
-    return Paper(data, Table([text("system"), *measures, *costs], [*rows.values()]), places, notes)
+    table = Table([text("system"), *measures, *costs], [*rows.values()])
+    return Paper(data, table, places, notes, spans if {*SCORES} <= {*asked} else {})
 
 
 def sheet(made: Sequence[Paper]) -> pd.DataFrame:
@@ -236,7 +279,8 @@ def sheet(made: Sequence[Paper]) -> pd.DataFrame:
     for paper in made:
         mixed = [note for note in paper.notes if note.startswith(MIXED_MARK)]
         notes = [" ".join([*mixed, *notes_on(row["system"], paper.data[0])]) for row in paper.table.rows]
-        parts.append(paper.table.frame().assign(data=paper.data[0], subset=paper.data[1], note=notes))
+        table = paper.table.frame().rename(columns=unit_headings(c for c in paper.table.columns if isinstance(c, Cost)))
+        parts.append(table.assign(data=paper.data[0], subset=paper.data[1], note=notes))
     every = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
     head = ["data", "subset", "system"]
     return every.reindex(columns=[*head, *every.columns.difference([*head, "note"], sort=False), "note"])

@@ -18,11 +18,12 @@ from bench.measures import costs
 from bench.options import makers
 from bench.outcomes.candidates import repeated
 from bench.outcomes.frame import grouped
-from bench.outcomes.runs import every_result, of_captures, wanted
+from bench.outcomes.runs import every_result, every_run, of_captures, wanted
+from bench.progress import warn
 from bench.registry import imported, load, names, views
-from bench.reports import over_corpora
+from bench.reports import history, over_corpora
 from bench.reports.chart import cost_chart, marks
-from bench.reports.comparison import comparison, provenance, provenance_section, published, runs_section
+from bench.reports.comparison import UNITS, comparison, provenance, provenance_section, published, runs_section
 from bench.reports.contexts import listed, noted
 from bench.reports.details import pictures
 from bench.reports.figures import save
@@ -46,11 +47,13 @@ def write_report(
     against: str = "",
     asked: Mapping[str, Iterable[object]] | None = None,
     paper: Sequence[str] = ("accuracy",),
+    over_revisions: bool = False,
 ) -> list[Path]:
     """Write ``index.html``, ``comparison.md``, LaTeX tables, a CSV file for each table, figures as SVG.
 
     Tests compare with the system ``against``, in each group that has it, else with the best one. ``asked`` selects
     runs as `bench.outcomes.runs.selected` does, ``paper`` columns of ``paper.tex`` and ``paper.csv``.
+    ``over_revisions`` adds each system over git revisions.
     """
     results = wanted(every_result(store, asked), asked or {})
     runs = of_captures(results)
@@ -61,7 +64,8 @@ def write_report(
         folder.mkdir(parents=True, exist_ok=True)
         sweep(folder, ".")
         with tempfile.TemporaryDirectory(prefix=f".{owner()}", dir=folder) as beside:
-            written = _write(Path(beside), runs, results, budgets or {}, against, paper)
+            revisions = every_run(store, asked) if over_revisions else None
+            written = _write(Path(beside), runs, results, budgets or {}, against, paper, revisions)
             (folder / "figures").mkdir(exist_ok=True)
             for name in written:  # a report that is stopped while it is made leaves the earlier one as it was
                 os.replace(Path(beside) / name, folder / name)
@@ -80,6 +84,7 @@ def _write(
     budgets: Mapping[str, float],
     against: str,
     paper: Sequence[str],
+    revisions: Sequence[Result] | None,
 ) -> list[Path]:
     """Write a report into an empty folder; its files, the page last, relative to the folder."""
     figures = folder / "figures"
@@ -89,6 +94,9 @@ def _write(
     summaries = summarised(largest, results, budgets, against, figures)
     ranked = over_corpora.rankings(groups)
     tables = csv_tables(groups, results, summaries, ranked, against)
+    over_revisions, tables["history"] = history.section(revisions or [], figures)
+    if revisions is not None and over_revisions is None:
+        warn("warning: history=yes: no system has complete runs of several revisions")
     made = papers(runs, paper)
     shown_runs = runs or results
     values = {
@@ -100,17 +108,17 @@ def _write(
         "marked": MARKED,
         "groups": summaries,
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
-        "sections": sections(summaries, results, ranked, figures),
+        "sections": [*sections(summaries, results, ranked, figures), *filter(None, [over_revisions])],
         "unmeasured": unmeasured(results, next((group.arguments for group in summaries if group.arguments), "")),
         "published": published_section(tables["published"]),
         "few": few.INTERVAL,
         "runs": runs_section(tables["comparison"], [*largest, *left_out]) if runs else None,
         "provenance": provenance_section(shown_runs, tables["provenance"]),
     }
-    tables = {name: table for name, table in tables.items() if runs or len(table)}
+    tables = {name: table for name, table in tables.items() if (runs and name != "history") or len(table)}
     tables |= {"paper": sheet(made)} if made else {}
     for name, table in tables.items():
-        write_sheet(table, folder / f"{name}.csv")
+        write_sheet(table.rename(columns=UNITS) if name == "comparison" else table, folder / f"{name}.csv")
     texts = {"comparison.tex": latex(tables["comparison"]), "paper.tex": side_by_side(made)} if runs else {}
     texts["comparison.md"] = markdown("report.jinja", **values)
     texts["index.html"] = page("report.jinja", **values)

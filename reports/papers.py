@@ -15,8 +15,6 @@ import pandas as pd
 from bench import few, scores
 from bench.comparable import Row, facts_of, seed_number
 from bench.measures import NONE, Measure, known, text
-from bench.outcomes import statistics
-from bench.outcomes.frame import subject_accuracy
 from bench.reports.comparison import SAME, published
 from bench.reports.contexts import listed
 from bench.reports.details import macro_interval
@@ -26,10 +24,10 @@ from bench.table import Table, rows_of
 NAMES = {"cost": "CoST", "haart": "HAART"}
 SHARED = ["data", "subset", "protocol", "words"]  # of published numbers that stand together
 UNITS = {  # unit_key of published.csv: words, and prefix and name of the metric that is tracked for it
-    "capture": ("captures", "", "accuracy"),
-    "subject mean": ("captures, mean over subjects", "", "subject_accuracy_mean"),
-    "capture vote": ("captures, majority vote", "vote_", "accuracy"),
-    "window": ("windows", "window_", "accuracy"),
+    "capture": ("captures", "", "pooled_accuracy"),
+    "subject mean": ("captures, mean over subjects", "", "accuracy"),
+    "capture vote": ("captures, majority vote", "vote_", "pooled_accuracy"),
+    "window": ("windows", "window_", "pooled_accuracy"),
     "window macro precision": ("windows, macro precision", "window_", "macro_precision"),
     "window macro recall": ("windows, macro recall", "window_", "macro_recall"),
 }
@@ -106,7 +104,7 @@ def _measured(run: Result, paper: object) -> Row | None:
         "ours": value,
         "low": low,
         "high": high,
-        "ours_sd": 100 * run.get(f"{prefix}subject_accuracy_sd", np.nan),
+        "ours_sd": 100 * run.get(f"{prefix}subject_sd", np.nan),
         "subjects": subjects,
         "difference": value - paper.accuracy,
         "seed": run["seed"],
@@ -118,16 +116,14 @@ def _measured(run: Result, paper: object) -> Row | None:
 
 def _interval(run: Result, prefix: str, metric: str) -> tuple[float, float]:
     """In percent; as tracked, or from the run's predictions. NaN for a single subject, or where they are gone."""
-    if metric == "subject_accuracy_mean":
-        return statistics.interval(subject_accuracy(run).to_numpy())
-    if (prefix, metric) == ("", "accuracy"):
-        return 100 * run.get("accuracy_low", np.nan), 100 * run.get("accuracy_high", np.nan)
+    if prefix + metric in ("accuracy", "pooled_accuracy"):
+        return 100 * run.get(f"{metric}_low", np.nan), 100 * run.get(f"{metric}_high", np.nan)
     table = run.tables.get("predictions")
     if table is None:
         return np.nan, np.nan
     vote = prefix == "vote_"
     labelled = scores.windows(table) if prefix == "window_" else scores.captures(table, vote=vote)
-    if metric == "accuracy":
+    if metric == "pooled_accuracy":
         low, high = scores.subject_interval(labelled)
     else:
         low, high = macro_interval(labelled, scores.classes_of(table), metric)

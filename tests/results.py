@@ -109,7 +109,7 @@ def under_stress(table, system="svm", **about):
         circumstances.append(Subjects(tuple(sorted({*fewer["train_subjects"]}))))
     clean = table[table["circumstance"] == ""]
     right = clean["true"] == clean["predicted"]
-    numbers = {"accuracy": right.mean(), "subject_accuracy_mean": right.groupby(clean["subject"]).mean().mean()}
+    numbers = {"accuracy": right.groupby(clean["subject"]).mean().mean()}
     tables, about = asked, dict(about)
     for one in circumstances:
         measured, made = one.result(asked, [], 50.0)
@@ -125,7 +125,7 @@ HAART = {"data": "haart", "synthetic": "false", "corpus_digest": "d", "protocol_
 def stressed(system, accuracy, losses, more=(), tables=None, **about):
     """A result of ``bench stress`` with losses by fault."""
     metrics = {
-        "subject_accuracy_mean": accuracy,
+        "accuracy": accuracy,
         "failing_slices.under": 3,
         "tested_slices.under": 40,
         "worst.subject": accuracy / 2,
@@ -139,9 +139,9 @@ def in_c(system="svm", predictions=None, bits=32, metrics=(), c=None, **about):
     predictions = made_up(per_class=1) if predictions is None else predictions
     c = predictions if c is None else c
     labelled = scores.captures(c)
-    numbers = {"c_accuracy": (labelled["true"] == labelled["predicted"]).mean()}
     people = scores.over_people(labelled)
-    numbers |= {"c_subject_accuracy_mean": people["accuracy"], "c_subject_accuracy_sd": people["subject_sd"]}
+    numbers = {"c_accuracy": people["accuracy"], "c_accuracy_low": people["low"], "c_accuracy_high": people["high"]}
+    numbers |= {"c_subject_sd": people["subject_sd"]}
     numbers |= dict(metrics)
     return evaluated(system, predictions, metrics=numbers, tables={"c": c}, **{"chip.bits": bits} | about)
 

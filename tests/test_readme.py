@@ -15,7 +15,12 @@ import pytest
 import bench
 from bench import contract
 from bench.cli import main
+from bench.measures import tracked
 from bench.options import commands, keys, parse
+from bench.outcomes.runs import every_result
+from bench.registry import circumstance_views
+from bench.result import COUNTS
+from bench.store import connect
 from tests.conftest import predictions, runs
 
 ROOT = Path(__file__).parent.parent
@@ -69,6 +74,16 @@ def test_every_name_of_the_contract_is_on_the_page_of_ones_own_system():
     hooks = [each for each in vars(contract).values() if isinstance(each, contract.Hook | contract.Method)]
     assert len(hooks) > 15
     assert not [each.name for each in hooks if f"`{each.name}" not in DOCS["your_system.md"]]
+
+
+def test_the_page_of_the_store_has_every_number_of_a_run_with_unit_and_meaning(in_net):
+    rows = re.findall(r"^\| `(\w+)` \| (.+?) \| (.+) \|$", DOCS["store.md"], flags=re.MULTILINE)
+    assert rows == tracked()
+    plain = [r for r in every_result(connect()) if not any(view.holds(r) for view in circumstance_views())]
+    assert any("windows" in r for r in plain) and any("abstained" in r for r in plain)
+    variant = re.compile("^(vote|window)_|(?<=accuracy)_(low|high)$|_p(50|95|99)$")
+    names = {variant.sub("", name) for r in plain for name in r.metrics}
+    assert names - {*COUNTS, "search_seconds"} == {variant.sub("", name) for name, *_ in rows}
 
 
 @pytest.mark.parametrize(

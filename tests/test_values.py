@@ -11,6 +11,7 @@ from bench.errors import InputError
 from bench.measures import CODE, Cost, Interval, Measure, costs, in_thousands, percent, run_columns, text, three
 from bench.resampling import drawn, ratio_interval, weights
 from bench.result import SMALL, Failure, Result, Tables
+from bench.scores import over_people
 from bench.table import Table, of_text
 from bench.tables import file_of, read_table, uniform, write_table
 
@@ -63,13 +64,16 @@ def test_costs_have_their_budgets_units_and_lines():
 
 
 def test_columns_of_runs_by_hand():
-    run = {"accuracy": 0.8, "subject_accuracy_mean": 0.75, "subject_accuracy_sd": 0.125, "fit_seconds": 1.234}
-    run |= {"subjects": 4}
+    run = {"accuracy": 0.75, "pooled_accuracy": 0.8, "subject_sd": 0.125, "fit_seconds": 1.234, "subjects": 4}
     columns = {measure.key: measure for measure in run_columns()}
     found = {name: columns[name].of(run) for name in ("accuracy", "pooled_accuracy", "subject_sd", "fit_seconds")}
     assert found == {"accuracy": "75.0", "pooled_accuracy": "80.0", "subject_sd": "12.5", "fit_seconds": "1.23"}
-    half = 12.5 * 2.262157 / 10**0.5  # t of 9 degrees of freedom
-    assert columns["accuracy"].of(run | {"subjects": 10}) == f"75.0 [{75 - half:.1f}, {75 + half:.1f}]"
+    hits = pd.DataFrame({"subject": range(10), "true": "a", "predicted": "a"}).loc[lambda t: t.index.repeat(20)]
+    hits.loc[hits.groupby("subject").cumcount() >= hits["subject"].map(lambda n: 15 + 3 * (-1) ** n), "predicted"] = "b"
+    people = over_people(hits)  # of half of the subjects 0.9, of the others 0.6
+    half = 15 * (10 / 9) ** 0.5 * 2.262157 / 10**0.5  # SD, and t of 9 degrees of freedom
+    run |= {"accuracy": people["accuracy"], "accuracy_low": people["low"], "accuracy_high": people["high"]}
+    assert columns["accuracy"].of(run) == f"75.0 [{75 - half:.1f}, {75 + half:.1f}]"
     assert columns["accuracy"].of({}) == "-"
 
 

@@ -85,7 +85,7 @@ def _command(arguments: list[str]) -> int:
         current = _stored(baseline)
     else:
         current, failed = _run([then.run for then in baseline], backend_of(values), asked)
-    verdicts = gate.compare(baseline, current, limits["error"], limits["slower"], failed)
+    verdicts = gate.compare(baseline, current, limits["error"], limits["slower"], failed, _history)
     say(*(verdict.line for verdict in verdicts))
     if how["junit"]:
         _write(Path(how["junit"]), gate.junit(verdicts), "junit")
@@ -144,6 +144,19 @@ def _stored(baseline: list[Measured]) -> list[Measured]:
     same = {tuple(then.names[k] for k in gate.SAME) for then in baseline}
     complete = [r for r in stored(connect()) if r.complete and tuple(r[k] for k in gate.SAME) in same]
     return [gate.measured(r, "") for r in complete]
+
+
+def _history(now: Measured) -> list[tuple[str, Measured]]:
+    """The stored runs of a system up to a current one, oldest first, each with its revision."""
+    from bench.outcomes import gate
+    from bench.outcomes.runs import every_run
+    from bench.store import connect
+
+    names = {name: now.names[name] for name in gate.NAMES}
+    results = [r for r in every_run(connect()) if all(str(r[name]) == value for name, value in names.items())]
+    runs = [(r.get("git") or "unknown", gate.measured(r, "")) for r in results]
+    last = max((i for i, (_, each) in enumerate(runs) if each.costs == now.costs), default=len(runs) - 1)
+    return runs[: last + 1]  # after a checkout of older code, newer runs are of other code
 
 
 def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, float]) -> int:

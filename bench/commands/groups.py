@@ -71,7 +71,7 @@ def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str], list[Result]]
     by_system: dict[str, list[Result]] = {}
     for r in results:
         by_system.setdefault(r["system"], []).append(r)
-    seeds = max(sorted(by_system.items()), key=lambda each: mean(r["subject_accuracy_mean"] for r in each[1]))[1]
+    seeds = max(sorted(by_system.items()), key=lambda each: mean(r["accuracy"] for r in each[1]))[1]
     if facts_of(seeds[-1]).mixes_subjects:
         notes = [*notes, MIXED]
     tables = [r.tables["predictions"].assign(seed=r["seed"]) for r in seeds]

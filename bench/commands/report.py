@@ -27,6 +27,9 @@ COMMAND = Command(
             "accuracy",
             "columns of paper.tex and paper.csv: accuracy and macro_f1 under each protocol; fit, predict and flash",
         ),
+        Option(
+            "history", "yes", False, "yes: also accuracy, size and time of each system over git revisions, and steps"
+        ),
         Option("against", "text", "", "system that p values compare with; default the best of your own"),
     ),
     budgets="captures",
@@ -47,7 +50,7 @@ def command(arguments: list[str]) -> int:
     from bench.reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
     out = Path(given["out"])
-    paths = write_report(connect(), out, limits_of(given), given["against"], asked, paper)
+    paths = write_report(connect(), out, limits_of(given), given["against"], asked, paper, given["history"])
     counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".svg")}
     page = out / "index.html"
     what = "the selected runs" if asked else "all runs"

@@ -29,8 +29,8 @@ COMMAND = Command(
 HERE = "127.0.0.1"
 NAME, WIDE = "attributes.`Run Name`", 300  # pixels, instead of 190: kind, system, data and protocol fit
 COLUMNS = {  # of MLflow's table of runs, and their widths in pixels
-    "metrics.`subject_accuracy_mean`": 160,
-    "metrics.`subject_accuracy_sd`": 150,
+    "metrics.`accuracy`": 160,
+    "metrics.`subject_sd`": 150,
     "metrics.`flash_bytes`": 85,
     "metrics.`ram_bytes`": 90,
     "metrics.`predict_ms_p50`": 90,

@@ -13,13 +13,13 @@ import pandas as pd
 
 from bench.comparable import COMPARABLE, Row, context_of, shared
 from bench.errors import InputError, nearest
-from bench.measures import Interval, over_people
 from bench.result import COUNTS, Result
 from bench.words import labelled, typed
 
 IS = ["system", "model", "features", "parameters", "seed", "unit", "subset", "target", "data", "protocol"]
 PARTS = ("model", "features", "protocol", "data")  # whose parameters are ``<part>.<name>``
-SHARES = ("accuracy", "macro_")  # in names of numbers that are shown in percent
+SHARES = ("accuracy", "subject_sd", "macro_")  # in names of numbers that are shown in percent
+FIRST = {"accuracy": "accuracy", "low": "accuracy_low", "high": "accuracy_high", "subject_sd": "subject_sd"}  # of a run
 SHOWN = ("accuracy", "low", "high", "subject_sd", "loss")  # of a case, in percent
 TOLD = (  # beginnings of tags and parameters that other columns tell, or that tell no reader anything
     *(
@@ -138,15 +138,9 @@ def _about(r: Result) -> dict[str, Any]:
 def _numbers(r: Result) -> dict[str, Any]:
     """The numbers of a run, shares in percent."""
     numbers = {k: 100 * v if any(part in k for part in SHARES) else v for k, v in r.metrics.items() if k not in COUNTS}
-    mean = over_people("accuracy").cell(r)
-    if mean is None:
+    if "accuracy" not in numbers:
         return numbers
-    ends = (mean.value, mean.low, mean.high) if isinstance(mean, Interval) else (mean, float("nan"), float("nan"))
-    pooled = {f"pooled_{k}": numbers.pop(k) for k in ("accuracy", "accuracy_low", "accuracy_high") if k in numbers}
-    people = dict(zip(("accuracy", "low", "high"), ends, strict=True))
-    people |= {"subject_sd": numbers.pop("subject_accuracy_sd", None)}
-    numbers.pop("subject_accuracy_mean", None)  # which is the accuracy
-    return people | numbers | pooled
+    return {name: numbers.pop(stored, float("nan")) for name, stored in FIRST.items()} | numbers
 
 
 def tables(results: Sequence[Result], name: str = "predictions") -> pd.DataFrame:

@@ -9,7 +9,7 @@ for the whole gate, shared evenly (Bonferroni). A baseline is a JSON file with w
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -67,14 +67,35 @@ def compare(
     error: float,
     slower: float,
     failed: Mapping[tuple, str] | None = None,
+    history: Callable[[Measured], Sequence[tuple[str, Measured]]] = lambda now: (),
 ) -> list[Verdict]:
-    """Judge every system of a baseline; ``failed`` has the reason of each run that failed, by its `SAME`."""
+    """Judge every system of a baseline; ``failed`` has the reason of each run that failed, by its `SAME`.
+
+    ``history`` has the stored runs of a system up to a current one, oldest first, each with its revision.
+    """
     pairs = [(then, counterpart(then, current)) for then in baseline]
     questions = sum(1 + held(then, now) for then, now in pairs if now)
-    return [
-        judge(then, now, error / 100 / questions, slower) if now else _missing(then, current, failed or {})
-        for then, now in pairs
-    ]
+    verdicts = []
+    for then, now in pairs:
+        verdict = (
+            judge(then, now, level := error / 100 / questions, slower) if now else _missing(then, current, failed or {})
+        )
+        if now and verdict.wrong and (words := since(then, history(now), level, slower)):
+            verdict = verdict._replace(details=f"{verdict.details}, {words}")
+        verdicts.append(verdict)
+    return verdicts
+
+
+def since(then: Measured, runs: Sequence[tuple[str, Measured]], level: float, slower: float) -> str:
+    """The stored revision since which each run, oldest first, differs from the baseline; empty where the last does not.
+
+    A run differs if the gate would raise an alarm, so that a slow change also has a first revision.
+    """
+    same = [i for i, (_, now) in enumerate(runs) if not judge(then, now, level, slower).wrong]
+    first = same[-1] + 1 if same else 0
+    if first == len(runs):
+        return ""
+    return f"since revision {runs[first][0]}" + (f" (last the same: {runs[first - 1][0]})" if first else "")
 
 
 def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict:

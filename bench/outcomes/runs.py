@@ -53,6 +53,14 @@ def stored(store: Store) -> list[Result]:
     return of_captures(every_result(store)) or _none_stored()
 
 
+def every_run(store: Store, asked: Mapping[str, Sequence[object]] | None = None) -> list[Result]:
+    """Complete runs on captures as they are, whatever code made them, oldest first."""
+    tracked = {name for view in views().values() for name in view.tracked}
+    results = map(store.result, store.of_kind(views()["run"].tag))
+    kept = [r for r in results if r.complete and not tracked & r.about.keys()]
+    return sorted(selected(kept, asked or {}), key=lambda r: r["started"])
+
+
 def of_captures(results: Iterable[Result]) -> list[Result]:
     """The results of `plain` of the first kind, of captures."""
     return plain(r for r in results if r.kind == views()["run"].tag)

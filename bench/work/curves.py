@@ -32,7 +32,7 @@ def unharmed(labels: pd.DataFrame) -> pd.DataFrame:
 
 def clean_accuracy(result: Result) -> float:
     """Accuracy of the captures as they are, mean over subjects."""
-    return result.metrics["subject_accuracy_mean"]
+    return result.metrics["accuracy"]
 
 
 def curve(labels: pd.DataFrame, key: str) -> pd.DataFrame:

@@ -116,7 +116,7 @@ def fold_numbers(tables: Mapping[str, pd.DataFrame], rate_hz: float) -> dict[str
     """Accuracy of whole captures, and of stopping at the learned threshold where one was learned."""
     table = tables["replay"]
     labelled = standing(table, int(table["instant"].max()))
-    numbers = {"replay_accuracy": float((labelled["true"] == labelled["predicted"]).mean())}
+    numbers = {"replay_accuracy": over_people(labelled)["accuracy"]}
     if "rules" in tables:
         point = learned_point(table, _thresholds(tables), rate_hz)
         numbers |= {"adaptive_accuracy": point["accuracy"], "adaptive_ms": point["mean_ms"]}

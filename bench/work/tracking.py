@@ -198,7 +198,7 @@ def tracked(store: Store, plan: Plan, key: str) -> TrackedRun:
         run = None
     if run is None:
         params, about = _params(plan), {"mlflow.note.content": _note(plan), "mlflow.source.name": "bench"}
-        made = store.create(f"{cell.command} {cell.title()}", about | tags, params).info
+        made = store.create(_name(cell), about | tags, params).info
         return TrackedRun(store, plan, made, params, tags)
     found = TrackedRun(store, plan, run.info, dict(run.data.params), tags)
     run_id, artifacts = run.info.run_id, run.info.artifact_uri
@@ -217,6 +217,13 @@ def tracked(store: Store, plan: Plan, key: str) -> TrackedRun:
     if found.missing:
         store.mark(run_id, "RUNNING")
     return found
+
+
+def _name(cell: Cell) -> str:
+    """What a run is called on MLflow's page: its command and title, and what else may tell it from its neighbours."""
+    words = [f"{cell.command} {cell.title()}", cell.where, cell.target if cell.target != "gesture" else ""]
+    words += [f"{key}={value}" for one in cell.producers for key, value in one.arguments().items()]
+    return " | ".join(filter(None, [*words, "" if cell.seed is None else f"seed {cell.seed}"]))
 
 
 def _params(plan: Plan) -> dict[str, str]:

@@ -49,7 +49,6 @@ class Captures(View):
     """Accuracy and costs of captures as they are."""
 
     heading: ClassVar[str] = "Accuracy in percent: mean and SD over subjects"
-    score: ClassVar[str] = "subject_accuracy_mean"
     ranked: ClassVar[bool] = True
     searches: ClassVar[bool] = True
 

@@ -52,7 +52,7 @@ _failing = _of("failing_slices.under", "tested_slices.under")  # of captures as 
 
 ON_PAGE = (  # columns of the table of systems on the page, before the worst groups of captures
     text("system", read=lambda r: r.method),
-    percent("accuracy", "clean %", "subject_accuracy_mean"),
+    percent("accuracy", "clean %"),
     text("halves", "half of the margin is lost at", read=_halves),
     Measure("failing", "failing of tested groups", _failing),
 )
@@ -81,7 +81,7 @@ class Faults(View):
         "Accuracy in percent of clean captures, mean over subjects, and mean loss in points over all faults"
     )
     shown: ClassVar[tuple[Measure, ...]] = (
-        percent("accuracy", "clean", "subject_accuracy_mean"),
+        percent("accuracy", "clean"),
         Measure("mean_loss", "mean loss", _mean_loss),
         Measure("trained", "faults trained on", _of("faults_trained", "faults_tested"), spare=2),
         text("worst_fault", "worst fault", _worst_fault),
@@ -130,7 +130,7 @@ class Faults(View):
         for i, (context, members) in enumerate(contexts(results, more="loss."), 1):
             lost, picture = pd.DataFrame({r.method: losses(r) for r in members}).T, None
             if lost.size:  # else learning curves alone
-                figure = heat_map(lost, [r.metrics["subject_accuracy_mean"] for r in members], context)
+                figure = heat_map(lost, [r.metrics["accuracy"] for r in members], context)
                 picture = save(figure, folder, f"0-stress-{i}", context, HEAT.format(context))
             worst = dict.fromkeys(name for r in members for name in r.metrics if name.startswith("worst."))
             columns = [*ON_PAGE, *(percent(name, name.replace(".", " ")) for name in worst)]

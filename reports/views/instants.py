@@ -21,7 +21,7 @@ ON_PAGE = (  # columns of the table on the page, after system and times
     percent("replay_accuracy", "whole"),
     percent("adaptive_accuracy", "adaptive", spare=1),
     Measure("adaptive_ms", "after ms", form=".0f", spare=1),
-    Measure("replay_ms", "decision ms p50 / p95", ("replay_ms_p50", "replay_ms_p95")),
+    Measure("replay_ms", "computing ms p50 / p95", ("replay_ms_p50", "replay_ms_p95")),
 )
 CAPTION = (
     "{}: accuracy in percent, mean over subjects, after given milliseconds of touch, and with adaptive stopping after "
@@ -47,7 +47,7 @@ class Instants(View):
         Measure("mean_ms", "mean ms", form=".0f", spare=16),
         percent("adaptive_accuracy", "early stop %"),
         Measure("adaptive_ms", "at mean ms", form=".0f"),
-        Measure("decide_ms", "decision ms", tuple(f"replay_ms_p{p}" for p in (50, 95, 99)), spare=14),
+        Measure("decide_ms", "computing ms", tuple(f"replay_ms_p{p}" for p in (50, 95, 99)), spare=14),
         Measure("decisions_per_second", "decisions per s", form=".0f", spare=15),
         Measure("system_hop_ms", "system hop ms", form=".0f", spare=17),
     )

@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 
 from bench import few, paired, scores
-from bench.measures import over_people
+from bench.measures import run_columns
 from bench.outcomes import statistics
 from bench.reports.comparison import comparison
 from bench.resampling import ratio_interval
@@ -43,7 +43,7 @@ def test_the_accuracy_that_users_see_is_the_mean_over_subjects_with_its_t_interv
     each = 100 * np.append(each, 28 / 32)  # the fifth subject has more captures than the others
     run = evaluated(predictions=table)
     ends = stats.t.interval(0.95, 4, each.mean(), stats.sem(each))
-    assert over_people("accuracy").cell(run) == pytest.approx((each.mean(), ends[0], min(ends[1], 100)))
+    assert run_columns()[0].cell(run) == pytest.approx((each.mean(), ends[0], min(ends[1], 100)))
     row = comparison({"g": [run]}).iloc[0]
     assert row[["accuracy", "low"]].tolist() == pytest.approx([each.mean(), ends[0]])
     assert row["pooled_accuracy"] == pytest.approx(100 * 72 / 112) != row["accuracy"]

@@ -128,6 +128,21 @@ def test_verdicts_on_cost():
     assert words(then, worse) == ("worse", "slower")
 
 
+def test_an_alarm_names_the_stored_revision_since_which_runs_differ():
+    then, worse = measured([1, 0] * 60), measured([0, 0] * 12 + [1, 0] * 48)
+    stored = [("a", worse), ("b", then), ("c", then), ("d", worse), ("e", worse)]
+    for runs, words in (
+        (stored, "since revision d (last the same: c)"),
+        (stored[3:], "since revision d"),
+        (stored[:3], ""),  # the last is as the baseline
+        ([], ""),
+    ):
+        (verdict,) = compare([then], [worse], **LIMITS, history=lambda now, runs=runs: runs)
+        assert verdict.details.partition("flash x1.00")[2] == (f", {words}" if words else "")
+    (verdict,) = compare([then], [then], **LIMITS, history=lambda now: stored)
+    assert "since" not in verdict.line
+
+
 def test_what_has_no_counterpart_is_no_pass():
     then = measured([1, 0, 1], seed="0")
     for current, told in (

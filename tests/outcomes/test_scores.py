@@ -1,6 +1,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 from sklearn.metrics import accuracy_score, f1_score, precision_score, recall_score
 
 from bench import scores
@@ -25,11 +26,12 @@ def test_units_by_hand():
     # Capture 2 has one vote each; its mean probability is .55 for a.
     assert list(scores.captures(PREDICTIONS, vote=True)["predicted"]) == ["a", "b", "a"]
     found = scores.summary(PREDICTIONS, rate_hz=100)
-    assert found["accuracy"] == pytest.approx(2 / 3)
-    assert found["vote_accuracy"] == 1
-    assert found["window_accuracy"] == pytest.approx(4 / 6)
-    assert found["subject_accuracy_mean"] == pytest.approx(0.75)
-    assert found["subject_accuracy_sd"] == pytest.approx(np.std([0.5, 1], ddof=1))
+    assert found["pooled_accuracy"] == pytest.approx(2 / 3)
+    assert found["vote_accuracy"] == found["vote_pooled_accuracy"] == 1
+    assert found["window_pooled_accuracy"] == pytest.approx(4 / 6)
+    assert found["window_accuracy"] == pytest.approx((3 / 4 + 1 / 2) / 2)
+    assert found["accuracy"] == scores.accuracies(PREDICTIONS)["accuracy"] == pytest.approx(0.75)
+    assert found["subject_sd"] == pytest.approx(np.std([0.5, 1], ddof=1))
     assert found["window_macro_precision"] == pytest.approx((3 / 3 + 1 / 3) / 2)
     assert found["window_macro_recall"] == pytest.approx((3 / 5 + 1) / 2)
     assert found["observed_ms"] == pytest.approx(75)  # median of 10, 10, 5, 4, 10, 2 frames at 100 Hz
@@ -45,14 +47,17 @@ def test_scores_equal_scikit_learns():
     predicted = np.array(list("abcd"))[proba.argmax(axis=1)]
     found = scores.summary(table, rate_hz=50)
     each = {"labels": list("abcd"), "average": "macro", "zero_division": 0}
-    assert found["accuracy"] == pytest.approx(accuracy_score(table["true"], predicted))
+    assert found["pooled_accuracy"] == pytest.approx(accuracy_score(table["true"], predicted))
     assert found["macro_f1"] == pytest.approx(f1_score(table["true"], predicted, **each))
     assert found["macro_precision"] == pytest.approx(precision_score(table["true"], predicted, **each))
     assert found["macro_recall"] == pytest.approx(recall_score(table["true"], predicted, **each))
     assert "vote_accuracy" not in found and "window_accuracy" not in found
-    low, high = found["accuracy_low"], found["accuracy_high"]
-    means = scores.per_subject(scores.captures(table))["accuracy"]
-    assert means.min() <= low < found["accuracy"] < high <= means.max()
+    low, high = found["pooled_accuracy_low"], found["pooled_accuracy_high"]
+    means = pd.Series(table["true"] == predicted).groupby(table["subject"]).mean()
+    assert means.min() <= low < found["pooled_accuracy"] < high <= means.max()
+    ends = stats.t.interval(0.95, 4, means.mean(), stats.sem(means))
+    assert (found["accuracy_low"], found["accuracy_high"]) == pytest.approx(ends)
+    assert found["accuracy"] == pytest.approx(means.mean()) != found["pooled_accuracy"]
 
 
 def test_interval_equals_a_loop_over_drawn_subjects():
@@ -72,8 +77,9 @@ def test_an_abstention_is_wrong_and_counted_by_hand():
     assert scores.captures(table, vote=True)["predicted"].tolist() == ["a", "", "b"]
     assert scores.windows(table)["predicted"].tolist() == ["a", "a", "", "", "b", "b"]
     found = scores.summary(table, rate_hz=100)
-    assert (found["accuracy"], found["abstained"]) == (pytest.approx(1 / 3), pytest.approx(1 / 3))
-    assert found["macro_recall"] == pytest.approx((1 / 2 + 0) / 2) and found["window_accuracy"] == pytest.approx(2 / 6)
+    assert (found["pooled_accuracy"], found["abstained"]) == (pytest.approx(1 / 3), pytest.approx(1 / 3))
+    assert found["macro_recall"] == pytest.approx((1 / 2 + 0) / 2)
+    assert found["window_pooled_accuracy"] == pytest.approx(2 / 6)
     counts = scores.confusion(labelled, ["a", "b"])
     assert counts.to_dict("split")["data"] == [[1, 1, 0], [0, 0, 1]] and counts.columns[-1] == "(abstained)"
     assert "abstained" not in scores.summary(PREDICTIONS, rate_hz=100)

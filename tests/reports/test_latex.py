@@ -12,7 +12,7 @@ import pytest
 import bench
 from bench.cli import main
 from bench.comparable import MARK
-from bench.reports.latex import escaped, latex, papers, sheet, side_by_side
+from bench.reports.latex import COSTS, SCORES, escaped, latex, papers, sheet, side_by_side
 from tests.results import evaluated, with_hits
 
 
@@ -26,8 +26,8 @@ def row(system, accuracy, **more):
 
 def tables_of(text):
     """Caption and rows of every table, cells in text."""
-    found = []
-    for block in re.findall(r"\\begin\{table\}.*?\\end\{table\}", text, flags=re.DOTALL):
+    found, text = [], text.replace(r"\raggedright ", "").replace(r"\allowbreak{}", "")
+    for block in re.findall(r"\\begin\{table\*?\}.*?\\end\{table\*?\}", text, flags=re.DOTALL):
         caption = re.search(r"\\caption\{(.*)\}\n", block)[1]
         body = re.search(r"\\midrule\n(.*?)\\bottomrule", block, flags=re.DOTALL)[1]
         head = re.search(r"\\toprule\n(.*?) \\\\\n", block)[1].split(" & ")
@@ -73,11 +73,21 @@ def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
     assert rows["a"]["LOSO"] == f"{seeds.mean():.1f} ± {seeds.std(ddof=1):.1f}" and rows["b"]["LOSO"] == "75.0 ± 10.0"
     assert rows["b"]["10-fold ‡"] == "-" and rows["b"]["flash kB"] == "8" and rows["b"]["fit s"] == "6.00"
     assert rows["a"]["LOSO, macro-F1"] == f"{50 * (runs[0]['macro_f1'] + runs[3]['macro_f1']):.1f}"
-    ((caption, lines),) = tables_of(side_by_side([one]))
+    spans, rules, heads = re.search(r"\\toprule\n(.*?)\n\\midrule", made := side_by_side([one]), re.DOTALL)[
+        1
+    ].splitlines()
+    assert (
+        spans == r" & \multicolumn{2}{c}{LOSO} & \multicolumn{2}{c}{10-fold $^\ddagger$} & \multicolumn{2}{c}{costs} \\"
+    )
+    assert rules == r"\cmidrule(lr){2-3}\cmidrule(lr){4-5}\cmidrule(lr){6-7}"
+    assert heads == r"system & accuracy & F1 & accuracy & F1 & fit s & kB \\"
+    assert made.index(r"b & \textbf{75.0 $\pm$ 10.0} &") < made.index(r"\\" + "\na & ")
+    ((caption, lines),) = tables_of(side_by_side(papers(runs, ["accuracy", "flash"])))
     assert lines[0]["LOSO"] == r"\textbf{75.0 $\pm$ 10.0}" and r"10-fold $^\ddagger$" in lines[0]
     assert r"$^\ddagger$ Training and test captures come from the same subjects" in caption and "generated" in caption
     table = sheet([one]).set_index("system")
-    assert table.loc["a", "LOSO: SD"] == pytest.approx(seeds.std(ddof=1)) and "‡" in table.loc["a", "note"]
+    assert {"LOSO: accuracy %", "LOSO: macro_f1 %", "fit_seconds", "flash kB"} < {*table}
+    assert table.loc["a", "LOSO: SD %"] == pytest.approx(seeds.std(ddof=1)) and "‡" in table.loc["a", "note"]
 
 
 def test_text_is_escaped_and_control_characters_are_gone():
@@ -91,12 +101,28 @@ def test_text_is_escaped_and_control_characters_are_gone():
 
 
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")
-def test_it_compiles():
-    Path("tables.tex").write_text(latex(pd.DataFrame([row("a \\ { } \" ' ` ~ ^ < > | $ % # _ &", 50.0)] * 2)))
-    head = "\\documentclass{article}\\usepackage{booktabs}\\begin{document}\\input{tables}\\end{document}"
-    Path("paper.tex").write_text(head)
-    done = subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper"], capture_output=True)
-    assert done.returncode == 0 and "Missing character" not in Path("paper.log").read_text(errors="replace")
+def test_tables_compile_and_fit_a_page():
+    names = [
+        "reflex",
+        "rf[leaf=5, tried=3, trees=2000] · touch",
+        "Tree_αλ · ta273",
+        "tuned tree[level=1|9, inner=2] · jung28",
+    ]
+    protocols = ["LOSO (10 subjects)", "challenge (official split)", "10-fold, subjects mixed"]
+    runs = [evaluated(name, with_hits([9, 14, 18, 11]), protocol_label=on) for name in names for on in protocols]
+    side = side_by_side(papers(runs, [*SCORES, *COSTS]))
+    (caption,) = re.findall(r"\\caption\{(.*)\}\n", side)
+    assert "tried=" not in caption and "tried=0" in side and r"\begin{table*}" in side
+    assert r"\begin{table}" in side_by_side(papers(runs[:1], ["accuracy"]))  # takes one of two columns
+    one = latex(pd.DataFrame([row("a \\ { } \" ' ` ~ ^ < > | $ % # _ &", 50.0)] * 2))
+    for columns in ("onecolumn", "twocolumn"):
+        head = rf"\documentclass[a4paper,{columns}]{{article}}\usepackage{{booktabs}}"
+        head += r"\usepackage[textwidth=16cm]{geometry}"
+        Path("paper.tex").write_text(rf"{head}\begin{{document}}{side}{one}\end{{document}}", encoding="utf-8")
+        done = subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper"], capture_output=True)
+        log = Path("paper.log").read_text(errors="replace")
+        assert done.returncode == 0 and "Missing character" not in log
+        assert "Overfull" not in log, re.findall("Overfull.*", log)
 
 
 def test_the_call_makes_what_the_report_writes(in_net):

@@ -140,7 +140,7 @@ def test_a_run_is_tracked_whole(capsys):
     assert svm.info.status == "FINISHED" and svm.data.tags["synthetic"] == "true"
     assert svm.data.params["model.C"] == "512.0" and svm.data.params["features"] == "jung54"
     assert {"corpus_digest", "threads", "cpu", "version.scikit-learn", "protocol"} <= set(svm.data.params)
-    metrics = "accuracy subject_accuracy_mean subject_accuracy_sd macro_f1 macro_recall macro_precision fit_seconds "
+    metrics = "accuracy subject_sd pooled_accuracy macro_f1 macro_recall macro_precision fit_seconds "
     metrics += "predict_ms_p50 predict_ms_p95 decision_ms parameters flash_bytes ram_bytes peak_rss_bytes"
     assert {*metrics.split()} <= set(svm.data.metrics) & set(cnn.data.metrics)
     assert {"window_accuracy", "vote_accuracy"} <= set(cnn.data.metrics)
@@ -148,7 +148,7 @@ def test_a_run_is_tracked_whole(capsys):
     assert len(table) == 4 * 14 and list(table["fold"].unique()) == ["1", "2", "3", "4"]
     assert (table["fold"] == table["subject"]).all() and {"variant", "true", "p_grab", "frames"} <= set(table)
     right = table.filter(like="p_").idxmax(axis=1).str[2:] == table["true"]
-    assert svm.data.metrics["accuracy"] == pytest.approx(right.mean())
+    assert svm.data.metrics["pooled_accuracy"] == pytest.approx(right.mean())
     steps = store.client.get_metric_history(svm.info.run_id, "fold/accuracy")
     assert [m.step for m in steps] == [0, 1, 2, 3]
     assert [m.value for m in steps] == (right.groupby(table["fold"]).mean()).tolist()

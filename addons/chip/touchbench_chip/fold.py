@@ -107,11 +107,11 @@ def _watching(at: Fitted, recogniser: Recogniser, bits: int, detector: str) -> d
 def compared(table: pd.DataFrame) -> dict[str, float]:
     """Accuracy in C, and the number of captures that it labels otherwise than Python."""
     labelled = scores.captures(table)
-    true, in_c, python = (labelled[name].to_numpy() for name in ("true", "predicted", "python"))
-    return {"c_accuracy": float((true == in_c).mean()), "other_labels": int((in_c != python).sum())}
+    in_c, python = (labelled[name].to_numpy() for name in ("predicted", "python"))
+    return {"c_accuracy": scores.over_people(labelled)["accuracy"], "other_labels": int((in_c != python).sum())}
 
 
 def scored(table: pd.DataFrame, rate_hz: float) -> dict[str, float]:
     """Scores of the C over all folds, under ``c_`` and their usual names."""
     numbers = scores.summary(table, rate_hz)
-    return {f"c_{k}": v for k, v in numbers.items() if "accuracy" in k or k.startswith("macro_")}
+    return {f"c_{k}": v for k, v in numbers.items() if "accuracy" in k or k.startswith(("macro_", "subject_sd"))}

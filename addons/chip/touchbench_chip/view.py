@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.measures import TEXT, Cost, Measure, in_thousands, over_people, percent, text
+from bench.measures import TEXT, Cost, Measure, in_thousands, percent, text
 from bench.reports.views.base import View
 from bench.table import Table
 from touchbench_chip.circumstance import C
@@ -39,11 +39,11 @@ class InC(View):
         "Accuracy in percent of whole captures, mean over subjects, in C and in Python; a Cortex-M4F, linked"
     )
     ranked: ClassVar[bool] = True
-    score: ClassVar[str] = "c_subject_accuracy_mean"
+    score: ClassVar[str] = "c_accuracy"
     shown: ClassVar[tuple[Measure, ...]] = (
         Measure("bits", read="chip.bits"),
-        over_people("accuracy", "in C", "c_"),
-        percent("python_accuracy", "in Python", "subject_accuracy_mean"),
+        percent("accuracy", "in C", "c_accuracy", ends="c_accuracy"),
+        percent("python_accuracy", "in Python", "accuracy"),
         Measure("other_labels", "other labels", form=",.0f", spare=4),
         Measure("chip_flash_bytes", "flash kB", form=",.1f", scale=in_thousands),
         Measure("chip_ram_bytes", "library RAM kB", form=",.1f", scale=in_thousands),
