@@ -21,11 +21,11 @@ from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.table import Table, rows_of
 
-MEASURES = (
-    percent("accuracy", "accuracy %", ends="accuracy"),
-    OF_SYSTEMS[0],
-    Measure("predict_relative", "time, x reference", form=".2f"),
-)
+PANELS = {  # each measure, by the alarms on it
+    "worse|better|changed|other": percent("accuracy", "accuracy %", ends="accuracy"),
+    "larger": OF_SYSTEMS[0],
+    "slower": Measure("predict_relative", "time, x reference", form=".2f"),
+}
 COLUMNS = (*map(text, ("system", "revision", "before")), text("step", "difference"))
 CAPTION = (
     "{}: each stored revision, in the order of its runs. A ring marks a step: bench check with its usual limits would "
@@ -64,7 +64,7 @@ def section(results: Sequence[Result], folder: Path) -> tuple[Section | None, pd
             steps = Table(COLUMNS, rows_of(table[table["step"] != ""]))
             none = "" if len(steps) else f"{name}: no step."
             parts.append(Part(picture, steps if len(steps) else None, f"{name}: steps", [none] if none else []))
-            numbers = [{m.name: _value(m.cell(r)) for m in MEASURES} for r in table["result"]]
+            numbers = [{m.name: _value(m.cell(r)) for m in PANELS.values()} for r in table["result"]]
             tables.append(table.drop(columns="result").join(pd.DataFrame(numbers)).assign(group=name))
     every = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
     return Section("Over revisions", parts, "accuracy, size and time of each stored revision") if parts else None, every
@@ -77,18 +77,18 @@ def _value(cell: object) -> object:
 def drawn(table: pd.DataFrame) -> Figure:
     """A panel for each measure, a line for each system, a ring at each step."""
     places = {name: i for i, name in enumerate(table.sort_values("started")["revision"].drop_duplicates())}
-    figure, axes = new_figure((8.5, 6.5), (len(MEASURES), 1), (0.7, 2.6, 1.1, 0.2), (0.7, 0.25))
+    figure, axes = new_figure((8.5, 6.5), (len(PANELS), 1), (0.7, 2.6, 1.1, 0.2), (0.7, 0.25))
     for i, (system, rows) in enumerate(table.groupby("system", sort=False)):
-        at, style = rows["revision"].map(places), look(i)
-        for ax, measure in zip(axes[:, 0], MEASURES, strict=True):
+        at, style, wrong = rows["revision"].map(places), look(i), rows["step"].str.partition(":")[0]
+        for ax, (alarms, measure) in zip(axes[:, 0], PANELS.items(), strict=True):
             cells = [measure.cell(r) for r in rows["result"]]
             values = pd.Series([_value(cell) for cell in cells], rows.index, dtype=float)
             ends = [(cell.low, cell.high) if isinstance(cell, Interval) else (None, None) for cell in cells]
             low, high = (pd.Series(side, rows.index, dtype=float) for side in zip(*ends, strict=True))
             ax.errorbar(at, values, yerr=bars(values, low, high), capsize=3, label=plain([system])[0], **style)
             ring = {"marker": "o", "markersize": 14, "fillstyle": "none", "linestyle": "", "color": style["color"]}
-            ax.plot(at[rows["step"] != ""], values[rows["step"] != ""], **ring)
-    for ax, measure in zip(axes[:, 0], MEASURES, strict=True):
+            ax.plot(at[wrong.str.contains(alarms)], values[wrong.str.contains(alarms)], clip_on=False, **ring)
+    for ax, measure in zip(axes[:, 0], PANELS.values(), strict=True):
         ax.set(ylabel=measure.name, xticks=[*places.values()], xticklabels=[])
         ax.grid(alpha=0.3)
     axes[-1, 0].set_xticklabels([name[:8] + "+" * ("+" in name) for name in places], rotation=45, ha="right")
