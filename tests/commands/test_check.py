@@ -9,6 +9,7 @@ import pytest
 from bench import registry
 from bench.cli import main
 from bench.outcomes.gate import read
+from bench.source import git_revision
 
 
 @pytest.fixture
@@ -80,6 +81,8 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     (case,) = ElementTree.parse("out/check.xml").getroot()
     (line,) = [line for line in out.splitlines() if " labels changed" in line]
     assert case.find("failure").get("message") == line and not line.startswith("same")
+    revision = git_revision() or "unknown"
+    assert line.endswith(f", since revision {revision} (last the same: {revision})")
     assert main([*gate, "stored=yes"]) == 1  # the newest tracked run is the faulty one
 
     copied(fails="raise RuntimeError('no')")
