@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
     from bench.corpora.survey import Survey
     from bench.outcomes.choice import Chosen
+    from bench.outcomes.compare import Compared
     from bench.plan.plan import Plan
-    from bench.reports.pair import Compared
     from bench.work.fit import Fitted
 
 
@@ -211,36 +211,28 @@ def predictions(runs: pd.DataFrame | None = None, table: str = "predictions", **
     return tables(_stored(values if runs is None else {**values, "run": [*runs["run_id"]]}), table)
 
 
-def compare(system: str | Mapping[str, object], other: str | Mapping[str, object], **values: object) -> Compared:
-    """Two tracked systems on whole captures, paired over subjects; seeds are averaged.
+def compare(system: object, other: object, **values: object) -> Compared:
+    """Two systems on the same captures, paired over subjects; captures are matched by their id.
 
     Args:
-        system: system name as in tables, such as ``"svm · jung54"``, or its values as `run` takes them, such as
-            ``{"model": "svm", "features": "jung28"}``. With ``data``, ``where``, ``target`` or ``protocol`` among
-            these, only matching runs are searched.
-        other: the system to compare it with.
-        values: the runs of both, as `runs` selects them.
+        system: a table or the path of a CSV or parquet file with the columns ``id``, ``subject``, ``truth`` and
+            ``prediction`` (several rows of an id vote); or a stored system: its name as in tables, such as
+            ``"svm · jung54"``, its values as `run` takes them, such as ``{"model": "svm", "features": "jung28"}``, or
+            the id of a run. With ``data``, ``where``, ``target`` or ``protocol`` among the values, only matching runs
+            are searched. Seeds are averaged. The id of a capture of a stored run is its place in the corpus
+            (`corpus`, attribute ``index``).
+        other: what to compare it with, given in one of the same ways.
+        values: the runs of stored systems, as `runs` selects them.
 
     Returns:
         ``difference`` (first less second, mean over subjects, in points), its 95 % t-interval ``low`` and ``high``,
-        ``p`` (two-sided Wilcoxon test), ``subjects`` (their number), ``gain`` and ``lose`` (the subjects on whom the
-        first or the second is more accurate) and ``accuracy`` (a table [subjects, 2]).
+        ``p`` (two-sided Wilcoxon test), ``smallest`` (the difference that so many subjects can show), ``subjects``
+        (their number), ``gain`` and ``lose`` (the subjects on whom the first or the second is more accurate), and the
+        tables ``accuracy`` [subjects, 2], ``captures`` and ``gestures``.
     """
-    from bench.options import KEYS, STORED, values_of
-    from bench.outcomes.frame import grouped
-    from bench.outcomes.runs import asked_of, selected, stored
-    from bench.reports.pair import compared
-    from bench.store import connect
-    from bench.words import items
+    from bench.commands.compare import paired
 
-    every = selected(stored(connect()), asked_of(values_of(values, {option.key for option in STORED})))
-    sides = []
-    for one in (system, other):
-        typed = {} if isinstance(one, str) else values_of(one, KEYS)
-        on = {key: items(key, typed.pop(key)) for key in ("data", "where", "target", "protocol") if key in typed}
-        groups = {group: selected(members, on) for group, members in grouped(every).items()}
-        sides.append((one if isinstance(one, str) else _system(typed), {k: held for k, held in groups.items() if held}))
-    return compared(sides)
+    return paired((system, other), values)
 
 
 def choose(**values: object) -> Chosen:
@@ -309,13 +301,3 @@ def _stored(values: Mapping[str, object]) -> list:
 
     asked = asked_of(values_of(values, {option.key for option in STORED}))
     return wanted(every_result(connect(), asked), asked)
-
-
-def _system(values: dict[str, object]) -> str:
-    """The name of the one system that some values mean."""
-    from bench.plan.cells import cells
-
-    systems = {cell.system() for cell in cells(values)}
-    if len(systems) > 1:
-        raise InputError(f"{values} describe {len(systems)} systems; give one")
-    return systems.pop()

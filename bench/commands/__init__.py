@@ -6,6 +6,7 @@ PARTS = {
     "report": "bench.commands.report:COMMAND",
     "data": "bench.commands.data:COMMAND",
     "fit": "bench.commands.fit:COMMAND",
+    "compare": "bench.commands.compare:COMMAND",
     "stress": "bench.commands.run:STRESS",
     "tune": "bench.commands.tune:COMMAND",
     "audit": "bench.commands.audit:COMMAND",

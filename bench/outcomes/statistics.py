@@ -22,6 +22,7 @@ from bench.paired import interval as interval
 from bench.sentences import sentences
 
 RANKED = 30  # systems that are compared in one table and diagram
+POWER = 0.8  # probability with which a difference is to be found
 PAIRED = 12  # systems whose pairs stand in one matrix
 
 
@@ -107,6 +108,18 @@ def pairs(subjects: pd.DataFrame) -> pd.DataFrame:
     ]
     table = pd.DataFrame(rows)
     return table.assign(p_holm=holm(table["p"].to_numpy())) if rows else table
+
+
+def smallest_found(differences: np.ndarray) -> float:
+    """Smallest true mean difference that a paired two-sided t-test (5 %) finds with the probability `POWER`.
+
+    For as many subjects with the same SD, from the noncentral t distribution. NaN for fewer than `bench.few.INTERVAL`.
+    """
+    n = len(differences)
+    if n < few.INTERVAL:
+        return np.nan
+    noncentrality = special.nctdtrinc(n - 1, 1 - POWER, special.stdtrit(n - 1, 0.975))
+    return float(noncentrality * differences.std(ddof=1) / np.sqrt(n))
 
 
 def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[float, float, float]:

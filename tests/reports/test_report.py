@@ -11,18 +11,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import bench
 from bench.cli import main
 from bench.commands import printing
 from bench.comparable import BATCH, CONDITIONS, MARK
 from bench.errors import InputError
 from bench.measures import costs
 from bench.outcomes.frame import grouped
-from bench.outcomes.runs import stored
 from bench.registry import views
 from bench.reports import page
 from bench.reports.chart import marks
 from bench.reports.comparison import comparison, published, shown
-from bench.reports.pair import compared
 from bench.reports.summary import summary_of
 from bench.store import connect
 from tests.reports.store import keep, tracked_run
@@ -189,7 +188,7 @@ def test_the_footnote_of_reflex_stands_wherever_it_is_compared_on_haart(quick, s
         assert rows["note"].str.contains(words).tolist() == about.tolist() and about.any(), name
     runs = [evaluated("reflex", **LOSO)]
     assert printing.show(runs, [(views()["run"], runs)]) == 0 and words in capsys.readouterr().out
-    assert words in repr(compared([(name, grouped(stored(store))) for name in ("reflex", "svm · jung54")]))
+    assert words in repr(bench.compare("reflex", "svm · jung54"))
 
 
 def test_numbers_are_those_of_the_predictions():

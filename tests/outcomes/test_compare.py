@@ -1,0 +1,148 @@
+"""Two systems of any tool against scipy and by hand, and predictions that cannot be compared."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+import bench
+from bench.cli import main
+from bench.outcomes import statistics
+from tests.outcomes.test_statistics import signed_rank_by_hand
+from tests.reports.store import tracked_run
+from tests.results import with_hits
+
+GESTURES = ("pat", "rub", "tap")
+FEW = pd.DataFrame({"id": ["a", "b"], "subject": ["1", "2"], "truth": ["pat", "tap"], "prediction": ["pat", "pat"]})
+
+
+def predictions(hits, of=20):
+    """A file's table: of each subject's ``of`` captures as many are right as ``hits`` says."""
+    rows = [(100 * s + c, s, c, c < right) for s, right in enumerate(hits, 1) for c in range(of)]
+    truth = [GESTURES[c % 3] for _, _, c, _ in rows]
+    said = [GESTURES[(c + (not right)) % 3] for _, _, c, right in rows]
+    return pd.DataFrame(
+        {"id": [r[0] for r in rows], "subject": [r[1] for r in rows], "truth": truth, "prediction": said}
+    )
+
+
+def test_two_files_give_scipys_paired_statistics_and_captures_counted_by_hand(capsys):
+    """Shuffled rows, CSV with semicolons beside parquet."""
+    one, other = predictions([18, 17, 12, 15, 9, 14, 16]), predictions([15, 17, 13, 11, 8, 10, 12])
+    one.sample(frac=1, random_state=1).to_csv("one.csv", index=False, sep=";", encoding="utf-8-sig")
+    other.to_parquet("other.parquet")
+    found = bench.compare("one.csv", Path("other.parquet"))
+    gained = 5 * np.array([3, 0, -1, 4, 1, 4, 4])
+    expected = stats.ttest_1samp(gained, 0).confidence_interval(0.95)
+    assert found.difference == pytest.approx(gained.mean())
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
+    assert found.p == pytest.approx(signed_rank_by_hand(gained))
+    assert (found.gain, found.lose) == (["1", "4", "5", "6", "7"], ["3"])
+    only, other_only = found.only()  # the captures between the numbers of right ones
+    assert sorted(only) == sorted(
+        f"{100 * s + c}"
+        for s, (a, b) in {1: (18, 15), 4: (15, 11), 5: (9, 8), 6: (14, 10), 7: (16, 12)}.items()
+        for c in range(b, a)
+    )
+    assert other_only == ["312"]
+    merged = one.merge(other, on=["id", "subject", "truth"])
+    for row in found.gestures.to_dict("records"):
+        each = merged[merged["truth"] == row["gesture"]]
+        rights = [
+            (each[p] == each["truth"]).groupby(each["subject"]).mean() * 100 for p in ("prediction_x", "prediction_y")
+        ]
+        interval = stats.ttest_rel(*rights).confidence_interval(0.95)
+        assert (row["captures"], row["difference"]) == (len(each), pytest.approx((rights[0] - rights[1]).mean()))
+        assert (row["low"], row["high"]) == pytest.approx((interval.low, interval.high))
+    assert found.gestures[["only", "other_only"]].sum().tolist() == [16, 1]
+    assert main(["compare", "one.csv", "other.parquet", "out=both.csv"]) == 0
+    printed = capsys.readouterr().out
+    assert f"{abs(found.difference):.1f} points more accurate" in printed and "data and protocol as in" in printed
+    both = pd.read_csv("both.csv")
+    assert len(both) == 140 and (both["right"] - both["other_right"]).sum() == 15
+
+
+def test_the_smallest_difference_is_found_in_four_of_five_draws():
+    differences = np.array([4.0, -3, 8, 1, 0, 7, -2, 5])
+    smallest, sd = statistics.smallest_found(differences), differences.std(ddof=1)
+    drawn = np.random.default_rng(0).normal(smallest, sd, (40_000, 8))
+    assert (stats.ttest_1samp(drawn, 0, axis=1).pvalue < 0.05).mean() == pytest.approx(0.8, abs=0.01)
+    assert np.isnan(statistics.smallest_found(differences[:4]))
+
+
+def test_windows_vote_and_what_one_file_lacks_is_named():
+    rows = [("a", "pat"), ("a", "pat"), ("a", "tap"), ("b", "tap"), ("b", "rub"), ("c", None), ("d", "rub")]
+    truth = {"a": "pat", "b": "rub", "c": "pat", "d": "rub"}
+    one = pd.DataFrame(
+        [(i, "1" if i in "ab" else "2", truth[i], label) for i, label in rows],
+        columns=["id", "subject", "truth", "prediction"],
+    )
+    other = one.drop_duplicates("id").iloc[:3].assign(prediction=["tap", "rub", "pat"])
+    found = bench.compare(one, other)
+    table = found.captures.set_index("id")
+    assert table["right"].to_dict() == {"a": 1, "b": 0.5, "c": 0} and table.at["b", "prediction"] == "tap / rub"
+    assert found.accuracy.loc["1"].tolist() == [75, 50] and found.accuracy.loc["2"].tolist() == [0, 100]
+    words = repr(found)
+    for end in ("2 captures (a, b) with several rows", "1 capture (b) with a tied vote", "1 capture (c) with no pred"):
+        assert f"the first table has {end}" in words
+    assert "Only the first table has 1 capture (d)" in words and "2 subjects: too few for an interval" in words
+    assert "interval [" not in words and "detected" not in words and np.isnan(found.low)
+
+
+def test_a_file_against_a_stored_run(store, capsys):
+    """The ids of a run are places in the corpus; several seeds are averaged."""
+    tracked_run(store, "svm · touch", with_hits([18, 14, 15, 12, 16]))
+    tracked_run(store, "svm · touch", with_hits([16, 14, 15, 12, 16]), seed="1")
+    run = tracked_run(store, "lda", with_hits([17, 14, 15, 12, 16]))
+    mine = predictions([12, 12, 12, 12, 12])
+    for system in ("svm touch", {"model": "svm", "features": "touch"}, "svm · touch"):
+        found = bench.compare(mine, system, data="synth")
+        assert found.difference == pytest.approx(-100 / 20 * np.mean([5, 2, 3, 0, 4])) and found.subjects == 5
+    assert "LOSO" in repr(found) and "cannot verify the protocol of the first table" in repr(found)
+    assert bench.compare(run, "svm touch").difference == pytest.approx(0)
+    assert main(["compare", run[:8], "lda"]) == 2 and "both are lda" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.drop(columns="truth"), "no column truth"),
+        (lambda t: t.assign(id=["x", "y"]), "no capture is in both"),
+        (lambda t: t.assign(truth=["pat", "rub"]), "capture b: truth is 'tap' in"),
+        (lambda t: t.assign(subject=["1", "9"]), "capture b: subject is '2' in"),
+        (lambda t: t.assign(subject=["1", None]), "subject is empty"),
+        (lambda t: pd.concat([t, t.assign(truth="rub")]), "capture a has 'pat' and 'rub' as truth"),
+        (lambda t: t.iloc[:0], "no predictions"),
+    ],
+)
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_files_that_cannot_be_compared_are_refused_in_a_line(change, words, suffix, capsys):
+    FEW.to_csv("good.csv", index=False)
+    wrong = change(FEW)
+    getattr(wrong, f"to_{suffix}")(f"wrong.{suffix}", index=False)
+    assert main(["compare", "good.csv", f"wrong.{suffix}"]) == 2
+    assert words in (line := capsys.readouterr().err) and line.count("\n") == 1
+    with pytest.raises(bench.InputError, match=words.split("'")[0]):
+        bench.compare(FEW, wrong)
+
+
+def test_unreadable_files_and_keys_without_effect_are_refused_in_a_line(capsys):
+    FEW.to_csv("good.csv", index=False)
+    FEW.to_csv("utf16.csv", index=False, encoding="utf-16")
+    FEW.assign(truth="größ").to_csv("latin.csv", index=False, encoding="latin-1")
+    Path("cut.csv").write_text("id,subject,truth,prediction\na,1,pat,pat\nb,2\n")
+    FEW.to_parquet("half.parquet")
+    Path("half.parquet").write_bytes(Path("half.parquet").read_bytes()[:-40])
+    files = {"utf16.csv": "UTF-8", "latin.csv": "line 2", "cut.csv": "line 3", "half.parquet": "not a readable parquet"}
+    wrong = {(name,): words for name, words in files.items()} | {
+        ("nowhere.csv",): "no such file",
+        (".",): "scored run",
+        ("good.csv",): "both are good.csv",
+        ("latin.csv", "data=haart"): "UTF-8",
+        (): "give two",
+    }
+    for more, words in wrong.items():
+        assert main(["compare", "good.csv", *more]) == 2
+        assert words in (line := capsys.readouterr().err) and line.count("\n") == 1, (more, line)
