@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ class Command:
         budgets: budgets that are keys, too: ``all``, or those of ``captures``.
         module: module of a package's command, with a function of its name that takes the arguments.
         follows: lines to type next after other commands, with ``{}`` for the saved model, of a package's command.
+        unfit: function of ``module`` that says why a saved system cannot be used; empty if it can.
         makes: key of the circumstance or study that a command which makes runs shows; ``run`` for captures.
     """
 
@@ -48,6 +50,7 @@ class Command:
     budgets: str = ""
     module: str = ""
     follows: Mapping[str, str] = field(default_factory=dict)
+    unfit: str = ""
     makes: str = ""
 
 
@@ -79,9 +82,17 @@ def commands() -> dict[str, Command]:
     return {name: one for name, one in loaded("commands").items() if " " not in name}
 
 
-def following(name: str, model: str) -> list[str]:
-    """What commands of packages offer to type after a command that has saved or used a model."""
-    return [one.follows[name].format(model) for one in commands().values() if name in one.follows]
+def following(name: str, model: str, recogniser: Any) -> tuple[list[str], list[str]]:
+    """What packages offer to type after a command that has saved or used a model, and why they offer nothing."""
+    lines, reasons = [], []
+    for one in commands().values():
+        if name in one.follows:
+            why = getattr(import_module(one.module), one.unfit)(recogniser) if one.unfit else ""
+            if why:
+                reasons.append(why)
+            else:
+                lines.append(one.follows[name].format(model))
+    return lines, reasons
 
 
 def makers() -> dict[str, Command]:

@@ -37,7 +37,8 @@ class LOSO:
         names = natural_order(groups)
         if len(names) < 2:
             raise InputError(
-                f"protocol=loso needs two subjects, {X.name} has {len(names)} here; widen where= or use protocol=kfold"
+                f"{X.name} has {len(names)} subject here, two are needed to leave one out; widen where= or use "
+                "protocol=kfold"
             )
         for name in names:
             test = groups == name

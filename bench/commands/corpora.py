@@ -56,13 +56,15 @@ def show(name: str, values: dict[str, str], given: dict[str, Any]) -> int:
     """Print what a corpus holds, and draw it."""
     out = Path(given["out"])
     parameters = {key: value for key, value in values.items() if key not in given}
-    print(looked(captures(name, parameters, given["where"], given["target"]), out))
+    corpus = captures(name, parameters, given["where"], given["target"])
+    print(looked(corpus, out))
     if name in imported() and (line := left_out(open_corpus(name, {}))):
         print(f"\n{line}")
     if warnings := [] if name == "synth" else stored_value(name).info["warnings"]:
         print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
     print(f"\nfigures and a page that shows them; open: {Path(out, 'index.html').resolve().as_uri()}")
-    then(f"bench run data={name} protocol=loso {SMALL}")
+    protocol = "loso" if len(set(corpus.subjects)) > 1 else "kfold"
+    then(f"bench run data={name} protocol={protocol} {SMALL}")
     return 0
 
 
@@ -100,13 +102,14 @@ def read(kind: str, source: Path, values: dict[str, str]) -> int:
         print(f"warning: {briefly(corpus.info['warnings'], f'bench data show {corpus.name}')}", file=sys.stderr)
     if before and before.digest != corpus.digest:
         print(f"{corpus.name}: replaces {len(before)} captures, digest {before.digest[:16]}")
-    print(f"{corpus.name}: {_sizes(corpus, corpus.gestures)}, digest {corpus.digest[:16]}")
     aside_gestures = corpus.info.get(ASIDE, [])
+    gestures = corpus.gestures[~np.isin(corpus.gestures, aside_gestures)]
+    print(f"{corpus.name}: {_sizes(corpus, gestures)}, digest {corpus.digest[:16]}")
     for gesture in aside_gestures:
         if (aside := corpus.gestures == gesture).any():
             minutes = [frames.sum() / corpus.rate_hz / 60 for frames in (corpus.lengths[aside], corpus.lengths)]
             count = several(int(aside.sum()), "capture")
-            print(f"{gesture}: {count} without a gesture, {minutes[0]:.3g} of {minutes[1]:.3g} minutes")
+            print(f"{gesture}: further {count} without a gesture, {minutes[0]:.3g} of {minutes[1]:.3g} minutes")
     if len(lengths := corpus.lengths[~np.isin(corpus.gestures, aside_gestures)]):
         usual = f"{float(np.median(lengths)) / corpus.rate_hz:.2g} s"
         print(f"the median capture lasts {usual}; if that looks wrong, rate_hz and all reported times are wrong")

@@ -60,7 +60,10 @@ def command(arguments: list[str]) -> int:
     address = quoted(str(out or fitted.uri))
     if fitted.told:
         print(fitted.told)
-    then(f"bench predict {address} new.csv", *following("fit", address))
+    lines, reasons = following("fit", address, fitted.recogniser)
+    if reasons:
+        print(*reasons, sep="\n")
+    then(f"bench predict {address} new.csv", *lines)
     return 0
 
 

@@ -18,7 +18,8 @@ COMMAND = Command(
     SHIP,
     "classify the captures of a file with a saved model",
     "FILE is CSV, parquet or .npz in the format of bench data import table; subject and gesture are optional. "
-    "Prints capture, label, confidence and the probability of each class. MODEL is models:/..., runs:/.../model "
+    "Prints capture, label, confidence, whether the capture is unlike all training captures, and the probability of "
+    "each class. MODEL is models:/..., runs:/.../model "
     f"of the store of this folder, or a folder. {TRUSTED}",
     "bench predict models:/m-0123456789abcdef new.csv out=labels.csv",
     "MODEL FILE [key=value ...]",
@@ -32,6 +33,7 @@ COMMAND = Command(
 def command(arguments: list[str]) -> int:
     """Label the captures of a file."""
     from bench.commands.printing import then, unwritable
+    from bench.progress import warn
     from bench.scratch import replacing
     from bench.table import write_sheet
 
@@ -39,6 +41,11 @@ def command(arguments: list[str]) -> int:
     model, recogniser, corpus = read("predict", words, values)
     table = recogniser.label(corpus)
     table.insert(0, "capture", corpus.captures["capture"])
+    if strange := int(table["unlike"].sum()):
+        warn(
+            f"warning: {strange} of {len(table)} captures look unlike all training captures, so their labels may mean "
+            "nothing; compare the range of readings, what is read at rest, and the order of taxels"
+        )
     if "out" not in values:
         print(table.to_csv(index=False, float_format="%.6g"), end="")
         return 0
@@ -47,8 +54,7 @@ def command(arguments: list[str]) -> int:
         write_sheet(table, beside, "%.6g")
     counts = ", ".join(f"{count} {label}" for label, count in table["label"].value_counts().items())
     print(f"{out}: {len(table)} captures classified: {counts}")
-    if lines := following("predict", quoted(model)):
-        then(*lines)
+    then(*following("predict", quoted(model), recogniser)[0])
     return 0
 
 

@@ -123,6 +123,8 @@ def _more(learner: Any, cell: Cell, estimator: contract.System, corpus: Corpus) 
     try:
         if len(set(corpus.subjects)) < 2:
             raise InputError("only one subject trains")
+        for line in learner.warnings(corpus):
+            warn(f"warning: {line}")
         return learner.learned(cell.estimator, estimator, corpus)
     except InputError as e:
         warn(f"warning: the model {learner.without}: {e}")

@@ -36,6 +36,7 @@ from bench.registry import FILE_MODULE, lies_beside, place_of
 from bench.scores import PREFIX, classes_of, most_probable
 from bench.store import store_uri
 from bench.work.fold import decisions
+from bench.work.unlike import unlike, usual
 
 if TYPE_CHECKING:
     from mlflow.types import TensorSpec
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 
 CLOSE = 1e-3  # of a step, as single precision has readings
 MOST_VALUES = 1 << 16  # of readings that are multiples of a step: what C can sum up in 32 bits
-FORMAT = "3"  # version of saved models; others are refused
+FORMAT = "4"  # version of saved models; others are refused
 
 PACKAGES = ("features", "models", "protocols")  # of the code that goes with a model, and that of bench itself
 
@@ -67,6 +68,7 @@ class Recogniser(PythonModel):
         longest: frames of the longest training capture.
         synthetic: True if it was trained on generated captures.
         step: its readings are multiples of this number; 0 if of none.
+        usual: range of what captures look like as a whole, [2, 7], from `bench.work.unlike.usual`.
     """
 
     format = ""  # of a model that another version has saved
@@ -88,6 +90,7 @@ class Recogniser(PythonModel):
         self.longest = int(corpus.lengths.max())
         self.synthetic = corpus.synthetic
         self.step = step_of(corpus)
+        self.usual = usual(corpus)
 
     @property
     def channels(self) -> list[str]:
@@ -103,14 +106,16 @@ class Recogniser(PythonModel):
             )
 
     def label(self, corpus: Corpus) -> pd.DataFrame:
-        """Classify captures, a row each: label, confidence (probability of the label), and p_<class> for each class.
+        """Classify captures, a row each: label, confidence (probability of the label), unlike, p_<class> of each class.
 
         A system that decides per window has the mean probability of its windows. Probabilities are calibrated, where
         the model has learned how sure it may be. Where it abstains, the label is empty and every probability 0.
+        ``unlike`` is True for captures that look unlike all training captures.
         """
         proba = self._calibrated(self._mean(corpus), corpus.lengths)
         label = most_probable(proba.to_numpy(), self.classes)
-        return pd.concat([pd.DataFrame({"label": label, "confidence": proba.max(axis=1)}), proba], axis=1)
+        whole = pd.DataFrame({"label": label, "confidence": proba.max(axis=1), "unlike": unlike(corpus, self.usual)})
+        return pd.concat([whole, proba], axis=1)
 
     def decision(self, corpus: Corpus, before: str | None) -> tuple[str, float, float | None]:
         """Label, confidence, and settledness of the label, 0 to 1, of the frames of one capture so far.
@@ -155,7 +160,7 @@ class Recogniser(PythonModel):
             params: ``rate_hz``, which must be that of the training captures.
 
         Returns:
-            One row per capture: capture, label, confidence, p_<class>.
+            One row per capture: capture, label, confidence, unlike, p_<class>.
         """
         try:
             self.check_rate((params or {}).get("rate_hz", self.rate_hz))
@@ -169,7 +174,8 @@ class Recogniser(PythonModel):
         inputs: list[ColSpec | TensorSpec] = [ColSpec(AnyType(), n, required=False) for n in ("capture", "frame")]
         inputs += [ColSpec(AnyType(), name) for name in self.channels]
         outputs: list[ColSpec | TensorSpec] = [ColSpec(DataType.string, name) for name in ("capture", "label")]
-        outputs += [ColSpec(DataType.double, n) for n in ("confidence", *(PREFIX + c for c in self.classes))]
+        outputs += [ColSpec(DataType.double, "confidence"), ColSpec(DataType.boolean, "unlike")]
+        outputs += [ColSpec(DataType.double, PREFIX + c) for c in self.classes]
         rate = ParamSchema([ParamSpec("rate_hz", DataType.double, self.rate_hz)])
         return ModelSignature(Schema(inputs), Schema(outputs), rate)
 

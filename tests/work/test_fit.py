@@ -156,7 +156,7 @@ def test_files_of_every_format_are_labelled_and_a_bad_one_is_one_line(monkeypatc
     for path in ("new.csv", "turned.csv", "new.parquet", "new.npz"):
         assert main(["predict", "m", path, "rate_hz=100", "out=labels.csv"]) == 0
         labels = pd.read_csv("labels.csv")
-        assert list(labels) == ["capture", "label", "confidence", "p_pat", "p_rub", "p_tap"]
+        assert list(labels) == ["capture", "label", "confidence", "unlike", "p_pat", "p_rub", "p_tap"]
         assert labels["capture"].tolist() == [f"c{i}" for i in range(len(corpus))]
         assert labels["label"].tolist() == system.predict(corpus).tolist()
         np.testing.assert_allclose(labels.filter(like="p_"), system.predict_proba(corpus), atol=1e-5)

@@ -106,6 +106,29 @@ def lines_of(corpus, captures):
     return "\n\n".join(text) + "\n"
 
 
+def test_c_finds_the_captures_unlike_training_that_python_finds(tmp_path):
+    corpus, recogniser = touched(), made("rf")
+    order = np.repeat(np.arange(len(corpus)) % 3 == 0, corpus.lengths)[:, None, None]
+    some = corpus.changed(frames=np.where(order, 1023 - corpus.frames, corpus.frames))
+    inverted = corpus.changed(frames=1023 - corpus.frames)
+    written(recogniser, tmp_path)
+    printed(["make", "-C", str(tmp_path), "CC=gcc"])
+    shares = []
+    for captures in (corpus, some, inverted):
+        strange = int(recogniser.label(captures)["unlike"].sum())
+        done = subprocess.run(
+            [tmp_path / "touch"],
+            input=lines_of(captures, range(len(captures))),
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        told = f"{strange} of {len(corpus)} captures look unlike all training captures\n" if strange else ""
+        assert done.stderr == told
+        shares.append(strange / len(corpus))
+    assert shares == [0, np.mean(np.arange(len(corpus)) % 3 == 0), 1]
+
+
 def printed(call, text="", **options):
     """What a program prints, which must not fail."""
     return subprocess.run(call, input=text, capture_output=True, text=True, check=True, **options).stdout

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.errors import InputError
 from bench.option import Option
 from bench.options import START, TRUSTED, Command, keys, parse_words, settings
+
+if TYPE_CHECKING:
+    from bench.work.saved import Recogniser
 
 CLOCK = Option(
     "clock",
@@ -27,11 +31,23 @@ EXPORT = Command(
     "MODEL out=FOLDER [key=value ...]",
     module="touchbench_chip.command",
     follows={"fit": "bench export {} out=in_c"},
+    unfit="without_c",
     options=(
         Option("bits", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
         Option("out", "text", "", "folder for the C files; new or empty"),
     ),
 )
+
+
+def without_c(recogniser: Recogniser) -> str:
+    """Why a saved system has no C; empty if it has."""
+    from touchbench_chip.tables import chip_of
+
+    try:
+        chip_of(recogniser, 32)
+    except InputError as e:
+        return str(e)
+    return ""
 
 
 def export(arguments: list[str]) -> int:

@@ -46,7 +46,7 @@ class Chip:
     features: str
     classes: list[str]
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
-    points: tuple[tuple[float, float, float], ...] = ()
+    points: tuple[tuple[float, float, float, float], ...] = ()
     watch: Any = None
 
 
@@ -72,7 +72,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
     reflex = isinstance(estimator, Reflex)
     system, steps = _opened(estimator.whole_ if reflex else estimator)
     early = _opened(estimator.early_) if reflex else None
-    arrays: dict[str, np.ndarray] = {}
+    arrays = {"usual": np.exp(recogniser.usual).astype(np.float32)}  # of a capture as a whole
     if isinstance(system, Pipeline):
         name, windows = _features(system, steps)
         width = len(system.steps[0][1].get_feature_names_out())
@@ -87,12 +87,13 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
 
         network.check(system)
         name, longest = "convolved", LONGEST_TOUCH
-        sizes, arrays = network.convolved(system, recogniser.grid, bits)
+        sizes, layers = network.convolved(system, recogniser.grid, bits)
+        arrays |= layers
         deciders = {"decide": network.head(system, bits)}
         width = deciders["decide"].arrays["hidden"].shape[1]
     defines = _sizes(recogniser, width, longest) | _steps(steps, recogniser.rate_hz) | sizes
     defines |= _stopping(recogniser.stopping) | {"WATCH": 0, "STEPPED": 0}
-    points: tuple[tuple[float, float, float], ...] = ()
+    points: tuple[tuple[float, float, float, float], ...] = ()
     watch = None
     if name == "touch" and (watcher := recogniser.watcher) is not None:
         watch = watcher.in_c(recogniser.classes, recogniser.rate_hz)
@@ -101,7 +102,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
             raise InputError(f"detector={finds} has no C; use frames or threshold in bench fit detector=, or watch=no")
         defines |= _watching(watch, recogniser, sizes, 0 if any(map(is_fraction, steps)) else recogniser.step)
         points = watcher.points
-        arrays |= watch.arrays | {"levels": np.array([level for level, _, _ in points], np.float32)}
+        arrays |= watch.arrays | {"levels": np.array([level for level, *_ in points], np.float32)}
         for function, part in watch.deciders.items():
             deciders[function] = replace(decider(part, width, bits), classes=str(len(part.classes_)))
     for function, part in deciders.items():

@@ -9,6 +9,7 @@ from string import Template
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from bench.corpora.steps import PASSES
 from bench.features import touch
@@ -104,10 +105,9 @@ def _header(chip: Chip, title: str, rate_hz: float) -> str:
 def _points(chip: Chip) -> str:
     """The function that moves a watcher to another operating point, and what training found at each."""
     rows = [
-        f"   {i}: {f'{rate:.3g}' if rate == rate else 'unknown'} false alarms per hour, "
-        f"{100 * found:.1f} % found"
+        f"   {i}: {_alarms(alarms, hours)}; {100 * found:.1f} % of touches found"
         f"{' (after touch_watch_init)' if number(level) == chip.defines['LEVEL'] else ''}"
-        for i, (level, rate, found) in enumerate(chip.points)
+        for i, (level, alarms, hours, found) in enumerate(chip.points)
     ]
     return "\n".join(
         [
@@ -122,6 +122,14 @@ def _points(chip: Chip) -> str:
             "",
         ]
     )
+
+
+def _alarms(alarms: float, hours: float) -> str:
+    """How often a watcher reports without touch: the count, and the largest rate that it agrees with (Poisson)."""
+    if not hours:
+        return "no background to count false alarms in"
+    most = gammaincinv(alarms + 1, 0.95) / hours
+    return f"{alarms:g} false alarms in {60 * hours:.3g} minutes, so at most {most:.3g} per hour (95 % confidence)"
 
 
 def _state(chip: Chip) -> str:
@@ -267,4 +275,4 @@ def _code(chip: Chip) -> str:
         comment = f"/* {kind} from the features: {decider.comment}. */\n"
         pieces.append(f"{comment}static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
     watching = [chip.watch.code, _fixed("watch.c")] if chip.watch else []
-    return "\n".join([*pieces, _fixed("api.c"), *watching])
+    return "\n".join([*pieces, _fixed("api.c"), _fixed("look.c"), *watching])

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from addons.chip.tests.compiled import STRICT, fitted, lacking, written
 from bench.corpora import synth
@@ -130,9 +131,9 @@ def watching(name):
     }.get(name, lambda: Recipe(lda(TouchFeatures()), window=1.0, repair=("stuck", "dead")))
     recogniser = fitted(make(), corpus)
     watcher = DETECTORS.get(name, Frames()).learn(make, recogniser.estimator, streams, 5.0)[0]
-    assert watcher.level in [level for level, _, _ in watcher.points]
+    assert watcher.level in [level for level, *_ in watcher.points]
     strict, eager = (watcher.level * 2, watcher.level / 2) if name == "threshold" else (watcher.level + 8, -2.0)
-    points = ((strict, 0.0, 0.0), (watcher.level, 0.5, 1.0), (eager, 60.0, 1.0))
+    points = ((strict, 0.0, 2.0, 0.0), (watcher.level, 1.0, 2.0, 1.0), (eager, 120.0, 2.0, 1.0))
     recogniser.watcher = replace(watcher, points=points, reject=0.7 if name == "threshold" else 0.0)
     return recogniser
 
@@ -262,8 +263,9 @@ def test_interrupted_touches_are_those_of_python(gap_s, name, in_c):
         check_equal(mine, theirs, most=WHOLE if name in IN_STEPS else 0.02)
         counts.append(len(theirs))
     assert counts[0] != counts[1] and min(counts) > 18
-    for i, (_, rate, found) in enumerate(learned_one.points):
-        line = f"{i}: {rate:.3g} false alarms per hour, {100 * found:.1f} % found"
+    for i, (_, alarms, hours, found) in enumerate(learned_one.points):
+        most = f"{stats.chi2.ppf(0.95, 2 * (alarms + 1)) / 2 / hours:.3g} per hour (95 % confidence)"
+        line = f"{i}: {alarms:g} false alarms in 120 minutes, so at most {most}; {100 * found:.1f} % of touches found"
         assert line in (watched.folder / "touch.h").read_text() and watched.code.set(i) == 0
     assert watched.code.set(-1) == watched.code.set(len(learned_one.points)) == -1
 

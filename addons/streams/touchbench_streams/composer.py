@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+
 import numpy as np
 import pandas as pd
 
@@ -44,8 +46,8 @@ def pieces(corpus: Corpus, background: str) -> tuple[Corpus, Corpus]:
     before, after = np.flatnonzero(first >= least), np.flatnonzero(corpus.lengths - last >= least)
     if not len(before) + len(after):
         raise InputError(
-            f"background={QUIET}: no capture of {corpus.name} begins or ends with {QUIET_S:g} s without touch; name a "
-            "class of background"
+            f"background={QUIET}: no capture of {corpus.name} begins or ends with {QUIET_S:g} s without touch; "
+            f"{suggested(corpus)}"
         )
     quiet = corpus[np.append(before, after)].changed(
         starts=np.append(starts[before], starts[after] + last[after]),
@@ -98,14 +100,25 @@ def composed(touches: Corpus, quiet: Corpus) -> Recordings:
     return Recordings(Corpus.from_captures(streams, captures, rate, **fields), event_table(rows))
 
 
+def suggested(corpus: Corpus) -> str:
+    """What to name as the background: the class of least pressure, and all classes, in words."""
+    pressure = (
+        pd.Series([frames.mean(dtype=np.float64) for frames in corpus]).groupby(corpus.gestures.astype(str)).mean()
+    )
+    least = shlex.quote(f"background={pressure.idxmin()}")
+    return f"name the class without touch: {least} has the least pressure of {', '.join(pressure.index)}"
+
+
 def check_background(touches: Corpus, quiet: Corpus) -> None:
     """Refuse captures that cannot become recordings."""
     if not len(touches):
         raise InputError(f"{touches.name}: there is no touch beside the background; give another background=")
     if lacking := sorted({*touches.subjects.astype(str)} - {*quiet.subjects.astype(str)}):
+        everyone = {*lacking} == {*touches.subjects.astype(str)}
+        leave = f"leave the subject out with where=\"subject != '{lacking[0]}'\", or give another background="
         raise InputError(
-            f"subject {lacking[0]} of {touches.name} has no background to compose a recording of; leave the subject "
-            f"out with where=\"subject != '{lacking[0]}'\", or give another background="
+            f"subject {lacking[0]} of {touches.name} has no background to compose a recording of; "
+            f"{suggested(touches) if everyone else leave}"
         )
     seconds = (sum(TOUCH_S) + sum(GAP_S)) / 2 * len(touches)
     values = seconds * touches.rate_hz * touches.grid[0] * touches.grid[1]

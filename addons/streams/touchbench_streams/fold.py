@@ -100,17 +100,16 @@ def refuse(plan: Plan, background: str, unknown: str) -> None:
         )
 
 
-def too_short(plan: Plan, false_alarms: float, background: str) -> list[str]:
-    """A line where the shortest training background of a fold is too short to learn a rate of false alarms.
+def too_short(corpus: Corpus, trains: list[np.ndarray], false_alarms: float, background: str) -> list[str]:
+    """A line where the shortest background of some training parts is too short to learn a rate of false alarms.
 
     One alarm in so much background is a higher rate. Without any alarm in 3 / rate hours, the rate is lower with a
     confidence of 95 % (Poisson). Background of composed recordings is as long as their touches are many.
     """
-    corpus = plan.corpus
     if not is_recorded(corpus):
         return []
     quiet = np.where(corpus.gestures == GAP, corpus.lengths, 0)
-    frames = min(float(quiet[fold.train].sum()) for fold in plan.folds)
+    frames = min(float(quiet[train].sum()) for train in trains)
     if background:
         frames += further(background, corpus).background_frames().sum()
     minutes = frames / corpus.rate_hz / 60
@@ -119,7 +118,7 @@ def too_short(plan: Plan, false_alarms: float, background: str) -> list[str]:
     return sentences(
         *("touchbench_streams", "touches", "short"),
         asked=f"{false_alarms:g}",
-        data=plan.cell.data,
+        data=corpus.name,
         minutes=f"{minutes:.1f}",
         least=f"{60 / minutes:.3g}",
         needed=f"{180 / false_alarms:.0f}",

@@ -115,7 +115,7 @@ class Continuous(Study):
         """A line where the training background of recordings is too short for the accepted rate."""
         from touchbench_streams.fold import too_short
 
-        return too_short(plan, self.false_alarms, self.background)
+        return too_short(plan.corpus, [fold.train for fold in plan.folds], self.false_alarms, self.background)
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects."""

@@ -19,7 +19,7 @@ from touchbench_streams import FALSE_ALARMS
 from touchbench_streams.composer import check_background, pieces
 from touchbench_streams.detectors import detectors
 from touchbench_streams.detectors.ticks import Detector, TickWatcher
-from touchbench_streams.fold import recordings_of, usual
+from touchbench_streams.fold import recordings_of, too_short, usual
 from touchbench_streams.recordings import certain, is_recorded, recorded
 from touchbench_streams.stored import further, holds_recordings, joined, whole
 
@@ -94,6 +94,10 @@ class Watching:
                 further(self.background, captures)
             return
         check_background(*pieces(captures, usual(captures, self.background)))
+
+    def warnings(self, captures: Corpus) -> list[str]:
+        """A line where the background of recordings is too short for the accepted rate."""
+        return too_short(captures, [np.arange(len(captures))], self.false_alarms, self.background)
 
     def learned(
         self, make_system: Callable[[], contract.System], system: contract.System, captures: Corpus

@@ -165,9 +165,11 @@ int main(int count, char **words)
         fprintf(stderr, "%s: %s\n", words[1], TOUCH_WATCH ? "give -w or nothing" : "give nothing");
         return 2;
     }
-    int capture = 1, seen = 0, at_last = 0, number = 0, settled = 0;
+    int capture = 1, seen = 0, at_last = 0, number = 0, settled = 0, unlike = 0;
+    touch_look_t look;
     const double per_hop = HOP_MS * TOUCH_RATE_HZ / 1000;
     touch_init(&state);
+    touch_look_init(&look);
     printf("capture,ms,label,confidence,settled\n");
     for (;;) {
         int kind = read_line();
@@ -180,6 +182,7 @@ int main(int count, char **words)
                 fprintf(stderr, "line %d: %s\n", number, code == TOUCH_LONG ? "the capture is too long" : "out of range");
                 return 2;
             }
+            touch_look(&look, frame);
             seen++;
             if ((int)((seen + 1e-6) / per_hop) > (int)((seen - 1 + 1e-6) / per_hop)) {
                 decided(capture, seen, &settled);
@@ -190,12 +193,18 @@ int main(int count, char **words)
         } else if (seen) {
             if (at_last < seen)
                 decided(capture, seen, &settled);
+            unlike += touch_unlike(&look);
             touch_init(&state);
+            touch_look_init(&look);
             capture++;
             seen = at_last = settled = 0;
         }
     }
     if (at_last < seen)
         decided(capture, seen, &settled);
+    if (seen)
+        unlike += touch_unlike(&look);
+    if (unlike)
+        fprintf(stderr, "%d of %d captures look unlike all training captures\n", unlike, capture - !seen);
     return 0;
 }

@@ -211,14 +211,13 @@ def worth(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
     return settings["found"] - PRICE * excess - REPEATS * (per_touch - SPARE).clip(lower=0)
 
 
-def points_of(settings: pd.DataFrame, learned: float) -> tuple[tuple[float, float, float], ...]:
+def points_of(settings: pd.DataFrame, learned: float) -> tuple[tuple[float, float, float, float], ...]:
     """Operating points of a sweep: the learned level, and those that find more than all with as few alarms."""
     rows = settings.sort_values(["alarms", "found", "level"], ascending=[True, False, False], kind="stable")
     better = rows[rows["found"] > rows["found"].cummax().shift(fill_value=-1.0)]  # of equal ones the strictest
     kept = settings[settings["level"].isin(better["level"]) | np.isclose(settings["level"], learned)]
     kept = kept.sort_values("level", ascending=False)
-    kept = kept.assign(rate=kept["alarms"] / kept["hours"].replace(0, np.nan))
-    return tuple(tuple(map(float, row)) for row in kept[["level", "rate", "found"]].to_numpy())
+    return tuple(tuple(map(float, row)) for row in kept[["level", "alarms", "hours", "found"]].to_numpy())
 
 
 def left_out(recordings: Recordings) -> np.ndarray:
@@ -248,8 +247,8 @@ class TickWatcher:
         level: threshold, learned for a number of false alarms per hour.
         count: frames of a tick.
         reject: confidence below which a label is ``unknown``; 0 for never.
-        points: level, false alarms per hour and share of touches found of operating points on training recordings,
-            from the strictest to the most eager.
+        points: level, false alarms, hours of background and share of touches found of operating points on training
+            recordings, from the strictest to the most eager.
     """
 
     system: contract.System
@@ -258,7 +257,7 @@ class TickWatcher:
     level: float
     count: int
     reject: float = 0.0
-    points: tuple[tuple[float, float, float], ...] = ()
+    points: tuple[tuple[float, float, float, float], ...] = ()
 
     @property
     def numbers(self) -> int:
