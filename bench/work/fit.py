@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench import contract
+from bench.corpora.library import ASIDE
 from bench.errors import InputError
 from bench.machine import this_machine
 from bench.plan.cells import Cell
@@ -39,7 +40,7 @@ class Fitted:
         recogniser: fitted system with the required format of its frames.
         uri: address of the saved model in the store.
         run_id: id of its run.
-        captures: number of training captures.
+        captures: number of training captures of gestures; a stream's background is not among them.
         told: sentence on what else is saved; empty without.
     """
 
@@ -115,7 +116,8 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
                 with made_whole(out) as beside:
                     mlflow.pyfunc.save_model(str(beside), **model)
     told = "" if more is None else learner.sentence
-    return Fitted(cell, recogniser, saved.model_uri, run_id, len(corpus), told)
+    gestures = int((~np.isin(corpus.gestures, corpus.info.get(ASIDE, []))).sum())
+    return Fitted(cell, recogniser, saved.model_uri, run_id, gestures, told)
 
 
 def _more(learner: Any, cell: Cell, estimator: contract.System, corpus: Corpus) -> Any:
