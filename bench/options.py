@@ -66,6 +66,7 @@ FEATURES = _usual("features", "{features}; not used by all models")
 SEED = Option("seed", "count", int(DEFAULTS["seed"]), "seed of models and feature sets; splits: protocol.seed=")
 JOBS = Option("jobs", "count", None, "number of worker processes; default one per core")
 BATCH = Option("batch", "yes", False, "yes: also systems whose labels depend on other test captures")
+DRY = Option("dry", "yes", False, "yes: only say which runs are stored and how long the others take")
 CELL = (DATA, WHERE, TARGET, _usual("protocol", "{protocols}"), MODEL, FEATURES)  # keys of what is run
 WORK = (*CELL, SEED, JOBS)
 STORED = (  # which stored runs are read
@@ -129,7 +130,7 @@ def options(name: str, typed: Iterable[str] | None = None) -> dict[str, Option]:
         typed: the words that were typed; circumstances are loaded only if one of them has another key.
     """
     command = load("commands", name)
-    every = {option.key: option for option in (*(WORK if command.makes else ()), *command.options)}
+    every = {option.key: option for option in (*((*WORK, DRY) if command.makes else ()), *command.options)}
     heads = None if typed is None else {*map(_head, typed)}
     packages = added(name, heads) | (added("makers", heads) if command.makes else {})
     if command.makes and (heads is None or not heads <= {*every, *packages}):

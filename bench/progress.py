@@ -18,3 +18,11 @@ def span(seconds: float) -> str:
     if not minutes:
         return f"{rest} s"
     return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
+def about(seconds: float) -> str:
+    """An estimate of seconds in words, to no more digits than it deserves: about 8 s, about 90 s, about 3 min."""
+    if seconds < 100:
+        return f"about {max(1, round(seconds, -1) if seconds > 20 else round(seconds)):.0f} s"
+    minutes = round(seconds / 60)
+    return f"about {minutes} min" if minutes < 100 else f"about {round(minutes / 60)} h"

@@ -138,6 +138,13 @@ class Store:
         """The run of a key and a kind, None where there is none."""
         return next(iter(self.runs(f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'")), None)
 
+    @reached()
+    def newest(self, kind: str, most: int, **params: str) -> list[Run]:
+        """At most so many of the newest runs of a kind that have some parameters."""
+        asked = [f"tags.`touchbench.format` = '{FORMAT}' and tags.`touchbench.kind` = '{kind}'"]
+        asked += [f"params.`{name}` = '{value}'" for name, value in params.items() if "'" not in value]
+        return [*self.client.search_runs([self.experiment_id], " and ".join(asked), max_results=most)]
+
     def result(self, run: Run) -> Result:
         """A run as a result; its tables are read when they are asked for."""
         about = about_of(run.info, run.data.params, run.data.tags)

@@ -6,7 +6,8 @@ Python.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import textwrap
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 WORDS = 34  # columns of a terminal for text, before it takes more lines rather than the place of another column
+HELD = "\N{NO-BREAK SPACE}"  # within a value, so that a line ends between two of them
 PAGE = 9  # columns of a table on the page
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # begins a formula in a spreadsheet, at the start of a cell
 
@@ -97,33 +99,59 @@ class Table:
         names = ("cells", "group", "marks")
         return [dict(zip(names, row, strict=True)) for row in zip(self.texts, groups, marks, strict=True)]
 
-    def print(self, out: Console) -> None:
-        """Print it so that it fits; headings of columns without room follow below it."""
-        from rich.cells import cell_len
-        from rich.markup import escape
-        from rich.table import Table as Grid
+    def fitted(self, width: int) -> tuple[dict[str, int], list[str], str]:
+        """Widths of the columns side by side, headings of those under each row, and a line on columns left out.
 
-        names, left = [*self.headings], {m.name for m in self.columns if m.left}
-        spare = sorted((m for m in self.columns if m.spare and m.name in names), key=lambda m: -m.spare)
-        wide = {n: max(cell_len(cell) for cell in (n, *(row[n] for row in self.texts))) for n in names}
-        wide |= {n: min(wide[n], WORDS) for n in left if n in wide}  # words go on in the next line
-        dropped: list[str] = []
-        for measure in spare:
-            if sum(wide[n] + 3 for n in names) + 1 <= out.width:
+        Columns with ``spare`` are left out first. Then numbers go under the row, from the right; then text.
+        """
+        from rich.cells import cell_len
+
+        full = {n: max(cell_len(cell) for cell in (n, *(row[n] for row in self.texts))) for n in self.headings}
+        shown = [m for m in self.columns if m.name in full]
+        wide = {m.name: min(full[m.name], WORDS) if m.left else full[m.name] for m in shown}
+        spare = sorted((m for m in shown[1:] if m.spare), key=lambda m: -m.spare)
+        fixed = sorted((m for m in shown[:0:-1] if not m.spare), key=lambda m: m.left)
+        needed, left_out, under = -_room(wide, 0), list[str](), list[str]()
+        for measure in (*spare, *fixed):
+            if _room(wide, width) >= 0:
                 break
-            names.remove(measure.name)
-            dropped.append(measure.name)
-        grid = Grid()
-        for name in names:
-            grid.add_column(escape(name), justify="left" if name in left else "right", overflow="fold")
+            (left_out if measure.spare else under).append(measure.name)
+            del wide[measure.name]
+        for name in wide:  # text takes the room that is left; a first column alone may be too wide
+            wide[name] = max(1, min(full[name], wide[name] + _room(wide, width)))
+        line = f"columns left out: {', '.join(left_out)}; a terminal of {needed} columns shows them" if left_out else ""
+        return wide, [name for name in full if name in under], line
+
+    def print(self, out: Console) -> None:
+        """Print it so that it fits: columns without room follow in lines under each row, spare ones are named below."""
+        from rich.cells import set_cell_size
+        from rich.segment import Segment, SegmentLines
+        from rich.table import Table as Grid
+        from rich.text import Text
+
+        wide, under, left_out = self.fitted(out.width)
+        numbers = {m.name for m in self.columns if not m.left}
+        grid, heights = Grid(), []
+        for name, width in wide.items():
+            grid.add_column(Text(name), justify="right" if name in numbers else "left", width=width, overflow="fold")
         for i, row in enumerate(self.texts):  # rich would take svm[C=8.0] for markup
-            grid.add_row(*(escape(row[n]) for n in names), style="bold" if i in self.bold else None)
+            cells = [Text(row[name]) for name in wide]
+            heights.append(max(len(c.wrap(out, w, overflow="fold")) for c, w in zip(cells, wide.values(), strict=True)))
+            grid.add_row(*cells, style="bold" if i in self.bold else None)
+        lines = out.render_lines(grid, pad=False)
+        end = len(lines) - 1 - sum(heights)
+        printed = lines[:end]
+        for row, height in zip(self.texts, heights, strict=True):
+            printed += lines[end : (end := end + height)]
+            edge = printed[-1][0].text[0]
+            rest = ", ".join(f"{name} {row[name]}".replace(" ", HELD) for name in under if row[name] not in (NONE, ""))
+            inner = -1 - _room(wide, 0) - 4
+            for line in textwrap.wrap(rest, inner, initial_indent="  ", subsequent_indent="  "):
+                printed.append([Segment(f"{edge} {set_cell_size(line.replace(HELD, ' '), inner)} {edge}")])
         out.print(self.title, style="bold", markup=False, highlight=False)
-        out.print(grid)
-        if dropped:
-            needed = sum(wide[n] + 3 for n in [*names, *dropped]) + 1
-            words = f"columns left out: {', '.join(dropped)}; a terminal of {needed} columns shows them"
-            out.print(words, style="dim", markup=False, highlight=False)
+        out.print(SegmentLines([*printed, *lines[end:]], new_lines=True))
+        if left_out:
+            out.print(left_out, style="dim", markup=False, highlight=False)
 
     def frame(self) -> pd.DataFrame:
         """The numbers by key; an interval takes three columns, ``<key>``, ``<key>_low`` and ``<key>_high``."""
@@ -157,6 +185,11 @@ class Table:
         import pandas as pd
 
         return pd.DataFrame(self.texts, columns=self.headings)
+
+
+def _room(widths: Mapping[str, int], width: int) -> int:
+    """Columns of a terminal that a table with such columns leaves free; negative where it does not fit."""
+    return width - 1 - sum(wide + 3 for wide in widths.values())
 
 
 def of_text(frame: pd.DataFrame, code: Collection[str] = (), **more: Any) -> Table:

@@ -112,6 +112,25 @@ def test_a_table_shows_what_fits_and_keeps_all_numbers(tmp_path):
     assert of_text(pd.DataFrame({"a": ["1"]}), code=["a"]).code == {"a"}
 
 
+def test_what_does_not_fit_follows_in_lines_under_its_row():
+    """At every width: nothing is wider, names and numbers are whole, and only long text takes further lines."""
+    columns = [text("system"), *(Measure(f"n{i}", f"number {i}", form=".4f") for i in range(9)), text("verdict")]
+    rows = [
+        {"system": f"system {j}", "verdict": "ruled out"} | {f"n{i}": 10 * j + i / 7 for i in range(9)} for j in (1, 2)
+    ]
+    table = Table(columns, rows, "Title")
+    for width in (24, 40, 72, 100, 160):
+        out = Console(width=width, record=True)
+        table.print(out)
+        lines = out.export_text().splitlines()
+        assert max(map(len, lines)) <= width
+        assert [line.split()[1:3] for line in lines if "│ system" in line] == [["system", "1"], ["system", "2"]]
+        shown = " ".join("".join(lines).replace("│", " ").split())
+        assert all(f"{row[f'n{i}']:.4f}" in shown for row in rows for i in range(9)) and shown.count("ruled out") == 2
+        under = 0 if width == 160 else -(-(9 * len("number 1 20.0000, ")) // (width - 6)) + 3
+        assert len(lines) <= 5 + len(rows) * (1 + under)
+
+
 def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
     about = {"system": "s", "seed": "1", "data": "d", "synthetic": "true", "subset": "all", "target": "gesture"}
     about |= {"protocol_label": "LOSO", "touchbench.kind": "cell", "status": "FAILED", "accuracy": "text"}

@@ -12,5 +12,6 @@ PARTS = {
     "audit": "bench.commands.audit:COMMAND",
     "ui": "bench.commands.ui:COMMAND",
     "predict": "bench.commands.predict:COMMAND",
+    "runs": "bench.commands.runs:COMMAND",
     "check": "bench.commands.check:COMMAND",
 }

@@ -130,7 +130,7 @@ def runs_table(results: Sequence[Result], view: View) -> Table:
     context = [
         text("data", read=lambda r: r["data"] + "*" * (r["synthetic"] == "true")),
         text("subset", read=subset, spare=1),
-        text("protocol"),
+        text("protocol", read=protocol_of),
     ]
     differing = [measure for measure in context if len({measure.of(r) for r in results}) > 1]
     system = text("system", read=lambda r: called[r] + " (best)" * (r in marked))
@@ -147,6 +147,11 @@ def runs_table(results: Sequence[Result], view: View) -> Table:
         title += "".join(f"; {too_few(people)}" for people in few)
     bold = [i for i, r in enumerate(results) if r in marked]
     return Table([system, *differing, *measures, folds], results, title, bold)
+
+
+def protocol_of(result: Result) -> str:
+    """The protocol of a row, with a word where it mixes subjects."""
+    return str(result["protocol"]) + ", subjects mixed" * (result.get("mixes_subjects") == "true")
 
 
 def known_score(result: Result, view: View) -> float:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
-from bench.option import Option
+from bench.option import Option, value_of
 from bench.options import (
     COMPARE,
+    DRY,
     KEYS,
     START,
     Command,
@@ -48,13 +49,16 @@ RUN = Command(
     "Evaluates every combination of the given values; commas separate values. A dotted key sets a "
     "parameter of that part. Each combination is one MLflow run. under=, after= and "
     "train_subjects= let each fitted system label the test captures again: under faults, after some of the touch, or "
-    "fitted on fewer subjects. An interrupted command continues where it stopped.",
+    "fitted on fewer subjects. An interrupted command continues where it stopped. A TOML file names several grids: "
+    "each table has keys of the command line, and lists for several values. Keys above the first table hold for all.",
     "bench run protocol=loso model=cnn85\n"
     f"bench run data=haart {SMALL}\n"
     "bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54\n"
     "bench run data=cost model=svm model.C=8,32,128 model.gamma=0.125\n"
     "bench run data=haart model=lda features=touch under=noise,dead_taxels after=250ms,1s\n"
-    "bench run data=synth data.subjects=12 data.repetitions=2",
+    "bench run data=synth data.subjects=12 data.repetitions=2\n"
+    "bench run paper.toml dry=yes",
+    "[FILE.toml] [key=value ...]",
     makes="run",
     options=STEPS,
 )
@@ -87,8 +91,9 @@ def made(name: str, values: Values) -> pd.DataFrame:
     from bench.outcomes.frame import frame
     from bench.work.loop import execute
 
-    typed = values_of(values, keys(name, [key.replace("__", ".") for key in values]))
-    return frame(execute(planned(name, typed), backend_of(typed)))
+    typed = values_of(values, keys(name, [key.replace("__", ".") for key in values]).keys() - {DRY.key})
+    backend = backend_of(typed)
+    return frame(execute(planned(name, {"": typed}, backend), backend))
 
 
 def command(name: str, arguments: list[str]) -> int:
@@ -96,24 +101,56 @@ def command(name: str, arguments: list[str]) -> int:
     from bench.commands.printing import writable
     from bench.work.loop import execute
 
-    values = parse(arguments, keys(name, arguments))
-    plans = planned(name, values)
+    file = arguments[0] if name == "run" and arguments and arguments[0].endswith(".toml") else ""
+    values = parse(arguments[bool(file) :], keys(name, arguments[bool(file) :]))
+    backend, digest = backend_of(values), ""
+    grids: Mapping[str, Values] = {"": values}
+    if file:
+        from bench.commands.grid import read
+
+        aside = {DRY.key, *backend_keys()}
+        if extra := [key for key in values if key not in aside]:
+            raise InputError(f"{extra[0]}= stands beside {file}, which names what is run; write it in the file")
+        digest, grids = read(file, aside)
+    plans = planned(name, grids, backend)
+    if is_dry(values):
+        from bench.commands.grid import foreseen
+
+        return foreseen(plans)
     folder = writable(Path(out)) if (out := given_to(name, values).get("out")) else None
     circumstances = dict.fromkeys(one.key for plan in plans for one in plan.cell.circumstances)
-    return printed(name, execute(plans, backend_of(values)), [*circumstances], folder)
+    return printed(name, execute(plans, backend, digest), [*circumstances], folder)
+
+
+def is_dry(values: Values) -> bool:
+    """Whether typed values ask what would be run, and for no run."""
+    return bool(value_of(DRY, values.get(DRY.key, DRY.default)))
 
 
 def given_to(name: str, values: Values) -> dict[str, Any]:
     """What a command that makes runs is given besides keys of its cells and workers; its own keys with defaults."""
     usual = {one.key: one.default for one in load("commands", name).options if one.default and "." not in one.key}
-    of_runs = {*KEYS, *backend_keys()}
+    of_runs = {*KEYS, *backend_keys(), DRY.key}
     return usual | {key: value for key, value in values.items() if key.partition(".")[0] not in of_runs}
 
 
-def planned(name: str, values: Values) -> list[Plan]:
-    """What a command is to run."""
-    from bench.plan.cells import cells
+def planned(name: str, grids: Mapping[str, Values], backend: Backend) -> list[Plan]:
+    """What a command is to run of each grid, by its place in words; every run once."""
     from bench.work.loop import prepared
+    from bench.work.tracking import key_of
+
+    todo: list[Cell] = []
+    for place, values in grids.items():
+        try:
+            todo += _wanted(name, values)
+        except InputError as e:
+            raise InputError(f"{place}: {e}" if place else str(e)) from e
+    return [*{key_of(plan): plan for plan in prepared(todo, backend.jobs)}.values()]
+
+
+def _wanted(name: str, values: Values) -> list[Cell]:
+    """The cells of a grid, each with what is measured of it."""
+    from bench.plan.cells import cells
 
     makes, given = load("commands", name).makes, given_to(name, values)
     made = cells({key: value for key, value in values.items() if key not in given})
@@ -121,11 +158,9 @@ def planned(name: str, values: Values) -> list[Plan]:
     if "faults" in given:  # what bench stress calls under=
         given["under"] = given["faults"]
     if makes != "run" and (study := load("circumstances", makes)).study:
-        todo = [replace(cell, study=each) for cell in made for each in study.of(given)]
-    else:
-        several = circumstances(given) if given else [()]
-        todo = [replace(cell, circumstances=each) for cell in made for each in several]
-    return prepared(todo, backend_of(values).jobs)
+        return [replace(cell, study=each) for cell in made for each in study.of(given)]
+    several = circumstances(given) if given else [()]
+    return [replace(cell, circumstances=each) for cell in made for each in several]
 
 
 def circumstances(values: Values) -> list[tuple[Circumstance, ...]]:
@@ -155,7 +190,8 @@ def printed(name: str, results: list[Result], keys: Sequence[str] = (), folder: 
     for one, members in shown:
         for part in one.printed(members):
             part.print(output()) if isinstance(part, Table) else say(part)
-    then(main.then(results))
+    if whole := [r for r in results if r.scored and r.complete]:
+        then(main.then(whole))
     return code
 
 

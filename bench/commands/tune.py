@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bench.commands.run import evaluated, printed
+from bench.commands.run import evaluated, is_dry, printed
 from bench.errors import InputError, nearest
 from bench.option import Option
-from bench.options import COMPARE, WORK, Command, backend_of, keys, parse, settings
+from bench.options import COMPARE, DRY, WORK, Command, backend_of, keys, parse, settings
 from bench.registry import parameters
 from bench.words import DEFAULTS, Values, convert, items, text_of
 
@@ -32,6 +32,7 @@ COMMAND = Command(
     "bench tune data=haart protocol=loso model=cnn85 smallest=frames",
     options=(
         *WORK,
+        DRY,
         Option("trials", "count", 50, "combinations to try in each fold; a grid of lists is tried completely"),
         Option("seconds", "number", None, "seconds after which a fold starts no new combination"),
         Option("smallest", "text", "", "parameter of model= to make as small as possible, or features"),
@@ -42,7 +43,13 @@ COMMAND = Command(
 
 def command(arguments: list[str]) -> int:
     """Search, fit and score; exit code as of ``bench run``."""
-    return printed("run", searched(parse(arguments, keys("tune"))))
+    values = parse(arguments, keys("tune"))
+    if is_dry(values):
+        from bench.commands.grid import foreseen
+        from bench.work.loop import prepared
+
+        return foreseen(prepared(_cells(values), backend_of(values).jobs))
+    return printed("run", searched(values))
 
 
 def searched(values: Values) -> list[Result]:
@@ -51,8 +58,11 @@ def searched(values: Values) -> list[Result]:
     Listed values of a model's parameters are tried. Where no parameter has several, the ranges that the model declares
     are searched, and single values are kept. ``smallest`` of a parameter looks for its smallest value instead.
     """
-    tuned = _smallest(values) if "smallest" in values else _tuned(values)
-    return evaluated(tuned, backend_of(values))
+    return evaluated(_cells(values), backend_of(values))
+
+
+def _cells(values: Values) -> list[Cell]:
+    return _smallest(values) if "smallest" in values else _tuned(values)
 
 
 def _tuned(values: Values) -> list[Cell]:
@@ -78,7 +88,7 @@ def _smallest(values: Values) -> list[Cell]:
         raise InputError(f"{wrong[0]}= ends a search, and smallest= tries every value; leave one of them out")
     given = settings("tune", values)
     over, inner = given["smallest"], given["inner"]
-    rest = {k: v for k, v in values.items() if k not in ("smallest", "inner", f"model.{over}")}
+    rest = {k: v for k, v in values.items() if k not in (*given, f"model.{over}")}
     pairs = [
         (replace(cell, tuning=_sizes(cell, over, values.get(f"model.{over}"), inner)), cell)
         for cell in _searchable(rest)

@@ -110,7 +110,8 @@ def wanted(results: Sequence[Result], asked: Mapping[str, Iterable[object]]) -> 
 def selected(results: Sequence[Row], asked: Mapping[str, Iterable[object]]) -> list[Row]:
     """The results that have one of the values of each key.
 
-    A part of a file goes by ``file.py:Name`` from wherever it is asked for, and by the name that tables show.
+    A part of a file goes by ``file.py:Name`` from wherever it is asked for, and by the name that tables show. A run
+    goes by the first eight characters of its id, too.
     """
     kept = [*results]
     for key, values in asked.items():
@@ -122,7 +123,7 @@ def selected(results: Sequence[Row], asked: Mapping[str, Iterable[object]]) -> l
             kept = [r for r in kept if _names(ROOMS[key], r[name]) & wanted]
         else:
             texts = {str(v) for v in values}
-            kept = [r for r in kept if r.get(name) in texts]
+            kept = [r for r in kept if {r.get(name), f"{r.get(name)!s:.8}" if key == "run" else None} & texts]
     return _latest(kept) if "latest" in asked else kept
 
 

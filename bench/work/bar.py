@@ -15,7 +15,7 @@ from rich.progress import (
 )
 
 from bench import progress
-from bench.progress import span
+from bench.progress import about, span
 from bench.work.results import FoldResult, reason_of
 
 ALWAYS = 1e9  # seconds that rich looks back to estimate the time left
@@ -26,11 +26,15 @@ class Bar(Progress):
 
     Args:
         runs: number of runs of the command.
+        stored: number of these that are stored already.
+        todo: missing folds of each other run, and the seconds that they are expected to take, None if unknown.
     """
 
-    def __init__(self, runs: int) -> None:
-        self.runs, self.begun = runs, 0
-        self.missing: list[str] = []
+    def __init__(self, runs: int, stored: int = 0, todo: Sequence[tuple[int, float | None]] = ()) -> None:
+        self.runs, self.begun, self.todo = runs, stored, [*todo]
+        self.title, self.missing = "", list[str]()
+        self.now: tuple[int, float | None] = (0, None)  # of the run that goes on
+        self.done, self.seconds = 0, 0.0  # folds of earlier runs, and how long they took
         super().__init__(
             TextColumn("{task.description}", markup=False),
             BarColumn(),
@@ -52,9 +56,30 @@ class Bar(Progress):
     def begin(self, title: str, folds: int, missing: Sequence[str]) -> None:
         """Add the bar of a run, of which some folds are missing; they are done in this order."""
         self.begun += 1
-        title = f"run {self.begun} of {self.runs}: {title}" if self.runs > 1 else title
-        self.missing = [*missing]
+        self.title, self.missing = title, [*missing]
+        self.now = self.todo.pop(0) if self.todo else (len(missing), None)
         self.add_task(title, total=folds, completed=folds - len(missing), now=self._now())
+        self.update(self.run.id, description=self._named(self.left))
+
+    def _named(self, left: float | None = None) -> str:
+        """The run, its number among several, and the time left for all of these."""
+        time = f", {about(left)} left" if left and left >= 1 else ""
+        return f"run {self.begun} of {self.runs}{time}: {self.title}" if self.runs > 1 else self.title
+
+    @property
+    def left(self) -> float | None:
+        """Seconds until all runs are done; None as long as nothing is known of one of them.
+
+        A run goes on as fast as so far. One that waits takes its expected time, or as long as other folds on average.
+        """
+        (folds, usual), spent, missing = self.now, self.run.elapsed or 0.0, len(self.missing)
+        done = folds - missing
+        paces = [(self.seconds + spent) / (self.done + done)] if self.done + done else []
+        here = spent / done * missing if done else None if usual is None else max(0.0, usual - spent)
+        waiting = [(folds, time) for folds, time in ((missing, here), *self.todo)]
+        if not paces and any(time is None for _, time in waiting):
+            return None
+        return sum(count * paces[0] if time is None else time for count, time in waiting)
 
     def _now(self) -> str:
         """The fold that is under way, or the first of several."""
@@ -65,6 +90,7 @@ class Bar(Progress):
         run = self.run
         self.missing.remove(result.name)
         self.update(run.id, advance=1, now=self._now())
+        self.update(run.id, description=self._named(self.left))
         if result.error:
             self.console.print(f"{named(result.name)} failed: {result.reason}", style="red", markup=False)
         for name, error in result.failed.items():
@@ -72,14 +98,15 @@ class Bar(Progress):
             self.console.print(words, style="red", markup=False, soft_wrap=True)
         if not self.console.is_terminal:
             how = "failed" if result.error else "done"
-            left = f", {span(run.time_remaining)} left" if run.time_remaining else ""
+            left = f", {span(run.time_remaining)} left" if run.time_remaining and self.runs == 1 else ""
             done = f"{how} after {span(result.seconds)}, {run.completed:.0f} of {run.total:.0f} folds{left}"
             line = f"{run.description}: {named(result.name)} {done}"
             self.console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def end(self) -> None:
         """Print the bar of a run that has ended for good."""
-        self.update(self.run.id, now="")
+        self.done, self.seconds = self.done + self.now[0] - len(self.missing), self.seconds + (self.run.elapsed or 0.0)
+        self.update(self.run.id, now="", description=self._named())
         self.console.print(self.make_tasks_table([self.run]))
         self.remove_task(self.run.id)
 

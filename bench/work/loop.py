@@ -18,6 +18,7 @@ from bench.registry import imported
 from bench.result import Result
 from bench.store import Store, connect, only_one
 from bench.work.bar import Bar
+from bench.work.left import expected, left
 from bench.work.tracking import key_of, tracked
 from bench.work.workers import Here, Processes
 
@@ -54,8 +55,14 @@ def columns_of(cell: Cell) -> frozenset[str]:
     return frozenset().union(COLUMNS if cell.circumstances else (), *(one.columns for one in cell.producers))
 
 
-def execute(plans: Sequence[Plan], backend: Backend = HERE) -> list[Result]:
-    """Run missing folds, plan after plan; a run that is finished is read from the store."""
+def execute(plans: Sequence[Plan], backend: Backend = HERE, grid: str = "") -> list[Result]:
+    """Run missing folds, plan after plan; a run that is finished is read from the store.
+
+    Args:
+        plans: what to run.
+        backend: where folds are done.
+        grid: digest of the file that names the runs, to track with them; empty without one.
+    """
     try:
         with _workers(plans, backend) as workers:
             if workers.threads:
@@ -63,12 +70,27 @@ def execute(plans: Sequence[Plan], backend: Backend = HERE) -> list[Result]:
             for line in dict.fromkeys(line for plan in plans for line in warnings(plan)):
                 warn(line)
             store = connect(writes=True)
-            with Bar(len(plans)) as bar:
-                return [_run(store, plan, workers, bar) for plan in plans]
+            runs = [*{key_of(plan): plan for plan in plans}.values()]
+            todo = left(store, runs)
+            if stored := len(runs) - len(todo):
+                say_stored(runs, stored)
+            seconds = expected(store, todo) if len(todo) > 1 else [None] * len(todo)
+            times = [(one.folds, time) for one, time in zip(todo, seconds, strict=True) if one.folds]
+            with Bar(len(runs), stored, times) as bar:
+                return [_run(store, plan, workers, bar, grid) for plan in plans]
     except KeyboardInterrupt as e:
         raise Interrupted(
             "interrupted; every finished fold is stored, and the same command continues from there"
         ) from e
+
+
+def say_stored(runs: Sequence[Plan], stored: int) -> None:
+    """Say once how many runs need nothing."""
+    line = f"{'all' if stored == len(runs) else f'{stored} of'} {len(runs)} runs are already stored"
+    if len(runs) == 1:
+        cell = runs[0].cell
+        line = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(runs[0].folds)} folds are already stored"
+    console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def _workers(plans: Sequence[Plan], backend: Backend) -> Here:
@@ -80,16 +102,13 @@ def _workers(plans: Sequence[Plan], backend: Backend) -> Here:
     return Here() if backend.jobs == 1 else Processes()
 
 
-def _run(store: Store, plan: Plan, workers: Here, bar: Bar) -> Result:
+def _run(store: Store, plan: Plan, workers: Here, bar: Bar, grid: str) -> Result:
     """Find or make the run of a plan, have its missing folds done, and measure it."""
     key, cell = key_of(plan), plan.cell
     with only_one(key):
-        run = tracked(store, plan, key)
-        missing = run.missing
-        if not missing:
-            line = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(plan.folds)} folds are already stored"
-            console.print(line, markup=False, soft_wrap=True)
-        bar.begin(cell.title(), len(plan.folds), [fold.name for fold in missing])
+        run = tracked(store, plan, key, grid)
+        if missing := run.missing:
+            bar.begin(cell.title(), len(plan.folds), [fold.name for fold in missing])
         try:
             for done in workers.folds(plan, missing) if missing else ():
                 run.add(done)
@@ -100,7 +119,8 @@ def _run(store: Store, plan: Plan, workers: Here, bar: Bar) -> Result:
         result = run.close()
         if why := result.get("touchbench.batch_effect"):
             warn(f"warning: {cell.system()}: {why}")
-        bar.end()
+        if missing:
+            bar.end()
         return result
 
 

@@ -35,10 +35,11 @@ from bench.work.evaluation import run_of
 from bench.work.results import FoldResult, costs
 
 if TYPE_CHECKING:
-    from mlflow.entities import RunInfo
+    from mlflow.entities import Run, RunInfo
 
 TABLES = ("predictions", "trials", "tables")  # fields of a fold that are stored as tables; the others as text
 FOLDS = "folds"  # folder of a run with its folds, until they are its tables
+GRIDS = "touchbench.grids"  # tag: digests of the files whose grids have the run, of which its key knows nothing
 
 
 def key_of(plan: Plan) -> str:
@@ -184,7 +185,12 @@ class TrackedRun:
         return uniform(pd.DataFrame(rows))
 
 
-def tracked(store: Store, plan: Plan, key: str) -> TrackedRun:
+def is_whole(run: Run) -> bool:
+    """Whether a run is stored with all that was asked of it."""
+    return run.info.status == "FINISHED" and not run.data.tags.get(FAILED)
+
+
+def tracked(store: Store, plan: Plan, key: str, grid: str = "") -> TrackedRun:
     """The run of a key with the folds that it has, which goes on from there; a new one if there is none."""
     cell = plan.cell
     tags = tags_of(cell, plan.corpus) | plan.facts
@@ -196,14 +202,19 @@ def tracked(store: Store, plan: Plan, key: str) -> TrackedRun:
     if run and not run.data.params:
         store.delete(run.info.run_id)  # cut off while it was made
         run = None
+    if grid:
+        known = run.data.tags.get(GRIDS, "").split(", ") if run else []
+        tags[GRIDS] = ", ".join(dict.fromkeys([*filter(None, known), grid]))
     if run is None:
         params, about = _params(plan), {"mlflow.note.content": _note(plan), "mlflow.source.name": "bench"}
         made = store.create(_name(cell), about | tags, params).info
         return TrackedRun(store, plan, made, params, tags)
     found = TrackedRun(store, plan, run.info, dict(run.data.params), tags)
     run_id, artifacts = run.info.run_id, run.info.artifact_uri
+    if grid:
+        store.log(run_id, tags={GRIDS: tags[GRIDS]})
     files = store.names(run_id, artifacts, FOLDS)
-    if run.info.status == "FINISHED" and not run.data.tags.get(FAILED):
+    if is_whole(run):
         found.whole = store.result(run)
         if files:  # its command was cut off at the very end
             store.drop(artifacts, FOLDS)

@@ -26,6 +26,16 @@ worst = 80
 worst_person = 5
 worst_tenth = 5
 """,
+    "grids.toml": """
+data = "people"
+features = "jung28"
+[stored]
+model = ["tree", "bayes"]
+[seeds]
+model = "rf"
+"model.trees" = 5
+seed = [0, 1]
+""",
     "new.toml": 'margin = 10\n[reactions]\ncalm = ["stroke", "rub"]\n',
 }
 LDA = [*SYNTH[:-1], "model=lda", "features=touch", "model.window=0.5"]
@@ -74,6 +84,14 @@ STEPS = {  # each list in a copy of the store
         ["data", "import", "table", "o.csv", "name=mine", *TABLE],
         ["data", "verify", "people"],
     ],
+    "runs": [
+        ["run", "grids.toml", "dry=yes", "jobs=1"],
+        ["run", "grids.toml", "jobs=1"],
+        ["tune", *PEOPLE, "model=tree", "features=jung28", "model.level=1,9", "inner=2", "dry=yes"],
+        ["runs"],
+        ["runs", "data=three", "protocol=kfold", "delete=yes", "yes=yes"],
+        ["runs", "data=three"],
+    ],
     "fit": [
         ["fit", *LDA, "stopping=no", "out=rec"],
         ["predict", "rec", "three.csv", "out=p.csv"],
@@ -121,6 +139,10 @@ WRONG = [  # commands that are refused
     ["run", "data=nowhere"],
     ["run", "data=haart"],
     ["run", "protocol=losso"],
+    ["run", "nowhere.toml"],
+    ["run", "grids.toml", "seed=1"],
+    ["run", "robot.toml"],
+    ["run", *PEOPLE, "dry=maybe"],
     ["run", *PEOPLE, "model.c=3"],
     ["run", *PEOPLE, "model.C=-1"],
     ["run", *PEOPLE, "where=variant=='loud'"],
@@ -172,5 +194,8 @@ WRONG = [  # commands that are refused
     ["data", "import", "table", "people.csv", "name=x", "grid=8x9", "rate_hz=45"],
     ["data", "import", "table", "people.csv", "name=x"],
     ["fit", *THREE[:1], "model=svm,rf"],
+    ["runs", "delete=yes"],
+    ["runs", "data=people", "delete=yes"],
+    ["runs", "model=svm"],
     ["predict", "nowhere", "three.csv"],
 ]

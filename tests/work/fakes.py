@@ -61,6 +61,9 @@ class Memory(Store):
     def of_kind(self, kind, data=""):
         return [r for r in self.kept.values() if r.data.tags["touchbench.kind"] == kind]
 
+    def newest(self, kind, most, **params):
+        return self.of_kind(kind)[::-1][:most]
+
     def statuses(self, kind="echo"):
         return [r.info.status for r in self.of_kind(kind)]
 

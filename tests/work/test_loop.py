@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from filelock import FileLock
 
@@ -16,6 +17,7 @@ from bench.plan.plan import planned, share_cores
 from bench.scratch import home
 from bench.work import loop
 from bench.work.fold import forget_peak, peak_memory
+from bench.work.left import expected, left
 from bench.work.loop import Interrupted, execute
 from bench.work.tracking import key_of
 from bench.work.workers import Here
@@ -62,7 +64,9 @@ def test_outcomes_come_in_the_order_of_the_plans_and_folds_in_that_of_the_protoc
     monkeypatch.setattr(Echo, "fold_metrics", lambda self, result, rate_hz: {"score": int(result.name) / 3})
     outcomes = execute(todo(plan, 0, 1, 0))  # the same again is computed once
     assert [o["echo.number"] for o in outcomes] == ["0", "1", "0"] and store.statuses() == ["FINISHED"] * 2
-    assert "all 4 folds are already stored" in capsys.readouterr().err.replace("\n", " ")
+    assert "run 2 of 2" in (said := capsys.readouterr().err) and "stored" not in said
+    assert len(execute(todo(plan, 1))) == 1 and "all 4 folds are already stored" in capsys.readouterr().err
+    assert len(execute(todo(plan, 1, 0, 1))) == 3 and capsys.readouterr().err.strip() == "all 2 runs are already stored"
     assert DONE == [(n, f) for n in range(2) for f in "4321"] and outcomes[2]["run_id"] == outcomes[0]["run_id"]
     for outcome in outcomes:
         predictions, folds = outcome.tables["predictions"], outcome.tables["folds"]
@@ -83,6 +87,13 @@ def test_what_is_cut_off_goes_on_and_ends_the_same(how, error, store, plan, monk
     with pytest.raises(error):
         execute(todo(plan, 0, 1))
     assert len(DONE) == 5 and store.statuses() == ["FINISHED", "KILLED"]
+    (one,) = store.of_kind("echo")[:1]
+    table = pd.DataFrame({"status": ["FINISHED", "FINISHED", "FAILED"], "seconds": [2.0, 4.0, 90.0]})
+    table.to_parquet(one.folder / "folds.parquet")
+    missing = left(store, todo(plan, 0, 1, 2))  # of the first run nothing, of the second all but one fold
+    assert [(each.plan.cell.study.number, each.folds) for each in missing] == [(1, 3), (2, 4)]
+    workers = missing[0].plan.workers
+    assert expected(store, missing) == [pytest.approx(3 * 3 / min(workers, 3)), pytest.approx(4 * 3 / min(workers, 4))]
     monkeypatch.setattr(Backwards, "stop", -1)
     resumed = execute(todo(plan, 0, 1))
     assert len(DONE) == 8 and len({*DONE}) == 8 and store.statuses() == ["FINISHED"] * 2

@@ -1,0 +1,134 @@
+"""Grids in a file, what a command would run, and stored runs that are listed and deleted."""
+
+import hashlib
+from pathlib import Path
+
+import pytest
+from mlflow.entities import ViewType
+
+from bench.cli import main
+from bench.work.workers import Here
+from tests.conftest import SMALL, runs
+
+GRIDS = """
+data = "synth"
+"data.subjects" = 3
+"data.variants" = "normal"
+"data.repetitions" = 1
+features = "jung28"
+
+[few]
+model = ["bayes", "tree"]
+
+[again]
+model = "tree"
+seed = [0, 1]
+"""
+WRONG = [  # content of a file, further words, facts that the refusal names
+    (None, "", "grids.toml: No such file"),
+    ("model = ", "", "is not TOML"),
+    ('model = "svm"\nmodel.C = 8', "", 'such as "model.C" = 8'),
+    ("model.C = 8", "", 'such as "model.C" = 8'),
+    ('[a]\nmodle = "svm"', "", "[a]: no key is called 'modle'; did you mean model"),
+    ('[a]\nmodel = "svn"', "", "[a]: model=svn: unknown; did you mean svm"),
+    ("jobs = 2", "", "no key is called 'jobs'"),
+    ("seed = 1979-05-27", "", "seed = 1979-05-27: give text, a number"),
+    ("# nothing", "", "it names nothing to run"),
+    ('model = "svm"', "seed=1", "seed= stands beside grids.toml"),
+]
+
+
+@pytest.fixture
+def file():
+    path = Path("grids.toml")
+    path.write_text(GRIDS)
+    return path
+
+
+@pytest.mark.parametrize(("content", "words", "fact"), WRONG)
+def test_a_wrong_file_is_refused_in_a_line(content, words, fact, capsys):
+    if content is not None:
+        Path("grids.toml").write_text(content)
+    assert main(["run", "grids.toml", *words.split()]) == 2
+    error = capsys.readouterr().err
+    assert fact in error and error.count("\n") == 1
+
+
+def test_a_file_of_grids_goes_on_after_ctrl_c_and_marks_its_runs(file, monkeypatch, capsys):
+    done, whole = [], Here.folds
+
+    def cut_off(self, plan, missing):
+        for result in whole(self, plan, missing):
+            if len(done) == 4:
+                raise KeyboardInterrupt
+            done.append((plan.cell.system(), plan.cell.seed, result.name))
+            yield result
+
+    monkeypatch.setattr(Here, "folds", cut_off)
+    assert main(["run", str(file), "dry=yes", "jobs=1"]) == 0 and not done
+    out = capsys.readouterr().out
+    assert "3 runs, 0 stored; time unknown for 3 runs" in out and out.count("0 of 3") == 3
+    assert "data.repetitions=1" in out.splitlines()[0]  # what all runs share
+    assert main(["run", str(file), "jobs=1"]) == 130 and len(done) == 4
+    capsys.readouterr()
+    assert main(["run", str(file), "dry=yes", "jobs=1"]) == 0
+    out = capsys.readouterr().out
+    assert [out.count(f"{n} of 3") for n in (3, 1, 0)] == [1, 1, 1] and "3 runs, 1 stored, time" not in out
+    monkeypatch.setattr(Here, "folds", whole)
+    assert main(["run", str(file), "jobs=1"]) == 0
+    captured = capsys.readouterr()
+    assert "1 of 3 runs are already stored" in captured.err and "run 3 of 3" in captured.err
+    assert "run 2 of 3: tree · jung28 | synth | loso: fold 1 " not in captured.err  # that fold was stored
+    assert main(["run", *SMALL, "model=bayes,tree", "features=jung28"]) == 0  # the same runs, whoever names them
+    assert "all 2 runs are already stored" in capsys.readouterr().err
+    _, stored = runs("cell")
+    digest = hashlib.sha256(GRIDS.encode()).hexdigest()[:16]
+    assert len(stored) == 3 and {run.data.tags["touchbench.grids"] for run in stored} == {digest}
+    file.write_text(GRIDS + "# the same grids in another file\n")
+    assert main(["run", str(file), "jobs=1"]) == 0
+    other = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+    assert {run.data.tags["touchbench.grids"] for run in runs("cell")[1]} == {f"{digest}, {other}"}
+    assert "all 3 runs are already stored" in capsys.readouterr().err
+    assert main(["run", str(file), "dry=yes", "jobs=1"]) == 0 and "3 runs, 3 stored\n" in capsys.readouterr().out
+
+
+def test_after_a_failure_of_everything_no_command_comes_next(capsys):
+    Path("mine.py").write_text(
+        "from sklearn.base import BaseEstimator, ClassifierMixin\n\n\nclass No(ClassifierMixin, BaseEstimator):\n"
+        "    def fit(self, X, y):\n        raise RuntimeError('no')\n\n    def predict(self, X):\n        return X\n"
+    )
+    assert main(["run", *SMALL, "model=mine.py:No"]) == 1
+    assert "next:" not in capsys.readouterr().out
+    assert main(["runs"]) == 0 and "3 of 3 folds failed" in capsys.readouterr().out
+
+
+def test_runs_are_listed_and_deleted_as_mlflow_deletes_them(monkeypatch, capsys):
+    assert main(["run", *SMALL, "model=bayes,tree", "features=jung28", "seed=0,1"]) == 0
+    store, stored = runs("cell")
+    capsys.readouterr()
+    assert main(["runs", "model=tree"]) == 0
+    out = capsys.readouterr().out
+    trees = [run.info.run_id for run in stored if run.data.tags["model"].startswith("tree")]
+    assert len(trees) == 2 and all(run_id[:8] in out for run_id in trees) and "bayes" not in out
+    asked = []
+    monkeypatch.setattr("builtins.input", lambda question: asked.append(question) or "no")
+    for words, code, fact in (
+        (["delete=yes"], 2, "select the runs to delete"),
+        (["model=tree", "delete=yes"], 2, "add yes=yes"),
+        (["model=svm", "delete=yes", "yes=yes"], 2, "no run is stored"),
+    ):
+        assert main(["runs", *words]) == code and fact in capsys.readouterr().err
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    assert main(["runs", f"run={trees[0][:8]}", "delete=yes"]) == 1 and asked == ["Delete 1 run? [yes/no] "]
+    assert len(runs("cell")[1]) == 3
+    monkeypatch.setattr("builtins.input", lambda question: "yes")
+    assert main(["runs", f"run={trees[0][:8]}", "delete=yes"]) == 0
+    experiment = [store.experiment_id]
+    (gone,) = store.client.search_runs(experiment, run_view_type=ViewType.DELETED_ONLY)
+    assert gone.info.run_id == trees[0] and gone.info.lifecycle_stage == "deleted"
+    assert {run.info.run_id for run in runs("cell")[1]} == {run.info.run_id for run in stored} - {trees[0]}
+    store.client.restore_run(trees[0])
+    capsys.readouterr()
+    assert main(["run", *SMALL, "model=bayes,tree", "features=jung28", "seed=0,1"]) == 0
+    assert "all 3 runs are already stored" in capsys.readouterr().err
+    assert main(["runs", "data=synth", "delete=yes", "yes=yes"]) == 0 and runs("cell")[1] == []
