@@ -114,6 +114,8 @@ def command(name: str, arguments: list[str]) -> int:
         digest, grids = read(file, aside)
     plans = planned(name, grids, backend)
     if is_dry(values):
+        if backend.workers:
+            raise InputError("dry=yes looks up runs of this machine's workers; leave out the key of other workers")
         from bench.commands.grid import foreseen
 
         return foreseen(plans)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from bench import contract
+from bench.comparable import several
 from bench.corpora.corpus import reserved
 from bench.corpora.duplicates import named
 from bench.corpora.library import briefly, left_out
@@ -73,7 +74,7 @@ def execute(plans: Sequence[Plan], backend: Backend = HERE, grid: str = "") -> l
             runs = [*{key_of(plan): plan for plan in plans}.values()]
             todo = left(store, runs)
             if stored := len(runs) - len(todo):
-                say_stored(runs, stored)
+                console.print(f"{stored} of {several(len(runs), 'run')} already stored", highlight=False)
             seconds = expected(store, todo) if len(todo) > 1 else [None] * len(todo)
             times = [(one.folds, time) for one, time in zip(todo, seconds, strict=True) if one.folds]
             with Bar(len(runs), stored, times) as bar:
@@ -82,15 +83,6 @@ def execute(plans: Sequence[Plan], backend: Backend = HERE, grid: str = "") -> l
         raise Interrupted(
             "interrupted; every finished fold is stored, and the same command continues from there"
         ) from e
-
-
-def say_stored(runs: Sequence[Plan], stored: int) -> None:
-    """Say once how many runs need nothing."""
-    line = f"{'all' if stored == len(runs) else f'{stored} of'} {len(runs)} runs are already stored"
-    if len(runs) == 1:
-        cell = runs[0].cell
-        line = f"{cell.system()} on {cell.data}, {cell.protocol}: all {len(runs[0].folds)} folds are already stored"
-    console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def _workers(plans: Sequence[Plan], backend: Backend) -> Here:

@@ -77,10 +77,10 @@ def test_a_file_of_grids_goes_on_after_ctrl_c_and_marks_its_runs(file, monkeypat
     monkeypatch.setattr(Here, "folds", whole)
     assert main(["run", str(file), "jobs=1"]) == 0
     captured = capsys.readouterr()
-    assert "1 of 3 runs are already stored" in captured.err and "run 3 of 3" in captured.err
+    assert "1 of 3 runs already stored" in captured.err and "run 3 of 3" in captured.err
     assert "run 2 of 3: tree · jung28 | synth | loso: fold 1 " not in captured.err  # that fold was stored
     assert main(["run", *SMALL, "model=bayes,tree", "features=jung28"]) == 0  # the same runs, whoever names them
-    assert "all 2 runs are already stored" in capsys.readouterr().err
+    assert "2 of 2 runs already stored" in capsys.readouterr().err
     _, stored = runs("cell")
     digest = hashlib.sha256(GRIDS.encode()).hexdigest()[:16]
     assert len(stored) == 3 and {run.data.tags["touchbench.grids"] for run in stored} == {digest}
@@ -88,7 +88,7 @@ def test_a_file_of_grids_goes_on_after_ctrl_c_and_marks_its_runs(file, monkeypat
     assert main(["run", str(file), "jobs=1"]) == 0
     other = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
     assert {run.data.tags["touchbench.grids"] for run in runs("cell")[1]} == {f"{digest}, {other}"}
-    assert "all 3 runs are already stored" in capsys.readouterr().err
+    assert "3 of 3 runs already stored" in capsys.readouterr().err
     assert main(["run", str(file), "dry=yes", "jobs=1"]) == 0 and "3 runs, 3 stored\n" in capsys.readouterr().out
 
 
@@ -130,5 +130,5 @@ def test_runs_are_listed_and_deleted_as_mlflow_deletes_them(monkeypatch, capsys)
     store.client.restore_run(trees[0])
     capsys.readouterr()
     assert main(["run", *SMALL, "model=bayes,tree", "features=jung28", "seed=0,1"]) == 0
-    assert "all 3 runs are already stored" in capsys.readouterr().err
+    assert "3 of 3 runs already stored" in capsys.readouterr().err
     assert main(["runs", "data=synth", "delete=yes", "yes=yes"]) == 0 and runs("cell")[1] == []

@@ -65,8 +65,8 @@ def test_outcomes_come_in_the_order_of_the_plans_and_folds_in_that_of_the_protoc
     outcomes = execute(todo(plan, 0, 1, 0))  # the same again is computed once
     assert [o["echo.number"] for o in outcomes] == ["0", "1", "0"] and store.statuses() == ["FINISHED"] * 2
     assert "run 2 of 2" in (said := capsys.readouterr().err) and "stored" not in said
-    assert len(execute(todo(plan, 1))) == 1 and "all 4 folds are already stored" in capsys.readouterr().err
-    assert len(execute(todo(plan, 1, 0, 1))) == 3 and capsys.readouterr().err.strip() == "all 2 runs are already stored"
+    assert len(execute(todo(plan, 1))) == 1 and "1 of 1 run already stored" in capsys.readouterr().err
+    assert len(execute(todo(plan, 1, 0, 1))) == 3 and capsys.readouterr().err.strip() == "2 of 2 runs already stored"
     assert DONE == [(n, f) for n in range(2) for f in "4321"] and outcomes[2]["run_id"] == outcomes[0]["run_id"]
     for outcome in outcomes:
         predictions, folds = outcome.tables["predictions"], outcome.tables["folds"]
