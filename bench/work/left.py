@@ -6,9 +6,11 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+import numpy as np
+
 from bench.plan.plan import Plan
 from bench.store import Store
-from bench.work.tracking import FOLDS, is_whole, key_of
+from bench.work.tracking import FOLDS, finished, is_whole, key_of
 
 NEWEST = 20  # runs among which one like another is looked for: a store may have thousands
 FREE = ("seed", "protocol")  # arguments in which runs that take about as long may differ, as in parameters of parts
@@ -27,13 +29,12 @@ def left(store: Store, plans: Iterable[Plan]) -> list[Left]:
     for plan in plans:
         run = store.find(key_of(plan), plan.cell.kind)
         if not run or not is_whole(run):
-            files = store.names(run.info.run_id, run.info.artifact_uri, FOLDS) if run else []
-            found.append(Left(plan, len(plan.folds) - sum(name.endswith(".zip") for name in files)))
+            found.append(Left(plan, len(plan.folds) - (len(finished(store, run)) if run else 0)))
     return found
 
 
 def expected(store: Store, todo: Iterable[Left]) -> list[float | None]:
-    """Seconds that the missing folds of each run take with its workers; None where no run like it is stored."""
+    """Seconds that the missing folds of each run take with its workers; None where no run like it has a fold."""
     seconds = []
     for plan, folds in todo:
         cell = plan.cell  # objects cannot be typed
@@ -43,7 +44,7 @@ def expected(store: Store, todo: Iterable[Left]) -> list[float | None]:
 
 
 def _of_a_fold(store: Store, kind: str, arguments: Mapping[str, str]) -> float | None:
-    """Mean seconds of a fold of the stored run with most arguments in common; the newest of several."""
+    """Mean seconds of a fold of the stored run with most arguments in common, or itself; the newest of several."""
     names = {key: arguments[key] for key in ("data", "model", "features") if key in arguments}
     like = []
     for run in store.newest(kind, NEWEST, **names):
@@ -51,9 +52,12 @@ def _of_a_fold(store: Store, kind: str, arguments: Mapping[str, str]) -> float |
         if _fixed(theirs) == _fixed(arguments):
             like.append((len(arguments.items() & theirs.items()), run))
     for _, run in sorted(like, key=lambda one: -one[0]):
-        table = store.result(run).tables.get(FOLDS)
-        if table is not None and (done := table["status"] == "FINISHED").any():
-            return float(table["seconds"][done].mean())
+        if (table := store.result(run).tables.get(FOLDS)) is not None:
+            done = [*table["seconds"][table["status"] == "FINISHED"]]
+        else:  # it was cut off
+            done = [result.seconds for result in finished(store, run).values()]
+        if done:
+            return float(np.mean(done))
     return None
 
 

@@ -190,6 +190,17 @@ def is_whole(run: Run) -> bool:
     return run.info.status == "FINISHED" and not run.data.tags.get(FAILED)
 
 
+def finished(store: Store, run: Run) -> dict[str, FoldResult]:
+    """The finished folds of a run that is not whole, by name."""
+    run_id, artifacts, done = run.info.run_id, run.info.artifact_uri, {}
+    for name in store.names(run_id, artifacts, FOLDS):
+        path = store.path(run_id, artifacts, f"{FOLDS}/{name}")
+        result = _read(path) if path and path.suffix == ".zip" else None
+        if result and not result.failed:
+            done[result.name] = result
+    return done
+
+
 def tracked(store: Store, plan: Plan, key: str, grid: str = "") -> TrackedRun:
     """The run of a key with the folds that it has, which goes on from there; a new one if there is none."""
     cell = plan.cell
@@ -213,18 +224,13 @@ def tracked(store: Store, plan: Plan, key: str, grid: str = "") -> TrackedRun:
     run_id, artifacts = run.info.run_id, run.info.artifact_uri
     if grid:
         store.log(run_id, tags={GRIDS: tags[GRIDS]})
-    files = store.names(run_id, artifacts, FOLDS)
     if is_whole(run):
         found.whole = store.result(run)
-        if files:  # its command was cut off at the very end
+        if store.names(run_id, artifacts, FOLDS):  # its command was cut off at the very end
             store.drop(artifacts, FOLDS)
         return found
     tags |= {FAILED: ""} if FAILED in run.data.tags else {}
-    for name in files:
-        path = store.path(run_id, artifacts, f"{FOLDS}/{name}")
-        result = _read(path) if path and path.suffix == ".zip" else None
-        if result and not result.failed:
-            found.done[result.name] = result
+    found.done = finished(store, run)
     if found.missing:
         store.mark(run_id, "RUNNING")
     return found

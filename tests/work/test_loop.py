@@ -17,9 +17,9 @@ from bench.plan.plan import planned, share_cores
 from bench.scratch import home
 from bench.work import loop
 from bench.work.fold import forget_peak, peak_memory
-from bench.work.left import expected, left
+from bench.work.left import Left, expected, left
 from bench.work.loop import Interrupted, execute
-from bench.work.tracking import key_of
+from bench.work.tracking import finished, key_of
 from bench.work.workers import Here
 from tests.conftest import predictions, runs
 from tests.work.fakes import DONE, MEASURED, Echo, Memory
@@ -87,13 +87,17 @@ def test_what_is_cut_off_goes_on_and_ends_the_same(how, error, store, plan, monk
     with pytest.raises(error):
         execute(todo(plan, 0, 1))
     assert len(DONE) == 5 and store.statuses() == ["FINISHED", "KILLED"]
-    (one,) = store.of_kind("echo")[:1]
+    whole = store.of_kind("echo")[0]
     table = pd.DataFrame({"status": ["FINISHED", "FINISHED", "FAILED"], "seconds": [2.0, 4.0, 90.0]})
-    table.to_parquet(one.folder / "folds.parquet")
-    missing = left(store, todo(plan, 0, 1, 2))  # of the first run nothing, of the second all but one fold
-    assert [(each.plan.cell.study.number, each.folds) for each in missing] == [(1, 3), (2, 4)]
-    workers = missing[0].plan.workers
-    assert expected(store, missing) == [pytest.approx(3 * 3 / min(workers, 3)), pytest.approx(4 * 3 / min(workers, 4))]
+    table.to_parquet(whole.folder / "folds.parquet")
+    one, two = left(store, todo(plan, 0, 1, 2))  # of the first run nothing, of the second all but one fold
+    assert [(each.plan.cell.study.number, each.folds) for each in (one, two)] == [(1, 3), (2, 4)]
+    (spent,) = (fold.seconds for fold in finished(store, store.of_kind("echo")[1]).values())
+    folds, workers = replace(plan.cell.protocol, name="kfold"), plan.workers
+    like = Left(plan.of(replace(plan.cell, study=Echo(0), protocol=folds)), 4)
+    own, none, other = expected(store, [one, two, like])
+    assert own == pytest.approx(3 * spent / min(workers, 3)) and none is None
+    assert other == pytest.approx(4 * 3 / min(workers, 4))  # of the first run, whose folds took 2 and 4 seconds
     monkeypatch.setattr(Backwards, "stop", -1)
     resumed = execute(todo(plan, 0, 1))
     assert len(DONE) == 8 and len({*DONE}) == 8 and store.statuses() == ["FINISHED"] * 2
