@@ -71,7 +71,7 @@ CELL = (DATA, WHERE, TARGET, _usual("protocol", "{protocols}"), MODEL, FEATURES)
 WORK = (*CELL, SEED, JOBS)
 STORED = (  # which stored runs are read
     *CELL,
-    Option("run", "text", "", "ids of stored runs, as comparison.csv lists them"),
+    Option("run", "text", "", "ids of stored runs, or their first 8 characters, as bench runs lists them"),
     Option("latest", "yes", False, "yes: only the newest parameters of each model and feature set"),
 )
 KEYS = {option.key: option for option in WORK}  # of the cells of bench run

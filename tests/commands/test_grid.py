@@ -68,12 +68,14 @@ def test_a_file_of_grids_goes_on_after_ctrl_c_and_marks_its_runs(file, monkeypat
     assert main(["run", str(file), "dry=yes", "jobs=1"]) == 0 and not done
     out = capsys.readouterr().out
     assert "3 runs, 0 stored; time unknown for 3 runs" in out and out.count("0 of 3") == 3
-    assert "data.repetitions=1" in out.splitlines()[0]  # what all runs share
+    shared = "data=synth data.subjects=3 data.variants=normal protocol=loso features=jung28"
+    assert out.splitlines()[0] == shared  # what all runs have, without defaults
     assert main(["run", str(file), "jobs=1"]) == 130 and len(done) == 4
     capsys.readouterr()
     assert main(["run", str(file), "dry=yes", "jobs=1"]) == 0
     out = capsys.readouterr().out
-    assert [out.count(f"{n} of 3") for n in (3, 1, 0)] == [1, 1, 1] and "3 runs, 1 stored, time" not in out
+    assert [out.count(f"{n} of 3") for n in (3, 1, 0)] == [1, 1, 1]
+    assert "3 runs, 1 stored, about " in out and "unknown" not in out  # from its own folds, and from those of seed 0
     monkeypatch.setattr(Here, "folds", whole)
     assert main(["run", str(file), "jobs=1"]) == 0
     captured = capsys.readouterr()
