@@ -32,6 +32,7 @@ OWN = {
     "choose": {"by": ["flash", "ram"], "max_flash": ["1kB"], "margin": ["1"]},
     "report": {"out": ["r"]},
     "check": {"baseline": ["b.json"], "stored": ["yes"]},
+    "runs": {"delete": ["yes"], "yes": ["yes"]},
     "data": {"name": ["n"], "grid": ["2x2"], "rate_hz": ["10"], "full_scale": ["255"], "format": ["cost"]},
 }
 DATA = ["", "import table x.csv", "import cost x", "export synth o.csv", "show synth", "verify synth", "no"]
