@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from bench.comparable import several
 from bench.errors import InputError
-from bench.measures import over_people, text
+from bench.measures import percent, text
 from bench.option import Option
 from bench.options import COMPARE, STORED, Command, keys, parse, settings
 
@@ -83,7 +83,7 @@ def table_of(results: list[Result]) -> Table:
         text("data", read=lambda r: r["data"] + "*" * (r["synthetic"] == "true")),
         text("subset", read=lambda r: r["subset"], spare=3),
         text("protocol", read=protocol_of),
-        over_people("accuracy", "accuracy %", spare=1),
+        percent("accuracy", "accuracy %", ends="accuracy", spare=1),
         text("state", read=_state),
         text("started", read=lambda r: f"{datetime.fromtimestamp(r['started'] / 1000):%Y-%m-%d %H:%M}", spare=2),
     ]
