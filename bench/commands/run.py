@@ -105,6 +105,7 @@ def command(name: str, arguments: list[str]) -> int:
     values = parse(arguments[bool(file) :], keys(name, arguments[bool(file) :]))
     backend, digest = backend_of(values), ""
     grids: Mapping[str, Values] = {"": values}
+    dry = is_dry(values)
     if file:
         from bench.commands.grid import read
 
@@ -113,7 +114,7 @@ def command(name: str, arguments: list[str]) -> int:
             raise InputError(f"{extra[0]}= stands beside {file}, which names what is run; write it in the file")
         digest, grids = read(file, aside)
     plans = planned(name, grids, backend)
-    if is_dry(values):
+    if dry:
         if backend.workers:
             raise InputError("dry=yes looks up runs of this machine's workers; leave out the key of other workers")
         from bench.commands.grid import foreseen

@@ -44,6 +44,8 @@ def command(arguments: list[str]) -> int:
     asked = asked_of({key: value for key, value in values.items() if key not in ("delete", "yes")})
     if given["delete"] and not asked:
         raise InputError("delete=yes: select the runs to delete, such as data=haart, model=svm or run=ID")
+    if given["delete"] and not given["yes"] and not sys.stdin.isatty():
+        raise InputError("delete=yes asks before it deletes, and there is no terminal to ask; add yes=yes")
     store = connect(writes=given["delete"])
     found = wanted([store.result(run) for run in store.of_kind(*run_views())], asked)
     table_of(found).print(output())
@@ -62,8 +64,6 @@ def command(arguments: list[str]) -> int:
 
 def _agreed(question: str) -> bool:
     """Whether the user agrees."""
-    if not sys.stdin.isatty():
-        raise InputError("delete=yes asks before it deletes, and there is no terminal to ask; add yes=yes")
     try:
         return input(question).strip().lower() in ("y", "yes")
     except EOFError:

@@ -84,14 +84,6 @@ STEPS = {  # each list in a copy of the store
         ["data", "import", "table", "o.csv", "name=mine", *TABLE],
         ["data", "verify", "people"],
     ],
-    "runs": [
-        ["run", "grids.toml", "dry=yes", "jobs=1"],
-        ["run", "grids.toml", "jobs=1"],
-        ["tune", *PEOPLE, "model=tree", "features=jung28", "model.level=1,9", "inner=2", "dry=yes"],
-        ["runs"],
-        ["runs", "data=three", "protocol=kfold", "delete=yes", "yes=yes"],
-        ["runs", "data=three"],
-    ],
     "fit": [
         ["fit", *LDA, "stopping=no", "out=rec"],
         ["predict", "rec", "three.csv", "out=p.csv"],
