@@ -404,6 +404,9 @@ def run_columns() -> list[Measure]:
         percent("window_accuracy", "window accuracy %", spare=13, shows=("terminal",)),
         Measure("fit_seconds", "fit s", form=".2f", spare=1, shows=("page", "latex", "csv"), meaning=FIT),
         Measure("fit_cpu_seconds", shows=(), meaning="the same, time of the processor as it was"),
+        Measure(
+            "search_seconds", shows=(), meaning="search of parameters in a fold, mean over folds, of a tuned system"
+        ),
         Measure("predict_ms_p50", "predict ms", form=".2f", shows=("terminal", "latex", "csv"), meaning=PREDICT),
         Measure("predict_ms_p95", shows=csv),
         Measure("predict_wall_ms_p50", shows=csv, meaning=wall),

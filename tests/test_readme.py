@@ -83,7 +83,7 @@ def test_the_page_of_the_store_has_every_number_of_a_run_with_unit_and_meaning(i
     assert any("windows" in r for r in plain)
     variant = re.compile("^(vote|window)_|(?<=accuracy)_(low|high)$|_p(50|95|99)$")
     names = {variant.sub("", name) for r in plain for name in r.metrics}
-    assert {"abstained"} | names - {*COUNTS, "search_seconds"} == {variant.sub("", name) for name, *_ in rows}
+    assert {"abstained"} | names - {*COUNTS} == {variant.sub("", name) for name, *_ in rows}
 
 
 @pytest.mark.parametrize(
