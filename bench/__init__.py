@@ -235,6 +235,21 @@ def compare(system: object, other: object, **values: object) -> Compared:
     return paired((system, other), values)
 
 
+def ledger(**values: object) -> pd.DataFrame:
+    """Each stored system under every protocol that was run on the same captures, and the points over LOSO.
+
+    Args:
+        values: the runs to keep, as `runs` takes them.
+
+    Returns:
+        A row per captures, system and protocol: `bench.reports.ledger.ledger`.
+    """
+    from bench.outcomes.runs import of_captures
+    from bench.reports.ledger import ledger
+
+    return ledger(of_captures(_stored(values)))
+
+
 def choose(**values: object) -> Chosen:
     """Choose the cheapest stored system within one standard error of the best.
 

@@ -41,7 +41,7 @@ Tested = tuple[pd.DataFrame, pd.DataFrame]  # accuracies of subjects, and statis
 def published() -> pd.DataFrame:
     """The numbers of the papers, one row each; ``*_key`` columns are in the words that runs are tracked with."""
     with (files("bench.reports") / "published.csv").open() as f:
-        return pd.read_csv(f, dtype={"system": str}, keep_default_na=True).fillna({"system": ""})
+        return pd.read_csv(f, dtype={"system": str}, keep_default_na=True).fillna({"system": "", "nearest_key": ""})
 
 
 def comparison(

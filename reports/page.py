@@ -21,7 +21,7 @@ from bench.outcomes.frame import grouped
 from bench.outcomes.runs import every_result, every_run, of_captures, wanted
 from bench.progress import warn
 from bench.registry import imported, load, names, views
-from bench.reports import history, over_corpora
+from bench.reports import history, ledger, over_corpora
 from bench.reports.chart import cost_chart, marks
 from bench.reports.comparison import UNITS, comparison, provenance, provenance_section, published, runs_section
 from bench.reports.contexts import listed, noted
@@ -108,7 +108,11 @@ def _write(
         "marked": MARKED,
         "groups": summaries,
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
-        "sections": [*sections(summaries, results, ranked, figures), *filter(None, [over_revisions])],
+        "sections": [
+            *sections(summaries, results, ranked, figures),
+            *ledger.section(runs, tables["published"], figures),
+            *filter(None, [over_revisions]),
+        ],
         "unmeasured": unmeasured(results, next((group.arguments for group in summaries if group.arguments), "")),
         "published": published_section(tables["published"]),
         "few": few.INTERVAL,
@@ -117,6 +121,7 @@ def _write(
     }
     tables = {name: table for name, table in tables.items() if (runs and name != "history") or len(table)}
     tables |= {"paper": sheet(made)} if made else {}
+    tables |= {"protocols": protocols} if len(protocols := ledger.ledger(runs)) else {}
     for name, table in tables.items():
         write_sheet(table.rename(columns=UNITS) if name == "comparison" else table, folder / f"{name}.csv")
     texts = {"comparison.tex": latex(tables["comparison"]), "paper.tex": side_by_side(made)} if runs else {}

@@ -21,7 +21,7 @@ from bench.reports.details import macro_interval
 from bench.result import Result
 from bench.table import Table, rows_of
 
-NAMES = {"cost": "CoST", "haart": "HAART"}
+NAMES = {"cost": "CoST", "haart": "HAART", "cuddlebot": "CuddleBot", "shear": "a sheared skin"}
 SHARED = ["data", "subset", "protocol", "words"]  # of published numbers that stand together
 UNITS = {  # unit_key of published.csv: words, and prefix and name of the metric that is tracked for it
     "capture": ("captures", "", "pooled_accuracy"),

@@ -132,6 +132,9 @@ def planned(cells: list[Cell], jobs: int | None) -> list[Plan]:
         new = key not in first
         corpus = corpus_of(cell) if new else first[key].corpus
         contract.check_conditions(estimator, corpus)
+        if cell.circumstances and corpus.steps:
+            keys = ", ".join(f"{circumstance.key}=" for circumstance in cell.circumstances)
+            raise InputError(f"protocol={cell.protocol} tests windows, not captures; leave {keys} out")
         if new:
             folds = tuple(folds_of(cell, corpus))
             first[key] = Plan(cell, corpus, folds, *share_cores(jobs, len(folds)))

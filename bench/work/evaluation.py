@@ -15,6 +15,8 @@ from bench.work import fold as fold_of
 from bench.work.fold import batch_effects, check_agreement, computing, decisions, fitted, footprint, latency
 from bench.work.results import FoldResult, costs, failure, measured, tables_of
 
+ALL_FOLDS = "all"  # of predictions of windows that a protocol deals to folds: a capture's label needs all its windows
+
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
     from bench.plan.cells import Cell
@@ -57,7 +59,9 @@ def systems(cell: Cell, corpus: Corpus, fold: Fold) -> Iterable[Tested]:
     if own := getattr(cell.splitter, "systems", None):
         return own(cell, corpus, fold)
     estimator = cell.estimator()
-    return [Tested(fold.name, estimator, fold.test, fitted(estimator, corpus[fold.train]))]
+    seconds = fitted(estimator, corpus[fold.train])
+    name = ALL_FOLDS if corpus.steps else fold.name
+    return [Tested(name, estimator, tested, seconds) for _, tested in fold.pairs or [(fold.train, fold.test)]]
 
 
 def evaluated(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> tuple[contract.System, FoldResult]:

@@ -15,7 +15,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench import contract
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import COPY, Corpus
 from bench.errors import PredictionError
 from bench.models.sizes import sizes
 from bench.timing import Times, timed, timed_once
@@ -90,7 +90,8 @@ def decisions(
     position = table["capture"].to_numpy()
     if len(without := np.setdiff1d(np.arange(len(tested)), position)):
         raise ValueError(f"there is no decision on capture {tested.index[without[0]]}")
-    table = table.assign(fold=fold, capture=tested.index[position], true=tested.gestures[position])
+    start = table["start"].to_numpy() + tested.piece[position] % COPY  # of a window that is split as a capture
+    table = table.assign(fold=fold, capture=tested.index[position], start=start, true=tested.gestures[position])
     about = tested.captures.drop(columns=tested.target if tested.target == "gesture" else [])
     about = about.iloc[position].reset_index(drop=True)
     names = np.unique(corpus.gestures.astype(str) if classes is None else classes)
@@ -149,6 +150,7 @@ def batch_effects(
     for place, position in enumerate(chosen):
         one, capture = corpus[[position]].detached(), corpus.index[position]
         rows, again = expected.of(capture), {"in another order": together.of(place)}
+        rows = rows._replace(start=rows.start - corpus.piece[position] % COPY)
         if position in alone:
             again = {"alone": _decided(estimator, one), **again}
         for how, other in again.items():

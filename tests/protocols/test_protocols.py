@@ -1,12 +1,24 @@
 import numpy as np
 import pandas as pd
 import pytest
-from sklearn.model_selection import GroupKFold, LeaveOneGroupOut, StratifiedKFold, StratifiedShuffleSplit
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.model_selection import (
+    GroupKFold,
+    LeaveOneGroupOut,
+    LeaveOneOut,
+    RepeatedStratifiedKFold,
+    StratifiedKFold,
+    StratifiedShuffleSplit,
+)
 
 from bench.errors import InputError
 from bench.protocols.captures import CaptureKFold, Holdout
 from bench.protocols.challenge import Challenge
+from bench.protocols.leave_one_capture import LeaveOneCapture
+from bench.protocols.repeated_kfold import RepeatedKFold
 from bench.protocols.subjects import LOSO, SubjectKFold
+from bench.protocols.within import Within
 from tests.conftest import random_corpus
 
 
@@ -41,6 +53,10 @@ def test_folds_equal_scikit_learns(corpus):
         (Challenge(), False, False),
         (CaptureKFold(3), True, True),
         (Holdout(), True, False),
+        (LeaveOneCapture(), True, True),
+        (RepeatedKFold(3, 1), True, True),
+        (RepeatedKFold(3, 2), True, False),  # covers twice
+        (Within(3), True, True),
     ],
 )
 def test_subjects_are_apart_where_the_name_promises_it(protocol, mixed, covers, corpus):
@@ -83,6 +99,7 @@ def test_challenge_on_cost_without_its_split_takes_21_subjects_gentle_and_normal
     ("protocol", "subjects", "split"),
     [
         *((p, 4, None) for p in (SubjectKFold(5), CaptureKFold(13), Challenge(0), Holdout(0.0), Holdout(0.01))),
+        *((p, 4, None) for p in (RepeatedKFold(13), RepeatedKFold(3, 0), Within(4), Within(1))),
         *((p, 1, None) for p in (LOSO(), Challenge())),
         (Challenge(), 4, ["train", "test"] * 18),  # subjects on both sides
         (Challenge(), 4, ["train"] * 36),
@@ -95,3 +112,43 @@ def test_impossible_splits_are_one_line(protocol, subjects, split):
     with pytest.raises(InputError) as error:
         list(protocol.split(corpus))
     assert "protocol" in str(error.value) and "\n" not in str(error.value)
+
+
+def ragged(seed):
+    """Some captures of random subjects, in random order, at least three of each gesture."""
+    corpus, rng = random_corpus(subjects=5, per_class=4, seed=seed), np.random.default_rng(seed)
+    kept = rng.permutation(len(corpus))[: rng.integers(20, len(corpus))]
+    return corpus[kept] if pd.Series(corpus.gestures[kept]).value_counts().min() > 2 else corpus
+
+
+@given(seed=st.integers(0, 500))
+def test_captures_of_ragged_subjects_are_split_as_scikit_learn_does(seed):
+    corpus = ragged(seed)
+    y = corpus.gestures
+    assert pairs(LeaveOneCapture().split(corpus)) == pairs(LeaveOneOut().split(y))
+    ours = list(RepeatedKFold(3, 2, seed).split(corpus))
+    theirs = list(RepeatedStratifiedKFold(n_splits=3, n_repeats=2, random_state=seed).split(y, y))
+    assert [(tuple(a), tuple(b)) for a, b in ours] == [(tuple(a), tuple(b)) for a, b in theirs]
+
+
+@given(seed=st.integers(0, 500))
+def test_within_trains_and_tests_one_person_with_stratified_folds_of_their_own(seed):
+    corpus = ragged(seed)
+    people = pd.crosstab(corpus.subjects, corpus.gestures)
+    corpus = corpus[np.flatnonzero(np.isin(corpus.subjects, people.index[people.min(axis=1) > 1]))]
+    own = {}
+    for train, test in Within(2, seed).split(corpus):
+        (person,) = set(corpus.subjects[train]) | set(corpus.subjects[test])
+        own.setdefault(person, []).append((train, test))
+    assert set(own) == set(corpus.subjects)
+    for person, folds in own.items():
+        captures = np.flatnonzero(corpus.subjects == person)
+        y = corpus.gestures[captures]
+        splitter = StratifiedKFold(2, shuffle=True, random_state=seed)
+        assert pairs(folds) == pairs((captures[a], captures[b]) for a, b in splitter.split(y, y))
+
+
+def test_a_gesture_with_one_capture_is_left_out_of_leave_one_capture():
+    corpus = random_corpus(subjects=1, per_class=1)
+    with pytest.raises(InputError, match="gesture pat of random has 1 capture here; leave it out"):
+        list(LeaveOneCapture().split(corpus))

@@ -1,0 +1,234 @@
+"""What a protocol adds: systems under every protocol that was run, and published numbers without what theirs adds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from bench.comparable import COMPARABLE, facts_of, notes_on
+from bench.measures import CODE, Measure, p_value, text
+from bench.outcomes import statistics
+from bench.outcomes.frame import by_subject
+from bench.reports.comparison import published
+from bench.reports.contexts import METHODS, scarce
+from bench.reports.figures import bars, look, new_figure, plain, save, spread, width_of
+from bench.reports.part import Part, Section
+from bench.result import Result
+from bench.sentences import sentences
+from bench.table import Table, rows_of
+from bench.words import typed
+
+BASE = "loso"  # what points are over
+USUAL = ("windows", "kfold", "within", BASE)  # protocols of a whole ledger
+COLUMNS = (
+    text("protocol"),
+    Measure("accuracy", "accuracy % [95 %]", ends="accuracy"),
+    Measure("points", "points over LOSO [95 %]", form="+.1f", ends="points"),
+    Measure("p", "p Wilcoxon", form=p_value, spare=1),
+    text("place"),
+    Measure("subjects", form=".0f"),
+)
+PRINTED = (
+    text("number"),
+    Measure("printed", "printed %", form="g"),
+    text("says", "protocol in the paper"),
+    text("nearest", "nearest of ours"),
+    Measure("points", "points of the protocol [95 %]", form="+.1f", ends="points"),
+    Measure("less", "printed less points"),
+)
+Under = dict[str, pd.DataFrame]  # accuracy in percent [systems, subjects] by protocol in words
+
+
+def sets_of(results: Sequence[Result]) -> list[list[Result]]:
+    """Complete runs on the same captures under two protocols or more, a list for each set of captures."""
+    key = lambda r: tuple(str(r.get(name, "")) for name in ("synthetic", *COMPARABLE[:-1]))  # noqa: E731
+    usable = sorted((r for r in results if r.complete and r.alone), key=key)
+    sets = [[*members] for _, members in groupby(usable, key)]
+    return [members for members in sets if len({r["protocol_label"] for r in members}) > 1]
+
+
+def under(members: Sequence[Result]) -> Under:
+    """Accuracies of people under each protocol, the one with the highest mean accuracy first."""
+    labels = dict.fromkeys(str(r["protocol_label"]) for r in members)
+    tables = {label: by_subject([r for r in members if r["protocol_label"] == label])[0] for label in labels}
+    return dict(sorted(tables.items(), key=lambda item: -item[1].to_numpy(float).mean()))
+
+
+def gains(table: pd.DataFrame, base: pd.DataFrame) -> pd.DataFrame:
+    """Points over the base, of the systems and people of both [systems, subjects]."""
+    systems, people = table.index.intersection(base.index), table.columns.intersection(base.columns)
+    return (table.loc[systems, people] - base.loc[systems, people]).round(9)
+
+
+def named_by(members: Sequence[Result]) -> dict[str, Result]:
+    """The first run of each protocol, by its words."""
+    return {str(r["protocol_label"]): r for r in reversed(members)}
+
+
+def base_of(members: Sequence[Result], tables: Under) -> pd.DataFrame:
+    """Accuracies under LOSO; an empty table if it was not run."""
+    return next((tables[k] for k, r in named_by(members).items() if r["protocol_name"] == BASE), pd.DataFrame())
+
+
+def ledger(results: Sequence[Result]) -> pd.DataFrame:
+    """Each system under each protocol that was run, on captures with runs under two protocols or more.
+
+    Returns:
+        A row per captures, system and protocol, in percent: ``accuracy``, the mean over subjects with its 95 %
+        t-interval (``accuracy_low``, ``accuracy_high``); ``points`` over LOSO, the mean paired difference over the
+        subjects of both, with ``points_low``, ``points_high`` and ``p`` (two-sided Wilcoxon test); ``place`` of the
+        system under this protocol; ``subjects``; ``mixes_subjects``. NaN where LOSO was not run.
+    """
+    rows = []
+    for members in sets_of(results):
+        tables, first = under(members), named_by(members)
+        base, (data, subset, _) = base_of(members, tables), members[0].context
+        for label, table in tables.items():
+            about = {"data": data, "subset": subset, "protocol": label, "key": first[label]["protocol"]}
+            about |= {"mixes_subjects": facts_of(first[label]).mixes_subjects}
+            points = gains(table, base)
+            for place, (system, people) in enumerate(table.iterrows(), 1):
+                low, high = np.clip(statistics.interval(people.to_numpy(float)), 0, 100)
+                row = about | {"system": system, "accuracy": people.mean(), "accuracy_low": low, "accuracy_high": high}
+                row |= {"place": f"{place} of {len(table)}", "subjects": len(people)}
+                if system in points.index and table is not base:
+                    tested = statistics.paired(points.loc[system], 0 * points.loc[system])
+                    names = {"points": "difference", "points_low": "low", "points_high": "high", "p": "p"}
+                    row |= {name: tested[key] for name, key in names.items()}
+                rows.append(row)
+    names = ["data", "subset", "system", "protocol", "key", "mixes_subjects", "accuracy", "accuracy_low"]
+    names += ["accuracy_high", "points", "points_low", "points_high", "p", "place", "subjects"]
+    return pd.DataFrame(rows).reindex(columns=names)
+
+
+def explained(members: Sequence[Result]) -> pd.DataFrame:
+    """Published numbers on the captures of a set, a row each, with the points over LOSO of the nearest protocol.
+
+    These are the mean of all systems of the set that were run under both, with a 95 % t-interval over people: 0 for
+    LOSO, NaN where the protocol of a number is unknown or was not run.
+    """
+    tables, data = under(members), members[0]["data"]
+    base, found = base_of(members, tables), {BASE: (0.0, np.nan, np.nan)}
+    for label, r in named_by(members).items():
+        people = gains(tables[label], base).mean(axis=0).to_numpy(float)
+        if r["protocol_name"] != BASE and len(people):
+            found.setdefault(r["protocol_name"], (float(people.mean()), *statistics.interval(people)))
+    papers, rows = published(), []
+    for paper in papers[(papers["data"] == data) & papers["accuracy"].notna()].itertuples():
+        stated = paper.protocol_key != "other"
+        key = paper.protocol_key if stated else paper.nearest_key
+        points, low, high = found.get(key, (np.nan,) * 3) if len(base) else (np.nan,) * 3
+        nearest = f"{key}{'' if stated else ' (inferred)'}{'' if key in found else ', not run'}" if key else "unknown"
+        row = {"id": paper.id, "number": f"{paper.reference}: {paper.classifier}", "printed": paper.accuracy}
+        row |= {"says": paper.protocol, "nearest": nearest, "points": points, "less": paper.accuracy - points}
+        rows.append(row | {"points_low": low, "points_high": high})
+    return pd.DataFrame(rows)
+
+
+def share(printed: pd.Series, left: pd.Series) -> float:
+    """Share of the variance of some numbers that is not in what is left of them; NaN for fewer than three."""
+    return 1 - float(left.var() / printed.var()) if len(printed) > 2 else np.nan
+
+
+def told(numbers: pd.DataFrame, beside: pd.DataFrame, data: str) -> list[str]:
+    """Sentences on how much of the spread of published numbers is explained: by protocols, and by runs of ours."""
+    known = numbers[numbers["points"].notna()]
+    both = beside[(beside["data"] == data) & beside["ours"].notna()].drop_duplicates("id")
+    off = both["published"] - both["ours"]
+    total = float(((both["published"] - both["published"].mean()) ** 2).sum())
+    return sentences(
+        *("bench.reports", "sentences", "explained"),
+        known=known["printed"],
+        share=share(known["printed"], known["less"]),
+        unknown=int((numbers["nearest"] == "unknown").sum()),
+        not_run=int(numbers["nearest"].str.endswith("not run").sum()),
+        ours=len(both) if len(both) > 2 else 0,
+        own=1 - float((off**2).sum()) / total if total else np.nan,
+        off=float(off.abs().mean()),
+    )
+
+
+def missing(members: Sequence[Result]) -> list[str]:
+    """Commands that run the protocols that some system of a set lacks: one, if all systems share other arguments."""
+    alike: dict[str, list[Result]] = {}
+    for r in members:
+        if arguments := r.get("touchbench.arguments"):
+            other = {k: v for k, v in json.loads(arguments).items() if k != "model" and not k.startswith("protocol")}
+            alike.setdefault(json.dumps(other), []).append(r)
+    names, commands = dict.fromkeys([*USUAL, *(str(r["protocol_name"]) for r in members)]), []
+    for other, runs in alike.items():
+        models = dict.fromkeys(str(r["model_name"]) for r in runs)
+        done = {name: {r["model_name"] for r in runs if r["protocol_name"] == name} for name in names}
+        if lacking := [name for name, had in done.items() if had != {*models}]:
+            words = json.loads(other)
+            words = {"data": words.pop("data"), "protocol": ",".join(lacking), "model": ",".join(models)} | words
+            commands.append(typed("run", words))
+    return commands
+
+
+def slopes(rows: pd.DataFrame, title: str) -> Figure:
+    """Accuracy under each protocol, a line per system, with intervals; lines cross where the order changes."""
+    names = [*dict.fromkeys(rows["protocol"])]
+    systems = [*dict.fromkeys(rows.sort_values("accuracy", ascending=False, kind="stable")["system"])][:METHODS]
+    room, each = width_of(systems) + 0.4, 1.5
+    figure, axes = new_figure((1.1 + each * len(names) + room, 4.2), margins=(0.7, room, 0.75, 0.4), title=title)
+    ax, ends = axes[0, 0], []
+    for i, system in enumerate(systems):
+        own = rows[rows["system"] == system].set_index("protocol").reindex(names).dropna(subset=["accuracy"])
+        place = np.array([names.index(name) for name in own.index]) + 0.05 * (i - (len(systems) - 1) / 2)
+        error = bars(own["accuracy"].to_numpy(), own["accuracy_low"], own["accuracy_high"])
+        ax.errorbar(place, own["accuracy"], yerr=error, capsize=2, elinewidth=0.7, markersize=5, **look(i))
+        ends.append(own["accuracy"].iloc[-1])
+    low, high = ax.get_ylim()
+    order = np.argsort(ends)
+    places = spread(np.array(ends)[order], (high - low) / 17, low, high)
+    for i, y in zip(order, places, strict=True):
+        ax.annotate(plain([systems[i]])[0], (1.02, y), xycoords=("axes fraction", "data"), color=f"C{i % 10}")
+    keys = dict(zip(rows["protocol"], rows["key"], strict=True))
+    mixed = dict(zip(rows["protocol"], rows["mixes_subjects"], strict=True))
+    marks = ["optimistic" if "optimistic" in n else "subjects mixed" if mixed[n] else "new subjects" for n in names]
+    ax.set_xticks(range(len(names)), [f"{keys[n]}\n{mark}" for n, mark in zip(names, marks, strict=True)])
+    ax.set(xlim=(-0.4, len(names) - 0.6), ylabel="correctly classified captures, %")
+    ax.grid(alpha=0.3)
+    return figure
+
+
+def section(results: Sequence[Result], beside: pd.DataFrame, folder: Path) -> list[Section]:
+    """The section of the page, if some captures have runs under two protocols or more.
+
+    Args:
+        results: runs on captures.
+        beside: published numbers beside ours (`bench.reports.papers.against`).
+        folder: folder for figures.
+    """
+    parts = []
+    for i, members in enumerate(sets_of(results), 1):
+        rows, (data, subset, _) = ledger(members), members[0].context
+        words = data + f", {subset}" * (subset != "all")
+        first = [part.sort_values("accuracy").iloc[-1] for _, part in rows.groupby("protocol", sort=False)]
+        best = {row["key"]: row["system"] for row in first}
+        lines = sentences(*("bench.reports", "sentences", "ledger"), best=best, systems=rows["system"].nunique())
+        caption = f"{words}: accuracy under each protocol, mean over subjects with 95 % t-intervals."
+        picture = save(slopes(rows, words), folder, f"0-protocols-{i}", words, caption)
+        rows = rows.sort_values("system", kind="stable")
+        remarks = [notes_on(system, data) for system in rows["system"]]
+        shown = Table(COLUMNS, rows_of(rows), remarks=remarks, groups=[*rows["system"]])
+        caption = f"{words}: systems under each protocol; points are paired over the subjects of both protocols."
+        parts.append(Part(picture, shown, caption, [*lines, *scarce(members)]))
+        if commands := missing(members):
+            rows_left = [{"command": command} for command in commands]
+            parts.append(Part(None, Table([Measure("command", form=CODE)], rows_left), f"{words}: not run yet."))
+        if len(numbers := explained(members)) and members[0]["synthetic"] != "true":
+            caption = (
+                f"{words}: published numbers and the points over LOSO that their protocol alone adds to our systems."
+            )
+            parts.append(
+                Part(None, Table(PRINTED, rows_of(numbers)), caption, told(numbers, beside, members[0]["data"]))
+            )
+    return [Section("What a protocol adds", parts, "the same systems under several protocols")] if parts else []

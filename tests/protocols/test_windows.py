@@ -1,0 +1,96 @@
+"""Windows that are dealt to folds: which they are, how captures are scored from them, and that checks hold for them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.model_selection import StratifiedKFold
+
+from bench import scores
+from bench.circumstances.faults import Faults
+from bench.errors import InputError
+from bench.plan.cells import cells
+from bench.plan.plan import Fold, planned
+from bench.protocols.windows import WindowKFold
+from bench.work.evaluation import evaluated
+from tests.conftest import random_corpus
+from tests.work.fakes import Level, cell_of
+
+
+def by_hand(corpus, frames, hop):
+    """Capture and first frame of each window, by a loop."""
+    found = []
+    for capture, length in enumerate(corpus.lengths):
+        start = 0
+        while start == 0 or start + frames <= length:
+            found.append((capture, start))
+            start += hop
+    return found
+
+
+@given(seed=st.integers(0, 500), frames=st.integers(2, 12), hop=st.integers(1, 6))
+def test_windows_of_all_captures_are_dealt_as_scikit_learn_does(seed, frames, hop):
+    corpus = random_corpus(seed=seed, grid=(1, 2))
+    protocol = WindowKFold(frames / corpus.rate_hz, hop / corpus.rate_hz, folds=3, seed=seed)
+    windows = protocol.joined(corpus)
+    expected = by_hand(corpus, frames, hop)
+    assert list(zip(windows.index, windows.piece, strict=True)) == expected
+    for window, (capture, start) in zip(windows, expected, strict=True):
+        assert np.array_equal(window, corpus[capture][start : start + frames])
+    y = np.array([corpus.gestures[capture] for capture, _ in expected])
+    theirs = StratifiedKFold(3, shuffle=True, random_state=seed).split(y, y)
+    for (train, test, parts), (learnt, tested) in zip(protocol.split(windows), theirs, strict=True):
+        assert np.array_equal(train, learnt) and np.array_equal(test, tested)
+        assert sorted(i for _, part in parts for i in part) == list(test)
+        assert all(not len(more) and len(set(windows.index[part])) == len(part) for more, part in parts)
+
+
+class Batch(Level):
+    """Measures pressure from the mean of the windows that it is given together."""
+
+    def level(self, X):
+        level = super().level(X)
+        return level - level.mean()
+
+
+def folds_of(system, corpus, protocol):
+    """All folds of a system under the protocol."""
+    windows = protocol.joined(corpus)
+    folds = [Fold(f"fold{i:02d}", *split) for i, split in enumerate(protocol.split(windows))]
+    return [evaluated(cell_of(system), windows, fold, 1)[1] for fold in folds]
+
+
+def test_a_capture_is_scored_once_by_all_its_windows():
+    corpus = random_corpus(per_class=2, longest=60)
+    protocol = WindowKFold(0.1, 0.05, folds=3)
+    folds = folds_of(Level, corpus, protocol)
+    assert not [effect for fold in folds for effect in fold.batch_effects]
+    table = pd.concat([fold.table for fold in folds])
+    rows = sorted(zip(table["capture"], table["start"], table["frames"], strict=True))
+    assert rows == sorted((c, start, min(10, corpus.lengths[c])) for c, start in by_hand(corpus, 10, 5))
+    labelled = scores.captures(table).set_index("capture")["predicted"]
+    assert sorted(labelled.index) == list(range(len(corpus)))
+    for capture, label in labelled.items():
+        proba = table.loc[table["capture"] == capture, ["p_pat", "p_rub", "p_tap"]].to_numpy()
+        assert ["pat", "rub", "tap"][np.mean(proba, axis=0).argmax()] == label
+
+
+def test_a_window_whose_label_depends_on_others_is_found():
+    folds = folds_of(Batch, random_corpus(per_class=2, longest=60), WindowKFold(0.1, folds=3))
+    assert all(fold.batch_effects for fold in folds)
+
+
+def test_rows_say_that_the_protocol_is_optimistic_and_faults_are_refused():
+    typed = {"data": "synth", "protocol": "windows", "model": "lda", "features": "jung28", "data.subjects": "2"}
+    typed |= {"data.repetitions": "1", "protocol.folds": "3"}
+    (cell,) = cells(typed)
+    (plan,) = planned([cell], 1)
+    assert plan.label == "3-fold of 1 s windows, optimistic: subjects mixed, captures mixed"
+    assert plan.mixes_subjects and plan.facts["test_over_train"]
+    with pytest.raises(InputError, match="protocol=windows.* tests windows, not captures; leave under= out"):
+        planned([replace(cell, circumstances=(Faults(("noise",)),))], 1)
+    with pytest.raises(InputError, match=r"protocol\.seconds=0, .* above 0"):
+        planned(cells(typed | {"protocol.seconds": "0"}), 1)
