@@ -57,7 +57,8 @@ def under(members: Sequence[Result]) -> Under:
     """Accuracies of people under each protocol, the one with the highest mean accuracy first."""
     labels = dict.fromkeys(str(r["protocol_label"]) for r in members)
     tables = {label: by_subject([r for r in members if r["protocol_label"] == label])[0] for label in labels}
-    return dict(sorted(tables.items(), key=lambda item: -item[1].to_numpy(float).mean()))
+    full = [(label, table) for label, table in tables.items() if table.size]  # a table may be gone from the store
+    return dict(sorted(full, key=lambda item: -item[1].to_numpy(float).mean()))
 
 
 def gains(table: pd.DataFrame, base: pd.DataFrame) -> pd.DataFrame:
@@ -73,7 +74,8 @@ def named_by(members: Sequence[Result]) -> dict[str, Result]:
 
 def base_of(members: Sequence[Result], tables: Under) -> pd.DataFrame:
     """Accuracies under LOSO; an empty table if it was not run."""
-    return next((tables[k] for k, r in named_by(members).items() if r["protocol_name"] == BASE), pd.DataFrame())
+    labels = (label for label, r in named_by(members).items() if r["protocol_name"] == BASE)
+    return tables.get(next(labels, ""), pd.DataFrame())
 
 
 def ledger(results: Sequence[Result]) -> pd.DataFrame:
@@ -97,7 +99,7 @@ def ledger(results: Sequence[Result]) -> pd.DataFrame:
                 low, high = np.clip(statistics.interval(people.to_numpy(float)), 0, 100)
                 row = about | {"system": system, "accuracy": people.mean(), "accuracy_low": low, "accuracy_high": high}
                 row |= {"place": f"{place} of {len(table)}", "subjects": len(people)}
-                if system in points.index and table is not base:
+                if system in points.index and len(points.columns) and table is not base:
                     tested = statistics.paired(points.loc[system], 0 * points.loc[system])
                     names = {"points": "difference", "points_low": "low", "points_high": "high", "p": "p"}
                     row |= {name: tested[key] for name, key in names.items()}
@@ -116,8 +118,8 @@ def explained(members: Sequence[Result]) -> pd.DataFrame:
     tables, data = under(members), members[0]["data"]
     base, found = base_of(members, tables), {BASE: (0.0, np.nan, np.nan)}
     for label, r in named_by(members).items():
-        people = gains(tables[label], base).mean(axis=0).to_numpy(float)
-        if r["protocol_name"] != BASE and len(people):
+        if r["protocol_name"] != BASE and (points := gains(tables.get(label, pd.DataFrame()), base)).size:
+            people = points.mean(axis=0).to_numpy(float)
             found.setdefault(r["protocol_name"], (float(people.mean()), *statistics.interval(people)))
     papers, rows = published(), []
     for paper in papers[(papers["data"] == data) & papers["accuracy"].notna()].itertuples():
