@@ -109,6 +109,13 @@ def ledger(results: Sequence[Result]) -> pd.DataFrame:
     return pd.DataFrame(rows).reindex(columns=names)
 
 
+def printed_on(data: str) -> pd.DataFrame:
+    """Published numbers on a corpus, with the nearest of our protocols in ``key``; empty for an unknown one."""
+    papers = published()
+    papers = papers[(papers["data"] == data) & papers["accuracy"].notna()]
+    return papers.assign(key=papers["protocol_key"].where(papers["protocol_key"] != "other", papers["nearest_key"]))
+
+
 def explained(members: Sequence[Result]) -> pd.DataFrame:
     """Published numbers on the captures of a set, a row each, with the points over LOSO of the nearest protocol.
 
@@ -121,10 +128,9 @@ def explained(members: Sequence[Result]) -> pd.DataFrame:
         if r["protocol_name"] != BASE and (points := gains(tables.get(label, pd.DataFrame()), base)).size:
             people = points.mean(axis=0).to_numpy(float)
             found.setdefault(r["protocol_name"], (float(people.mean()), *statistics.interval(people)))
-    papers, rows = published(), []
-    for paper in papers[(papers["data"] == data) & papers["accuracy"].notna()].itertuples():
-        stated = paper.protocol_key != "other"
-        key = paper.protocol_key if stated else paper.nearest_key
+    rows = []
+    for paper in printed_on(data).itertuples():
+        key, stated = paper.key, paper.protocol_key != "other"
         points, low, high = found.get(key, (np.nan,) * 3) if len(base) else (np.nan,) * 3
         nearest = f"{key}{'' if stated else ' (inferred)'}{'' if key in found else ', not run'}" if key else "unknown"
         row = {"id": paper.id, "number": f"{paper.reference}: {paper.classifier}", "printed": paper.accuracy}
@@ -157,13 +163,17 @@ def told(numbers: pd.DataFrame, beside: pd.DataFrame, data: str) -> list[str]:
 
 
 def missing(members: Sequence[Result]) -> list[str]:
-    """Commands that run the protocols that some system of a set lacks: one, if all systems share other arguments."""
+    """Commands that run what some system of a set lacks: one, if all systems share all other arguments.
+
+    Wanted are the protocols of a whole ledger, of other systems of the set, and of published numbers on its captures.
+    """
     alike: dict[str, list[Result]] = {}
     for r in members:
         if arguments := r.get("touchbench.arguments"):
             other = {k: v for k, v in json.loads(arguments).items() if k != "model" and not k.startswith("protocol")}
             alike.setdefault(json.dumps(other), []).append(r)
-    names, commands = dict.fromkeys([*USUAL, *(str(r["protocol_name"]) for r in members)]), []
+    wanted = [*USUAL, *(str(r["protocol_name"]) for r in members), *printed_on(members[0]["data"])["key"]]
+    names, commands = dict.fromkeys(filter(None, wanted)), []
     for other, runs in alike.items():
         models = dict.fromkeys(str(r["model_name"]) for r in runs)
         done = {name: {r["model_name"] for r in runs if r["protocol_name"] == name} for name in names}
@@ -215,7 +225,8 @@ def section(results: Sequence[Result], beside: pd.DataFrame, folder: Path) -> li
         words = data + f", {subset}" * (subset != "all")
         first = [part.sort_values("accuracy").iloc[-1] for _, part in rows.groupby("protocol", sort=False)]
         best = {row["key"]: row["system"] for row in first}
-        lines = sentences(*("bench.reports", "sentences", "ledger"), best=best, systems=rows["system"].nunique())
+        told_of = {"systems": rows["system"].nunique(), "windows": rows["key"].str.startswith("windows").any()}
+        lines = sentences(*("bench.reports", "sentences", "ledger"), best=best, **told_of)
         caption = f"{words}: accuracy under each protocol, mean over subjects with 95 % t-intervals."
         picture = save(slopes(rows, words), folder, f"0-protocols-{i}", words, caption)
         rows = rows.sort_values("system", kind="stable")

@@ -96,8 +96,10 @@ def test_share_of_the_spread():
 
 def test_one_command_runs_what_is_missing():
     some = {key: right for key, right in HITS.items() if key != ("lda", "windows")}
-    assert ledger.missing(runs(some)) == ["bench run data=haart protocol=windows,within model=svm,lda features=touch"]
-    assert ledger.missing(runs()) == ["bench run data=haart protocol=within model=svm,lda features=touch"]
+    assert ledger.missing(runs(some)) == [
+        "bench run data=haart protocol=windows,within,challenge model=svm,lda features=touch"
+    ]
+    assert ledger.missing(runs()) == ["bench run data=haart protocol=within,challenge model=svm,lda features=touch"]
 
 
 def test_the_section_and_its_picture(tmp_path):
