@@ -129,7 +129,7 @@ def test_the_front_of_the_page(folder):
     front, *closed = text.split('<details id="')
     while not re.match('[^"]+"><summary><h2>', closed[0]):
         front += closed.pop(0)
-    wanted = "early-decisions faults people what-a-protocol-adds gestures published-numbers runs statistics provenance"
+    wanted = "early-decisions faults people gestures published-numbers runs statistics provenance"
     assert [part.split('"')[0] for part in closed if "<summary><h2>" in part] == wanted.split()
     tabs = re.findall(r'<label for="t-\d">(.*?)<small>(.*?)</small>', front)
     assert len(tabs) == 3 and {about for _, about in tabs} == {"tests new people"}
