@@ -223,9 +223,10 @@ def section(results: Sequence[Result], beside: pd.DataFrame, folder: Path) -> li
     for i, members in enumerate(sets_of(results), 1):
         rows, (data, subset, _) = ledger(members), members[0].context
         words = data + f", {subset}" * (subset != "all")
-        first = [part.sort_values("accuracy").iloc[-1] for _, part in rows.groupby("protocol", sort=False)]
-        best = {row["key"]: row["system"] for row in first}
-        told_of = {"systems": rows["system"].nunique(), "windows": rows["key"].str.startswith("windows").any()}
+        everywhere = rows[rows.groupby("system")["key"].transform("size") == rows["protocol"].nunique()]
+        first = everywhere.loc[everywhere.groupby("protocol", sort=False)["accuracy"].idxmax()]
+        told_of = {"systems": everywhere["system"].nunique(), "windows": rows["key"].str.startswith("windows").any()}
+        best = dict(zip(first["key"], first["system"], strict=True))
         lines = sentences(*("bench.reports", "sentences", "ledger"), best=best, **told_of)
         caption = f"{words}: accuracy under each protocol, mean over subjects with 95 % t-intervals."
         picture = save(slopes(rows, words), folder, f"0-protocols-{i}", words, caption)

@@ -108,7 +108,7 @@ def test_the_section_and_its_picture(tmp_path):
     (section,) = ledger.section(made, against(made), tmp_path)
     first, command, numbers = section.parts
     assert section.heading == "What a protocol adds"
-    assert "svm under windows, lda under kfold, lda under loso" in " ".join(first.sentences)
+    assert "differs: svm under windows, lda under kfold, lda under loso" in " ".join(first.sentences)
     rows = first.table.texts
     assert [row["protocol"] for row in rows[:3]] == [WORDS["windows"], WORDS["kfold"], WORDS["loso"]]
     assert first.table.groups == ["lda"] * 3 + ["svm"] * 3
