@@ -1,0 +1,182 @@
+"""From recordings to a folder of C with a certificate: the way as a whole, and what it refuses."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from bench.cli import main
+from bench.corpora.read.table import write_table
+from bench.store import connect
+from tests.conftest import predictions, random_corpus, runs
+
+TOOLS = [name for name in ("cc", "make", "c++") if shutil.which(name) is None]
+ARM = [name for name in ("arm-none-eabi-gcc", "qemu-system-arm") if shutil.which(name) is None]
+SENSOR = ["grid=4x4", "rate_hz=100", "full_scale=1023"]
+BUILD = ["build", "skin.csv", *SENSOR, "seconds=0.1", "jobs=1", "out=robot"]  # so that one system is compared
+
+pytestmark = pytest.mark.skipif(bool(TOOLS), reason=f"{', '.join(TOOLS)} not installed")
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    """One fault; no chip is emulated, except in tests that say so."""
+    monkeypatch.setattr("touchbench_builder.certificate.FAULTS", ("noise",))
+    for module in ("choice", "certificate"):
+        if hasattr(__import__(f"touchbench_builder.{module}", fromlist=["x"]), "lacking"):
+            monkeypatch.setattr(f"touchbench_builder.{module}.lacking", lambda: ["arm-none-eabi-gcc"])
+
+
+def skin(subjects=6, seed=0, name="skin.csv", **fields):
+    """A table of captures of which a tree classifies most."""
+    corpus = random_corpus(subjects, 3, grid=(4, 4), seed=seed, **fields)
+    write_table(corpus, Path(name))
+    return corpus
+
+
+def said(*arguments, cwd="robot"):
+    """Output of a program, with its exit code."""
+    done = subprocess.run(arguments, cwd=cwd, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certificate(capsys, monkeypatch):
+    skin()
+    monkeypatch.setattr("touchbench_builder.folder._tested", interrupted)
+    assert main(BUILD) == 130 and "the same command continues" in capsys.readouterr().err
+    assert not Path("robot").exists() and not [*Path().glob(".robot*")]
+    before = {run.info.run_id for run in connect().runs()}
+    monkeypatch.undo()
+    monkeypatch.setattr("touchbench_builder.choice.lacking", lambda: ["arm-none-eabi-gcc"])
+    monkeypatch.setattr("touchbench_builder.certificate.FAULTS", ("noise",))
+    assert main(BUILD) == 0
+    assert {run.info.run_id for run in connect().runs()} == before, "a run or a model was made twice"
+    assert "already imported" in capsys.readouterr().err
+
+    facts = json.loads(Path("robot/certificate.json").read_text())
+    store, found = runs("cell")
+    plain = next(run for run in found if "faults" not in run.data.params)  # one system: nothing else could be chosen
+    labelled = predictions(store, plain)
+    right = labelled["true"] == labelled[[c for c in labelled if c.startswith("p_")]].idxmax(axis=1).str[2:]
+    counts = right.groupby(labelled["subject"].astype(str)).agg(["sum", "size"])
+    assert facts["expected"]["people"] == {name: [int(s), int(n)] for name, (s, n) in counts.iterrows()}
+    assert facts["expected"]["mean"] == pytest.approx((counts["sum"] / counts["size"]).mean(), abs=1e-4)
+    assert facts["expected"]["person_low"] < facts["expected"]["mean_low"] < facts["expected"]["mean"]
+    assert facts["data"]["people"] == 6 and facts["c"]["captures"] == 54
+
+    header, code, page = (Path("robot", name).read_text() for name in ("touch.h", "touch.c", "README.md"))
+    accuracy = f"{100 * facts['expected']['mean']:.1f} %"
+    assert "from 54 captures of 6 people of skin" in header and accuracy in header and accuracy in page
+    assert facts["system"]["model"] in code and facts["data"]["digest"] in code and "bench build skin.csv" in code
+    assert "programs for a Cortex-M4F are not installed" in page
+
+    assert said("make", "-s", "test", "examples") == (0, "3 of 3 captures as in Python\n")
+    for example in ("./example", "./example_cpp"):
+        code, gesture = said(example)
+        assert code == 0 and gesture.strip() in ("pat", "rub", "tap")
+    vectors = Path("robot/vectors.h").read_text()
+    first = vectors.index("    {") + 5
+    label = vectors[first:].split(",")[1].strip()
+    Path("robot/vectors.h").write_text(
+        vectors[:first] + vectors[first:].replace(f", {label},", f", {1 - int(label)},", 1)
+    )
+    code, text = said("make", "-s", "test")
+    assert code and "2 of 3 captures as in Python" in text and "instead of" in text
+
+    assert main(BUILD) == 2 and "replace=yes" in capsys.readouterr().err
+    Path("robot/mine.txt").touch()
+    assert main([*BUILD, "replace=yes"]) == 0 and not Path("robot/mine.txt").exists()
+    check(facts, capsys)
+
+
+def check(facts, capsys):
+    """People of the same kind agree with the certificate, swapped gestures do not; people of the build are refused."""
+    newer = skin(5, seed=1, name="newer.csv")
+    named = newer.captures.assign(subject=[f"new {s}" for s in newer.captures["subject"]])
+    write_table(newer.changed(captures=named), Path("newer.csv"))
+    swapped = named.assign(gesture=named["gesture"].replace({"pat": "tap", "tap": "rub", "rub": "pat"}))
+    write_table(newer.changed(captures=swapped), Path("swapped.csv"))
+    for name in ("newer", "swapped"):
+        assert main(["data", "import", "table", f"{name}.csv", f"name={name}", *SENSOR]) == 0
+    capsys.readouterr()
+    assert main(["build", "check", "robot", "data=newer"]) == 0
+    assert "agrees with the certificate" in capsys.readouterr().out
+    assert main(["build", "check", "robot", "data=swapped"]) == 1
+    assert "contradicts the certificate" in capsys.readouterr().out
+    assert main(["build", "check", "robot", "data=skin"]) == 2
+    assert "was recorded for the build" in capsys.readouterr().err
+    assert main(["build", "check", "robot", "data=synth"]) == 2 and "grid" in capsys.readouterr().err
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt
+
+
+def few(change):
+    """Captures that one thing is wrong with."""
+    corpus = random_corpus(2, 1, grid=(4, 4))
+    captures, frames = corpus.captures.copy(), corpus.frames.copy()
+    if change == "saturated":
+        frames[:] = 1023
+    else:
+        captures[change[0]] = change[1](captures)
+    return corpus.changed(captures=captures, frames=frames)
+
+
+WRONG = {
+    "1 subject; record two": few(("subject", lambda table: "1")),
+    "only gesture is pat": few(("gesture", lambda table: "pat")),
+    "'Pat' and 'pat' differ by case": few(
+        (
+            "gesture",
+            lambda table: table["gesture"].where(table["subject"] != "1", table["gesture"].str.capitalize()),
+        )
+    ),
+    "the sensor saturates: in 100 %": few("saturated"),
+}
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_recordings_that_cannot_teach_are_refused_in_a_line(words, capsys):
+    write_table(WRONG[words], Path("skin.csv"))
+    assert main(BUILD) == 2
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("bench:")]
+    assert words in line and not Path("robot").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["build", "data=synth"], "needs out="),
+        (["build", "data=synth", "board=nano34ble", "out=robot"], "did you mean nano33ble"),
+        (["build", "a.csv", "b.csv", "out=robot"], "give one file"),
+        (["build", "a.csv", "data=synth", "out=robot"], "a file or data="),
+        (["build", "nowhere.csv", *SENSOR, "out=robot"], "no such file"),
+        (["build", "check", "nowhere", "data=synth"], "no certificate.json is here"),
+        (["build", "data=synth", "out=."], "not empty"),
+    ],
+)
+def test_wrong_words_are_refused_in_a_line(arguments, words, capsys):
+    Path("other.txt").touch()
+    assert main(arguments) == 2
+    assert words in capsys.readouterr().err and not Path("robot").exists()
+
+
+@pytest.mark.live
+@pytest.mark.skipif(bool(ARM), reason=f"{', '.join(ARM)} not installed")
+def test_the_c_is_linked_for_a_board_and_passes_its_test_in_an_emulator(monkeypatch, capsys):
+    monkeypatch.undo()
+    monkeypatch.setattr("touchbench_builder.certificate.FAULTS", ("noise",))
+    skin()
+    assert main([*BUILD, "board=nano33ble"]) == 0
+    facts = json.loads(Path("robot/certificate.json").read_text())
+    assert 1000 < facts["chip"]["flash_bytes"] < 1000 * facts["chip"]["board"]["flash_kb"] == 1048576
+    assert facts["chip"]["processor_share"] == pytest.approx(facts["chip"]["frame_instructions"] * 100 / 64e6, abs=1e-4)
+    assert said("make", "-s", "emulated") == (0, "3 of 3 captures as in Python\n")
+    assert main([*BUILD, "max_flash=1kB", "replace=yes"]) == 2
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert "flash is missed most" in line and "uno-r3" in line and Path("robot/touch.c").exists()
+    assert pd.DataFrame(facts["compared"])["flash"].notna().all()

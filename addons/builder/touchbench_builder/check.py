@@ -1,0 +1,64 @@
+"""``bench build check``: captures of people who came later, in C, against the certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from bench.comparable import several
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from touchbench_builder.certificate import read
+from touchbench_builder.folder import JSON, labelled
+
+
+def checked(words: list[str], values: Mapping[str, Any]) -> int:
+    """Test whether the C classifies other people's captures as well as its certificate says; 1 if it does not."""
+    import bench
+    from bench.commands.printing import say
+    from touchbench_builder.bounds import agrees
+
+    if len(words) != 1 or "data" not in values:
+        raise InputError("bench build check needs a folder and data=: bench build check robot data=newpeople")
+    folder = Path(words[0])
+    if not (folder / JSON).is_file():
+        raise InputError(f"{folder}: no {JSON} is here; give the folder that bench build wrote")
+    facts = read((folder / JSON).read_text(encoding="utf-8"), str(folder / JSON))
+    taken = {key: value for key, value in values.items() if key == "where" or key.partition(".")[0] == "data"}
+    if unused := sorted(values.keys() - taken.keys()):
+        raise InputError(f"bench build check takes data= and where=; leave {unused[0]}= out")
+    corpus = bench.corpus(**{key.replace("data.", ""): value for key, value in taken.items()})
+    _fits(corpus, facts)
+    labels = labelled(folder, facts["data"]["gestures"], corpus)
+    right = pd.Series(labels == corpus.gestures.astype(str))
+    counts = right.groupby(corpus.subjects.astype(str)).agg(right="sum", total="size")
+    known = pd.DataFrame(facts["expected"]["people"].values(), columns=["right", "total"])
+    found = agrees(*(known[c].to_numpy() for c in known), *(counts[c].to_numpy() for c in ("right", "total")))
+    mean, people = 100 * float((counts["right"] / counts["total"]).mean()), len(counts)
+    say(
+        f"{corpus.name}: {several(len(corpus), 'capture')} of {several(people, 'subject')} in C: {mean:.1f} % correct, "
+        f"mean over people; the certificate expects {100 * facts['expected']['mean']:.1f} %",
+        f"{'agrees with' if found.agrees else 'contradicts'} the certificate (one-sided test, p = {found.p:.3g}; "
+        f"power {100 * found.power:.0f} %)",
+    )
+    return 0 if found.agrees else 1
+
+
+def _fits(corpus: Corpus, facts: Mapping[str, Any]) -> None:
+    """Refuse captures of another sensor, of other gestures, or of people who were recorded for the build."""
+    data = facts["data"]
+    for name, mine, theirs in (
+        ("grid", list(corpus.grid), data["grid"]),
+        ("rate_hz", float(corpus.rate_hz), data["rate_hz"]),
+        ("full_scale", float(corpus.full_scale), data["full_scale"]),
+    ):
+        if mine != theirs:
+            raise InputError(f"data={corpus.name}: {name} is {mine}, the C was built for {theirs}; use its sensor")
+    if others := sorted({*corpus.gestures.astype(str)} - {*data["gestures"]}):
+        raise InputError(f"data={corpus.name}: the C does not know {others[0]}; leave it out with where=")
+    same = sorted({*corpus.subjects.astype(str)} & {*data["subjects"]})
+    if corpus.name == data["corpus"] and same:
+        raise InputError(f"data={corpus.name}: subject {same[0]} was recorded for the build; give people who were not")

@@ -1,0 +1,38 @@
+"""The command ``bench build``, without anything heavy."""
+
+from bench.options import DATA, JOBS, START, TRUSTED, WHERE, Command, Option
+
+FORMATS = ("table", "cuddlebot", "haart", "cost", "recording")
+BUILD = Command(
+    START,
+    "build C with a certificate from recordings of a skin",
+    "Imports FILE, or uses data=. Compares a few systems that have C on people left out, cheap ones first. "
+    "Chooses the cheapest within one standard error of the best, within the budgets of scene and board. Trains it on "
+    "all captures and writes C, examples, tests and a certificate. The certificate names the accuracy to expect for "
+    "a new person. An interrupted command continues where it stopped. check FOLDER runs captures of other people "
+    "through the C; exit code 1 if they contradict the certificate. "
+    f"{TRUSTED}",
+    "bench build mine.csv grid=6x6 rate_hz=50 scene=companion board=stm32f411 out=robot\n"
+    "bench build data=haart max_flash=64kB seconds=600 out=robot\n"
+    "bench build check robot data=newpeople",
+    "\n[FILE] out=FOLDER [key=value ...]\ncheck FOLDER data=NAME [where=CONDITION]",
+    module="touchbench_builder.way",
+    options=(
+        DATA,
+        WHERE,
+        JOBS,
+        Option("format", "text", "table", "format of FILE, as of bench data import", FORMATS),
+        Option("name", "text", "", "name of the corpus that FILE becomes; default its own name"),
+        Option("grid", "text", "", "FILE: rows and columns of the skin, such as 8x8"),
+        Option("rate_hz", "number", None, "FILE: frame rate in Hz"),
+        Option("full_scale", "number", None, "FILE: largest possible reading"),
+        Option("scene", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
+        Option("board", "text", "", "board whose flash and RAM are budgets, such as nano33ble"),
+        Option("max_flash", "amount", None, "largest flash with code, such as 64kB"),
+        Option("max_ram", "amount", None, "largest RAM of the library, such as 32kB"),
+        Option("max_cycles", "amount", None, "most instructions for the costliest frame, such as 600k"),
+        Option("seconds", "number", 600, "time to compare systems; no comparison begins that would need more"),
+        Option("out", "text", "", "folder for the C; new or empty"),
+        Option("replace", "yes", False, "yes: replace an earlier build at out="),
+    ),
+)

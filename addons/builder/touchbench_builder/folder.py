@@ -1,0 +1,181 @@
+"""The folder of a build: C, examples, tests with golden vectors, and the certificate."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.scratch import made_whole, new_folder, remove
+from bench.work.saved import Recogniser
+from touchbench_builder.certificate import Built, page
+from touchbench_chip.measure import compiled
+from touchbench_chip.write import files_of
+
+CODE = Path(__file__).parent / "code"
+JSON = "certificate.json"
+VECTOR_S = 2.0  # of a capture in vectors.h
+WIDTH = 110  # columns of a row of numbers
+
+
+def new_build(out: Path, replaces: bool) -> Path:
+    """A folder that is new or empty, or holds an earlier build that may be replaced."""
+    if not shutil.which("cc") or not shutil.which("make"):
+        raise InputError("bench build needs cc and make, which are not installed; on Debian, install gcc make")
+    if (earlier := _earlier(out)).is_dir():  # a kill came between two names
+        remove(earlier) if out.exists() else earlier.rename(out)
+    if replaces and (out / JSON).is_file():
+        return out
+    if (out / JSON).is_file():
+        raise InputError(f"out={out}: an earlier build is there; replace it with replace=yes, or name another folder")
+    return new_folder(out)
+
+
+def _earlier(out: Path) -> Path:
+    """The place of an earlier build while the new one takes its name."""
+    return out.absolute().with_name(f".{out.name}.earlier")
+
+
+def write(out: Path, built: Built, corpus: Corpus, replaces: bool) -> None:
+    """Write the folder of a build, and test its C."""
+    facts, recogniser = built.facts, built.recogniser
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for file, text in files_of(recogniser, facts["system"]["bits"], "\n   ".join(heading(facts))).items():
+            (folder / file).write_text(text, encoding="utf-8")
+        facts["c"] = _agreement(folder, recogniser, corpus)
+        comment = "\n   ".join(origin(facts))
+        _before(folder / "touch.c", f"/* {comment} */\n\n")
+        with (folder / "Makefile").open("a", encoding="utf-8") as file:
+            file.write((CODE / "Makefile.more").read_text(encoding="utf-8"))
+        for name in ("example.c", "example.cpp", "test.c", "CMakeLists.txt", "LICENSE"):
+            shutil.copyfile(CODE / name, folder / name)
+        (folder / "vectors.h").write_text(vectors(recogniser, corpus), encoding="utf-8")
+        (folder / JSON).write_text(json.dumps(facts, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        (folder / "README.md").write_text(page(facts), encoding="utf-8")
+        _tested(folder)
+        _placed(folder, out, replaces)
+
+
+def _before(path: Path, text: str) -> None:
+    path.write_text(text + path.read_text(encoding="utf-8"), encoding="utf-8")
+
+
+def _placed(folder: Path, out: Path, replaces: bool) -> None:
+    """Give a folder its name; an earlier build makes room only when the new one lies beside it."""
+    with made_whole(out) as beside:
+        beside.mkdir()
+        for path in folder.iterdir():
+            shutil.copyfile(path, beside / path.name)
+        if replaces and out.is_dir():
+            out.rename(_earlier(out))
+    if _earlier(out).exists():
+        remove(_earlier(out))
+
+
+def heading(facts: Mapping[str, Any]) -> list[str]:
+    """The head of ``touch.h``: corpus, people, accuracy to expect, alarms of each operating point."""
+    data, expect = facts["data"], facts["expected"]
+    kind = "synthetic " if data["synthetic"] else ""
+    grid = "x".join(map(str, data["grid"]))
+    lines = [
+        f"touchbench: {len(data['gestures'])} classes of {kind}touch on {grid} taxels at {data['rate_hz']:g} Hz.",
+        f"{facts['system']['name']}, from {data['captures']} {kind}captures of {data['people']} people of "
+        f"{data['corpus']}.",
+        f"Accuracy to expect for a new person: {_percent(expect['mean'])}; mean of new people at least "
+        f"{_percent(expect['mean_low'])} (95 % confidence); nine of ten people above {_percent(expect['person_low'])}.",
+    ]
+    if facts["stream"]:
+        minutes = facts["stream"]["background_minutes"]
+        lines.append(f"Operating points, on {minutes:g} minutes of background of training people left out in turn:")
+        for i, point in enumerate(facts["stream"]["points"]):
+            alarms = "alarms unknown"
+            if point["alarms"] is not None:
+                alarms = f"{point['alarms']} false alarms, at most {point['at_most_per_hour']:.3g} an hour (95 %)"
+            lines.append(f"{i}: {alarms}; {_percent(point['found'])} of touches found")
+    return lines
+
+
+def _percent(share: float | None) -> str:
+    return "unknown" if share is None else f"{100 * share:.1f} %"
+
+
+def origin(facts: Mapping[str, Any]) -> list[str]:
+    """The comment of ``touch.c``: what it was made of, and by which command."""
+    system, data = facts["system"], facts["data"]
+    command = facts["command"].replace("*/", "* /").replace("/*", "/ *")
+    return [
+        f"Model {system['model']}; data {data['corpus']}, digest {data['digest']};",
+        f"   C, digest {system['code']}; touchbench {facts['touchbench']}:",
+        f"   {command}",
+    ]
+
+
+def _agreement(folder: Path, recogniser: Recogniser, corpus: Corpus) -> dict[str, int]:
+    """Captures of all people that the C, on this machine, and Python label differently."""
+    labels = recogniser.label(corpus)["label"].to_numpy()
+    in_c = labelled(folder, recogniser.classes, corpus)
+    return {"captures": len(corpus), "other_labels": int((labels != in_c).sum())}
+
+
+def labelled(folder: Path, classes: list[str], corpus: Corpus) -> np.ndarray:
+    """Labels of captures by the C of a folder, compiled elsewhere for this machine."""
+    with tempfile.TemporaryDirectory() as name:
+        for file in ("touch.c", "touch.h", "tables.h"):
+            shutil.copyfile(folder / file, Path(name, file))
+        run = compiled(Path(name), len(classes))
+        return np.array([classes[int(run(frames).argmax())] for frames in corpus], dtype=object)
+
+
+def vectors(recogniser: Recogniser, corpus: Corpus) -> str:
+    """The beginning of a capture of each class, with label and probabilities in Python, as C."""
+    names = corpus.gestures.astype(str)
+    picked = np.array([np.flatnonzero(names == name)[len(names[names == name]) // 2] for name in recogniser.classes])
+    some = corpus[picked].detached()
+    some = some.changed(lengths=np.minimum(some.lengths, round(VECTOR_S * corpus.rate_hz)), digest="", path=None)
+    table = recogniser.label(some)
+    proba = table[[f"p_{name}" for name in recogniser.classes]].to_numpy()
+    whole = all(float(frames.max()) < 2**16 and (frames == np.rint(frames)).all() for frames in some)
+    rows = []
+    for frames, label, row in zip(some, table["label"], proba, strict=True):
+        cells = ", ".join(f"{value:.6f}f" for value in row)
+        rows.append(f"    {{{len(frames)}, {recogniser.classes.index(label)}, {{{cells}}}}},")
+    values = np.concatenate([frames.ravel() for frames in some])
+    texts = [f"{int(v)}" if whole else f"{np.float32(v):.9g}" + "f" * ("." in f"{np.float32(v):.9g}") for v in values]
+    width = WIDTH // 7
+    lines = ["    " + ", ".join(texts[i : i + width]) + "," for i in range(0, len(texts), width)]
+    return "\n".join(
+        [
+            f"/* The first {VECTOR_S:g} s of a capture of each class, and what Python predicts. */",
+            "#include <stdint.h>",
+            f"#define VECTORS {len(rows)}",
+            f"#define READING {'uint16_t' if whole else 'float'}",
+            "static const struct {",
+            "    int frames, label;",
+            "    float probabilities[TOUCH_CLASSES];",
+            "} vectors[VECTORS] = {",
+            *rows,
+            "};",
+            "static const READING readings[] = {",
+            *lines,
+            "};",
+            "",
+        ]
+    )
+
+
+def _tested(folder: Path) -> None:
+    """Compile and run the test of the folder as its user does, and remove what that made."""
+    done = subprocess.run(["make", "-s", "test"], cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        lines = " ".join((done.stdout + done.stderr).split())
+        raise InputError(f"the C does not pass its own test, so nothing is written: {lines[-200:]}")
+    (folder / "test_touch").unlink()
