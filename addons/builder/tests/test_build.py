@@ -22,12 +22,11 @@ pytestmark = pytest.mark.skipif(bool(TOOLS), reason=f"{', '.join(TOOLS)} not ins
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch):
-    """One fault; no chip is emulated, except in tests that say so."""
+def quick(request, monkeypatch):
+    """One fault; nothing is linked for a chip, except in live tests."""
     monkeypatch.setattr("touchbench_builder.certificate.FAULTS", ("noise",))
-    for module in ("choice", "certificate"):
-        if hasattr(__import__(f"touchbench_builder.{module}", fromlist=["x"]), "lacking"):
-            monkeypatch.setattr(f"touchbench_builder.{module}.lacking", lambda: ["arm-none-eabi-gcc"])
+    if not request.node.get_closest_marker("live"):
+        monkeypatch.setattr("touchbench_builder.choice.lacking", lambda: ["arm-none-eabi-gcc"])
 
 
 def skin(subjects=6, seed=0, name="skin.csv", **fields):
@@ -45,13 +44,11 @@ def said(*arguments, cwd="robot"):
 
 def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certificate(capsys, monkeypatch):
     skin()
-    monkeypatch.setattr("touchbench_builder.folder._tested", interrupted)
-    assert main(BUILD) == 130 and "the same command continues" in capsys.readouterr().err
+    with monkeypatch.context() as patch:
+        patch.setattr("touchbench_builder.folder._tested", interrupted)
+        assert main(BUILD) == 130 and "the same command continues" in capsys.readouterr().err
     assert not Path("robot").exists() and not [*Path().glob(".robot*")]
     before = {run.info.run_id for run in connect().runs()}
-    monkeypatch.undo()
-    monkeypatch.setattr("touchbench_builder.choice.lacking", lambda: ["arm-none-eabi-gcc"])
-    monkeypatch.setattr("touchbench_builder.certificate.FAULTS", ("noise",))
     assert main(BUILD) == 0
     assert {run.info.run_id for run in connect().runs()} == before, "a run or a model was made twice"
     assert "already imported" in capsys.readouterr().err
@@ -167,9 +164,7 @@ def test_wrong_words_are_refused_in_a_line(arguments, words, capsys):
 
 @pytest.mark.live
 @pytest.mark.skipif(bool(ARM), reason=f"{', '.join(ARM)} not installed")
-def test_the_c_is_linked_for_a_board_and_passes_its_test_in_an_emulator(monkeypatch, capsys):
-    monkeypatch.undo()
-    monkeypatch.setattr("touchbench_builder.certificate.FAULTS", ("noise",))
+def test_the_c_is_linked_for_a_board_and_passes_its_test_in_an_emulator(capsys):
     skin()
     assert main([*BUILD, "board=nano33ble"]) == 0
     facts = json.loads(Path("robot/certificate.json").read_text())

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from bench.work.saved import Recogniser
     from touchbench_builder.way import Progress
 
-FAULTS = ("dead_taxels", "stuck_taxels", "offset_drift", "noise", "shift")  # that are tested if the scene names none
+FAULTS = ("dead_taxels", "stuck_taxels", "noise")  # that are tested if the scene names none
 LOST = 10.0  # points of accuracy: a system survives a fault that costs less
 SESSIONS = ("session", "day", "sitting", "date", "visit")  # columns that tell days apart
 CONFIDENCE = 0.95

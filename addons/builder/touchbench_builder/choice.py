@@ -119,13 +119,14 @@ def compared(
     every = [pair for pair in systems(corpus) if not (streams and pair[0] == SMALLEST)]  # whose C watches no stream
     for number, (values, work) in enumerate(every, 1):
         name, before = shown(values), progress.left
-        if rows and before < longest + work * folds:
+        keyed = keywords(on | {"protocol": "loso"} | values | under)
+        if rows and before < longest + work * folds and not _is_stored(keyed):
             left_out.append(f"{name}: it would need more than the {span(before)} that were left")
             continue
         line = f"system {number} of {len(every)}: {name}; {span(before)} left"
         console.print(line, markup=False, highlight=False, soft_wrap=True)
         try:
-            run = bench.run(**keywords(on | {"protocol": "loso"} | values | under)).iloc[0]
+            run = bench.run(**keyed).iloc[0]
             if not run["complete"]:
                 raise InputError("a fold failed")
             size = {} if lacking() else _linked(on, values, str(run["run_id"]))
@@ -140,6 +141,19 @@ def compared(
     progress.begin("choice")
     runs = pd.DataFrame(rows).reset_index(drop=True)
     return _chosen(runs, kept, left_out, scene, limits)
+
+
+def _is_stored(values: Mapping[str, Any]) -> bool:
+    """Whether a run is stored, so that it takes no time."""
+    from bench.commands.run import planned
+    from bench.options import keys, values_of
+    from bench.store import connect
+    from bench.work.tracking import key_of
+
+    typed = values_of(values, keys("run", [key.replace("__", ".") for key in values]))
+    (plan,) = planned("run", typed)
+    run = connect().find(key_of(plan), plan.cell.kind)
+    return run is not None and run.info.status == "FINISHED"
 
 
 def shown(values: Mapping[str, Any]) -> str:
