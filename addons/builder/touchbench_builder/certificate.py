@@ -79,7 +79,7 @@ def certificate(
         "chip": None if numbers is None else _chip(numbers, recogniser.rate_hz, scene.board),
         "without": without,
         "faults": faults,
-        "stream": stream(recogniser, corpus, str(on.get("where", ""))),
+        "stream": stream(recogniser),
         "watched": watched,
         "unknown": unknown(corpus),
     }
@@ -179,32 +179,22 @@ def _chip(numbers: Mapping[str, float], rate_hz: float, board: Board | None) -> 
     return found
 
 
-def stream(recogniser: Recogniser, corpus: Corpus, where: str) -> dict[str, Any] | None:
+def stream(recogniser: Recogniser) -> dict[str, Any] | None:
     """Operating points of a model that watches a stream: alarms and minutes of training people left out."""
-    from touchbench_streams.fold import recordings_of, usual
-    from touchbench_streams.recordings import certain
-    from touchbench_streams.stored import holds_recordings, whole
-
-    watcher = recogniser.watcher
-    if watcher is None:
+    if (watcher := recogniser.watcher) is None:
         return None
-    taught = certain(whole(corpus.name, where=where)) if holds_recordings(corpus.name) else corpus
-    recordings = recordings_of(taught, usual(taught))
-    hours = float(recordings.background_frames().sum()) / corpus.rate_hz / 3600
-    points = []
-    for level, rate, found in watcher.points:
-        alarms = None if rate != rate else round(rate * hours)
-        points.append(
-            {
-                "found": round(found, 4),
-                "alarms": alarms,
-                "per_hour": None if alarms is None else round(rate, 2),
-                "at_most_per_hour": None if alarms is None else round(most(alarms, hours), 2),
-                "initial": bool(np.isclose(level, watcher.level)),
-            }
-        )
+    points = [
+        {
+            "found": round(found, 4),
+            "alarms": int(alarms),
+            "at_most_per_hour": round(most(int(alarms), hours), 2) if hours else None,
+            "initial": bool(np.isclose(level, watcher.level)),
+        }
+        for level, alarms, hours, found in watcher.points
+    ]
+    minutes = 60 * max((point[2] for point in watcher.points), default=0)
     soonest = 1000 * watcher.soonest / recogniser.rate_hz
-    return {"background_minutes": round(60 * hours, 1), "soonest_ms": round(soonest), "points": points}
+    return {"background_minutes": round(minutes, 1), "soonest_ms": round(soonest), "points": points}
 
 
 def most(events: int, hours: float) -> float:

@@ -82,26 +82,17 @@ def _placed(folder: Path, out: Path, replaces: bool) -> None:
 
 
 def heading(facts: Mapping[str, Any]) -> list[str]:
-    """The head of ``touch.h``: corpus, people, accuracy to expect, alarms of each operating point."""
+    """The head of ``touch.h``: corpus, people, accuracy to expect; alarms stand at its operating points."""
     data, expect = facts["data"], facts["expected"]
     kind = "synthetic " if data["synthetic"] else ""
     grid = "x".join(map(str, data["grid"]))
-    lines = [
+    return [
         f"touchbench: {len(data['gestures'])} classes of {kind}touch on {grid} taxels at {data['rate_hz']:g} Hz.",
         f"{facts['system']['name']}, from {data['captures']} {kind}captures of {data['people']} people of "
         f"{data['corpus']}.",
         f"Accuracy to expect for a new person: {_percent(expect['mean'])}; mean of new people at least "
         f"{_percent(expect['mean_low'])} (95 % confidence); nine of ten people above {_percent(expect['person_low'])}.",
     ]
-    if facts["stream"]:
-        minutes = facts["stream"]["background_minutes"]
-        lines.append(f"Operating points, on {minutes:g} minutes of background of training people left out in turn:")
-        for i, point in enumerate(facts["stream"]["points"]):
-            alarms = "alarms unknown"
-            if point["alarms"] is not None:
-                alarms = f"{point['alarms']} false alarms, at most {point['at_most_per_hour']:.3g} an hour (95 %)"
-            lines.append(f"{i}: {alarms}; {_percent(point['found'])} of touches found")
-    return lines
 
 
 def _percent(share: float | None) -> str:
