@@ -1,0 +1,124 @@
+"""Bounds for a new person: against loops with scipy, and on generated people of known mean."""
+
+import math
+import statistics
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from touchbench_builder.bounds import agrees, ahead, lower_bound, new_person
+
+ALIKE = ([41, 44, 43, 46, 45, 42], [50, 52, 50, 55, 53, 50])  # fewer differences than chance alone makes
+UNLIKE = ([50, 12, 55, 30, 49], [60, 48, 56, 60, 50])
+
+
+def by_hand(right, total, level, people):
+    """The rule of the page, one person after the other."""
+    angles = []
+    for r, n in zip(right, total, strict=True):
+        angles.append((math.asin(math.sqrt(r / (n + 1))) + math.asin(math.sqrt((r + 1) / (n + 1)))) / 2)
+    known = len(angles)
+    other = 0.15**2 + sum(1 / (4 * n + 2) for n in total) / known
+    own = statistics.variance(angles)
+    variance = max(own, ((known - 1) * own + 8 * other) / (known + 7))
+    mean = sum(angles) / known
+    return mean, variance, mean - stats.t.ppf(level, known - 1) * math.sqrt(variance / known + variance / people)
+
+
+def generated(mean, sd, people, bad=0.0):
+    """Counts of 4,000 draws of people of a beta distribution, 60 captures each; some of them lose 30 %."""
+    rng = np.random.default_rng(7)
+    size = mean * (1 - mean) / sd**2 - 1
+    accuracy = rng.beta(mean * size, (1 - mean) * size, (4000, people))
+    return rng.binomial(60, accuracy * np.where(rng.random(accuracy.shape) < bad, 0.7, 1))
+
+
+@pytest.mark.parametrize("counts", (ALIKE, UNLIKE))
+def test_bounds_are_those_of_a_loop(counts):
+    found = new_person(*counts)
+    _, variance, low = by_hand(*counts, 0.95, 4)
+    assert found.mean == pytest.approx(sum(r / n for r, n in zip(*counts, strict=True)) / len(counts[0]))
+    expected = stats.norm.expect(lambda angle: math.sin(angle) ** 2, loc=low, scale=math.sqrt(variance), lb=-9, ub=9)
+    assert found.mean_low == pytest.approx(min(expected, math.sin(low) ** 2), abs=1e-6)
+    assert found.person_low == pytest.approx(math.sin(by_hand(*counts, 0.9, 1)[2]) ** 2)
+    assert found.people == 4
+
+
+def test_the_bound_of_the_mean_is_for_half_as_many_people_and_at_least_four():
+    assert [ahead(known) for known in (5, 8, 9, 16, 31)] == [4, 4, 5, 8, 16]
+
+
+def test_four_people_have_a_mean_and_no_bound():
+    found = new_person([8, 9, 7, 8], [10, 10, 10, 10])
+    assert (found.mean, found.mean_low, found.person_low, found.people) == (pytest.approx(0.8), None, None, None)
+    assert agrees([8, 9, 7, 8], [10, 10, 10, 10], [1], [10]) is None
+
+
+def test_people_without_an_error_promise_less_than_everything():
+    found = new_person([50] * 5, [50] * 5)
+    assert found.mean == 1
+    assert 0.8 < found.mean_low < 0.95
+    assert 0.8 < found.person_low < 0.95
+
+
+def test_people_without_a_correct_capture_have_bounds_of_zero():
+    found = new_person([0] * 5, [50] * 5)
+    assert (found.mean, found.mean_low, found.person_low) == (0, 0, 0)
+
+
+@pytest.mark.parametrize(("mean", "sd", "bad"), ((0.7, 0.15, 0), (0.8, 0.1, 0.1), (0.9, 0.05, 0.1), (0.98, 0.02, 0)))
+@pytest.mark.parametrize("known", (5, 8))
+def test_bounds_hold_where_students_t_does_not(mean, sd, bad, known):
+    counts = generated(mean, sd, known + 4, bad)
+    right, later, total = counts[:, :known], counts[:, known:] / 60, np.full(known, 60)
+    low, person = lower_bound(right, total, 0.95, 4), lower_bound(right, total, 0.9, 1)
+    assert np.mean(low <= later.mean(axis=1)) >= 0.95
+    assert np.mean(low <= mean * (1 - 0.3 * bad)) >= 0.98  # of everybody: more certain than that of four
+    assert np.mean(person[:, None] <= later) >= 0.9
+    shares = right / 60
+    student = shares.mean(1) - stats.t.ppf(0.95, known - 1) * stats.sem(shares, axis=1)
+    assert np.mean(student <= later.mean(axis=1)) < 0.9
+
+
+def test_later_people_are_tested_by_the_bound_for_their_number():
+    right, total = np.array(UNLIKE)
+    later = np.array([31, 25, 35])
+    mean, variance, _ = by_hand(*UNLIKE, 0.95, 1)
+    angles = [by_hand([r, r], [60, 60], 0.9, 1)[0] for r in later]
+    error = math.sqrt(variance / 5 + variance / 3)
+    found = agrees(right, total, later, np.full(3, 60))
+    assert found.p == pytest.approx(stats.t.cdf((np.mean(angles) - mean) / error, 4))
+    rejected = []
+    for r in range(61):
+        check = agrees(right, total, [r, r], [60, 60])
+        low = by_hand(*UNLIKE, 0.95, 2)[2]
+        assert check.agrees == (check.p >= 0.05) == (by_hand([r, r], [60, 60], 0.9, 1)[0] >= low)
+        rejected.append(not check.agrees)
+    assert any(rejected) and not all(rejected)
+
+
+def test_power_is_that_of_repeated_tests():
+    certificate, later = (np.full(16, 54), np.full(16, 60)), 12
+    rng, draws = np.random.default_rng(3), 40_000
+    mean, variance, _ = by_hand(*certificate, 0.95, 1)
+    lower = math.asin(math.sqrt(math.sin(mean) ** 2 - 0.1))
+    known, new = (
+        rng.normal(mean, math.sqrt(variance / 16), draws),
+        rng.normal(lower, math.sqrt(variance / later), draws),
+    )
+    estimate = variance * rng.chisquare(15, draws) / 15
+    found = (new - known) / np.sqrt(estimate * (1 / 16 + 1 / later)) < stats.t.ppf(0.05, 15)
+    check = agrees(*certificate, np.full(later, 54), np.full(later, 60))
+    assert check.agrees
+    assert check.power == pytest.approx(found.mean(), abs=0.01)
+    assert agrees(*certificate, [54], [60]).power < check.power
+
+
+def test_the_test_rejects_few_people_of_the_same_study_and_finds_a_sensor_that_was_turned():
+    counts = generated(0.8, 0.1, 12)[:1000]
+    total = np.full(8, 60)
+    same = [agrees(one[:8], total, one[8:], total[:4]).agrees for one in counts]
+    turned = [agrees(one[:8], total, one[8:] * 0.4, total[:4]).agrees for one in counts]
+    assert np.mean(same) >= 0.95
+    assert np.mean(turned) < 0.05
