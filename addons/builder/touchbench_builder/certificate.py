@@ -109,6 +109,7 @@ def _bounds(counts: pd.DataFrame, spread: float) -> dict[str, Any]:
         "mean": _rounded(found.mean),
         "mean_low": _rounded(found.mean_low),
         "person_low": _rounded(found.person_low),
+        "next_people": found.people,
     }
 
 
@@ -237,7 +238,7 @@ def line(facts: Mapping[str, Any]) -> list[str]:
     )
     if expect["mean_low"] is None:
         return [f"{text}; {several(data['people'], 'subject')} are too few for a bound"]
-    bounds = f"mean of new people at least {100 * expect['mean_low']:.1f} % (95 % confidence)"
+    bounds = f"mean of the next {expect['next_people']} people or more: at least {100 * expect['mean_low']:.1f} % (95 % confidence)"
     return [text, f"{bounds}; nine of ten people above {100 * expect['person_low']:.1f} %"]
 
 

@@ -90,7 +90,7 @@ def heading(facts: Mapping[str, Any]) -> list[str]:
         f"touchbench: {len(data['gestures'])} classes of {kind}touch on {grid} taxels at {data['rate_hz']:g} Hz.",
         f"{facts['system']['name']}, from {data['captures']} {kind}captures of {data['people']} people of "
         f"{data['corpus']}.",
-        f"Accuracy to expect for a new person: {_percent(expect['mean'])}; mean of new people at least "
+        f"Accuracy to expect for a new person: {_percent(expect['mean'])}; mean of the next people at least "
         f"{_percent(expect['mean_low'])} (95 % confidence); nine of ten people above {_percent(expect['person_low'])}.",
     ]
 
