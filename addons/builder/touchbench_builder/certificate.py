@@ -238,7 +238,7 @@ def line(facts: Mapping[str, Any]) -> list[str]:
     )
     if expect["mean_low"] is None:
         return [f"{text}; {several(data['people'], 'subject')} are too few for a bound"]
-    bounds = f"mean of the next {expect['next_people']} people or more: at least {100 * expect['mean_low']:.1f} % (95 % confidence)"
+    bounds = f"mean of the next {expect['next_people']} people or more at least {100 * expect['mean_low']:.1f} % (95 %)"
     return [text, f"{bounds}; nine of ten people above {100 * expect['person_low']:.1f} %"]
 
 
