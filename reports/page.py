@@ -22,6 +22,7 @@ from bench.outcomes.runs import every_result, every_run, of_captures, wanted
 from bench.progress import warn
 from bench.registry import imported, load, names, views
 from bench.reports import history, ledger, over_corpora
+from bench.reports.bundle import Bundle
 from bench.reports.chart import cost_chart, marks
 from bench.reports.comparison import UNITS, comparison, provenance, provenance_section, published, runs_section
 from bench.reports.contexts import listed, noted
@@ -41,7 +42,7 @@ from bench.words import typed
 
 
 def write_report(
-    store: Store,
+    store: Store | Bundle,
     folder: Path,
     budgets: Mapping[str, float] | None = None,
     against: str = "",

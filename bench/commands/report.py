@@ -15,9 +15,13 @@ COMMAND = Command(
     "accuracy against each cost, all runs with their commands, published numbers, figures and paired statistics. "
     "The folder also has comparison.md, comparison.tex (booktabs), CSV tables, and figures as SVG. "
     "paper.tex and paper.csv have systems as rows and protocols side by side. The keys of bench run, run= and "
-    "latest=yes select the stored runs.",
+    "latest=yes select the stored runs. bundle= also writes a zip file with the page, its tables, the commands, the "
+    "predictions and the digests of the corpora. from= makes the page again from this file, without the store and "
+    "without the corpus.",
     "bench report max_flash=64kB max_decision=500ms\n"
-    "bench report data=haart protocol=loso,challenge,kfold latest=yes paper=accuracy,flash",
+    "bench report data=haart protocol=loso,challenge,kfold latest=yes paper=accuracy,flash\n"
+    "bench report data=haart bundle=paper.zip\n"
+    "bench report from=paper.zip",
     options=(
         *STORED,
         Option("out", "text", "report", "folder for the page"),
@@ -31,31 +35,49 @@ COMMAND = Command(
             "history", "yes", False, "yes: also accuracy, size and time of each system over git revisions, and steps"
         ),
         Option("against", "text", "", "system that p values compare with; default the best of your own"),
+        Option("bundle", "text", "", "zip file for the report and everything behind it"),
+        Option("from", "text", "", "bundle to read instead of the store, with the options that it was made with"),
     ),
     budgets="captures",
 )
+
+PLACES = ("out", "bundle", "from")  # keys of files and folders, which a bundle does not keep
 
 
 def command(arguments: list[str]) -> int:
     """Write the verdict on the tracked runs as a page, with its tables and figures."""
     from bench.commands.printing import then
-    from bench.outcomes.runs import asked_of
+    from bench.outcomes.runs import asked_of, every_result, every_run, wanted
+    from bench.reports.bundle import Bundle, writing
     from bench.reports.latex import columns_of
     from bench.store import connect
 
     values = parse(arguments, keys("report"))
+    source = Bundle(Path(values["from"])) if "from" in values else None
+    values = {**(source.options if source else {}), **values}
     given = settings("report", values)
     asked = asked_of(values)
     paper = columns_of(given["paper"])
     from bench.reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
 
-    out = Path(given["out"])
-    paths = write_report(connect(), out, limits_of(given), given["against"], asked, paper, given["history"])
+    out, store = Path(given["out"]), source or connect()
+    how = (limits_of(given), given["against"])
+    if given["bundle"]:
+        kept = wanted(every_result(store, asked), asked)
+        older = every_run(store, asked) if given["history"] else []
+        options = {key: value for key, value in values.items() if key not in (*asked, *PLACES)}
+        with writing(Path(given["bundle"]), {r["run_id"]: r for r in [*older, *kept]}.values(), options) as made:
+            paths = write_report(made, out, *how, {}, paper, given["history"])
+            made.add(out, paths)
+    else:
+        paths = write_report(store, out, *how, asked, paper, given["history"])
     counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".svg")}
     page = out / "index.html"
     what = "the selected runs" if asked else "all runs"
     beside = f"{several(counts['.csv'], 'CSV file')} and {several(counts['.svg'], 'figure')}"
     print(f"{page}: {what}; in the same folder .md, .tex, {beside}")
     print(f"open: {page.resolve().as_uri()}")
+    if given["bundle"]:
+        print(f"{given['bundle']}: the report, its runs and predictions; bench report from=FILE makes the page again")
     then("bench ui")
     return 0
