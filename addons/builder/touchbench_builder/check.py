@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from bench import few
 from bench.comparable import several
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
@@ -27,6 +28,10 @@ def checked(words: list[str], values: Mapping[str, Any]) -> int:
     if not (folder / JSON).is_file():
         raise InputError(f"{folder}: no {JSON} is here; give the folder that bench build wrote")
     facts = read((folder / JSON).read_text(encoding="utf-8"), str(folder / JSON))
+    known = pd.DataFrame(facts["expected"]["people"].values(), columns=["right", "total"])
+    if len(known) < few.INTERVAL:
+        was = f"{folder} was built on {several(len(known), 'subject')}, too few for a bound that could be tested"
+        raise InputError(f"{was}; build it on {few.INTERVAL} or more")
     taken = {key: value for key, value in values.items() if key == "where" or key.partition(".")[0] == "data"}
     if unused := sorted(values.keys() - taken.keys()):
         raise InputError(f"bench build check takes data= and where=; leave {unused[0]}= out")
@@ -35,7 +40,6 @@ def checked(words: list[str], values: Mapping[str, Any]) -> int:
     labels = labelled(folder, facts["data"]["gestures"], corpus)
     right = pd.Series(labels == corpus.gestures.astype(str))
     counts = right.groupby(corpus.subjects.astype(str)).agg(right="sum", total="size")
-    known = pd.DataFrame(facts["expected"]["people"].values(), columns=["right", "total"])
     found = agrees(*(known[c].to_numpy() for c in known), *(counts[c].to_numpy() for c in ("right", "total")))
     mean, people = 100 * float((counts["right"] / counts["total"]).mean()), len(counts)
     say(
