@@ -225,9 +225,9 @@ def compare(system: object, other: object, **values: object) -> Compared:
         values: the runs of stored systems, as `runs` selects them.
 
     Returns:
-        ``difference`` (first less second, mean over subjects, in points), its 95 % t-interval ``low`` and ``high``,
-        ``p`` (two-sided Wilcoxon test), ``smallest`` (the difference that so many subjects can show), ``subjects``
-        (their number), ``gain`` and ``lose`` (the subjects on whom the first or the second is more accurate), and the
+        ``difference`` (first less second, mean over subjects, in points), its 95 % interval (``low``, ``high``) and
+        ``p``, both by the two-sided Wilcoxon test, ``smallest`` (the difference that so many subjects can show),
+        ``subjects`` (their number), ``gain`` and ``lose`` (the subjects on whom the first or the second is more accurate), and the
         tables ``accuracy`` [subjects, 2], ``captures`` and ``gestures``.
     """
     from bench.commands.compare import paired

@@ -62,7 +62,7 @@ class Compared:
         accuracy: percent of correctly classified captures [subjects, 2], means over seeds; its columns are the two
             systems.
         difference: accuracy of the first system less that of the second, mean over subjects, in points.
-        low: lower end of the 95 % t-interval of the difference over subjects; NaN for fewer than 5 subjects.
+        low: lower end of the 95 % interval of the difference by the same test; NaN for fewer than 6 subjects.
         high: upper end of it.
         p: p-value of the two-sided paired Wilcoxon test; not corrected, since it is one test. NaN for fewer than 6
             subjects.

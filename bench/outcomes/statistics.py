@@ -3,7 +3,8 @@
 Accuracies are of captures, in percent, [systems, subjects], averaged over the seeds of a system.
 
 One procedure decides every sentence and table: paired two-sided Wilcoxon tests of each system against the best one,
-with Holm's correction (`against_best`). `paired` and `pairs` use the same test for two systems and for all pairs. With
+with Holm's correction (`against_best`). `paired` and `pairs` use the same test for two systems and for all pairs,
+`ranks` for the places that a system may have, and `shifts` turns it into the interval of a difference. With
 10 subjects the smallest p is 0.002, so that from 8 systems on (28 pairs) a correction for all pairs leaves nothing
 below 0.05. The other statistics stand in statistics.csv alone.
 """
@@ -62,8 +63,8 @@ def against_best(
         against: name of the system to compare with (`base_of`); empty for the best one.
 
     Returns:
-        A row per system: ``difference`` from that one, in points, with a 95 % t-interval over subjects (``low``,
-        ``high``); the same with Nadeau and Bengio's variance (``nb_low``, ``nb_high``, ``nb_p``); ``p``, Wilcoxon's
+        A row per system: ``difference`` from that one, in points, with its 95 % interval (`shifts`: ``low``,
+        ``high``); a t-interval with Nadeau and Bengio's variance (``nb_low``, ``nb_high``, ``nb_p``); ``p``, Wilcoxon's
         signed rank test, and ``p_holm``, corrected for all systems of the table; Cohen's dz with its interval, and the
         matched-pairs rank-biserial correlation. NaN where something is not defined.
     """
@@ -74,7 +75,7 @@ def against_best(
         lost = (accuracy - best).to_numpy(dtype=float).round(9)  # equal sums in another order are ties
         row = {"system": system, "accuracy": accuracy.mean(), "difference": lost.mean()}
         if system != best.name:
-            row |= dict(zip(("low", "high"), interval(lost), strict=True)) | {"p": wilcoxon(lost)}
+            row |= dict(zip(("low", "high"), shifts(lost), strict=True)) | {"p": wilcoxon(lost)}
             if test_over_train is not None:
                 by_fold = (by_system[system] - by_system[best.name]).to_numpy(dtype=float).round(9)
                 row |= dict(zip(("nb_low", "nb_high", "nb_p"), nadeau_bengio(by_fold, test_over_train), strict=True))
@@ -91,11 +92,11 @@ def against_best(
 def paired(one: pd.Series, other: pd.Series) -> dict[str, float]:
     """Two systems, paired over the same subjects in the same order, by accuracy in percent.
 
-    ``difference`` (one minus other, mean over subjects, in points), its 95 % t-interval (``low``, ``high``), ``p`` of
+    ``difference`` (one minus other, mean over subjects, in points), its 95 % interval (``low``, ``high``), ``p`` of
     the two-sided Wilcoxon test, and the numbers of subjects that ``gain`` and ``lose`` with the first system.
     """
     gained = (one - other).to_numpy(dtype=float).round(9)
-    low, high = interval(gained)
+    low, high = shifts(gained)
     counts = {"gain": int((gained > 0).sum()), "lose": int((gained < 0).sum())}
     return {"difference": float(gained.mean()), "low": low, "high": high, "p": wilcoxon(gained), **counts}
 
@@ -139,7 +140,7 @@ def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[floa
 
 
 def wilcoxon(differences: np.ndarray) -> float:
-    """Two-sided p of the signed rank test, exact up to 13 differences also where some are equal.
+    """Two-sided p of the signed rank test, exact also where some differences are equal.
 
     Equal differences share their mean rank, zeros are left out. 1 where at most one differs, NaN for fewer than
     `bench.few.TEST` subjects.
@@ -149,12 +150,49 @@ def wilcoxon(differences: np.ndarray) -> float:
     moved = differences[differences != 0]
     if len(moved) < 2:  # whatever its sign, one alone is as likely
         return 1.0
-    if len(moved) > 13:
-        return float(stats.wilcoxon(moved).pvalue)
-    signed = stats.rankdata(np.abs(moved)) * np.sign(moved)
-    return float(  # as stats.wilcoxon with a PermutationMethod, which takes a second for 13 differences
-        stats.permutation_test((signed,), np.sum, permutation_type="samples", n_resamples=np.inf).pvalue
-    )
+    halves = np.rint(2 * stats.rankdata(np.abs(moved))).astype(int)  # mean ranks are halves
+    gained = halves[moved > 0].sum()
+    return float(min(1, 2 * _sums(halves)[: min(gained, halves.sum() - gained) + 1].sum()))
+
+
+def _sums(ranks: np.ndarray) -> np.ndarray:
+    """Probability of each sum of ranks, from 0, if each of them counts or not with equal odds."""
+    odds = np.zeros(ranks.sum() + 1)
+    odds[0] = 1
+    for rank in ranks:
+        odds = (odds + np.r_[np.zeros(rank), odds[:-rank]]) / 2
+    return odds
+
+
+def shifts(differences: np.ndarray) -> tuple[float, float]:
+    """95 % interval of a difference by the same test: every shift of the differences that it does not reject.
+
+    Its ends are means of two differences, or one of these (Walsh averages; Hodges and Lehmann 1963). NaN where
+    `wilcoxon` has no p.
+    """
+    n = len(differences)
+    if n < few.TEST:
+        return np.nan, np.nan
+    means = np.sort(((differences[:, None] + differences) / 2)[np.triu_indices(n)])
+    rejected = int((2 * _sums(np.arange(1, n + 1)).cumsum() <= 0.05).sum())
+    return float(means[rejected - 1]), float(means[-rejected])
+
+
+def ranks(subjects: pd.DataFrame) -> pd.DataFrame:
+    """The places that each system may have among all, ``best`` to ``worst``, by `wilcoxon` with Holm's correction.
+
+    Each system is tested against all others, as `against_best` tests the best one. A system is worse than those more
+    accurate ones whose tests say so.
+
+    Args:
+        subjects: accuracy in percent [systems, subjects], the best system first.
+    """
+    values, n = subjects.to_numpy(float), len(subjects)
+    p = np.full((n, n), np.nan)
+    for i, j in combinations(range(n), 2):
+        p[i, j] = p[j, i] = wilcoxon((values[j] - values[i]).round(9))
+    worse = np.triu([holm(row) < 0.05 for row in p], 1)
+    return pd.DataFrame({"best": 1 + worse.sum(axis=0), "worst": n - worse.sum(axis=1)}, index=subjects.index)
 
 
 def holm(p: np.ndarray) -> np.ndarray:

@@ -40,6 +40,40 @@ def test_signed_ranks_of_many_subjects_and_of_none_that_differ():
     assert statistics.wilcoxon(np.zeros(8)) == 1 and np.isnan(statistics.wilcoxon(np.ones(5)))
     assert statistics.wilcoxon(np.array([0, 0, 0.1, 0, 0, 0])) == 1
     assert statistics.wilcoxon(np.array([0.0, 0, 1, 2, 3, -4])) == 14 / 16  # zeros take no rank
+    tied = RNG.integers(-3, 5, 15).astype(float)
+    assert statistics.wilcoxon(tied) == pytest.approx(signed_rank_by_hand(tied))
+
+
+@pytest.mark.parametrize("n", [6, 8, 10, 12])
+def test_the_interval_of_a_difference_has_the_shifts_that_the_test_does_not_reject(n):
+    d = RNG.normal(1, 2, n)
+    low, high = statistics.shifts(d)
+    for end, inwards in ((low, 1e-6), (high, -1e-6)):
+        assert signed_rank_by_hand(d - end - inwards) > 0.05 >= signed_rank_by_hand(d - end + inwards)
+    assert statistics.shifts(np.array([3.0, -1, 4, 1, 5, 9])) == (-1, 9)  # of six, the whole range
+    assert np.isnan(statistics.shifts(d[:5])).all()
+    test = statistics.paired(pd.Series(d), pd.Series(np.zeros(n)))
+    assert (test["p"] < 0.05) == (test["low"] > 0 or test["high"] < 0)
+
+
+def test_the_interval_of_ten_has_the_published_ends():
+    """Ten people: 8 is the largest sum of ranks that is rejected (Wilcoxon 1945), so the 9th of 55 means is an end."""
+    d = np.array([1.83, 0.5, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.3, -0.7])
+    means = sorted((d[i] + d[j]) / 2 for i in range(10) for j in range(i, 10))
+    assert statistics.shifts(d) == pytest.approx((means[8], means[46]))
+
+
+def test_places_by_hand():
+    """Eight people. b loses one point with each (p = 2 / 2 ** 8), c with four (1 / 8), d three with each, e like d.
+
+    Tests of one system against the four others: least p after Holm is 4 / 128. d and e are below a, b and c. b is below
+    a, c is not below a or b.
+    """
+    rows = {"a": [70.0] * 8, "c": [70.0, 69.0] * 4, "b": [69.0] * 8, "d": [66.0] * 8, "e": [66.0, 65.9] * 4}
+    subjects = pd.DataFrame.from_dict(rows, orient="index")
+    places = statistics.ranks(subjects)
+    assert places.agg(tuple, axis=1).to_dict() == {"a": (1, 2), "c": (1, 3), "b": (2, 3), "d": (4, 5), "e": (4, 5)}
+    assert statistics.ranks(subjects.iloc[:, :5]).agg(tuple, axis=1).tolist() == [(1, 5)] * 5  # nobody is tested
 
 
 def test_interval_is_scipys_paired_t_interval():
