@@ -71,14 +71,28 @@ class Table:
         return [[first, *rest[size * i : size * (i + 1)]] for i in range(number)]
 
     @cached_property
-    def bars(self) -> list[tuple[float, float, float]]:
-        """Lower end, value and upper end of each row's drawn interval, in percent of what all of them cover."""
+    def _ends(self) -> list[tuple[float, float, float]]:
+        """Lower end, value and upper end of each row's drawn interval."""
         measure = next(measure for measure in self.columns if measure.key == self.drawn)
         cells = [measure.cell(row) for row in self.rows]
-        ends = [(c.low, c.value, c.high) if isinstance(c, Interval) else (c,) * 3 for c in cells]
-        low, high = min(e[0] for e in ends), max(e[2] for e in ends)
-        scale = 92 / ((high - low) or 1)  # the dot at an end is not cut off
-        return [(4 + scale * (a - low), 4 + scale * (b - low), 4 + scale * (c - low)) for a, b, c in ends]
+        return [(c.low, c.value, c.high) if isinstance(c, Interval) else (c,) * 3 for c in cells]
+
+    def _place(self, value: float) -> float:
+        low, high = min(e[0] for e in self._ends), max(e[2] for e in self._ends)
+        return 4 + 92 * (value - low) / ((high - low) or 1)  # the dot at an end is not cut off
+
+    @cached_property
+    def bars(self) -> list[tuple[float, float, float]]:
+        """The same in percent of what all of them cover."""
+        return [(self._place(a), self._place(b), self._place(c)) for a, b, c in self._ends]
+
+    @cached_property
+    def axis(self) -> list[tuple[float, str]]:
+        """Places on this scale, and words, of some round values."""
+        low, high = min(e[0] for e in self._ends), max(e[2] for e in self._ends)
+        step = next((s for s in (50, 25, 20, 10, 5, 2, 1) if high // s - -(-low // s) >= 2), 1)
+        values = [step * i for i in range(int(-(-low // step)), int(high // step) + 1)]
+        return [(self._place(value), f"{value:g}") for value in values]
 
     @cached_property
     def code(self) -> set[str]:

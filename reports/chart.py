@@ -1,45 +1,70 @@
-"""The chart of the page: accuracy against one cost, with the Pareto front, the choice and the budget."""
+"""The chart of the page: accuracy against one cost, with the Pareto front, the choice, the budget, published numbers.
+
+It is an SVG whose places are percentages of its width and whose heights are pixels, so that it fits every screen with
+words of one size.
+"""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
-from bench.measures import Cost, costs, costs_of
+from bench.measures import Cost, costs, costs_of, three
 from bench.outcomes.choice import Choice, named
 from bench.paired import interval
 from bench.pareto import staircase
-from bench.reports.figures import LINE, TEXT, TITLE, bars, log_ticks, new_figure, plain, spread, width_of
-from bench.reports.summary import Summary
+from bench.reports.figures import SYNTHETIC
+from bench.reports.layout import fragment
+from bench.reports.summary import Summary, family
 from bench.sentences import sentences
 from bench.table import rows_of
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-MARKS = {  # of a candidate: marker, face, edge
-    "published": ("o", "tab:blue", "tab:blue"),
-    "changed": ("o", "white", "tab:blue"),
-    "other": ("s", "white", "tab:red"),
-    "C": ("^", "tab:green", "tab:green"),
+SHAPES = {  # of a family, around its point
+    "features": "M-5 0a5 5 0 1 0 10 0a5 5 0 1 0-10 0z",
+    "networks": "M-5-5H5V5H-5z",
+    "own": "M0-6L6 5H-6z",
+    "C": "M0-7L6 0 0 7-6 0z",
 }
 LOOKS = {"C"}  # marks of candidates that have a look of their own
-CHOICE, BUDGET = "#2e8b57", "#b85c00"
 MOST = 40  # candidates that are drawn, besides those of a front
-NAMED = 16  # points of a chart that all have a name beside it
-WHOLE = {"clip_on": False}  # all marks are within the axes
-PANEL = 2.2, 5.6  # narrowest and widest panel in inches
-WIDTH, HEIGHT = 7.8, 2.7  # inches of a chart beside the answer, with names, and of its axes
-Drawn = tuple[Figure, str] | None
+HEIGHT, ABOVE = 290, 24  # pixels of the plot and above it
+EDGES = 9.0, 95.0  # percent of the width from the lowest to the highest cost
+NARROW = 430  # width in pixels at which names of the front and the choice still have room
+LETTER, LINE = 7, 14  # pixels of a letter and of a line
+PLACES = [("start", 7, -8), ("end", -7, -8), ("end", -11, 4), ("start", 7, 17), ("end", -7, 17), ("start", 11, 4)]
+Drawn = tuple[str, str] | None
+
+
+class Axis(NamedTuple):
+    """A range of values, or of their logarithms."""
+
+    low: float
+    high: float
+    log: bool = False
+
+    def at(self, values: Any) -> Any:
+        """Places of values, from 0 to 1."""
+        return ((np.log10(values) if self.log else np.asarray(values)) - self.low) / (self.high - self.low)
+
+    @property
+    def ticks(self) -> list[tuple[float, str]]:
+        """Places and words of round values."""
+        if self.log:
+            factors = (1, 2, 5) if self.high - self.low < 2.2 else (1,)
+            powers = range(int(np.floor(self.low)), int(np.ceil(self.high)) + 1)
+            values = [factor * 10.0**power for power in powers for factor in factors]
+        else:
+            step = next(s for s in (1, 2, 5, 10, 20, 50, 1e9) if (self.high - self.low) / s <= 6)
+            values = [step * i for i in range(int(self.low // step), int(self.high // step) + 1)]
+        return [(float(self.at(v)), three(v)) for v in values if 0 <= self.at(v) <= 1]
 
 
 def marks(summary: Summary, models: Mapping[str, str], published: Collection[str]) -> pd.DataFrame:
-    """The candidates that are drawn: ``name``, ``kind``, ``verdict``, ``chosen``, ``out``, and their numbers.
+    """The candidates that are drawn: ``name``, ``family``, ``kind``, ``verdict``, ``chosen``, ``out``, their numbers.
 
     ``kind`` is the mark of a candidate where that has a look of its own, such as ``C``, else ``published``, ``changed``
     (a published system with other parameters) or ``other``. ``out`` is True for candidates that a budget rules out.
@@ -55,6 +80,7 @@ def marks(summary: Summary, models: Mapping[str, str], published: Collection[str
         kind = "published" if row["system"] in published else kind
         kinds.append(row["mark"] if row["mark"] in LOOKS else kind)
     made = {"name": [named(row) for row in rows_of(rows)], "kind": kinds, "verdict": rows["verdict"]}
+    made |= {"family": [family(models[system]) for system in rows["system"]]}
     made |= {"chosen": rows.index == summary.choice.chosen, "out": rows["verdict"].str.startswith("ruled out")}
     made |= {"accuracy": rows["accuracy"], "low": bounds[:, 0], "high": bounds[:, 1]}
     return pd.DataFrame(made | {cost: rows[cost] for cost in summary.costs}, index=rows.index)
@@ -70,83 +96,104 @@ def drawn(choice: Choice) -> pd.DataFrame:
     return table[table.index.isin(best)]
 
 
-def cost_chart(group: str, points: pd.DataFrame, cost: Cost, budget: float | None = None, left: int = 0) -> Drawn:
-    """Accuracy against one cost, on a log axis unless the cost is linear, and the caption; None if it is unknown."""
-    points, every = points[(points[cost.key] > 0) | points[cost.key].notna() & cost.linear], len(points)
+def cost_chart(
+    group: str,
+    points: pd.DataFrame,
+    cost: Cost,
+    budget: float | None = None,
+    left: int = 0,
+    best: tuple[str, str, float] | None = None,
+) -> Drawn:
+    """Accuracy against one cost as an SVG, on a log axis unless the cost is linear, and the caption; None if unknown.
+
+    ``best`` is the best published number on the same data under the same protocol, behind its source and system.
+    """
+    points = points[(points[cost.key] > 0) | points[cost.key].notna() & cost.linear]
     if not len(points):
         return None
-    points = points.sort_values("accuracy", kind="stable")
-    burden = cost.burden(points[cost.key].to_numpy(float))
-    best = np.isin(np.arange(len(points)), staircase(points["accuracy"].to_numpy(), burden))
-    names = points["name"].where(~points["chosen"], "choice: " + points["name"])
-    points = points.assign(best=best, label=names.where(best | points["chosen"] | (len(points) <= NAMED), ""))
-    room = width_of(points["label"]) + 0.3
-    width = np.clip(WIDTH - 0.6 - room, *PANEL)
-    high = max(HEIGHT, LINE * min(every, NAMED) + 0.2)
-    figure, axes = new_figure((width + room + 0.6, high + 0.95), (1, 1), (0.6, room, 0.55, 0.4), title=group)
-    _panel(axes[0, 0], points, cost, budget, (width, high))
+    points = points.sort_values("accuracy", kind="stable", ignore_index=True)
+    x, y = (points[c].to_numpy(float) for c in (cost.key, "accuracy"))
+    front = staircase(y, cost.burden(x))
+    ends = points[["low", "high"]].to_numpy(float)
+    ends = np.where(np.isnan(ends), y[:, None], ends)
+    across, up = _range(np.append(x, budget or x[0]), cost.linear), _tall(np.append(ends, best[-1] if best else y[0]))
+    left_edge, width = EDGES[0], EDGES[1] - EDGES[0]
+    places = np.column_stack([left_edge + width * across.at(x), ABOVE + HEIGHT * (1 - up.at(y))])
+    kept = np.flatnonzero(points["chosen"] | np.isin(np.arange(len(points)), front))
+    sides = _sides(places, [*points["name"]], kept[::-1])
+    high, low = (ABOVE + HEIGHT * (1 - up.at(ends[:, i])) for i in (1, 0))
+    marks = []
+    for i, point in enumerate(points.itertuples(index=False)):
+        looks = {"hollow": point.kind == "changed", "chosen": point.chosen, "out": point.out}
+        looks |= {"front": i in front, "named": i in kept}
+        mark = {"name": point.name, "about": _about(point, cost), "x": places[i, 0], "y": places[i, 1]}
+        mark |= {"low": low[i], "high": high[i], "side": sides[i], "looks": [look for look, so in looks.items() if so]}
+        marks.append(mark | {"shape": SHAPES[point.kind if point.kind in LOOKS else point.family]})
     caption = sentences(
         *("bench.reports", "sentences", "chart"),
         kinds={*points["kind"]},
+        families={*points["family"][~points["kind"].isin(LOOKS)]},
         chosen=points["chosen"].any(),
         budget=budget is not None,
         out=points["out"].any(),
-        named=len(points) > NAMED,
+        best=best,
         left=left,
+        synthetic=f"Synthetic: {SYNTHETIC}." if "(synthetic)" in group else "",
+    )[0]
+    limit = None if budget is None else (left_edge + width * float(across.at(budget)), cost.amount(budget))
+    text = fragment(
+        "chart.jinja",
+        about=f"{group}: {caption.split('. ')[0]}.",
+        marks=marks,
+        corners=places[front],
+        limit=limit,
+        better=cost.better,
+        best=best and (best[0], best[-1], ABOVE + HEIGHT * (1 - float(up.at(best[-1])))),
+        across=[(left_edge + width * place, words) for place, words in across.ticks],
+        up=[(ABOVE + HEIGHT * (1 - place), words) for place, words in up.ticks],
+        axis=textwrap.wrap(cost.axis, NARROW // LETTER - 12),
+        synthetic=SYNTHETIC if "(synthetic)" in group else "",
+        bottom=ABOVE + HEIGHT,
     )
-    return figure, caption[0]
+    return text, caption
 
 
-def _panel(ax: Axes, points: pd.DataFrame, cost: Cost, budget: float | None, inches: tuple[float, float]) -> None:
-    """One cost; the names stand in a column on the right."""
-    x, y = (points[c].to_numpy(float) for c in (cost.key, "accuracy"))
-    ends = bars(y, points["low"], points["high"])
-    low, right, edge = _limits(np.append(x, budget or x[0]), not cost.linear)
-    ax.set_xscale("linear" if cost.linear else "log")
-    if cost.linear:
-        ax.locator_params("x", nbins=6)
-    else:
-        log_ticks(ax.xaxis, (1, 2, 5) if right < 200 * low else (1,))
-        ax.minorticks_off()
-    if budget is not None:
-        ax.axvspan(budget, right if cost.better == "low" else low, color="0.94", zorder=0)
-        ax.axvline(budget, color=BUDGET, linewidth=1.3, linestyle="--", zorder=1)
-        side = "right" if edge - budget < budget - low else "left"
-        place = ax.get_xaxis_transform()
-        ax.text(budget, 1.02, f"budget {cost.amount(budget)}", color=BUDGET, ha=side, va="bottom", transform=place)
-    lowest, highest = (y - ends[0]).min(), (y + ends[1]).max()  # no interval is cut off
-    reach = max(highest - lowest, 5) * 0.53
-    bottom, top = (lowest + highest) / 2 - reach, (lowest + highest) / 2 + reach
-    ax.set(xlim=(low, right), ylim=(bottom, top), ylabel="correctly classified captures, %")
-    ax.set_xlabel(textwrap.fill(cost.axis or cost.title, int((inches[0] + 0.8) / (TEXT * 0.0075))))
-    best = staircase(y, cost.burden(x))
-    ax.plot(x[best], y[best], color="0.2", linewidth=1, drawstyle="steps-post", zorder=2)
-    for i, point in enumerate(points.itertuples()):
-        marker, face, edges = MARKS[point.kind]
-        pale = {"alpha": 0.35 if point.out else 1, **WHOLE}
-        ax.plot([x[i]] * 2, [y[i] - ends[0][i], y[i] + ends[1][i]], color="0.6", linewidth=0.8, zorder=1, **pale)
-        style = {"markersize": 6, "markerfacecolor": face, "markeredgecolor": edges, **pale}
-        ax.plot(x[i], y[i], marker, zorder=3, gid=TITLE + _about(point, cost), **style)
-        if point.chosen:
-            ring = {"markersize": 13, "markerfacecolor": "none", "markeredgewidth": 2, "markeredgecolor": CHOICE}
-            ax.plot(x[i], y[i], "o", zorder=2.5, **ring, **WHOLE)
-    kept = np.flatnonzero(points["label"])
-    gap = (top - bottom) * LINE / inches[1]
-    heights = spread(y[kept], gap, bottom + gap / 2, top - gap / 2)
-    for i, height, point in zip(kept, heights, points.iloc[kept].itertuples(), strict=True):
-        style = {"fontweight": "bold" if point.best or point.chosen else "normal"}
-        style["color"] = CHOICE if point.chosen else "0.45" if point.out else "black"
-        ax.text(edge, height, plain([point.label])[0], va="center", **style)
-        ax.plot([x[i], edge], [y[i], height], color="0.75", linewidth=0.5, zorder=1, clip_on=False)
-    ax.grid(alpha=0.25)
+def _range(values: np.ndarray, linear: bool) -> Axis:
+    """The axis of some costs."""
+    values = values if linear else np.log10(values)
+    middle, reach = (values.max() + values.min()) / 2, max(np.ptp(values), 2 if linear else 0.5) / 2
+    return Axis(middle - reach, middle + reach, not linear)
 
 
-def _limits(values: np.ndarray, log: bool) -> tuple[float, float, float]:
-    """Both ends of an axis with some values, and the place of names right of it."""
-    values = np.log10(values) if log else values
-    middle, reach = (values.max() + values.min()) / 2, max(np.ptp(values), 0.5 if log else 2)
-    low, right, edge = middle + np.array([-0.56, 0.56, 0.6]) * reach
-    return (10**low, 10**right, 10**edge) if log else (low, right, edge)
+def _tall(values: np.ndarray) -> Axis:
+    """The axis of some accuracies; no interval is cut off."""
+    reach = max(np.ptp(values), 5) * 0.53
+    middle = (values.max() + values.min()) / 2
+    return Axis(middle - reach, middle + reach)
+
+
+def _sides(places: np.ndarray, names: Sequence[str], kept: Sequence[int]) -> list[tuple[str, int, int]]:
+    """Anchor and shift in pixels of each name; those that are kept cover each other and other points the least."""
+    sides = [PLACES[x > 50] for x in places[:, 0]]
+    spots, taken = places * [NARROW / 100, 1], np.empty((0, 4))
+
+    def cover(i: int, side: tuple[str, int, int]) -> float:
+        left, top, right, bottom = box(i, side)
+        within = (
+            (spots[:, 0] > left - 5) & (spots[:, 0] < right + 5) & (spots[:, 1] > top - 5) & (spots[:, 1] < bottom + 5)
+        )
+        apart = (taken[:, 0] > right) | (taken[:, 2] < left) | (taken[:, 1] > bottom) | (taken[:, 3] < top)
+        return within.sum() + 10 * (~apart).sum() + max(0, -left, right - NARROW) / 10
+
+    def box(i: int, side: tuple[str, int, int]) -> tuple[float, float, float, float]:
+        wide, (x, y), (anchor, right, down) = LETTER * len(names[i]), spots[i], side
+        start = x + right - wide * (anchor == "end")
+        return start, y + down - LINE + 3, start + wide, y + down + 3
+
+    for i in kept:
+        sides[i] = min(PLACES, key=lambda side: cover(i, side))
+        taken = np.vstack([taken, box(i, sides[i])])
+    return sides
 
 
 def _about(point: object, cost: Cost) -> str:

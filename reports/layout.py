@@ -5,8 +5,10 @@ A template such as ``report.jinja`` says what stands in which order, in macros o
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import re
+from base64 import b64encode
 from importlib.resources import files
 from pathlib import Path
 
@@ -20,14 +22,20 @@ from bench.sentences import environment
 ROOM = files("bench.reports")
 
 
-def page(template: str | Path, title: str, **values: object) -> str:
-    """A template as one HTML page: styles and figures are in it, nothing is loaded from anywhere.
+def page(template: str | Path, title: str, script: str = "", **values: object) -> str:
+    """A template as one HTML page: styles, script and figures are in it, nothing is loaded from anywhere.
 
-    A template of another package is a path.
+    A template of another package is a path. Only the ``script`` of this room runs: the page has its digest.
     """
     body = Markup(_filled(template, "html", values | {"title": title}))
-    style = Markup(ROOM.joinpath("page.css").read_text(encoding="utf-8"))
-    return _filled("page.jinja", "html", {"title": title, "body": body, "style": style})
+    style, code = (Markup(ROOM.joinpath(f).read_text(encoding="utf-8")) if f else "" for f in ("page.css", script))
+    digest = b64encode(hashlib.sha256(code.encode()).digest()).decode() if code else ""
+    return _filled("page.jinja", "html", {"title": title, "body": body, "style": style, "code": code, "digest": digest})
+
+
+def fragment(template: str, **values: object) -> str:
+    """A template as a part of a page, such as a drawing."""
+    return _filled(template, "html", values)
 
 
 def markdown(template: str, **values: object) -> str:
@@ -72,6 +80,8 @@ def _code(text: object) -> str:
 def inline_svg(picture: Picture) -> Markup:
     """A drawing to embed in a page. Its width is in inches, so that the page draws all of them on one scale."""
     text = picture.path.read_text(encoding="utf-8")
+    if 'class="fluid"' in text[:200]:  # as wide as there is room, and with a label
+        return Markup(text)
     width = re.search(r'<svg[^>]*? width="([\d.]+)pt"', text)
     style = f' style="--inches: {float(width[1]) / 72:.2f}"' if width else ""
     first, *more = picture.caption.removesuffix(".").split(". ")

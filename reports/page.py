@@ -27,11 +27,12 @@ from bench.reports.chart import cost_chart, marks
 from bench.reports.comparison import UNITS, comparison, provenance, provenance_section, published, runs_section
 from bench.reports.contexts import listed, noted
 from bench.reports.details import pictures
-from bench.reports.figures import save
+from bench.reports.figures import Picture
 from bench.reports.latex import latex, papers, sheet, side_by_side
 from bench.reports.layout import markdown, page, slug
+from bench.reports.live import packed
 from bench.reports.papers import against as beside_papers
-from bench.reports.papers import published_section
+from bench.reports.papers import best_published, published_section, yours
 from bench.reports.part import Part, Section
 from bench.reports.summary import Chart, Summary, labels, largest_groups, summary_of
 from bench.result import Result
@@ -115,7 +116,7 @@ def _write(
             *filter(None, [over_revisions]),
         ],
         "unmeasured": unmeasured(results, next((group.arguments for group in summaries if group.arguments), "")),
-        "published": published_section(tables["published"]),
+        "published": published_section(pd.concat([tables["published"], yours(runs)], ignore_index=True)),
         "few": few.INTERVAL,
         "runs": runs_section(tables["comparison"], [*largest, *left_out]) if runs else None,
         "provenance": provenance_section(shown_runs, tables["provenance"]),
@@ -127,7 +128,7 @@ def _write(
         write_sheet(table.rename(columns=UNITS) if name == "comparison" else table, folder / f"{name}.csv")
     texts = {"comparison.tex": latex(tables["comparison"]), "paper.tex": side_by_side(made)} if runs else {}
     texts["comparison.md"] = markdown("report.jinja", **values)
-    texts["index.html"] = page("report.jinja", **values)
+    texts["index.html"] = page("report.jinja", script="page.js", **values)
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     drawn = sorted(path.relative_to(folder) for path in figures.iterdir())
@@ -145,18 +146,25 @@ def summarised(
     alone = [r for r in results if r.alone]
     models = {r.system: str(r["model_name"]) for r in alone}
     known = {*published()["system"]} - {""}
+    protocols = [str(members[0]["protocol_name"]) for members in groups.values()]
+    keys = [
+        p if protocols.index(p) == i else slug(name) for i, (p, name) in enumerate(zip(protocols, groups, strict=True))
+    ]
     made = []
     for i, (label, (name, members)) in enumerate(zip(labels(groups), groups.items(), strict=True), 1):
         group, file, charts = summary_of(name, members, alone, budgets, against), f"{i}-{slug(name)}", []
         if group.among is not None and len(group.subjects) and len(group.among.table) > 1:
             points = marks(group, models, known)
             left = len(group.among.table) - len(points)
+            best = best_published(members[0])
             for key in group.costs:
-                if chart := cost_chart(name, points, costs()[key], budgets.get(key), left):
-                    picture = save(chart[0], folder, f"{file}-speed-{slug(key)}", name, chart[1])
+                if chart := cost_chart(name, points, costs()[key], budgets.get(key), left, best):
+                    picture = Picture(f"{file}-speed-{slug(key)}", chart[1], folder)
+                    picture.path.write_text(chart[0], encoding="utf-8")
                     charts.append(Chart(costs()[key].title, picture))
         drawn = pictures(members, group.subjects, name, folder, file)
-        made.append(replace(group, label=label, charts=charts, pictures=drawn))
+        group = replace(group, label=label, key=keys[i - 1], charts=charts, pictures=drawn)
+        made.append(replace(group, live=packed(group, models)))
     return made
 
 

@@ -36,6 +36,8 @@ PAPER = (  # columns of published.csv that published.csv of the report has, too
     "table4 table4_sd"
 ).split()
 PRINTED = {"accuracy": "published", "sd": "published_sd"}  # columns of the papers' file that are called otherwise here
+WHOLE = ("capture", "subject mean", "capture vote")  # units of whole captures
+MINE, YOURS = "yours", 5  # reference of rows without a paper, and how many of a protocol
 NOTHING = dict.fromkeys(("ours", "low", "high", "ours_sd", "subjects", "difference"), np.nan) | {"seed": ""}
 
 
@@ -60,6 +62,37 @@ def against(results: Sequence[Result]) -> pd.DataFrame:
         for each in measured or [_nothing(paper, here, others)]:
             rows.append(as_printed | each | {"note": "\n".join(notes + each["note"])})
     return pd.DataFrame(rows)
+
+
+def yours(results: Sequence[Result]) -> pd.DataFrame:
+    """Our most accurate systems beside the best number of each published protocol and unit, whatever the systems are.
+
+    Of a system, the lowest seed; those that a paper published stand in their own rows (`against`).
+    """
+    keys, rows = SAME[:-1], []
+    real = sorted((r for r in results if r["synthetic"] != "true"), key=lambda r: -seed_number(r["seed"]))
+    numbers = published().dropna(subset="accuracy")
+    for _, papers in numbers.groupby([*keys, "subset", "protocol", "unit_key"], sort=False):
+        best = next(papers.nlargest(1, "accuracy").itertuples())
+        here = [r for r in real if [r[k.removesuffix("_key")] for k in keys] == [getattr(best, k) for k in keys]]
+        lowest = {r.system: r for r in here if r.complete and r.system not in {*papers["system"]}}  # the last one stays
+        measured = [(system, m) for system, r in lowest.items() if (m := _measured(r, best))]
+        shown = {c: getattr(best, c) for c in ("data", "subset", "protocol", "unit", "unit_key")}
+        for system, each in sorted(measured, key=lambda pair: -pair[1]["ours"])[:YOURS]:
+            about = {"reference": MINE, "classifier": system, "note": "\n".join(each["note"])}
+            rows.append(shown | each | about)
+    return pd.DataFrame(rows)
+
+
+def best_published(result: Result) -> tuple[str, str, float] | None:
+    """The best published number on whole captures on the data of a run under its protocol, behind source and system."""
+    table = published()
+    alike = (table[SAME[:-1]] == [result[k.removesuffix("_key")] for k in SAME[:-1]]).all(axis=1)
+    found = table[alike & table["unit_key"].isin(WHOLE)].dropna(subset="accuracy")
+    if result["synthetic"] == "true" or not len(found):
+        return None
+    best = found.loc[found["accuracy"].idxmax()]
+    return str(best["reference"]), str(best["classifier"]), float(best["accuracy"])
 
 
 def verdict(published: float, low: float, high: float) -> str:
@@ -145,7 +178,10 @@ def published_section(beside: pd.DataFrame) -> dict[str, object]:
         "here": _shown([row for row in rows if not row["away"]]),
         "away": _shown([row for row in rows if row["away"]]),
         "elsewhere": f"published numbers on {listed(elsewhere)}, which {have} no runs here" if elsewhere else "",
-        "counts": beside.loc[beside["ours"].notna(), "verdict"].value_counts().to_dict(),
+        "counts": beside.loc[beside["ours"].notna() & (beside["reference"] != MINE), "verdict"]
+        .value_counts()
+        .to_dict(),
+        "yours": bool((beside["reference"] == MINE).any()),
         "few": int((beside["subjects"] < few.INTERVAL).sum()),
         "haart": any(row["data"] == "haart" and not row["away"] for row in rows),
     }

@@ -22,7 +22,7 @@ from bench.outcomes.choice import Choice, decide, expectation, expected, named, 
 from bench.outcomes.frame import by_subject
 from bench.outcomes.scene import EVERY
 from bench.paired import interval
-from bench.registry import circumstance_views
+from bench.registry import circumstance_views, names
 from bench.reports.figures import Picture
 from bench.result import Result
 from bench.scores import captures
@@ -33,6 +33,7 @@ from bench.words import typed
 GROUPS = 3  # groups that get a verdict, statistics and figures
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
 COSTS = 3  # of the answer and of the table; the chart has all
+FIRST = "\N{ALMOST EQUAL TO}"  # behind the place of a system that the test cannot tell from the first
 SENTENCES = 2  # of the answer; the others are closed
 STATISTICS = (  # columns of `bench.outcomes.statistics.against_best`
     text("system"),
@@ -66,6 +67,8 @@ class Summary:
     among: Candidates | None = None
     budgets: Mapping[str, float] = field(default_factory=dict)
     label: str = ""  # of the group's tab
+    key: str = ""  # of the same in an address
+    live: str = ""  # what the script of the page needs (`bench.reports.live`)
     charts: Sequence[Chart] = ()
     pictures: Mapping[str, Picture] = field(default_factory=dict)  # by kind
 
@@ -168,8 +171,8 @@ class Summary:
     def table(self) -> Table | None:
         """The systems on whole captures, and the chosen candidate, most accurate first; None without candidates.
 
-        ``difference`` is the accuracy less that of the compared system, in points, and ``test`` says where the test of
-        the statistics does not show one.
+        ``rank`` has the places that a system may have by the test, ``difference`` is the accuracy less that of the
+        compared system, in points, and ``test`` is p Holm, n.s., or the reason why there is none.
         """
         if self.choice is None or self.among is None or not len(self.subjects):
             return None
@@ -177,32 +180,46 @@ class Summary:
         table = table[(table["unit"] == "capture") | (table.index == chosen)]
         table = table.sort_values("accuracy", ascending=False, kind="stable")
         people, least = self.among.subjects.loc[table.index].to_numpy(float), self.subjects.loc[self.base].mean()
+        places = statistics.ranks(statistics.kept_of(self.subjects, self.against))
+        ranks = {
+            i: f"{r.best}-{r.worst}".removesuffix(f"-{r.best}")
+            for i, r in zip(places.index, places.itertuples(), strict=True)
+        }
+        alike = [*places.index[places["best"] == 1]]
         rows = []
         for i, row, scores in zip(table.index, rows_of(table), people, strict=True):
             low, high = np.clip(interval(scores), 0, 100)
-            plain = row["unit"] == "capture"
-            row |= {"name": named(row) + " (chosen)" * (i == chosen), "accuracy_low": low, "accuracy_high": high}
+            plain = row["unit"] == "capture" and not row["mark"]
+            row |= {"id": i, "name": named(row), "accuracy_low": low, "accuracy_high": high, "plain": plain}
+            row["shown"] = row["name"] + " (chosen)" * (i == chosen)
+            row["rank"] = ranks.get(row["system"], "not tested") if plain else "not tested"
+            row["rank"] += f" {FIRST}" * (plain and row["system"] in alike and len(alike) > 1)
             row["difference"] = np.nan if plain and row["system"] == self.base else row["accuracy"] - least
             rows.append(row | {"test": self._test(row["system"]) if plain else "not tested"})
         measures = [
-            text("name", "system"),
+            text("system", read="shown"),
+            text("rank"),
             Measure("accuracy", "accuracy % [95 %]", ends="accuracy"),
             Measure("difference", form="+.1f"),
             text("test"),
-            *(Measure(k, costs()[k].heading or f"{k} {costs()[k].unit}".strip(), form=three) for k in self.leading),
+            *(self.column(name) for name in self.leading),
         ]
         bold = np.flatnonzero(table.index == chosen).tolist()
         remarks = [notes_on(str(row["system"]), self.data) for row in rows]
         return Table(measures, rows, bold=bold, remarks=remarks, drawn="accuracy")
 
+    def column(self, name: str) -> Measure:
+        """The column of a cost."""
+        return Measure(name, costs()[name].heading or f"{costs()[name].title} {costs()[name].unit}".strip(), form=three)
+
     def _test(self, system: str) -> str:
-        """A word where the difference of a system from the compared one is not shown; empty where it is."""
+        """Corrected p of a system against the compared one, n.s., or the reason why there is none."""
         if system == self.base:
-            return ""
+            return "reference"
         if self.few:
             return "too few subjects"
         p = known(dict(zip(self.rows["system"], self.rows["p_holm"], strict=True)).get(system))
-        return "not tested" if p is None else "not significant" * (p >= 0.05)
+        return "not tested" if p is None else "n.s." if p >= 0.05 else p_value(p)
 
     @property
     def people(self) -> str:
@@ -210,6 +227,12 @@ class Summary:
         if not len(self.subjects) or self.subjects.shape[1] < 2:
             return ""
         return sentences("bench.reports", "sentences", "people", name=self.name, best=self.subjects.iloc[0])[0]
+
+
+def family(model: str) -> str:
+    """``networks``, ``features`` (classifiers on features), or ``own`` for a model that is none of ours."""
+    place = names("models").get(model, "")
+    return "own" if not place.startswith("bench.models.") else "networks" if ".nets." in place else "features"
 
 
 def largest_groups(groups: Mapping[str, Sequence[Result]]) -> tuple[dict[str, Sequence[Result]], list[str]]:
@@ -226,8 +249,8 @@ def largest_groups(groups: Mapping[str, Sequence[Result]]) -> tuple[dict[str, Se
         subjects = max(r.get("subjects", 0) for r in results)
         return synthetic, mixed, -subjects, -len({r.system for r in results}), name
 
-    names = sorted(groups, key=order)
-    return {name: groups[name] for name in names[:GROUPS]}, names[GROUPS:]
+    ordered = sorted(groups, key=order)
+    return {name: groups[name] for name in ordered[:GROUPS]}, ordered[GROUPS:]
 
 
 def labels(groups: Mapping[str, Sequence[Result]]) -> list[str]:

@@ -1,22 +1,23 @@
 "use strict";
-// What a browser makes of a page, as JSON: node look.cjs CHROMIUM PAGE PDF. NODE_PATH leads to the npm packages.
+// What a browser makes of a page, as JSON: node look.cjs CHROMIUM PAGE PDF DOWNLOADS. NODE_PATH leads to the npm packages.
 const {pathToFileURL} = require("node:url");
+const fs = require("node:fs");
 const puppeteer = require("puppeteer-core");
 const axe = require("axe-core");
 
-const [chromium, file, pdf] = process.argv.slice(2);
+const [chromium, file, pdf, downloads] = process.argv.slice(2);
 const address = pathToFileURL(file).href;
 
-async function opened(browser, found, width, scheme) {
+async function opened(browser, found, width, scheme, hash = "") {
   const page = await browser.newPage();
   page.on("console", message => found.console.push(message.text()));
   page.on("pageerror", error => found.console.push(String(error)));
   page.on("request", request => {
-    if (request.url() !== address && !request.url().startsWith("data:")) found.requests.push(request.url());
+    if (request.url().split("#")[0] !== address && !/^(data|blob):/.test(request.url())) found.requests.push(request.url());
   });
   await page.emulateMediaFeatures([{name: "prefers-color-scheme", value: scheme}]);
   await page.setViewport({width, height: 900});
-  await page.goto(address);
+  await page.goto(address + hash);
   return page;
 }
 
@@ -62,6 +63,71 @@ async function keys(page) {
   return {second};
 }
 
+function shown() {  // in the page: the first table, its headings, and the address
+    const table = document.querySelector(".systems"), text = e => e.textContent.trim();
+    return {
+      address: decodeURIComponent(location.hash.replaceAll("+", " ")),
+      names: [...table.querySelectorAll("tbody input")].map(e => e.dataset.pin),
+      seeds: [...table.querySelectorAll(".seed th")].map(text),
+      heads: [...table.tHead.querySelectorAll("button")].map(text),
+      sorted: Object.fromEntries([...table.tHead.querySelectorAll("[aria-sort]")].map(e => [text(e), e.getAttribute("aria-sort")]).filter(e => e[1] !== "none")),
+      rows: [...table.tBodies[0].rows].map(row => [...row.cells].filter(e => !e.querySelector(".bar")).map(text)),
+      focus: document.activeElement.dataset.sort || "",
+      pair: [...document.querySelectorAll(".pair")].map(text)[0],
+      cells: [...document.querySelectorAll(".pair tbody")].slice(0, 2).map(body => [...body.rows].map(row => [...row.cells].map(text))),
+      names_in_chart: [...document.querySelectorAll(".charts .pane:first-of-type .mark text")].filter(e => getComputedStyle(e).display !== "none").map(text),
+      about: document.querySelector(".about").textContent,
+      sideways: document.documentElement.scrollWidth - innerWidth,
+    };
+}
+
+async function live(browser, found, folder) {  // a visitor sorts, filters, compares, downloads and passes the address on
+  const page = await opened(browser, found, 1200, "light"), states = {}, alive = () => page.waitForSelector("html[data-live]");
+  const see = async name => { states[name] = await page.evaluate(shown); };
+  const type = async text => { await page.$eval(".tools input", (e, value) => { e.value = value; e.dispatchEvent(new Event("input")); }, text); };
+  await alive();
+  await see("first");
+  await page.click('[data-sort="flash"]');
+  await see("clicked");
+  await page.keyboard.press("Enter");
+  await see("by keyboard");
+  await type("jung");
+  await see("filtered");
+  await page.click(".seeds");
+  await see("unfolded");
+  await page.$eval('.tools input[value="test"]', e => e.click());
+  await see("fewer columns");
+  const client = await page.createCDPSession();
+  await client.send("Browser.setDownloadBehavior", {behavior: "allow", downloadPath: folder});
+  await page.$$eval(".tools button", buttons => buttons[0].click());
+  for (let i = 0; i < 100 && !fs.readdirSync(folder).some(name => name.endsWith(".csv")); i++) await new Promise(done => setTimeout(done, 100));
+  await type("");
+  for (const box of [0, 0]) {
+    const names = await page.$$eval("tbody input:not(:checked)", all => all.map(e => e.dataset.pin).sort());
+    await page.click(`input[data-pin="${names[names.length - 2 + box]}"]`);
+  }
+  await see("compared");
+  const address = await page.evaluate(() => location.hash);
+  await page.$eval(".tools select", e => { e.value = "networks"; e.dispatchEvent(new Event("change")); });
+  await see("no networks");
+  await page.$eval(".mark", e => e.focus());
+  const first = await page.$eval(".about", e => e.textContent);
+  await page.keyboard.press("ArrowRight");
+  await see("next mark");
+  states["next mark"].before = first;
+  await page.close();
+  for (const width of [1200, 390]) {
+    const other = await opened(browser, found, width, "light", address);
+    await other.waitForSelector("html[data-live]");
+    states[`opened ${width}`] = await other.evaluate(shown);
+    await other.evaluate(axe.source);
+    const result = await other.evaluate(() => axe.run(document, {resultTypes: ["violations"]}));
+    found.violations[`compared ${width}`] = result.violations.map(v => [v.id, v.nodes.length, v.nodes[0].html.slice(0, 200)]);
+    await other.close();
+  }
+  return states;
+}
+
 (async () => {
   const browser = await puppeteer.launch({executablePath: chromium, args: ["--no-sandbox", "--disable-gpu"]});
   const found = {console: [], requests: [], fronts: {}, views: {}, violations: {}};
@@ -77,6 +143,7 @@ async function keys(page) {
       found.violations[name] = result.violations.map(v => [v.id, v.nodes.length, v.nodes[0].html.slice(0, 200)]);
       await page.close();
     }
+    found.live = await live(browser, found, downloads);
     const page = await opened(browser, found, 1200, "dark");
     await page.emulateMediaType("print");
     found.print = await page.evaluate(() => ({

@@ -1,5 +1,6 @@
 """The report page in headless Chromium: what it loads, whether it can be read, driven by keys, and printed."""
 
+import csv
 import json
 import os
 import re
@@ -7,6 +8,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from bench.reports.page import write_report
@@ -32,6 +34,28 @@ def missing():
 CHROMIUM, LACKING = missing()
 
 
+def tables(i):
+    """Predictions of the lowest seed of a system."""
+    return made_up(10, skill=0.5 + 0.1 * i, seed=i, windows=1 + 2 * (i == 2))
+
+
+def hits_of(i):
+    """Which captures a system labels correctly, in the order of captures."""
+    table = tables(i)
+    means = table.groupby("capture")[[c for c in table if c.startswith("p_")]].mean()
+    return means.idxmax(axis=1).str[2:] == table.groupby("capture")["true"].first()
+
+
+def order():
+    """Systems from the most to the least accurate; the first one has two seeds."""
+    people = [tables(0).groupby("capture")["subject"].first()] * len(NAMES)
+    second = made_up(10, skill=0.55, seed=9)
+    means = [hits_of(i).groupby(people[i]).mean().mean() for i in range(len(NAMES))]
+    hit = second.set_index("capture").filter(like="p_").idxmax(axis=1).str[2:] == second.set_index("capture")["true"]
+    means[0] = (means[0] + hit.groupby(people[0]).mean().mean()) / 2
+    return sorted(range(len(NAMES)), key=lambda i: -means[i])
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A report on what a store may hold, with budgets of which one binds."""
@@ -43,8 +67,8 @@ def folder(tmp_path_factory):
             patch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{place / 'mlflow.db'}")
             store = connect()
             for i, system in enumerate(NAMES):
-                table = made_up(10, skill=0.5 + 0.1 * i, seed=i, windows=1 + 2 * (i == 2))
-                tracked_run(store, system, table, cost=4.0**i, **HAART)
+                tracked_run(store, system, tables(i), cost=4.0**i, **HAART)
+            tracked_run(store, NAMES[0], made_up(10, skill=0.55, seed=9), seed=1, **HAART)
             tracked_run(store, "ta2015_rf", made_up(3), protocol="challenge", protocol_label="challenge", **HAART)
             tracked_run(store, "svm · jung54", made_up(6))
             for system, lost in (("svm", 0.1), ("rf", 0.2)):
@@ -60,7 +84,10 @@ def seen(folder):
     """What the browser saw."""
     command = ["node", str(Path(__file__).with_name("look.cjs")), CHROMIUM, str(folder / "index.html")]
     env = os.environ | {"NODE_PATH": str(PACKAGES / "node_modules")}
-    done = subprocess.run([*command, str(folder / "page.pdf")], capture_output=True, text=True, env=env, timeout=300)
+    downloads = folder / "downloads"
+    downloads.mkdir()
+    command += [str(folder / "page.pdf"), str(downloads)]
+    done = subprocess.run(command, capture_output=True, text=True, env=env, timeout=300)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -73,7 +100,8 @@ class TestPage:
         assert seen["console"] == [] and seen["requests"] == []
 
     def test_it_has_no_fault_that_axe_finds(self, seen):
-        assert seen["violations"] == {f"{s} {w}": [] for s in ("light", "dark") for w in (1200, 390)}
+        assert {*seen["violations"]} >= {f"{s} {w}" for s in ("light", "dark", "compared") for w in (1200, 390)}
+        assert not any(seen["violations"].values()), seen["violations"]
 
     def test_verdicts_are_in_view_and_nothing_else_goes_sideways(self, seen):
         for name, view in seen["views"].items():
@@ -94,6 +122,64 @@ class TestPage:
 
     def test_tabs_work_by_keyboard(self, seen):
         assert [i for i, shown in enumerate(seen["keys"]["second"]["panes"]) if shown] == [1]
+
+    def test_systems_are_sorted_by_click_and_by_keyboard(self, seen):
+        first, clicked, typed = (seen["live"][name] for name in ("first", "clicked", "by keyboard"))
+        assert first["sorted"] == {} and first["address"] == "" and first["names"] == [NAMES[i] for i in order()]
+        assert clicked["names"] == [*NAMES] and clicked["sorted"] == {"flash kB": "ascending"}  # cost 4 ** i
+        assert typed["names"] == [*NAMES[::-1]] and typed["sorted"] == {"flash kB": "descending"}
+        assert clicked["address"] == "#sort=flash" and typed["address"] == "#sort=-flash" and typed["focus"] == "flash"
+
+    def test_filter_seeds_and_columns_are_what_is_downloaded(self, folder, seen):
+        filtered, unfolded, fewer = (seen["live"][name] for name in ("filtered", "unfolded", "fewer columns"))
+        assert filtered["names"] == [NAMES[1], NAMES[0]] and "filter=jung" in filtered["address"]
+        assert unfolded["seeds"] == ["seed 0", "seed 1"] and f"open={NAMES[0]}" in unfolded["address"]
+        assert [head for head in unfolded["heads"] if head not in fewer["heads"]] == ["test"]
+        (file,) = (folder / "downloads").glob("*.csv")
+        head, *rows = csv.reader(file.open(encoding="utf-8", newline=""))
+        assert file.stem == "loso" and head == fewer["heads"]
+        assert [row[0] for row in rows] == [NAMES[1], NAMES[0], "seed 0", "seed 1"]
+        assert [row[1:] for row in rows] == [row[1:] for row in fewer["rows"]]
+
+    def test_two_systems_are_compared_from_numbers_of_the_page(self, folder, seen):
+        """Test and interval are those of pairs.csv; captures and gestures are counted from the predictions."""
+        found = seen["live"]["compared"]
+        one, two = re.findall("pin=([^&]+)", found["address"])
+        pairs = pd.read_csv(folder / "pairs.csv").query("group.str.contains('LOSO')")
+        row = pairs[pairs["system"].isin([one, two]) & pairs["other"].isin([one, two])].iloc[0]
+        sign = 1 if row["system"] == one else -1
+        low, high = sorted((sign * row["low"], sign * row["high"]))
+        more = "more" if sign * row["difference"] >= 0 else "less"
+        p = "< 0.001" if row["p"] < 0.001 else f"= {row['p']:.3f}"
+        words = f"{one} is {abs(row['difference']):.1f} points {more} accurate than {two}. 95 % interval "
+        assert f"{words}[{low:+.1f}, {high:+.1f}], p {p} (both" in found["pair"]
+        hits = [hits_of(NAMES.index(name)) for name in (one, two)]
+        only = [int((a & ~b).sum()) for a, b in (hits, hits[::-1])]
+        for name, count in zip((one, two), only, strict=True):
+            assert f"Only {name} classifies {count} capture" in found["pair"]
+        measures, gestures = found["cells"]
+        assert ["flash kB", *(f"{4.0 ** NAMES.index(name) * 4:.3g}" for name in (one, two))] in measures
+        assert [sum(int(row[i]) for row in gestures) for i in (5, 6)] == only
+        gaps = [abs(float(row[4])) for row in gestures]
+        assert gaps == sorted(gaps, reverse=True) and len(gestures) == 3
+        assert {one, two} <= {*found["names_in_chart"]}
+
+    def test_an_address_shows_the_same_to_a_colleague(self, seen):
+        found = seen["live"]["compared"]
+        for width in (1200, 390):
+            again = seen["live"][f"opened {width}"]
+            assert {k: again[k] for k in ("address", "rows", "sorted", "pair", "names_in_chart")} == {
+                k: found[k] for k in ("address", "rows", "sorted", "pair", "names_in_chart")
+            }
+            assert again["sideways"] <= 0
+        assert seen["live"]["no networks"]["names"] == []
+
+    def test_marks_of_the_chart_tell_their_numbers_by_keyboard(self, seen):
+        found = seen["live"]["next mark"]
+        assert (
+            re.search(r": [\d.]+ \[[\d.]+, [\d.]+\] %, [\d.]+ kB", found["before"])
+            and found["about"] != found["before"]
+        )
 
     def test_it_prints(self, folder, seen):
         assert set(seen["print"]["headings"]) == set(seen["print"]["whole"]) == {"avoid"}

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from bench.corpora.survey import Survey
 from bench.measures import costs
@@ -17,23 +18,49 @@ from tests.conftest import random_corpus
 def test_the_chart_marks_the_choice_budgets_and_what_they_rule_out(tmp_path):
     names = ["a<b", *(f"s{i}" for i in range(20))]
     points = pd.DataFrame({"name": names, "kind": "other", "verdict": "v", "chosen": False, "out": False})
+    points = points.assign(family=["networks", *["features"] * 19, "own"])
     points = points.assign(accuracy=[90.0, *np.linspace(50, 80, 20)], low=[80.0, *[45.0] * 20], high=99.0)
     points = points.assign(flash=range(1, 22), worst_person=[0.0, *range(10, 30)], ram=np.nan)
     points.loc[0, "chosen"], points.loc[20, "out"] = True, True
-    figure, caption = chart.cost_chart("g", points, costs()["flash"], 20.5, left=3)
-    other, plain = chart.cost_chart("g", points, costs()["worst_person"])
-    (flash,), (worst,) = figure.axes, other.axes
+    flash, caption = chart.cost_chart("g", points, costs()["flash"], 20.5, left=3, best=("Zhou & Du", "CNN", 76.1))
+    worst, plain = chart.cost_chart("g", points, costs()["worst_person"])
     assert chart.cost_chart("g", points, costs()["ram"]) is None and "Dashed" not in plain
-    assert (flash.get_xscale(), worst.get_xscale()) == ("log", "linear") and worst.get_xlim()[0] < 0
-    assert flash.get_ylim()[0] < 45 and flash.get_ylim()[1] > 99  # no interval is cut off
-    assert {t.get_text() for t in flash.texts} == {"choice: a<b", "budget 20.5 kB"}  # the only one on the front
-    assert [line.get_alpha() for line in flash.lines if line.get_gid()].count(0.35) == 1
-    assert all(words in caption for words in ("Ring", "Dashed", "Pale", "3 less accurate"))
-    figures.save(figure, tmp_path, "c", "g", caption)
-    titles = re.findall("<title>(.*?)</title>", (tmp_path / "c.svg").read_text())
-    assert len(titles) == 21 and "a&lt;b: 90.0 [80.0, 99.0] %, 1 kB; v" in titles
-    few = chart.cost_chart("g", points[:16], costs()["flash"])[0].axes[0]
-    assert len(few.texts) == 16
+    assert all(words in caption for words in ("Ring", "Dashed", "Dotted", "Pale", "3 less accurate", "networks", "own"))
+    marks = {re.search(r">([^<]*)</text>", mark)[1]: mark for mark in re.findall('<g class="mark.*?</g>', flash)}
+    assert len(marks) == 21 and "<title>a&lt;b: 90.0 [80.0, 99.0] %, 1 kB; v</title>" in marks["a&lt;b"]
+    assert [name for name, mark in marks.items() if 'display="none"' not in mark] == [
+        "a&lt;b"
+    ]  # the only one on the front
+    assert flash.count('opacity=".4"') == 1 and 'opacity=".4"' in marks["s19"] and "<circle" in marks["a&lt;b"]
+    shapes = {name: re.search(r'<path d="(.*?)"', marks[name])[1] for name in ("a&lt;b", "s0", "s19")}
+    assert len({*shapes.values()}) == 3  # of three families
+    assert "budget 20.5 kB" in flash and "published: Zhou &amp; Du, 76.1 %" in flash
+    ends = [float(y) for pair in re.findall(r'y1="([\d.]+)" y2="([\d.]+)" stroke="#888"/>', flash) for y in pair]
+    assert chart.ABOVE < min(ends) and max(ends) < chart.ABOVE + chart.HEIGHT  # no interval is cut off
+    x = {name: float(re.search(r'<svg x="([\d.]+)%"', mark)[1]) for name, mark in marks.items()}
+    low, high = x["a&lt;b"], x["s19"]
+    assert (x["s2"] - low) / (high - low) == pytest.approx(np.log(4) / np.log(21), abs=0.002)  # a log axis
+    linear = {name: float(place) for place, name in re.findall(r'<svg x="([\d.]+)%".*?>([^<]*)</text></g>', worst)}
+    share = (linear["s0"] - linear["a&lt;b"]) / (linear["s19"] - linear["a&lt;b"])
+    assert share == pytest.approx(10 / 29, abs=0.002)  # a linear one, from a value of 0
+
+
+def test_names_of_the_front_cover_neither_each_other_nor_points():
+    points = pd.DataFrame({"name": [f"system {i} · features" for i in range(5)], "kind": "other", "verdict": "v"})
+    points = points.assign(
+        chosen=False, out=False, family="features", low=np.nan, high=np.nan, flash=[1, 2, 4, 8, 900.0]
+    )
+    drawing, _ = chart.cost_chart("g", points.assign(accuracy=[60, 70, 72, 80, 81.0]), costs()["flash"])
+    boxes, spots = [], []
+    found = re.findall(r'<text x="([\d.]+)%" y="([\d.]+)" dx="(-?\d+)" dy="(-?\d+)" text-anchor="(\w+)"', drawing)
+    for x, y, dx, dy, anchor in found:
+        left = float(x) * chart.NARROW / 100
+        spots.append((left, float(y)))
+        left += float(dx) - (7 * 19 if anchor == "end" else 0)
+        boxes.append((left, left + 7 * 19, float(y) + int(dy) - 10, float(y) + int(dy) + 2))
+    for i, (left, right, top, bottom) in enumerate(boxes):
+        assert not any(left < x < right and top < y < bottom for x, y in spots)
+        assert all(right < a or b < left or bottom < c or d < top for a, b, c, d in boxes[:i])
 
 
 def test_the_page_of_a_corpus_is_whole_and_says_that_captures_are_synthetic(tmp_path, monkeypatch):

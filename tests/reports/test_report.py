@@ -1,9 +1,14 @@
 """The report as a whole: golden tables of one store that holds what real ones hold, and what the page must not do."""
 
+import base64
+import gzip
+import hashlib
 import html
+import json
 import re
 import shutil
 import socket
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -22,6 +27,7 @@ from bench.registry import views
 from bench.reports import page
 from bench.reports.chart import marks
 from bench.reports.comparison import comparison, published, shown
+from bench.reports.live import packed
 from bench.reports.summary import summary_of
 from bench.store import connect
 from tests.reports.store import keep, tracked_run
@@ -83,13 +89,13 @@ class Parsed(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.loaded, self.open, self.words, self.ids = [], [], [], []
+        self.loaded, self.open, self.words, self.ids, self.scripts = [], [], [], [], []
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
         found = dict(attributes)
         self.ids += [found["id"]] if "id" in found else []
-        self.loaded += [tag] * (tag == "script")
+        self.scripts += [found.get("type", "code")] * (tag == "script")
         self.loaded += [found[k] for k in ("src", "srcset", "data", "poster", "action") if k in found]
         self.loaded += [found[k] for k in ("href", "xlink:href") if k in found and found[k][0] != "#"]
         if tag not in ("meta", "br", "img", "input"):
@@ -113,6 +119,10 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(folder):
     assert not parsed.open and not parsed.loaded and len(set(parsed.ids)) == len(parsed.ids)
     assert {link for link in re.findall(r'href="#([^"]+)"', text)} <= set(parsed.ids)
     assert "default-src 'none'; style-src 'unsafe-inline'; img-src data:\"" in text
+    code = Path(page.__file__).with_name("page.js").read_text(encoding="utf-8")
+    assert sorted(parsed.scripts) == ["code", *["text/plain"] * 3] and f"<script>{code}</script>" in text
+    digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'; default-src" in text and len(code.splitlines()) <= 250
     words = " ".join(" ".join(parsed.words).split())
     assert HOSTILE in words
     for row in published().itertuples():
@@ -151,10 +161,36 @@ def test_the_table_of_systems_by_hand(store):
     table = verdict(runs, {}).table
     assert [row["system"].removesuffix(" (chosen)") for row in table.texts] == ["a", "c", "b"]
     assert [row["difference"] for row in table.texts] == ["-", "-2.5", "-5.0"]
-    assert [row["test"] for row in table.texts] == ["", "not significant", ""]
+    assert [row["test"] for row in table.texts] == ["reference", "n.s.", "0.016"]  # two tests, 2 * 2 / 2 ** 8
+    assert [row["rank"] for row in table.texts] == ["1-2 ≈", "1-3 ≈", "2-3"]
     assert [row["flash kB"] for row in table.texts] == ["4", "12", "8"] and table.bars[0] == pytest.approx((96,) * 3)
     few = verdict([evaluated(name, with_hits(each[:5])) for name, each in hits.items()], {})
-    assert {row["test"] for row in few.table.texts} == {"", "too few subjects"}
+    assert {row["test"] for row in few.table.texts} == {"reference", "too few subjects"}
+    assert {row["rank"] for row in few.table.texts} == {"1-3 ≈"}
+
+
+def test_numbers_for_the_script_by_hand():
+    """Two seeds of a, whose mean stands above them; its captures are those of the lowest seed."""
+    runs = [evaluated("a", with_hits([15] * 8), seed=1), evaluated("a", with_hits([13] * 8), seed=0, cost=3.0)]
+    runs += [evaluated("b", with_hits(range(10, 18)))]
+    answer = replace(verdict(runs, {}), key="loso")
+    data = json.loads(gzip.decompress(base64.b64decode(packed(answer, {"a": "rf", "b": "mine.py:B"}))))
+    a, b = data["rows"]
+    heads = [column["name"] for column in data["columns"]]
+    cells, seeds = (
+        dict(zip(heads, a["cells"], strict=True)),
+        [dict(zip(heads, each, strict=True)) for each in a["seeds"]],
+    )
+    assert [each["system"] for each in seeds] == ["seed 0", "seed 1"] and (a["family"], b["family"]) == (
+        "features",
+        "own",
+    )
+    assert [each["accuracy % [95 %]"].split()[0] for each in (*seeds, cells)] == ["65.0", "75.0", "70.0"]
+    assert [each["flash kB"] for each in (*seeds, cells)] == ["12", "4", "8"] and b["seeds"] == []
+    assert a["scores"] == [70.0] * 8 and data["people"] == [*"12345678"] and a["hits"].count("1") == 13 * 8
+    true = [data["gestures"][i] for i in data["true"]]
+    table = runs[1].tables["predictions"].sort_values("capture")
+    assert true == table["true"].tolist() and data["captures"] == table["capture"].tolist()
 
 
 def test_p_values_compare_with_the_system_that_was_asked_for(quick, store):
