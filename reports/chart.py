@@ -174,7 +174,7 @@ def _tall(values: np.ndarray) -> Axis:
 
 def _sides(places: np.ndarray, names: Sequence[str], kept: Sequence[int]) -> list[tuple[str, int, int]]:
     """Anchor and shift in pixels of each name; those that are kept cover each other and other points the least."""
-    sides = [PLACES[x > 50] for x in places[:, 0]]
+    sides = [PLACES[int(x > 50)] for x in places[:, 0]]
     spots, taken = places * [NARROW / 100, 1], np.empty((0, 4))
 
     def cover(i: int, side: tuple[str, int, int]) -> float:

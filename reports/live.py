@@ -37,8 +37,10 @@ def packed(summary: Summary, models: Mapping[str, str]) -> str:
             runs.setdefault(r.system, []).append(r)
     others = [summary.column(name) for name in summary.costs if name not in summary.leading]
     others += [m for m in columns(run_columns(), "page") if m.key not in ELSEWHERE]
-    kept = [replace(table.columns[0], read="name"), *table.columns[1:]]
-    kept = [*{m.name: m for m in (*others[::-1], *kept[::-1])}.values()][::-1]  # of one heading, the first
+    by_name: dict[str, Measure] = {}
+    for measure in (replace(table.columns[0], read="name"), *table.columns[1:], *others):
+        by_name.setdefault(measure.name, measure)
+    kept = [*by_name.values()]
     numbers = {key: list(part.itertuples()) for key, part in published().groupby(SAME)}
     seeds = {system: [next(views(r, numbers)) for r in each] for system, each in runs.items()}
     rows = []
