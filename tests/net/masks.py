@@ -137,10 +137,12 @@ class _Page(HTMLParser):
         super().__init__(convert_charrefs=True)
         self.lines: list[str] = []
         self.text, self.hidden, self.data, self.cells = "", "", None, []
+        self.depth = 0  # drawings within a drawing
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         given = dict(attrs)
         if self.hidden:
+            self.depth += tag == self.hidden
             return
         if tag == "script" and given.get("type") == "application/json":
             self.data = ""
@@ -160,7 +162,9 @@ class _Page(HTMLParser):
             self.cells = []
 
     def handle_endtag(self, tag: str) -> None:
-        if tag == self.hidden:
+        if tag == self.hidden and self.depth:
+            self.depth -= 1
+        elif tag == self.hidden:
             self.hidden = ""
         elif tag == "script" and self.data is not None:
             self.lines += data_lines(self.data)
