@@ -36,7 +36,7 @@ def packed(summary: Summary, models: Mapping[str, str]) -> str:
         if r.complete and r.alone:
             runs.setdefault(r.system, []).append(r)
     others = [summary.column(name) for name in summary.costs if name not in summary.leading]
-    others += [m for m in columns(run_columns(), "page") if m.key not in ELSEWHERE]
+    others += [m for m in columns(run_columns(), "page") if m.key not in {*ELSEWHERE, *summary.costs}]
     by_name: dict[str, Measure] = {}
     for measure in (replace(table.columns[0], read="name"), *table.columns[1:], *others):
         by_name.setdefault(measure.name, measure)

@@ -179,6 +179,8 @@ class Summary:
         table, chosen = self.choice.table, self.choice.chosen
         table = table[(table["unit"] == "capture") | (table.index == chosen)]
         table = table.sort_values("accuracy", ascending=False, kind="stable")
+        if not len(table):
+            return None
         people, least = self.among.subjects.loc[table.index].to_numpy(float), self.subjects.loc[self.base].mean()
         places = statistics.ranks(statistics.kept_of(self.subjects, self.against))
         ranks = {
