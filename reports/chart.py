@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 
 from bench.measures import Cost, costs, costs_of, three
 from bench.outcomes.choice import Choice, named
@@ -24,10 +25,10 @@ from bench.sentences import sentences
 from bench.table import rows_of
 
 SHAPES = {  # of a family, around its point
-    "features": "M-5 0a5 5 0 1 0 10 0a5 5 0 1 0-10 0z",
-    "networks": "M-5-5H5V5H-5z",
-    "own": "M0-6L6 5H-6z",
-    "C": "M0-7L6 0 0 7-6 0z",
+    "features": '<circle r="5"/>',
+    "networks": '<path d="M-5-5H5V5H-5z"/>',
+    "own": '<path d="M0-6L6 5H-6z"/>',
+    "C": '<path d="M0-7L6 0 0 7-6 0z"/>',
 }
 LOOKS = {"C"}  # marks of candidates that have a look of their own
 MOST = 40  # candidates that are drawn, besides those of a front
@@ -128,7 +129,7 @@ def cost_chart(
         looks |= {"front": i in front, "named": i in kept}
         mark = {"name": point.name, "about": _about(point, cost), "x": places[i, 0], "y": places[i, 1]}
         mark |= {"low": low[i], "high": high[i], "side": sides[i], "looks": [look for look, so in looks.items() if so]}
-        marks.append(mark | {"shape": SHAPES[point.kind if point.kind in LOOKS else point.family]})
+        marks.append(mark | {"shape": Markup(SHAPES[point.kind if point.kind in LOOKS else point.family])})
     caption = sentences(
         *("bench.reports", "sentences", "chart"),
         kinds={*points["kind"]},

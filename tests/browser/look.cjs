@@ -42,7 +42,7 @@ function measured() {  // in the page
   const column = [...table.querySelectorAll("thead th")].findIndex(th => th.textContent === "verdict");
   const cells = [...table.querySelectorAll("tbody tr:not(.group)")].map(row => row.children[column]);
   const size = text => {
-    const svg = text.ownerSVGElement, scale = svg.getBoundingClientRect().width / svg.viewBox.baseVal.width;
+    const svg = text.ownerSVGElement, box = svg.viewBox.baseVal, scale = box?.width ? svg.getBoundingClientRect().width / box.width : 1;
     return parseFloat(getComputedStyle(text).fontSize) * scale;
   };
   const small = [...document.querySelectorAll("table, figcaption, .notes")].map(e => parseFloat(getComputedStyle(e).fontSize));

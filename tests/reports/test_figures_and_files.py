@@ -26,21 +26,28 @@ def test_the_chart_marks_the_choice_budgets_and_what_they_rule_out(tmp_path):
     worst, plain = chart.cost_chart("g", points, costs()["worst_person"])
     assert chart.cost_chart("g", points, costs()["ram"]) is None and "Dashed" not in plain
     assert all(words in caption for words in ("Ring", "Dashed", "Dotted", "Pale", "3 less accurate", "networks", "own"))
-    marks = {re.search(r">([^<]*)</text>", mark)[1]: mark for mark in re.findall('<g class="mark.*?</g>', flash)}
+    marks = {re.search(r">([^<]*)</text>", mark)[1]: mark for mark in re.findall('<svg class="mark.*?</svg>', flash)}
     assert len(marks) == 21 and "<title>a&lt;b: 90.0 [80.0, 99.0] %, 1 kB; v</title>" in marks["a&lt;b"]
     assert [name for name, mark in marks.items() if 'display="none"' not in mark] == [
         "a&lt;b"
     ]  # the only one on the front
-    assert flash.count('opacity=".4"') == 1 and 'opacity=".4"' in marks["s19"] and "<circle" in marks["a&lt;b"]
-    shapes = {name: re.search(r'<path d="(.*?)"', marks[name])[1] for name in ("a&lt;b", "s0", "s19")}
+    assert [name for name, mark in marks.items() if " out" in mark.split('"')[1]] == ["s19"]
+    assert [name for name, mark in marks.items() if 'class="ring"' in mark] == ["a&lt;b"]
+    shapes = {
+        name: re.search(r"<(circle r|path d)=\"(.*?)\"/><text", marks[name])[0] for name in ("a&lt;b", "s0", "s19")
+    }
     assert len({*shapes.values()}) == 3  # of three families
     assert "budget 20.5 kB" in flash and "published: Zhou &amp; Du, 76.1 %" in flash
-    ends = [float(y) for pair in re.findall(r'y1="([\d.]+)" y2="([\d.]+)" stroke="#888"/>', flash) for y in pair]
+    bars = re.findall(r'y="([\d.]+)"><title>.*?<line y1="([-\d.]+)" y2="([-\d.]+)"/>', flash)
+    ends = [float(y) + float(shift) for y, *shifts in bars for shift in shifts]
     assert chart.ABOVE < min(ends) and max(ends) < chart.ABOVE + chart.HEIGHT  # no interval is cut off
-    x = {name: float(re.search(r'<svg x="([\d.]+)%"', mark)[1]) for name, mark in marks.items()}
+    x = {name: float(re.search(r' x="([\d.]+)%"', mark)[1]) for name, mark in marks.items()}
     low, high = x["a&lt;b"], x["s19"]
     assert (x["s2"] - low) / (high - low) == pytest.approx(np.log(4) / np.log(21), abs=0.002)  # a log axis
-    linear = {name: float(place) for place, name in re.findall(r'<svg x="([\d.]+)%".*?>([^<]*)</text></g>', worst)}
+    linear = {
+        name: float(place)
+        for place, name in re.findall(r' x="([\d.]+)%" y="[\d.]+"><title>.*?>([^<]*)</text></svg>', worst)
+    }
     share = (linear["s0"] - linear["a&lt;b"]) / (linear["s19"] - linear["a&lt;b"])
     assert share == pytest.approx(10 / 29, abs=0.002)  # a linear one, from a value of 0
 
@@ -52,12 +59,12 @@ def test_names_of_the_front_cover_neither_each_other_nor_points():
     )
     drawing, _ = chart.cost_chart("g", points.assign(accuracy=[60, 70, 72, 80, 81.0]), costs()["flash"])
     boxes, spots = [], []
-    found = re.findall(r'<text x="([\d.]+)%" y="([\d.]+)" dx="(-?\d+)" dy="(-?\d+)" text-anchor="(\w+)"', drawing)
-    for x, y, dx, dy, anchor in found:
-        left = float(x) * chart.NARROW / 100
-        spots.append((left, float(y)))
-        left += float(dx) - (7 * 19 if anchor == "end" else 0)
-        boxes.append((left, left + 7 * 19, float(y) + int(dy) - 10, float(y) + int(dy) + 2))
+    found = re.findall(r'x="([\d.]+)%" y="([\d.]+)"><title>.*?<text x="(-?\d+)" y="(-?\d+)"(.*?)>', drawing)
+    for x, y, right, down, anchor in found:
+        spots.append((float(x) * chart.NARROW / 100, float(y)))
+        left = spots[-1][0] + float(right) - 7 * 19 * ("end" in anchor)
+        boxes.append((left, left + 7 * 19, float(y) + int(down) - 10, float(y) + int(down) + 2))
+    assert len(found) == 5
     for i, (left, right, top, bottom) in enumerate(boxes):
         assert not any(left < x < right and top < y < bottom for x, y in spots)
         assert all(right < a or b < left or bottom < c or d < top for a, b, c, d in boxes[:i])
