@@ -17,7 +17,7 @@ import pandas as pd
 
 from bench import scores
 from bench.comparable import seed_number
-from bench.measures import Measure, columns, costs, over_people, run_columns, three
+from bench.measures import Measure, columns, costs, percent, run_columns, three
 from bench.reports.comparison import SAME, published, views
 from bench.reports.summary import Summary, family
 from bench.result import Result
@@ -46,7 +46,7 @@ def packed(summary: Summary, models: Mapping[str, str]) -> str:
     rows = []
     for row in table.rows:
         about = _mean(seeds[row["system"]]) if row["plain"] and row["system"] in runs else {}
-        rows.append({**about, "subject_accuracy_sd": among.subjects.loc[row["id"]].std() / 100, **row})
+        rows.append({**about, "subject_sd": among.subjects.loc[row["id"]].std() / 100, **row})
     texts = replace(table, columns=kept, rows=rows).texts
     below, labelled = [_of_seed(m) for m in kept if m.name in texts[0]], _labels(summary, runs)
     shown = {m.name for m in table.columns}
@@ -72,7 +72,7 @@ def _of_seed(measure: Measure) -> Measure:
     if measure.key == "system":
         return replace(measure, read=lambda row: f"seed {row['seed']}")
     if measure.key == "accuracy":
-        return over_people(measure.key, measure.heading)
+        return percent(measure.key, measure.heading, ends=measure.ends)
     if measure.key in ("rank", "difference", "test"):
         return replace(measure, read=lambda row: None)
     return replace(costs()[measure.key], heading=measure.name, form=three) if measure.key in costs() else measure
