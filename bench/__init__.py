@@ -227,8 +227,8 @@ def compare(system: object, other: object, **values: object) -> Compared:
     Returns:
         ``difference`` (first less second, mean over subjects, in points), its 95 % interval (``low``, ``high``) and
         ``p``, both by the two-sided Wilcoxon test, ``smallest`` (the difference that so many subjects can show),
-        ``subjects`` (their number), ``gain`` and ``lose`` (the subjects on whom the first or the second is more accurate), and the
-        tables ``accuracy`` [subjects, 2], ``captures`` and ``gestures``.
+        ``subjects`` (their number), ``gain`` and ``lose`` (the subjects on whom the first or the second is more
+        accurate), and the tables ``accuracy`` [subjects, 2], ``captures`` and ``gestures``.
     """
     from bench.commands.compare import paired
 
