@@ -75,7 +75,7 @@ function shown() {  // in the page: the first table, its headings, and the addre
       focus: document.activeElement.dataset.sort || "",
       pair: [...document.querySelectorAll(".pair")].map(text)[0],
       cells: [...document.querySelectorAll(".pair tbody")].slice(0, 2).map(body => [...body.rows].map(row => [...row.cells].map(text))),
-      names_in_chart: [...document.querySelectorAll(".charts .pane:first-of-type .mark text")].filter(e => getComputedStyle(e).display !== "none").map(text),
+      pinned: [...document.querySelector(".charts .pane").querySelectorAll(".mark.pinned text")].filter(e => getComputedStyle(e).display !== "none").map(text),
       about: document.querySelector(".about").textContent,
       sideways: document.documentElement.scrollWidth - innerWidth,
     };
@@ -103,12 +103,13 @@ async function live(browser, found, folder) {  // a visitor sorts, filters, comp
   for (let i = 0; i < 100 && !fs.readdirSync(folder).some(name => name.endsWith(".csv")); i++) await new Promise(done => setTimeout(done, 100));
   await type("");
   for (const box of [0, 0]) {
-    const names = await page.$$eval("tbody input:not(:checked)", all => all.map(e => e.dataset.pin).sort());
+    const names = await page.$eval(".systems", e => [...e.querySelectorAll("tbody input:not(:checked)")].map(box => box.dataset.pin).sort());
     await page.click(`input[data-pin="${names[names.length - 2 + box]}"]`);
   }
   await see("compared");
   const address = await page.evaluate(() => location.hash);
-  await page.$eval(".tools select", e => { e.value = "networks"; e.dispatchEvent(new Event("change")); });
+  await page.evaluate(() => { location.hash += "&family=networks"; });
+  await page.waitForFunction(() => !document.querySelector(".systems tbody input"));
   await see("no networks");
   await page.$eval(".mark", e => e.focus());
   const first = await page.$eval(".about", e => e.textContent);

@@ -162,14 +162,14 @@ class TestPage:
         assert [sum(int(row[i]) for row in gestures) for i in (5, 6)] == only
         gaps = [abs(float(row[4])) for row in gestures]
         assert gaps == sorted(gaps, reverse=True) and len(gestures) == 3
-        assert {one, two} <= {*found["names_in_chart"]}
+        assert {*found["pinned"]} == {one, two} and seen["live"]["first"]["pinned"] == []
 
     def test_an_address_shows_the_same_to_a_colleague(self, seen):
         found = seen["live"]["compared"]
         for width in (1200, 390):
             again = seen["live"][f"opened {width}"]
-            assert {k: again[k] for k in ("address", "rows", "sorted", "pair", "names_in_chart")} == {
-                k: found[k] for k in ("address", "rows", "sorted", "pair", "names_in_chart")
+            assert {k: again[k] for k in ("address", "rows", "sorted", "pair", "pinned")} == {
+                k: found[k] for k in ("address", "rows", "sorted", "pair", "pinned")
             }
             assert again["sideways"] <= 0
         assert seen["live"]["no networks"]["names"] == []
