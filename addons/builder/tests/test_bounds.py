@@ -1,5 +1,6 @@
 """Bounds for a new person: against loops with scipy, and on generated people of known mean."""
 
+import json
 import math
 import statistics
 
@@ -7,7 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bench.errors import InputError
 from touchbench_builder.bounds import agrees, ahead, lower_bound, new_person
+from touchbench_builder.check import checked
 
 ALIKE = ([41, 44, 43, 46, 45, 42], [50, 52, 50, 55, 53, 50])  # fewer differences than chance alone makes
 UNLIKE = ([50, 12, 55, 30, 49], [60, 48, 56, 60, 50])
@@ -122,3 +125,11 @@ def test_the_test_rejects_few_people_of_the_same_study_and_finds_a_sensor_that_w
     turned = [agrees(one[:8], total, one[8:] * 0.4, total[:4]).agrees for one in counts]
     assert np.mean(same) >= 0.95
     assert np.mean(turned) < 0.05
+
+
+@pytest.mark.parametrize(("people", "words"), ((4, "4 subjects, too few for a bound"), (5, "leave oops= out")))
+def test_a_certificate_of_four_people_cannot_be_tested(tmp_path, people, words):
+    counts = {str(person): [8, 10] for person in range(people)}
+    (tmp_path / "certificate.json").write_text(json.dumps({"certificate": 1, "expected": {"people": counts}}))
+    with pytest.raises(InputError, match=words):  # one of five is refused later, for a key
+        checked([str(tmp_path)], {"data": "synth", "oops": 1})
