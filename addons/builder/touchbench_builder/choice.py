@@ -146,12 +146,12 @@ def compared(
 def _is_stored(values: Mapping[str, Any]) -> bool:
     """Whether a run is stored, so that it takes no time."""
     from bench.commands.run import planned
-    from bench.options import keys, values_of
+    from bench.options import backend_of, keys, values_of
     from bench.store import connect
     from bench.work.tracking import key_of
 
     typed = values_of(values, keys("run", [key.replace("__", ".") for key in values]))
-    (plan,) = planned("run", typed)
+    (plan,) = planned("run", typed, backend_of(typed))
     run = connect().find(key_of(plan), plan.cell.kind)
     return run is not None and run.info.status == "FINISHED"
 
