@@ -18,7 +18,7 @@ from scipy.special import nctdtr, stdtr, stdtrit
 
 from bench import few
 
-SPREAD = 0.15  # SD between people, in radians: HAART's is 0.08 to 0.12; 0.15 is 9 points at 90 % and 15 at 50 %
+SPREAD = 0.15  # SD between people, in radians: HAART's is 0.03 to 0.12; 0.15 is 9 points at 90 % and 15 at 50 %
 GESTURE_SPREAD = 0.25  # the same of the accuracy of one gesture: HAART's is 0.0 to 0.45
 WEIGHT = 8  # people that this spread counts for
 MEAN_LEVEL, PERSON_LEVEL = 0.95, 0.9  # probabilities of the two bounds
