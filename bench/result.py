@@ -7,13 +7,15 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bench.comparable import comparable, context_of, depends_on_batch, method_of, system_of
 from bench.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
 
 
@@ -29,8 +31,10 @@ class Tables(Mapping[str, "pd.DataFrame"]):
         read: Callable[[str], pd.DataFrame | None] = lambda name: None,  # None where there is none of its name
         missing: str = "this run is missing; run it again",  # behind ``<table> of``
         names: Callable[[], Iterable[str]] = tuple,  # of the tables that are not in memory
+        read_columns: Callable[[str, Sequence[str]], list[np.ndarray] | None] | None = None,
     ) -> None:
         self._kept, self._read, self.missing, self._names = dict(kept), read, missing, names
+        self._read_columns = read_columns
 
     def __getitem__(self, name: str) -> pd.DataFrame:
         """A table; an `InputError` where it is not there."""
@@ -49,6 +53,13 @@ class Tables(Mapping[str, "pd.DataFrame"]):
         if len(table) <= SMALL:  # a command may read the predictions of a thousand runs
             self._kept[name] = table
         return table
+
+    def columns(self, name: str, columns: Sequence[str]) -> list[np.ndarray] | None:
+        """Some columns of a table, without the others; None where there is none of its name."""
+        if self._read_columns and name not in self._kept:
+            return self._read_columns(name, columns)
+        table = self.get(name)
+        return None if table is None else [table[each].to_numpy() for each in columns]
 
     def __contains__(self, name: object) -> bool:
         return self.get(str(name)) is not None
@@ -96,6 +107,12 @@ class Result(Mapping[str, Any]):
 
     def __len__(self) -> int:
         return len(self.about.keys() | self.metrics.keys())
+
+    @cached_property
+    def people(self) -> dict[str, float]:
+        """Accuracy of the captures of each subject, in percent, as the run stored it; empty if it is not there."""
+        columns = self.tables.columns("per_subject", ("subject", "accuracy"))
+        return {} if columns is None else dict(zip(columns[0], 100 * columns[1], strict=True))
 
     def __repr__(self) -> str:
         return f"Result({self.kind} {self.method} on {', '.join(self.context)})"

@@ -30,9 +30,10 @@ from bench.progress import warn
 from bench.registry import KEYS
 from bench.result import Result, Tables
 from bench.scratch import home, owner, replacing, sweep
-from bench.tables import AGAIN, file_of, read_table
+from bench.tables import AGAIN, file_of, read_columns, read_table
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
     from mlflow import MlflowClient
     from mlflow.entities import Run, RunInfo
@@ -160,13 +161,17 @@ class Store:
             path = self.path(run_id, artifacts, file_of(name))
             return None if path is None else read_table(path, name, this)
 
+        def read_some(name: str, columns: Sequence[str]) -> list[np.ndarray] | None:
+            path = self.path(run_id, artifacts, file_of(name))
+            return None if path is None else read_columns(path, name, columns, this)
+
         def listed() -> Sequence[str]:
             if names is not None:
                 return names
             files = map(PurePosixPath, self.names(run_id, artifacts))
             return [file.stem for file in files if file.name == file_of(file.stem)]
 
-        return Tables({}, read, f"{this} is missing in the store; {AGAIN}", listed)
+        return Tables({}, read, f"{this} is missing in the store; {AGAIN}", listed, read_some)
 
     @reached()
     def path(self, run_id: str, artifacts: str, name: str) -> Path | None:

@@ -244,8 +244,11 @@ def _paper(data: tuple[str, str], protocols: Mapping[str, list[Result]], asked: 
     for name in ordered:
         head = heads[name] + f" {MIXED_MARK}" * (name in mixed)
         accuracy, sd, macro = f"{head}: accuracy %", f"{head}: SD %", f"{head}: macro_f1 %"
+        of: dict[str, list[Result]] = {}
+        for r in protocols[name]:
+            of.setdefault(r.system, []).append(r)
         for system, scores in people[name].iterrows():
-            seeds = [r for r in protocols[name] if r.system == system]
+            seeds = of[str(system)]
             row = rows.setdefault(str(system), {"system": str(system)})
             row |= {accuracy: scores.mean(), sd: scores.std(ddof=1), macro: mean(r["macro_f1"] for r in seeds)}
             if name == ordered[0]:

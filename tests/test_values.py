@@ -13,7 +13,7 @@ from bench.resampling import drawn, ratio_interval, weights
 from bench.result import SMALL, Failure, Result, Tables
 from bench.scores import over_people
 from bench.table import Table, of_text
-from bench.tables import file_of, read_table, uniform, write_table
+from bench.tables import file_of, read_columns, read_table, uniform, write_table
 
 ROW = {"share": 0.8125, "share_low": 0.75, "share_high": 0.9, "bytes": 90064, "p50": 1.5, "p95": None, "name": "a"}
 
@@ -156,6 +156,7 @@ def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
     with pytest.raises(InputError, match=r"none of s \(run 7\) is missing"):
         result.tables["none"]
     assert "none" not in result.tables and result.tables.get("none", 0) == 0
+    assert result.tables.columns("small", ["n"])[0].tolist() == [0, 1, 2] and result.tables.columns("none", []) is None
 
 
 words = st.sampled_from(["NA", "null", "nan", "03", "1.0", "1", "", "True", "a,b", 'a"b', "ü ", "inf"]) | st.text(
@@ -170,6 +171,8 @@ def test_stored_text_stays_text(tmp_path_factory, labels):
     write_table(table, folder / file_of("touches"))
     assert file_of("touches") == "touches.parquet"
     pd.testing.assert_frame_equal(read_table(folder / file_of("touches"), "touches"), table, check_dtype=False)
+    share, label = read_columns(folder / file_of("touches"), "touches", ["share", "label"], "this run")
+    assert share.tolist() == [0.1 + 0.2] * len(labels) and label.tolist() == labels[::-1]
 
 
 def test_a_column_is_stored_as_numbers_or_as_text(tmp_path):

@@ -166,10 +166,7 @@ def tables(results: Sequence[Result], name: str = "predictions") -> pd.DataFrame
 
 def subject_accuracy(result: Result) -> pd.Series:
     """Accuracy of the captures of each subject, in percent, as the run stored it; empty if it is not there."""
-    table = result.tables.get("per_subject")
-    if table is None:
-        return pd.Series(dtype=float)
-    return pd.Series(100 * table["accuracy"].to_numpy(float), table["subject"].to_numpy())
+    return pd.Series(result.people, dtype=float)
 
 
 def by_subject(results: Iterable[Result]) -> tuple[pd.DataFrame, pd.Series]:
@@ -184,9 +181,7 @@ def by_subject(results: Iterable[Result]) -> tuple[pd.DataFrame, pd.Series]:
         The table, and the number of seeds behind each row.
     """
     complete = [r for r in results if r.complete]
-    table = pd.DataFrame(
-        [subject_accuracy(r).to_dict() for r in complete], index=pd.Index([r.system for r in complete], name="system")
-    )
+    table = pd.DataFrame([r.people for r in complete], index=pd.Index([r.system for r in complete], name="system"))
     table = table.dropna() if len(table.columns) else table.iloc[:0]
     means = table.groupby(level=0).mean()
     order = means.mean(axis=1).sort_values(ascending=False, kind="stable").index

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from bench import contract
-from bench.corpora.synth import generate
 from bench.errors import InputError, nearest
 from bench.features.base import OfFunction
 from bench.registry import load, names, parameters, required
@@ -249,7 +248,9 @@ class Cell:
     def arguments(self) -> dict[str, str]:
         """The arguments that make this cell, as typed; defaults are left out."""
         values = {"data": self.data}
-        values |= {f"data.{k}": text_of(v) for k, v in self.data_parameters.items() if v != parameters(generate)[k]}
+        if self.data_parameters:
+            usual = _of_generator()
+            values |= {f"data.{k}": text_of(v) for k, v in self.data_parameters.items() if v != usual[k]}
         values |= {"where": self.where} if self.where else {}
         values |= {"target": self.target} if self.target != DEFAULTS["target"] else {}
         for key, part in (("protocol", self.protocol), ("model", self.model), ("features", self.features)):
@@ -399,6 +400,13 @@ def _combinations(key: str, dotted: dict[str, object], defaults: dict[str, objec
     return (dict(zip(dotted, combination, strict=True)) for combination in itertools.product(*lists))
 
 
+def _of_generator() -> dict[str, Any]:
+    """Parameters of the generator with their defaults; it imports scipy.signal, which recorded captures do not need."""
+    from bench.corpora.synth import generate
+
+    return parameters(generate)
+
+
 def corpus_variants(values: Values, data: str, siblings: list[str]) -> list[dict[str, object]]:
     """Parameters of the generator; an imported corpus has none."""
     dotted = _dotted(values, "data")
@@ -408,6 +416,6 @@ def corpus_variants(values: Values, data: str, siblings: list[str]) -> list[dict
         raise InputError("data= takes the name of a corpus, such as data='synth'; see bench data")
     if data != "synth":
         return [{}]
-    defaults = parameters(generate)
+    defaults = _of_generator()
     _refuse_unknown("data=synth", dotted, defaults)
     return [defaults | chosen for chosen in _combinations("data", dotted, defaults)]

@@ -148,13 +148,14 @@ def batch_effects(
     expected = Decided.from_table(predictions, predictions[[f"p_{name}" for name in names]].to_numpy())
     effects = []
     for place, position in enumerate(chosen):
-        one, capture = corpus[[position]].detached(), corpus.index[position]
+        capture = corpus.index[position]
         rows, again = expected.of(capture), {"in another order": together.of(place)}
         rows = rows._replace(start=rows.start - corpus.piece[position] % COPY)
         if position in alone:
-            again = {"alone": _decided(estimator, one), **again}
+            again = {"alone": _decided(estimator, corpus[[position]].detached()), **again}
         for how, other in again.items():
             if effect := _difference(rows, other, names):
+                one = corpus[[position]].detached()
                 if _difference(_decided(estimator, one), _decided(estimator, one), names):
                     effects.append(f"capture {capture} is predicted differently each time")
                 else:
