@@ -151,7 +151,7 @@ def _is_stored(values: Mapping[str, Any]) -> bool:
     from bench.work.tracking import key_of
 
     typed = values_of(values, keys("run", [key.replace("__", ".") for key in values]))
-    (plan,) = planned("run", typed, backend_of(typed))
+    (plan,) = planned("run", {"": typed}, backend_of(typed))
     run = connect().find(key_of(plan), plan.cell.kind)
     return run is not None and run.info.status == "FINISHED"
 
