@@ -316,7 +316,7 @@ def _(subject: Audited) -> str:
     recogniser = Recogniser(subject.first, subject.corpus[subject.train])
     content = cloudpickle.dumps(recogniser)
     labels = [one.label(subject.probe) for one in (recogniser, cloudpickle.loads(content))]
-    if differs := difference(*(table.drop(columns=["label", "confidence"]) for table in labels)):
+    if differs := difference(*(table.drop(columns=["label", "confidence", "unlike"]) for table in labels)):
         raise Mistake(f"saved and loaded, it gives other predictions: {differs}")
     return f"saved ({len(content) / 1000:,.0f} kB) and loaded, it predicts the same"
 

@@ -51,4 +51,4 @@ def test_early_decisions_by_start_and_hop(tmp_path):
     assert "middle" in second and "125.0 ms" in second
     row = table.shown().set_index("system").loc["svm"]
     assert (row["500 ms"], row["adaptive"], row["after ms"]) == ("50.0", "66.0", "812") and "250 ms" not in row
-    assert row["decision ms p50 / p95"] == "1.0 / 2.0"
+    assert row["computing ms p50 / p95"] == "1.0 / 2.0"
