@@ -72,7 +72,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
     reflex = isinstance(estimator, Reflex)
     system, steps = _opened(estimator.whole_ if reflex else estimator)
     early = _opened(estimator.early_) if reflex else None
-    arrays = {"usual": np.exp(recogniser.usual).astype(np.float32)}  # of a capture as a whole
+    arrays: dict[str, np.ndarray] = {}
     if isinstance(system, Pipeline):
         name, windows = _features(system, steps)
         width = len(system.steps[0][1].get_feature_names_out())
@@ -87,10 +87,10 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
 
         network.check(system)
         name, longest = "convolved", LONGEST_TOUCH
-        sizes, layers = network.convolved(system, recogniser.grid, bits)
-        arrays |= layers
+        sizes, arrays = network.convolved(system, recogniser.grid, bits)
         deciders = {"decide": network.head(system, bits)}
         width = deciders["decide"].arrays["hidden"].shape[1]
+    arrays |= {"usual": np.exp(recogniser.usual).astype(np.float32)}  # of a capture as a whole
     defines = _sizes(recogniser, width, longest) | _steps(steps, recogniser.rate_hz) | sizes
     defines |= _stopping(recogniser.stopping) | {"WATCH": 0, "STEPPED": 0}
     points: tuple[tuple[float, float, float, float], ...] = ()

@@ -79,7 +79,8 @@ def test_what_a_test_subject_recorded_changes_nothing_and_what_others_did_counts
 def test_further_background_makes_lower_rates_learnable(imported):
     plan = plan_of()
     quiet = min(PEOPLE.background_frames()[~(PEOPLE.subjects == out)].sum() for out in PEOPLE.subjects) / 15 / 60
-    (alone,), (more,) = too_short(plan, 0.001, ""), too_short(plan, 0.001, "still")
+    trains = [fold.train for fold in plan.folds]
+    (alone,), (more,) = (too_short(plan.corpus, trains, 0.001, background) for background in ("", "still"))
     assert f" is {quiet:.1f} minutes" in alone
     assert f" is {quiet + sum(STILL.values()) / 15 / 60:.1f} minutes" in more
 

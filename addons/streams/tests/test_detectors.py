@@ -222,7 +222,7 @@ def test_a_threshold_that_reports_always_is_not_chosen():
 def test_operating_points_find_more_with_more_alarms():
     rows = [(-9, 0, 0.2), (-8, 0, 0.5), (-7, 0, 0.5), (-5, 3, 0.5), (-3, 2, 0.8), (1, 6, 0.7), (2, 9, 0.9)]
     table = pd.DataFrame(rows, columns=["level", "alarms", "found"]).assign(hours=0.5)
-    expected = ((2.0, 18.0, 0.9), (1.0, 12.0, 0.7), (-3.0, 4.0, 0.8), (-7.0, 0.0, 0.5))
+    expected = ((2.0, 9.0, 0.5, 0.9), (1.0, 6.0, 0.5, 0.7), (-3.0, 2.0, 0.5, 0.8), (-7.0, 0.0, 0.5, 0.5))
     assert points_of(table, 1.0) == expected  # the learned one, too; from the highest level to the lowest
 
 

@@ -55,6 +55,16 @@ int touch_label(touch_t *t, float *probabilities, float *settled);
 /* What a class is called. */
 const char *touch_name(int label);
 
+/* Whether a capture looks unlike all that training saw: another range, inverted readings, another order of taxels.
+   Push each of its frames here, too, and ask at its end: 1 if so, 0, or a code. */
+typedef struct {
+    int frames;
+    float mean, largest, least, across, down, zeros;
+} touch_look_t;
+int touch_look_init(touch_look_t *look);
+int touch_look(touch_look_t *look, const float *frame);
+int touch_unlike(const touch_look_t *look);
+
 #ifdef __cplusplus
 }
 #endif
