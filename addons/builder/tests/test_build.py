@@ -96,13 +96,17 @@ def check(facts, capsys):
     write_table(newer.changed(captures=named), Path("newer.csv"))
     swapped = named.assign(gesture=named["gesture"].replace({"pat": "tap", "tap": "rub", "rub": "pat"}))
     write_table(newer.changed(captures=swapped), Path("swapped.csv"))
-    for name in ("newer", "swapped"):
+    inverted = newer.changed(captures=named, frames=1023 - newer.frames)
+    write_table(inverted, Path("inverted.csv"))
+    for name in ("newer", "swapped", "inverted"):
         assert main(["data", "import", "table", f"{name}.csv", f"name={name}", *SENSOR]) == 0
     capsys.readouterr()
     assert main(["build", "check", "robot", "data=newer"]) == 0
     assert "agrees with the certificate" in capsys.readouterr().out
     assert main(["build", "check", "robot", "data=swapped"]) == 1
-    assert "contradicts the certificate" in capsys.readouterr().out
+    assert "contradicts the certificate" in (swapped := capsys.readouterr().out) and "look unlike" not in swapped
+    assert main(["build", "check", "robot", "data=inverted"]) == 1
+    assert f"{len(newer)} of {len(newer)} captures look unlike all captures of the build" in capsys.readouterr().out
     assert main(["build", "check", "robot", "data=skin"]) == 2
     assert "was recorded for the build" in capsys.readouterr().err
     assert main(["build", "check", "robot", "data=synth"]) == 2 and "grid" in capsys.readouterr().err

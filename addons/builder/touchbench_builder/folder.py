@@ -113,17 +113,19 @@ def origin(facts: Mapping[str, Any]) -> list[str]:
 def _agreement(folder: Path, recogniser: Recogniser, corpus: Corpus) -> dict[str, int]:
     """Captures of all people that the C, on this machine, and Python label differently."""
     labels = recogniser.label(corpus)["label"].to_numpy()
-    in_c = labelled(folder, recogniser.classes, corpus)
+    in_c, _ = labelled(folder, recogniser.classes, corpus)
     return {"captures": len(corpus), "other_labels": int((labels != in_c).sum())}
 
 
-def labelled(folder: Path, classes: list[str], corpus: Corpus) -> np.ndarray:
-    """Labels of captures by the C of a folder, compiled elsewhere for this machine."""
+def labelled(folder: Path, classes: list[str], corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
+    """Labels of captures by the C of a folder, and which look unlike training; compiled elsewhere for this machine."""
     with tempfile.TemporaryDirectory() as name:
         for file in ("touch.c", "touch.h", "tables.h"):
             shutil.copyfile(folder / file, Path(name, file))
         run = compiled(Path(name), len(classes))
-        return np.array([classes[int(run(frames).argmax())] for frames in corpus], dtype=object)
+        answers = [run(frames) for frames in corpus]
+    labels = np.array([classes[int(proba.argmax())] for proba, _ in answers], dtype=object)
+    return labels, np.array([unlike for _, unlike in answers])
 
 
 def vectors(recogniser: Recogniser, corpus: Corpus) -> str:

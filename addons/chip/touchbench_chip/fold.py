@@ -71,7 +71,7 @@ def fold(at: Fitted, bits: int, detector: str) -> FoldResult:
     with tempfile.TemporaryDirectory() as name:
         folder = _written(recogniser, bits, Path(name))
         in_c = compiled(folder, len(recogniser.classes))
-        proba = np.array([in_c(frames) for frames in test])
+        proba = np.array([in_c(frames)[0] for frames in test])
         metrics = measured(folder)
     if check(at.cell.untrained) and watchers():
         with computing(at.threads):

@@ -49,8 +49,10 @@ def lacking() -> list[str]:
     return [name for name in PROGRAMS if shutil.which(name) is None]
 
 
-def compiled(folder: Path, classes: int) -> Callable[[np.ndarray], np.ndarray]:
+def compiled(folder: Path, classes: int) -> Callable[[np.ndarray], tuple[np.ndarray, bool]]:
     """The C files of a folder as a function from a capture [frames, rows, cols] to probabilities [classes].
+
+    It also says whether the capture looks unlike all training captures.
 
     Both raise a ValueError: what does not compile, and a capture that is refused.
     """
@@ -59,15 +61,15 @@ def compiled(folder: Path, classes: int) -> Callable[[np.ndarray], np.ndarray]:
     run = ctypes.CDLL(str(folder / "asked.so")).asked
     floats = ctypes.POINTER(ctypes.c_float)
 
-    def probabilities(frames: np.ndarray) -> np.ndarray:
+    def answer(frames: np.ndarray) -> tuple[np.ndarray, bool]:
         values = np.ascontiguousarray(frames.reshape(len(frames), -1), dtype=np.float32)
-        proba = np.zeros(classes, np.float32)
-        code = run(values.ctypes.data_as(floats), len(values), proba.ctypes.data_as(floats))
+        proba, unlike = np.zeros(classes, np.float32), ctypes.c_int()
+        code = run(values.ctypes.data_as(floats), len(values), proba.ctypes.data_as(floats), ctypes.byref(unlike))
         if code < 0:
             raise ValueError(f"the program refuses a capture of {len(frames)} frames with code {code}")
-        return proba
+        return proba, bool(unlike.value)
 
-    return probabilities
+    return answer
 
 
 def measured(folder: Path) -> dict[str, float]:
