@@ -9,7 +9,7 @@ from bench.protocols.subjects import Folds, natural_order
 
 
 class Within:
-    """K stratified folds of the captures of each subject; nobody else is trained on.
+    """K stratified folds of the captures of each subject; a system is trained on captures of this subject alone.
 
     Args:
         folds: number of folds for each subject.

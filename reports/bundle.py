@@ -50,7 +50,7 @@ To repeat the runs, import the corpora first; bench data shows their digests:
 
 
 class Bundle:
-    """The runs of a bundle, read as `bench.store.Store` reads those of MLflow.
+    """A store of the runs in a bundle, with the methods of `bench.store.Store` for reading.
 
     Attributes:
         options: options of ``bench report`` with which its page was made.

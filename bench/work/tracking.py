@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 TABLES = ("predictions", "trials", "tables")  # fields of a fold that are stored as tables; the others as text
 FOLDS = "folds"  # folder of a run with its folds, until they are its tables
-GRIDS = "touchbench.grids"  # tag: digests of the files whose grids have the run, of which its key knows nothing
+GRIDS = "touchbench.grids"  # tag: digests of the files of grids that name the run; its key does not cover them
 
 
 def key_of(plan: Plan) -> str:

@@ -30,7 +30,7 @@ def quick(request, monkeypatch):
 
 
 def skin(subjects=6, seed=0, name="skin.csv", **fields):
-    """A table of captures of which a tree classifies most."""
+    """A table of captures; a tree classifies most of them."""
     corpus = random_corpus(subjects, 3, grid=(4, 4), seed=seed, **fields)
     write_table(corpus, Path(name))
     return corpus

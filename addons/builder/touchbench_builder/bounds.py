@@ -63,8 +63,8 @@ def new_person(right: np.ndarray, total: np.ndarray, spread: float = SPREAD) -> 
     """The accuracy to expect for a new person, of a system that never saw the people of the counts.
 
     Args:
-        right: correctly classified captures of each person. Where the system was chosen among candidates, those of the
-            candidate that the other people alone choose.
+        right: number of correctly classified captures of each person. If the system was chosen among candidates, the
+            captures are classified by the candidate that the other people choose.
         total: captures of each person.
         spread: `SPREAD` for all gestures together, `GESTURE_SPREAD` for one gesture.
     """

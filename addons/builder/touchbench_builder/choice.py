@@ -106,7 +106,7 @@ def compared(
         corpus: captures to learn from.
         on: keys of ``bench run`` that name them.
         scene: needs of the robot.
-        limits: budgets that replace those of the scene.
+        limits: budgets of the command line; they replace those of the scene.
         progress: steps and time.
     """
     import bench
