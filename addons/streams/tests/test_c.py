@@ -27,9 +27,10 @@ from touchbench_streams import live, synth_recordings
 from touchbench_streams.composer import composed
 from touchbench_streams.detectors import names
 from touchbench_streams.detectors.base import UNKNOWN
+from touchbench_streams.detectors.detector import frames_of_tick, ticked
 from touchbench_streams.detectors.frames import Frames
 from touchbench_streams.detectors.threshold import Threshold
-from touchbench_streams.detectors.ticks import frames_of_tick, ticked
+from touchbench_streams.detectors.ticks import learn
 from touchbench_streams.disturbed import KINDS, disturbed
 from touchbench_streams.recordings import Recordings
 
@@ -130,7 +131,7 @@ def watching(name):
         **dict.fromkeys(IN_STEPS, lambda: Recipe(lda(TouchFeatures()), window=0.4)),
     }.get(name, lambda: Recipe(lda(TouchFeatures()), window=1.0, repair=("stuck", "dead")))
     recogniser = fitted(make(), corpus)
-    watcher = DETECTORS.get(name, Frames()).learn(make, recogniser.estimator, streams, 5.0)[0]
+    watcher = learn(DETECTORS.get(name, Frames()), make, recogniser.estimator, streams, 5.0)[0]
     assert watcher.level in [level for level, *_ in watcher.points]
     strict, eager = (watcher.level * 2, watcher.level / 2) if name == "threshold" else (watcher.level + 8, -2.0)
     points = ((strict, 0.0, 2.0, 0.0), (watcher.level, 1.0, 2.0, 1.0), (eager, 120.0, 2.0, 1.0))

@@ -19,11 +19,13 @@ from bench.store import connect
 from tests.conftest import runs
 from touchbench_streams import watch
 from touchbench_streams.detectors import detectors
-from touchbench_streams.detectors.frames import CALM, Frames, Hysteresis, Levels, Times, disturbance
+from touchbench_streams.detectors.detector import Detector, left_out, points_of, signs_of, worth
+from touchbench_streams.detectors.frames import Frames, Hysteresis, Times
 from touchbench_streams.detectors.names import touches
+from touchbench_streams.detectors.signals import CALM, Levels, disturbance
 from touchbench_streams.detectors.spans import means, spans_of
 from touchbench_streams.detectors.threshold import Threshold, TwoInARow
-from touchbench_streams.detectors.ticks import Detector, left_out, points_of, signs_of, worth
+from touchbench_streams.detectors.ticks import learn
 from touchbench_streams.events import FALSE_ALARM, matched
 from touchbench_streams.page import watch_section
 from touchbench_streams.recordings import Recordings, captures_in, event_table
@@ -40,7 +42,7 @@ def learned(detector, train):
     """A watcher that learned from some recordings."""
     captures = captures_in(train)
     make = lambda: lda(TouchFeatures())  # noqa: E731
-    return detector.learn(make, make().fit(captures, captures.gestures), train, 60.0)[0]
+    return learn(detector, make, make().fit(captures, captures.gestures), train, 60.0)[0]
 
 
 @pytest.fixture(scope="module", params=[Frames(), Threshold()], ids=["frames", "threshold"])

@@ -13,7 +13,7 @@ from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.scratch import home
 from bench.work.results import FoldResult
-from touchbench_streams.detectors.ticks import left_out
+from touchbench_streams.detectors.detector import left_out
 from touchbench_streams.fold import run_numbers
 from touchbench_streams.recordings import Recordings, captures_in, certain, event_table, recorded
 from touchbench_streams.stored import joined

@@ -16,6 +16,7 @@ from bench.store import connect
 from tests.conftest import predictions, runs
 from tests.results import result as result_of
 from touchbench_streams.detectors import detectors
+from touchbench_streams.detectors.ticks import learn
 from touchbench_streams.page import rows_under
 from touchbench_streams.recordings import captures_in
 from touchbench_streams.stress import disturbed
@@ -78,7 +79,7 @@ def test_refused_frames_are_counted_as_a_stream_tells_them(detector, recordings)
     captures, corpus = captures_in(recordings[[0, 1]]), recordings[[2]].corpus
     system = cell.estimator().fit(captures, captures.gestures)
     (part,) = detectors({"detector": detector})
-    watcher, _ = part.make().learn(cell.estimator, system, recordings[[0, 1]], 60.0)
+    watcher, _ = learn(part.make(), cell.estimator, system, recordings[[0, 1]], 60.0)
     frames = corpus.frames.copy()
     frames[50:130] = frames[49]  # nothing changes
     frames[200:260] = corpus.full_scale

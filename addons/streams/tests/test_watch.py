@@ -24,6 +24,7 @@ from bench.work.saved import Recogniser, load
 from tests.conftest import predictions, random_corpus, runs
 from touchbench_people.commands import save_adapted
 from touchbench_streams.detectors.threshold import Threshold
+from touchbench_streams.detectors.ticks import learn
 from touchbench_streams.fold import recordings_of, run_numbers
 from touchbench_streams.recordings import Recordings, captures_in
 from touchbench_streams.study import Continuous
@@ -40,7 +41,7 @@ def recordings():
 def watcher(recordings):
     captures = captures_in(recordings[np.arange(3)])
     system = Recipe(lda(TouchFeatures()), 0.75, repair=("stuck", "dead")).fit(captures, captures.gestures)
-    return Threshold().learn(lambda: lda(TouchFeatures()), system, recordings[np.arange(3)], 5.0)[0]
+    return learn(Threshold(), lambda: lda(TouchFeatures()), system, recordings[np.arange(3)], 5.0)[0]
 
 
 @pytest.mark.parametrize("detector, unknown", [("frames", ""), ("threshold", "pat")])

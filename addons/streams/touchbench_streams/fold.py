@@ -29,6 +29,7 @@ from touchbench_streams import NO_TOUCH
 from touchbench_streams.composer import QUIET, check_background, composed, pieces
 from touchbench_streams.curve import missed_at, swept
 from touchbench_streams.detectors.base import UNKNOWN
+from touchbench_streams.detectors.ticks import learn
 from touchbench_streams.events import defined, numbers_of, per_subject, scored
 from touchbench_streams.recordings import DOUBT, GAP, Recordings, is_recorded, recorded
 from touchbench_streams.rejection import learn_reject, rejection_scores
@@ -144,8 +145,8 @@ def fold_of(study: Continuous, cell: Cell, corpus: Corpus, fold: Fold, threads: 
         recordings = joined(recordings, further(study.background, corpus), corpus.subjects[fold.test])
     with computing(threads):
         metrics = fitted(estimator, train)
-        detector = study.part.make()
-        watcher, settings = detector.learn(cell.estimator, estimator, recordings, study.false_alarms)
+        learning = cell.estimator, estimator, recordings, study.false_alarms
+        watcher, settings = learn(study.part.make(), *learning)
         if unknown:
             watcher.reject = learn_reject(cell.estimator, train, recordings, watcher)
         test = recordings_of(corpus[fold.test], background)

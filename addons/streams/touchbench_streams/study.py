@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bench.plan.plan import Fold, Plan
     from bench.source import Code
     from bench.work.results import FoldResult
-    from touchbench_streams.detectors.ticks import Detector
+    from touchbench_streams.detectors.detector import Detector
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from bench.words import Values, quantity
 from touchbench_streams import FALSE_ALARMS
 from touchbench_streams.composer import check_background, pieces
 from touchbench_streams.detectors import detectors
-from touchbench_streams.detectors.ticks import Detector, TickWatcher
+from touchbench_streams.detectors.detector import Detector
+from touchbench_streams.detectors.ticks import TickWatcher, learn
 from touchbench_streams.fold import recordings_of, too_short, usual
 from touchbench_streams.recordings import certain, is_recorded, recorded
 from touchbench_streams.stored import further, holds_recordings, joined, whole
@@ -106,4 +107,4 @@ class Watching:
         recordings = recordings_of(captures, usual(captures, self.background))
         if self.background and is_recorded(captures):
             recordings = joined(recordings, further(self.background, captures), np.array([], str))
-        return self.part.make().learn(make_system, system, recordings, self.false_alarms)[0]
+        return learn(self.part.make(), make_system, system, recordings, self.false_alarms)[0]

@@ -10,7 +10,7 @@ from touchbench_streams import DETECTOR
 
 if TYPE_CHECKING:
     from bench.plan.cells import Part
-    from touchbench_streams.detectors.ticks import Detector
+    from touchbench_streams.detectors.detector import Detector
 
 PARTS = {
     "frames": "touchbench_streams.detectors.frames:Frames",

@@ -2,178 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, rank_filter
 from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
+from threadpoolctl import threadpool_limits
 
 from bench.corpora.faults import seeded
 from bench.errors import InputError
 from touchbench_streams.detectors.base import InC, Sign
-from touchbench_streams.detectors.ticks import (
-    Detector,
-    frames_of_tick,
-    left_out,
-    of_file,
-    sweep,
-    ticked,
-    worth,
+from touchbench_streams.detectors.detector import Detector, frames_of_tick, left_out, of_file, sweep, ticked, worth
+from touchbench_streams.detectors.signals import (
+    CALM,
+    CALMEST,
+    CHANGES,
+    COMMON,
+    HIGHEST,
+    LEVELS,
+    MAXIMA,
+    MEDIAN,
+    MINIMA,
+    PACES,
+    RISES,
+    Levels,
+    disturbance,
+    features,
 )
 from touchbench_streams.disturbed import KINDS, disturbed
 from touchbench_streams.recordings import Recordings
 
-COMMON = 0.4  # quantile over taxels that a change of all taxels moves, too
-HIGHEST = 25  # one of so many taxels is among the highest
 OFFSET = 0.3  # of a logarithm, in units of the median of training touches
-MINIMA, MAXIMA, MEDIAN = (1, 2, 4, 10, 40), (2, 5, 15, 60), 30  # ticks that features look back
-RISES = 8  # ticks of which the largest rise counts
 CLIP = 6.0  # SDs of a feature
 AGES = 3  # ticks of the beginning of a touch
 SHORT = 0.1  # share of touches, or gaps, that may be shorter
 SEEN = 0.75  # of such a touch is seen at least: its beginning is noticed late; chosen on A to C
 FADED = 0.25  # of the highest log-odds of a touch: below, it is over after `hold` seconds; chosen on HAART
 BEGUN = -2.0  # log-odds of the beginning of a touch, without which none is reported; chosen on HAART and A to C
-LEVELS = 5  # signals that are levels: mean, excess, highest, movement, highest movement
-MOVEMENT, COMMON_LEVEL = 3, 9  # signals that tell whether the sensor is disturbed
-PACES = (1.0, 7.5)  # seconds of slow means that readings are compared with; chosen on HAART with noise and CuddleBot
-CHANGES = 3 * len(PACES)  # signals from these: mean over taxels, highest less mean, SD
-CALM, CALMEST = 60, 0.25  # ticks, and the share of them in which all taxels move together least
 MARGIN = 1.5  # how much more disturbed than in training a sensor may be before the other classifier decides
 SLIGHT = 3e-4  # of full scale: a sensor that is disturbed less counts as calm; below the gauge of 0.5 % on HAART
 IMPOSSIBLE = -1e30  # log of the share of a class that training did not have
 GROUPS = "3"  # of training recordings for the threshold of that classifier
 BLOCK = 1000  # ticks at once, which bounds memory
 MANY = 8  # recordings, or subjects, from which on each kind of disturbance is learned from some of them, to save time
-
-
-class Levels:
-    """Signals of a frame: its levels, how much of the skin it covers, where, and how it changes.
-
-    The baseline of a taxel goes shares ``up`` and ``down`` of the way to a higher or a lower reading in a tick, and
-    slow means go ``paces``.
-    """
-
-    def __init__(self, up: float, down: float, paces: Sequence[float]) -> None:
-        self.up, self.down, self.paces = np.float32(up), np.float32(down), np.array(paces, np.float32)[:, None]
-        self.baseline = self.before = self.slow = np.zeros((0, 0), np.float32)
-
-    def step(self, frame: np.ndarray) -> np.ndarray:
-        """The signals of the next frame."""
-        return self.steps(frame[None])[0]
-
-    def steps(self, frames: np.ndarray) -> np.ndarray:
-        """Those of the next frames [ticks, rows, cols], as if they came one by one.
-
-        Levels (mean, excess, its highest, the same two of its change), area, cosine to the tick before, centroid, what
-        taxels share, and of what readings are above each slow mean: their mean, how far the highest exceed it, SD.
-        """
-        raw = flat = frames.reshape(len(frames), -1).astype(np.float32)
-        size, taxels = max(frames.shape[1:]), flat.shape[1]
-        rank = int(COMMON * taxels)
-        common = np.partition(flat, rank, axis=1)[:, rank]
-        if taxels > 1:
-            flat = np.maximum(flat - common[:, None], 0)
-        if not len(self.before):
-            self.baseline, self.before = flat[0].copy(), np.zeros((1, taxels), np.float32)
-            self.slow = np.repeat(raw[:1], len(self.paces), axis=0)
-        every = np.concatenate([self.before, np.maximum(self._above(flat), 0)])
-        above, before, self.before = every[1:], every[:-1], every[-1:].copy()
-        moved = np.abs(above - before)
-        total, squares = above.sum(axis=1), (every * every).sum(axis=1)
-        area = _share(total * total, squares[1:], 0) / taxels
-        near = _share((above * before).sum(axis=1), np.sqrt(squares[1:] * squares[:-1]), 1)
-        rows, cols = np.divmod(np.arange(taxels), frames.shape[2])
-        y, x = (_share((above * where).sum(axis=1), total, 0) / size for where in (rows, cols))
-        mean, excess, movement = (each.sum(axis=1) / taxels for each in (flat, above, moved))
-        levels = mean, excess, _highest(above), movement, _highest(moved)
-        changes = []
-        for each in self._changes(raw):
-            changes += [each.mean(axis=1), _highest(each) - each.mean(axis=1), each.std(axis=1)]
-        return np.stack([*levels, area, near, y, x, common, *changes], axis=1).astype(np.float32)
-
-    def _changes(self, raw: np.ndarray) -> np.ndarray:
-        """Readings less each of the slow means, which follow them [paces, ticks, taxels]."""
-        above = np.empty((len(raw), *self.slow.shape), np.float32)
-        for tick, now in zip(above, raw, strict=True):
-            self.slow += self.paces * (now - self.slow)
-            np.subtract(now, self.slow, out=tick)
-        return above.swapaxes(0, 1)
-
-    def _above(self, flat: np.ndarray) -> np.ndarray:
-        """Frames less the baseline, which follows them."""
-        above = np.empty_like(flat)
-        for tick, now in zip(above, flat, strict=True):
-            np.subtract(now, self.baseline, out=tick)
-            self.baseline += np.where(tick > 0, self.up, self.down) * tick
-        return above
-
-
-def _share(part: np.ndarray, whole: np.ndarray, without: float) -> np.ndarray:
-    """The part of each whole [ticks]; another value without a whole."""
-    return np.divide(part, whole, out=np.full_like(part, without), where=whole > 0)
-
-
-def _highest(values: np.ndarray) -> np.ndarray:
-    """The mean of the highest values of each tick [ticks]."""
-    few = max(1, values.shape[1] // HIGHEST)
-    return np.partition(values, values.shape[1] - few, axis=1)[:, -few:].sum(axis=1) / few
-
-
-def features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.ndarray:
-    """What the classifier sees of each tick, from the signals of this tick and those before it [ticks, features].
-
-    The first tick of a stream is its own baseline, and nothing has moved yet. Its levels, without the mean, are set to
-    those of an idle sensor; else the next ticks would look like a rise. Logarithms are taken after offsets are added
-    to each level and to the size of each change.
-    """
-    levels = signals[:, :LEVELS].copy()
-    levels[0, 1:] = idle[1:]
-    logs = np.log(levels + offsets[:LEVELS])
-    looks = [logs]
-    looks += [logs - _past(minimum_filter1d, logs, back + 1) for back in MINIMA]
-    looks += [logs - _past(maximum_filter1d, logs, back + 1) for back in MAXIMA]
-    looks.append(logs - _median(logs, MEDIAN))
-    columns = [*np.stack(looks).transpose(2, 0, 1).reshape(-1, len(logs))]
-    change = np.diff(logs[:, 1], prepend=logs[:1, 1])
-    rise, fall = np.maximum(change, 0), np.maximum(-change, 0)
-    columns += [rise, fall, rise - _median(rise, MEDIAN), fall - _median(fall, MEDIAN)]
-    columns.append(_past(maximum_filter1d, rise, RISES))
-    area, near = signals[:, LEVELS : LEVELS + 2].T
-    columns += [area, np.diff(area, prepend=area[:1]), near]
-    centre = signals[:, LEVELS + 2 : LEVELS + 4]
-    speed = np.abs(np.diff(centre, axis=0, prepend=centre[:1])).sum(axis=1)
-    changes = signals[:, -CHANGES:].copy()
-    changes[:, ::3] -= _median(changes[:, ::3], MEDIAN)  # a drift of all taxels cancels out
-    columns += [speed, *(np.sign(changes) * np.log1p(np.abs(changes) / offsets[LEVELS:])).T]
-    return np.stack(columns, axis=1).astype(np.float32)
-
-
-def disturbance(signals: np.ndarray) -> np.ndarray:
-    """How disturbed the sensor is in each tick by each of `KINDS` [ticks, 2].
-
-    Vibration: the lower quartile of the changes of what all taxels share. Noise: the least movement of the last ticks,
-    as some are without touch. The first tick has none, so that a stream counts as calm until it has left the window.
-    """
-    change = np.abs(np.diff(signals[:, COMMON_LEVEL], prepend=signals[:1, COMMON_LEVEL]))
-    rank = int(CALMEST * CALM)
-    vibration = rank_filter(change, rank, CALM, origin=(CALM - 1) // 2, mode="nearest")
-    return np.stack([vibration, _past(minimum_filter1d, signals[:, MOVEMENT], CALM)], axis=1)
-
-
-def _past(extreme: Callable[..., np.ndarray], series: np.ndarray, size: int) -> np.ndarray:
-    """The lowest or highest of the last so many ticks [ticks, ...]."""
-    return extreme(series, size, axis=0, origin=(size - 1) // 2, mode="nearest")
-
-
-def _median(series: np.ndarray, size: int) -> np.ndarray:
-    """The median of the last so many ticks [ticks, ...]."""
-    padded = np.concatenate([np.repeat(series[:1], size - 1, axis=0), series])
-    return np.median(np.lib.stride_tricks.sliding_window_view(padded, size, axis=0), axis=-1)
 
 
 @dataclass(frozen=True)
@@ -297,7 +170,8 @@ class Frames(Detector):
         classes = np.where(~touched, 0, np.where(age <= AGES, 1, 2))
         weight = np.where(touched, np.sqrt(np.minimum(1, 2 * AGES / np.maximum(length, 1))), 1.0)
         fitted.mean_, fitted.sd_ = table.mean(axis=0), table.std(axis=0) + 1e-6
-        fitted.model_ = LogisticRegression(C=0.03, max_iter=300).fit(fitted._units(table), classes, weight)
+        with threadpool_limits(1):  # products are so small that waiting for each other takes most of the time
+            fitted.model_ = LogisticRegression(C=0.03, max_iter=300).fit(fitted._units(table), classes, weight)
         shares = np.array([weight[classes == k].sum() for k in fitted.model_.classes_])
         fitted.prior_ = np.log(shares / shares.sum())
         fitted.times_ = Times.of(recordings, self.wait, self.hold)
@@ -382,7 +256,7 @@ class Frames(Detector):
         return self.times_.wait + self.times_.hold
 
     def in_c(self) -> InC:
-        """As `touchbench_streams.detectors.ticks.Detector.in_c`."""
+        """As `touchbench_streams.detectors.detector.Detector.in_c`."""
         models = [self, *(other for _, other, _ in self.disturbed_)]
         classes = max(len(one.prior_) for one in models)
         learned = [one._linear(classes) for one in models]

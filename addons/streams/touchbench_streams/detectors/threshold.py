@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from touchbench_streams.detectors.base import InC, Sign
-from touchbench_streams.detectors.ticks import Detector, of_file
+from touchbench_streams.detectors.detector import Detector, of_file
 from touchbench_streams.recordings import Recordings
 
 ENDS = 0.5  # share of the threshold below which a touch is over
@@ -85,7 +85,7 @@ class Threshold(Detector):
         return TwoInARow(level)
 
     def in_c(self) -> InC:
-        """As `touchbench_streams.detectors.ticks.Detector.in_c`."""
+        """As `touchbench_streams.detectors.detector.Detector.in_c`."""
         constants = (
             "The baseline; the excess of training touches, learned; where a touch is over.",
             {"UP": self.tick / self.up, "DOWN": self.tick / self.down, "UNIT": self.unit_, "ENDS": ENDS},
