@@ -5,7 +5,7 @@ Its sentences stand in ``templates/choice.jinja``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -182,16 +182,19 @@ def expected(
         None where nothing is chosen, or for fewer than `bench.few.INTERVAL` people, or one candidate.
     """
     scores = among.people.scores
-    count = scores.shape[1]
-    if chosen is None or count < few.INTERVAL or len(scores) < 2:
+    if chosen is None or scores.shape[1] < few.INTERVAL or len(scores) < 2:
         return None
-    found = np.full(count, np.nan)
-    for person in range(count):
+    others = without_each(among, by, budgets, margin)
+    return np.array([np.nan if other is None else scores[other, person] for person, other in enumerate(others)])
+
+
+def without_each(
+    among: Candidates, by: str, budgets: Mapping[str, float], margin: float | None
+) -> Iterator[int | None]:
+    """The candidate that is chosen without each person, None where none is."""
+    for person in range(len(among.subjects.columns)):
         people = among.people.without(person)
-        other = pick(among.table.assign(**people.costs({by, *budgets})), people.scores, by, budgets, margin)[0]
-        if other is not None:
-            found[person] = scores[other, person]
-    return found
+        yield pick(among.table.assign(**people.costs({by, *budgets})), people.scores, by, budgets, margin)[0]
 
 
 # Sentences.

@@ -45,7 +45,7 @@ def test_bounds_are_those_of_a_loop(counts):
     expected = stats.norm.expect(lambda angle: math.sin(angle) ** 2, loc=low, scale=math.sqrt(variance), lb=-9, ub=9)
     assert found.mean_low == pytest.approx(min(expected, math.sin(low) ** 2), abs=1e-6)
     assert found.person_low == pytest.approx(math.sin(by_hand(*counts, 0.9, 1)[2]) ** 2)
-    assert found.people == 4
+    assert found.next_people == 4
 
 
 def test_the_bound_of_the_mean_is_for_half_as_many_people_and_at_least_four():
@@ -54,7 +54,7 @@ def test_the_bound_of_the_mean_is_for_half_as_many_people_and_at_least_four():
 
 def test_four_people_have_a_mean_and_no_bound():
     found = new_person([8, 9, 7, 8], [10, 10, 10, 10])
-    assert (found.mean, found.mean_low, found.person_low, found.people) == (pytest.approx(0.8), None, None, None)
+    assert (found.mean, found.mean_low, found.person_low, found.next_people) == (pytest.approx(0.8), None, None, None)
     assert agrees([8, 9, 7, 8], [10, 10, 10, 10], [1], [10]) is None
 
 

@@ -9,9 +9,12 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
+from bench.corpora.library import stored_value
 from bench.corpora.read.table import write_table
+from bench.errors import InputError
 from bench.store import connect
 from tests.conftest import predictions, random_corpus, runs
+from touchbench_builder.way import _imported
 
 TOOLS = [name for name in ("cc", "make", "c++") if shutil.which(name) is None]
 ARM = [name for name in ("arm-none-eabi-gcc", "qemu-system-arm") if shutil.which(name) is None]
@@ -24,7 +27,7 @@ pytestmark = pytest.mark.skipif(bool(TOOLS), reason=f"{', '.join(TOOLS)} not ins
 @pytest.fixture(autouse=True)
 def quick(request, monkeypatch):
     """One fault; nothing is linked for a chip, except in live tests."""
-    monkeypatch.setattr("touchbench_builder.certificate.FAULTS", ("noise",))
+    monkeypatch.setattr("touchbench_builder.choice.FAULTS", ("noise",))
     if not request.node.get_closest_marker("live"):
         monkeypatch.setattr("touchbench_builder.choice.lacking", lambda: ["arm-none-eabi-gcc"])
 
@@ -51,7 +54,6 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
     before = {run.info.run_id for run in connect().runs()}
     assert main(BUILD) == 0
     assert {run.info.run_id for run in connect().runs()} == before, "a run or a model was made twice"
-    assert "already imported" in capsys.readouterr().err
 
     facts = json.loads(Path("robot/certificate.json").read_text())
     store, found = runs("cell")
@@ -164,6 +166,17 @@ def test_wrong_words_are_refused_in_a_line(arguments, words, capsys):
     Path("other.txt").touch()
     assert main(arguments) == 2
     assert words in capsys.readouterr().err and not Path("robot").exists()
+
+
+def test_a_file_is_imported_as_it_is_described_and_replaces_no_other_corpus():
+    skin()
+    exact = {"grid": "4x4", "rate_hz": "133.33333", "full_scale": "16777215"}
+    assert _imported(Path("skin.csv"), exact, "table") == "skin"
+    assert (stored_value("skin").rate_hz, stored_value("skin").full_scale) == (133.33333, 16777215)
+    Path("skin.csv").rename("skin.new.csv")
+    with pytest.raises(InputError, match="a corpus skin was imported from skin.csv; give the new one a name="):
+        _imported(Path("skin.new.csv"), exact, "table")
+    assert _imported(Path("skin.new.csv"), exact | {"name": "other"}, "table") == "other"
 
 
 @pytest.mark.live

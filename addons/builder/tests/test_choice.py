@@ -7,10 +7,16 @@ import pandas as pd
 import pytest
 from scipy.stats import chi2
 
+from addons.streams.tests.test_background import PEOPLE, stored
+from bench.errors import InputError
 from bench.outcomes.candidates import People
-from bench.outcomes.choice import Budget
-from touchbench_builder.certificate import expected, most
-from touchbench_builder.choice import _nested, _nothing_fits
+from bench.outcomes.choice import decide
+from bench.outcomes.scene import Scene
+from touchbench_builder import certificate
+from touchbench_builder import choice as choices
+from touchbench_builder.certificate import expected
+from touchbench_builder.choice import fitted, nested, nothing_fits
+from touchbench_chip.write import most
 
 
 def test_each_person_gets_the_system_that_the_others_choose():
@@ -18,23 +24,19 @@ def test_each_person_gets_the_system_that_the_others_choose():
     scores = np.array([[90.0, 10, 10], [10, 90, 90]])
     table = pd.DataFrame({"system": ["small", "large"], "flash": [1.0, 2.0]})
     people = People(scores, np.empty((2, 0, 3)), np.empty((0, 2, 3)))
-    labels = [
-        pd.DataFrame(
-            [(str(p + 1), "pat", "pat" if i < row[p] / 10 else "rub", p) for p in range(3) for i in range(10)],
-            columns=["subject", "true", "predicted", "capture"],
-        )
-        for row in scores
-    ]
-    rule = SimpleNamespace(by="flash", budgets={}, margin=None)
-    nested = _nested(rule, table, pd.DataFrame(scores, columns=["1", "2", "3"]), people, labels, 1)
-    assert nested.groupby("subject")["system"].unique().explode().to_dict() == {
-        "1": "large",
-        "2": "small",
-        "3": "small",
-    }
-    found = expected(nested)
-    assert found["people"] == {"1": [1, 10], "2": [1, 10], "3": [1, 10]}  # small alone would have 37 %, large 63 %
-    assert found["mean"] == 0.1 and found["mean_low"] is None and found["systems"] == {"small": 2, "large": 1}
+    among = SimpleNamespace(table=table, people=people, subjects=pd.DataFrame(scores, columns=["1", "2", "3"]))
+    results = []
+    for system, row in zip(table["system"], scores, strict=True):
+        rows = [(str(p + 1), "pat", p, 10 * p + i, 1.0 * (i < row[p] / 10)) for p in range(3) for i in range(10)]
+        labels = pd.DataFrame(rows, columns=["subject", "true", "fold", "capture", "p_pat"])
+        results.append(SimpleNamespace(system=system, tables={"predictions": labels.assign(p_rub=1 - labels["p_pat"])}))
+    found = SimpleNamespace(among=among, by="flash", budgets={}, margin=None, system="large")
+    labelled = nested(found, results)
+    chosen = labelled.groupby("subject")["system"].unique().explode()
+    assert chosen.to_dict() == {"1": "large", "2": "small", "3": "small"}
+    expect = expected(labelled)
+    assert expect["people"] == {"1": [1, 10], "2": [1, 10], "3": [1, 10]}  # small alone would have 37 %, large 63 %
+    assert expect["mean"] == 0.1 and expect["mean_low"] is None and expect["systems"] == {"small": 2, "large": 1}
 
 
 @pytest.mark.parametrize("events", [0, 1, 7])
@@ -43,10 +45,80 @@ def test_the_bound_of_a_rate_is_that_of_poisson(events):
     assert most(0, 1.5) == pytest.approx(3 / 1.5, rel=0.002)  # the rule of three
 
 
+def fitting(flash, ram):
+    """What a choice among systems of these sizes finds, with budgets of 64 and 1.9 kB."""
+    table = pd.DataFrame({"system": ["small", "large"], "accuracy": [50.0, 60.0], "flash": flash, "ram": ram})
+    scores = pd.DataFrame(np.repeat(table[["accuracy"]].to_numpy(), 3, axis=1))
+    return decide(table, scores, "flash", {"flash": 64.0, "ram": 1.9}, None)
+
+
 def test_the_budget_that_is_missed_most_is_named_with_the_next_board():
-    table = pd.DataFrame({"flash": [300.0, 400.0], "ram": [3.0, 2.0]})
-    limits = [
-        Budget(name, budget, 2, 0, None, None, np.nan, np.nan) for name, budget in (("flash", 64.0), ("ram", 1.9))
-    ]
-    words = _nothing_fits(table, limits)
+    words = nothing_fits(fitting([300.0, 400.0], [3.0, 2.0]))
     assert "flash is missed most: 300 kB at best, the budget is 64 kB" in words and "microbit2" in words  # 512 KiB
+
+
+def test_budgets_that_are_met_one_by_one_are_not_called_missed():
+    words = nothing_fits(fitting([30.0, 100.0], [3.0, 1.0]))
+    assert words == (
+        "no system meets all budgets together; "
+        "relax max_flash= (large meets the others) or max_ram= (small meets the others)"
+    )
+
+
+def test_an_unknown_budget_is_named():
+    assert "RAM is unknown of all of them" in nothing_fits(fitting([30.0, 30.0], [np.nan, np.nan]))
+
+
+@pytest.mark.parametrize(
+    ("alarms", "latency", "words"),
+    [(30.0, 0.4, ""), (80.0, 0.4, "80 per hour, its budget is 60"), (30.0, None, "latency is unknown: no touch")],
+)
+def test_budgets_of_streams_are_those_of_recordings_of_people_left_out(alarms, latency, words, monkeypatch):
+    numbers = {"background_minutes": 20.0, "false_alarms_per_hour": alarms, "touches_found": 0.9}
+    numbers |= {"latency_s_p50": latency} if latency else {}
+    monkeypatch.setattr(certificate, "planned", lambda values, command: (values["protocol"], command))
+    monkeypatch.setattr(certificate, "run", lambda *asked: SimpleNamespace(metrics=numbers, asked=asked))
+    scene = Scene(values={"max_false_alarms": "60", "max_latency": "1s"})
+    choice = SimpleNamespace(name="lda", values={})
+    if words:
+        with pytest.raises(InputError, match=words):
+            certificate._watched({}, scene, choice)
+        return
+    found = certificate._watched({}, scene, choice)
+    assert (found["alarms"], found["per_hour"], found["latency_ms"]) == (10, 30.0, 400)
+    assert found["at_most_per_hour"] == pytest.approx(chi2.ppf(0.95, 22) / 2 * 3, abs=0.01)
+    assert certificate._watched({}, Scene(), choice) is None
+
+
+def test_of_recordings_it_learns_the_gestures_that_were_compared_and_to_watch():
+    """``bench fit`` has the background as a class, too, which the comparison lacks."""
+    stored("day", PEOPLE.corpus.frames, PEOPLE.frame_labels(), np.repeat(PEOPLE.subjects, PEOPLE.corpus.lengths))
+    values = {"model": "lda", "features": "touch", "model.window": 0.5}
+    run_id, recogniser = fitted({"data": "day", "jobs": "1"}, values, "key", stopping=False)
+    assert recogniser.classes == sorted(set(PEOPLE.events["gesture"])) and recogniser.watcher is not None
+    assert fitted({"data": "day"}, values, "key")[0] == run_id
+
+
+@pytest.mark.parametrize(("flash", "without"), [(40, ""), (25, choices.STREAM), (15, choices.EARLY)])
+def test_what_the_budgets_exclude_is_not_in_the_model_unless_the_scene_needs_it(flash, without, monkeypatch):
+    """The system takes 10 kB of flash, early decisions 10 and the detector 20 more."""
+
+    def fit(on, values, key, stopping=True, watch=True):
+        return key, SimpleNamespace(stopping=stopping or None, watcher=watch or None)
+
+    def sizes(model):
+        amount = 10e3 * (1 + bool(model.stopping) + 2 * bool(model.watcher))
+        return {f"chip_{name}": amount if name == "flash_bytes" else 1.0 for name in choices.COSTS}
+
+    for name, fake in {"fitted": fit, "on_chip": sizes, "lacking": list}.items():
+        monkeypatch.setattr(choices, name, fake)
+    choice = SimpleNamespace(name="lda", values={}, run_id="r", limits={"flash": flash})
+    _, model, amounts, left_out = choices.trained({}, choice, Scene())
+    assert left_out == without and amounts["flash_bytes"] <= 1000 * flash
+    assert bool(model.watcher) is not bool(without)
+    needy = Scene(values={"max_latency": "1s"})
+    if without:
+        with pytest.raises(InputError, match="detector that the scene needs it takes 40.0 kB of flash"):
+            choices.trained({}, choice, needy)
+    else:
+        assert choices.trained({}, choice, needy)[3] == ""

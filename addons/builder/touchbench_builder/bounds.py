@@ -32,16 +32,16 @@ class Bounds:
 
     Attributes:
         mean: mean accuracy over people.
-        mean_low: with 95 % probability, the mean of the next ``people`` people or more exceeds it. None for fewer than
-            five people.
+        mean_low: with 95 % probability, the mean of the next ``next_people`` people or more exceeds it. None for fewer
+            than five people.
         person_low: the next person exceeds it with 90 % probability. None for fewer than five people.
-        people: number of next people that ``mean_low`` is for; None if it is.
+        next_people: number of people that ``mean_low`` is for; None if it is.
     """
 
     mean: float
     mean_low: float | None
     person_low: float | None
-    people: int | None
+    next_people: int | None
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict
 from importlib.metadata import version
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -15,56 +15,44 @@ from bench import few
 from bench.comparable import several
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.measures import budgets
+from bench.outcomes.frame import frame
 from bench.outcomes.scene import Board, Scene
 from bench.sentences import environment
+from touchbench_builder import choice as choices
 from touchbench_builder.bounds import GESTURE_SPREAD, SPREAD, new_person
-from touchbench_builder.choice import BITS, OF_STREAMS, Choice, keywords, trained
-from touchbench_chip.write import digest
+from touchbench_builder.choice import BITS, OF_STREAMS, Choice, planned, run, trained
+from touchbench_chip.write import digest, most
 
 if TYPE_CHECKING:
     from bench.work.saved import Recogniser
     from touchbench_builder.way import Progress
 
-FAULTS = ("dead_taxels", "stuck_taxels", "noise")  # that are tested if the scene names none
 LOST = 10.0  # points of accuracy: a system survives a fault that costs less
 SESSIONS = ("session", "day", "sitting", "date", "visit")  # columns that tell days apart
-CONFIDENCE = 0.95
-
-
-@dataclass(frozen=True)
-class Built:
-    """A recogniser and its certificate.
-
-    Attributes:
-        recogniser: trained on all captures.
-        facts: content of ``certificate.json``.
-    """
-
-    recogniser: Recogniser
-    facts: dict[str, Any]
 
 
 def certificate(
     corpus: Corpus,
-    on: Mapping[str, Any],
+    on: Mapping[str, str],
     warnings: list[str],
     scene: Scene,
     choice: Choice,
     command: str,
     progress: Progress,
-) -> Built:
-    """Test the chosen system under faults, train it on all captures, and write down what is known of it."""
+) -> tuple[Recogniser, dict[str, Any]]:
+    """Test the chosen system under faults, train it on all captures: the model, and content of ``certificate.json``."""
     progress.begin(f"{choice.name} under faults of the sensor")
     faults = _faults(on, scene, choice)
     watched = _watched(on, scene, choice)
     progress.begin(f"{choice.name} on all captures")
-    run_id, recogniser, numbers, without = trained(on, choice)
+    run_id, recogniser, numbers, without = trained(on, choice, scene)
     facts = {
         "certificate": 1,
         "touchbench": version("touchbench"),
         "command": command,
         "data": {
-            **{"corpus": corpus.name, "digest": corpus.digest, "where": str(on.get("where", ""))},
+            **{"corpus": corpus.name, "digest": corpus.digest, "where": on.get("where", "")},
             **{"synthetic": corpus.synthetic, "people": len(set(corpus.subjects)), "captures": len(corpus)},
             **{"gestures": recogniser.classes, "grid": list(recogniser.grid), "rate_hz": recogniser.rate_hz},
             **{"full_scale": recogniser.full_scale, "subjects": sorted(set(corpus.subjects.astype(str)))},
@@ -83,7 +71,7 @@ def certificate(
         "watched": watched,
         "unknown": unknown(corpus),
     }
-    return Built(recogniser, facts)
+    return recogniser, facts
 
 
 def expected(nested: pd.DataFrame) -> dict[str, Any]:
@@ -104,26 +92,14 @@ def expected(nested: pd.DataFrame) -> dict[str, Any]:
 
 
 def _bounds(counts: pd.DataFrame, spread: float) -> dict[str, Any]:
-    found = new_person(counts["right"].to_numpy(), counts["total"].to_numpy(), spread)
-    return {
-        "mean": _rounded(found.mean),
-        "mean_low": _rounded(found.mean_low),
-        "person_low": _rounded(found.person_low),
-        "next_people": found.people,
-    }
+    found = asdict(new_person(counts["right"].to_numpy(), counts["total"].to_numpy(), spread))
+    return {name: value if value is None else round(value, 4) for name, value in found.items()}
 
 
-def _rounded(share: float | None) -> float | None:
-    return None if share is None else round(float(share), 4)
-
-
-def _faults(on: Mapping[str, Any], scene: Scene, choice: Choice) -> list[dict[str, Any]]:
+def _faults(on: Mapping[str, str], scene: Scene, choice: Choice) -> list[dict[str, Any]]:
     """What each fault costs the chosen system: the worst severity that costs less than `LOST` points, and the next."""
-    import bench
-
-    names = scene.faults.names if scene.faults else FAULTS
-    run = bench.run(**keywords({**on, "protocol": "loso", **choice.values, "under": list(names)}))
-    cases = bench.runs(cases=True, run=[*run["run_id"]])
+    under = [*(scene.faults.names if scene.faults else choices.FAULTS)]
+    cases = frame([run(*planned({**on, "protocol": "loso", **choice.values, "under": under}))], cases=True)
     found = []
     for name, part in cases.groupby("case", sort=False):
         part = part.sort_values("level")
@@ -141,31 +117,29 @@ def _faults(on: Mapping[str, Any], scene: Scene, choice: Choice) -> list[dict[st
     return found
 
 
-def _watched(on: Mapping[str, Any], scene: Scene, choice: Choice) -> dict[str, Any] | None:
+def _watched(on: Mapping[str, str], scene: Scene, choice: Choice) -> dict[str, Any] | None:
     """Recordings of people left out, watched by the chosen system, if the scene has budgets of streams."""
-    from bench.commands.run import made
-    from bench.measures import budgets
-
     limits = {key: budgets()[key].typed(scene.values[key]) for key in OF_STREAMS if key in scene.values}
     if not limits:
         return None
-    run = made("watch", keywords({**on, "protocol": "loso", **choice.values})).iloc[0]
-    hours = float(run["background_minutes"]) / 60
-    alarms = round(float(run["false_alarms_per_hour"]) * hours)
-    found = {
-        "background_minutes": round(60 * hours, 1),
-        "alarms": alarms,
-        "per_hour": round(alarms / hours, 2),
-        "at_most_per_hour": round(most(alarms, hours), 2),
-        "found": _rounded(run["touches_found"]),
-        "latency_ms": round(1000 * float(run["latency_s_p50"])),
-    }
-    for key, amount in (("max_false_alarms", found["per_hour"]), ("max_latency", found["latency_ms"])):
-        if amount > limits.get(key, np.inf):
-            cost = budgets()[key]
-            words = f"{cost.noun or cost.key} {cost.amount(amount)}, its budget is {cost.amount(limits[key])}"
+    numbers = run(*planned({**on, "protocol": "loso", **choice.values}, "watch")).metrics
+    for key, limit in limits.items():
+        cost = budgets()[key]
+        if (amount := cost.cell(numbers) if cost.among is None else numbers.get("false_alarms_per_hour")) is None:
+            raise InputError(f"{choice.name}: {cost.noun} is unknown: {cost.unknown}; leave {key}= out of the scene")
+        if amount > limit:
+            words = f"{cost.noun} {cost.amount(amount)}, its budget is {cost.amount(limit)}"
             raise InputError(f"{choice.name} fits all other budgets, but has {words}; relax it, or record more people")
-    return found
+    minutes, rate, latency = map(numbers.get, ("background_minutes", "false_alarms_per_hour", "latency_s_p50"))
+    alarms = None if rate is None else round(rate * minutes / 60)
+    return {
+        "background_minutes": round(minutes, 1),
+        "alarms": alarms,
+        "per_hour": None if rate is None else round(rate, 2),
+        "at_most_per_hour": None if alarms is None else round(most(alarms, minutes / 60), 2),
+        "found": round(numbers["touches_found"], 4),
+        "latency_ms": None if latency is None else round(1000 * latency),
+    }
 
 
 def _chip(numbers: Mapping[str, float], rate_hz: float, board: Board | None) -> dict[str, Any]:
@@ -198,13 +172,6 @@ def stream(recogniser: Recogniser) -> dict[str, Any] | None:
     return {"background_minutes": round(minutes, 1), "soonest_ms": round(soonest), "points": points}
 
 
-def most(events: int, hours: float) -> float:
-    """Upper 95 % bound of a rate after so many events (Poisson, exact; 3 / hours after none)."""
-    from scipy.special import gammaincinv
-
-    return float(gammaincinv(events + 1, CONFIDENCE)) / hours
-
-
 def unknown(corpus: Corpus) -> list[str]:
     """What the captures can't tell, in sentences."""
     people, captures = len(set(corpus.subjects)), corpus.captures
@@ -226,30 +193,20 @@ def unknown(corpus: Corpus) -> list[str]:
 def page(facts: Mapping[str, Any]) -> str:
     """The certificate as Markdown."""
     env = environment(files("touchbench_builder") / "templates")
-    env.filters |= {"pc": lambda share: "unknown" if share is None else f"{100 * share:.1f} %"}
+    env.filters["pc"] = percent
     return env.get_template("certificate.md.jinja").render(**facts)
+
+
+def percent(share: float | None) -> str:
+    """A share in words."""
+    return "unknown" if share is None else f"{100 * share:.1f} %"
 
 
 def line(facts: Mapping[str, Any]) -> list[str]:
     """The certificate in a sentence or two."""
     expect, data = facts["expected"], facts["data"]
-    text = (
-        f"{facts['system']['name']}: a new person may expect {100 * expect['mean']:.1f} % correctly classified captures"
-    )
+    text = f"{facts['system']['name']}: a new person may expect {percent(expect['mean'])} correctly classified captures"
     if expect["mean_low"] is None:
         return [f"{text}; {several(data['people'], 'subject')} are too few for a bound"]
-    bounds = f"mean of the next {expect['next_people']} people or more at least {100 * expect['mean_low']:.1f} % (95 %)"
-    return [text, f"{bounds}; nine of ten people above {100 * expect['person_low']:.1f} %"]
-
-
-def read(text: str, where: str) -> dict[str, Any]:
-    """The content of ``certificate.json``."""
-    import json
-
-    try:
-        facts = json.loads(text)
-        if facts["certificate"] != 1:
-            raise ValueError("another version wrote it")
-        return facts
-    except (ValueError, KeyError, TypeError) as e:
-        raise InputError(f"{where}: no certificate of bench build ({e}); build it again") from e
+    bounds = f"mean of the next {expect['next_people']} people or more at least {percent(expect['mean_low'])} (95 %)"
+    return [text, f"{bounds}; nine of ten people above {percent(expect['person_low'])}"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,6 @@ from bench.comparable import several
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from touchbench_builder.bounds import ALPHA
-from touchbench_builder.certificate import read
 from touchbench_builder.folder import JSON, labelled
 
 ODD = 0.05  # share of captures of new people that may look unlike training; it is 0.1 to 1.6 % with 5 people or more
@@ -31,7 +31,7 @@ def checked(words: list[str], values: Mapping[str, Any]) -> int:
     folder = Path(words[0])
     if not (folder / JSON).is_file():
         raise InputError(f"{folder}: no {JSON} is here; give the folder that bench build wrote")
-    facts = read((folder / JSON).read_text(encoding="utf-8"), str(folder / JSON))
+    facts = _read(folder / JSON)
     known = pd.DataFrame(facts["expected"]["people"].values(), columns=["right", "total"])
     if len(known) < few.INTERVAL:
         was = f"{folder} was built on {several(len(known), 'subject')}, too few for a bound that could be tested"
@@ -59,6 +59,17 @@ def checked(words: list[str], values: Mapping[str, Any]) -> int:
             "the certificate, too; compare the range of readings, what is read at rest, and how the sensor is turned"
         )
     return 0 if found.agrees and not other_sensor else 1
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """The content of ``certificate.json``."""
+    try:
+        facts = json.loads(file.read_text(encoding="utf-8"))
+        if facts["certificate"] != 1:
+            raise ValueError("another version wrote it")
+        return facts
+    except (ValueError, KeyError, TypeError) as e:
+        raise InputError(f"{file}: no certificate of bench build ({e}); build it again") from e
 
 
 def _fits(corpus: Corpus, facts: Mapping[str, Any]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,29 +13,57 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from bench.commands import run as commands
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.features.touch import TouchFeatures
 from bench.measures import costs
+from bench.models.search import portfolio
+from bench.options import backend_of, keys, limits_of, settings, values_of
+from bench.outcomes import choice as rule
 from bench.outcomes.scene import Scene, boards
-from bench.progress import console, span
-from touchbench_chip.measure import lacking, measured, measured_watching
+from bench.plan.cells import cells
+from bench.plan.plan import corpus_of
+from bench.progress import about, span
+from bench.scores import captures
+from bench.store import connect
+from bench.work.fit import fit
+from bench.work.left import Left, expected, left
+from bench.work.loop import execute
+from bench.work.saved import Recogniser, load
+from touchbench_chip.measure import ROOMY, lacking, measured, measured_watching
+from touchbench_chip.tables import check
+from touchbench_chip.write import digest, files_of
+from touchbench_streams.teaching import Watching
 
 if TYPE_CHECKING:
-    from bench.work.saved import Recogniser
+    from bench.contract import System
+    from bench.machine import Backend
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Plan
+    from bench.result import Result
     from touchbench_builder.way import Progress
+    from touchbench_streams.detectors.ticks import TickWatcher
 
 BITS = 8  # of a weight in C; Python rounds to as many where it can
 ROUNDED = ("lda", "softmax", "reflex")  # models with model.bits=
 REPAIRED = "stuck+dead"
 OF_STREAMS = ("max_false_alarms", "max_latency")  # budgets of a scene that the chosen system must meet in recordings
 BUILT = "touchbench.built"  # tag of a model: what it was built from
-LINKED = {"flash": "chip_flash_bytes", "ram": "chip_ram_bytes", "cycles": "chip_most_instructions"}
+LINKED = {  # numbers of a run, of which the choice takes those of the linked C
+    "flash_bytes": "chip_flash_bytes",
+    "ram_bytes": "chip_ram_bytes",
+    "chip_most_instructions": "chip_most_instructions",
+}
 STREAM = "the detector of touches in a stream"
 EARLY = f"{STREAM}, calibration and early decisions"
 COSTS = ("flash_bytes", "ram_bytes", "stack_bytes", "frame_instructions", "most_instructions")
 SMALLEST: dict[str, object] = {"model": "tree", "features": "jung28"}
 LARGEST: dict[str, object] = {"model": "reflex", "model.bits": BITS}
 LARGEST_S = 60.0  # of a fit on one core
+FAULTS = ("dead_taxels", "stuck_taxels", "noise")  # that the choice is tested under if the scene names none
+# Times the processor time of a comparison: that of a fault, of watching recordings in one fold, and of the last fit.
+FAULTED, WATCHED, LAST = 1.7, 2.0, 5.0
 
 
 @dataclass(frozen=True)
@@ -50,7 +78,7 @@ class Choice:
         left_out: systems that were not compared, with reasons.
         runs: ids of the compared runs.
         limits: budget of each cost.
-        key: what it depends on.
+        run_id: id of its run.
     """
 
     values: dict[str, Any]
@@ -60,7 +88,7 @@ class Choice:
     left_out: list[str]
     runs: list[str]
     limits: dict[str, float]
-    key: str
+    run_id: str
 
 
 def systems(corpus: Corpus) -> list[tuple[dict[str, Any], float]]:
@@ -69,19 +97,15 @@ def systems(corpus: Corpus) -> list[tuple[dict[str, Any], float]]:
     They are the first trials of ``model=auto`` on windows of ``touch``, one for each model and window, behind the
     repair of broken taxels; the smallest system, and the most accurate one of the models with C.
     """
-    from bench.features.touch import TouchFeatures
-    from bench.models.search import portfolio
-    from touchbench_chip.tables import check
-
-    trials: dict[tuple[str, object], dict[str, Any]] = {}
     every = [portfolio.complete(trial) for trial in portfolio.FIRST]
-    windowed = [t for t in every if t["window"]] + [t | {"window": 1.0} for t in every if not t["window"]]
-    for trial in (t for t in windowed if t["features"] == "touch"):
+    trials: dict[tuple, dict[str, Any]] = {}
+    for trial in [t for t in every if t["window"]] + [t | {"window": 1.0} for t in every if not t["window"]]:
         try:
             check(portfolio.system(trial, 0))
         except InputError:
             continue
-        trials.setdefault((str(trial["model"]), trial["window"]), trial)
+        if trial["features"] == "touch":
+            trials.setdefault((trial["model"], trial["window"]), trial)
     width = len(TouchFeatures().fit(corpus[:1]).names_)
     found: list[tuple[dict[str, Any], float]] = [(SMALLEST, portfolio.LEAST_S), (LARGEST, LARGEST_S)]
     for (model, window), trial in trials.items():
@@ -90,11 +114,6 @@ def systems(corpus: Corpus) -> list[tuple[dict[str, Any], float]]:
         values |= {"model.bits": BITS} if model in ROUNDED else {}
         found.append((values, portfolio.work(trial, corpus, width, len(set(corpus.gestures)))))
     return sorted(found, key=lambda pair: pair[1])
-
-
-def keywords(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Keys as arguments of the Python API."""
-    return {key.replace(".", "__"): value for key, value in values.items()}
 
 
 def compared(
@@ -109,51 +128,42 @@ def compared(
         limits: budgets of the command line; they replace those of the scene.
         progress: steps and time.
     """
-    import bench
-
     progress.begin(f"systems on people left out, within {span(progress.left)}")
-    under = {"under": list(scene.faults.names)} if scene.faults else {}
-    folds, longest = len(set(corpus.subjects)), 0.0
-    rows, kept, left_out = [], [], []
-    streams = bool({*OF_STREAMS} & {*scene.values})
-    every = [pair for pair in systems(corpus) if not (streams and pair[0] == SMALLEST)]  # whose C watches no stream
+    under = {"under": [*scene.faults.names]} if scene.faults else {}
+    every = [pair for pair in systems(corpus) if not (scene_watches(scene) and pair[0] == SMALLEST)]  # its C cannot
+    kept: dict[str, tuple[dict[str, Any], Plan]] = {}
+    results, left_out, longest = [], [], 0.0
     for number, (values, work) in enumerate(every, 1):
         name, before = shown(values), progress.left
-        keyed = keywords(on | {"protocol": "loso"} | values | under)
-        if rows and before < longest + work * folds and not _is_stored(keyed):
-            left_out.append(f"{name}: it would need more than the {span(before)} that were left")
+        plan, backend = planned(on | {"protocol": "loso"} | values | under)
+        need = max(longest, work * len(plan.folds) / plan.workers)
+        need += sum(afterwards(plan, scene, need))
+        if results and before < need and left(connect(), [plan]):
+            left_out.append(f"{name}: with its tests and its last fit, it would take {about(need)}; raise seconds=")
             continue
-        line = f"system {number} of {len(every)}: {name}; {span(before)} left"
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        progress.say(f"system {number} of {len(every)}: {name}; {span(before)} left")
         try:
-            run = bench.run(**keyed).iloc[0]
-            if not run["complete"]:
-                raise InputError("a fold failed")
-            size = {} if lacking() else _linked(on, values, str(run["run_id"]))
+            result = run(plan, backend)
+            result.metrics |= {} if lacking() else _linked(on, values, str(result["run_id"]))
         except InputError as e:
             left_out.append(f"{name}: {e}")
             continue
-        rows.append(run)
-        kept.append((values, size))
-        longest = max(longest, before - progress.left)
-    if not rows:
+        results.append(result)
+        kept[result.system] = values, plan
+        longest = max(longest, before - progress.left, seconds_of(plan))
+    if not results:
         raise InputError(f"no system could be compared: {left_out[0]}")
     progress.begin("choice")
-    runs = pd.DataFrame(rows).reset_index(drop=True)
-    return _chosen(runs, kept, left_out, scene, limits)
-
-
-def _is_stored(values: Mapping[str, Any]) -> bool:
-    """Whether a run is stored, so that it takes no time."""
-    from bench.commands.run import planned
-    from bench.options import backend_of, keys, values_of
-    from bench.store import connect
-    from bench.work.tracking import key_of
-
-    typed = values_of(values, keys("run", [key.replace("__", ".") for key in values]))
-    (plan,) = planned("run", {"": typed}, backend_of(typed))
-    run = connect().find(key_of(plan), plan.cell.kind)
-    return run is not None and run.info.status == "FINISHED"
+    found = _choose(results, scene, limits)
+    if found.choice.chosen is None:
+        raise InputError(nothing_fits(found.choice))
+    name, runs = str(found.system), {r.system: str(r["run_id"]) for r in results}
+    table = found.choice.table[["system", "accuracy", "flash", "ram", "verdict"]]
+    values, plan = kept[name]
+    tests, last = afterwards(plan, scene, seconds_of(plan))
+    progress.say(f"{name}; {f'{about(tests)} more for its tests, ' * (tests > 0)}{about(last)} for its last fit")
+    labels = nested(found, results)
+    return Choice(values, name, table, labels, left_out, [*runs.values()], found.budgets, runs[name])
 
 
 def shown(values: Mapping[str, Any]) -> str:
@@ -162,16 +172,63 @@ def shown(values: Mapping[str, Any]) -> str:
     return f"{values['model']}{' on ' + str(values['features']) if 'features' in values else ''}{window}"
 
 
-def fitted(on: Mapping[str, Any], values: Mapping[str, Any], key: str, **how: Any) -> tuple[str, Recogniser]:
-    """The id of the run of a model that was trained on all captures, and the model; trained if it is not stored."""
-    import bench
-    from bench.store import connect
-    from bench.work.saved import load
+def planned(values: Mapping[str, Any], command: str = "run") -> tuple[Plan, Backend]:
+    """The plan of a run by the keys of a command, and its workers."""
+    typed = values_of(values, keys(command, values))
+    backend = backend_of(typed)
+    (plan,) = commands.planned(command, {"": typed}, backend)
+    return plan, backend
 
+
+def run(plan: Plan, backend: Backend) -> Result:
+    """The run of a plan; stored folds are not repeated."""
+    (result,) = execute([plan], backend)
+    if not result.complete:
+        raise InputError(f"{len(result.errors)} of {len(plan.folds)} folds failed")
+    return result
+
+
+def seconds_of(plan: Plan) -> float:
+    """Seconds that a stored run took, or would have taken at once."""
+    return expected(connect(), [Left(plan, len(plan.folds))])[0] or 0.0
+
+
+def afterwards(plan: Plan, scene: Scene, seconds: float) -> tuple[float, float]:
+    """Seconds of what follows if a system is chosen: tests that its comparison lacks, and its last fit.
+
+    The last fit has one process; the comparison took so many seconds with all workers.
+    """
+    plain = seconds / (1 + FAULTED * len(scene.faults.names)) if scene.faults else seconds
+    tests = WATCHED * len(plan.folds) * scene_watches(scene) + FAULTED * len(FAULTS) * (not scene.faults)
+    return tests * plain, LAST * plain * plan.workers
+
+
+def scene_watches(scene: Scene) -> bool:
+    """Whether a scene has budgets of streams."""
+    return not {*OF_STREAMS}.isdisjoint(scene.values)
+
+
+class Beside(Watching):
+    """Learns to watch, beside a system that learns from captures of gestures alone, as in the comparison."""
+
+    def __init__(self, cell: Cell) -> None:
+        super().__init__({})
+        self.captures, self.recordings = corpus_of, Watching.captures(cell)
+
+    def learned(self, make_system: Callable[[], System], system: System, captures: Corpus) -> TickWatcher:
+        """Learn from recordings, where there are some."""
+        return super().learned(make_system, system, self.recordings)
+
+
+def fitted(
+    on: Mapping[str, Any], values: Mapping[str, Any], key: str, stopping: bool = True, watch: bool = True
+) -> tuple[str, Recogniser]:
+    """The id of the run of a model that was trained on all captures, and the model; trained if it is not stored."""
     store = connect(writes=True)
-    for run in store.runs(f"tags.`{BUILT}` = '{key}'"):
-        return run.info.run_id, load(f"runs:/{run.info.run_id}/model")
-    made = bench.fit(**keywords({k: v for k, v in on.items() if k != "jobs"} | dict(values) | how))
+    for stored in store.runs(f"tags.`{BUILT}` = '{key}'"):
+        return stored.info.run_id, load(f"runs:/{stored.info.run_id}/model")
+    (cell,) = cells({k: v for k, v in on.items() if k != "jobs"} | dict(values))
+    made = fit(cell, stopping=stopping, learner=Beside(cell) if watch else None)
     store.log(made.run_id, tags={BUILT: key})
     return made.run_id, made.recogniser
 
@@ -183,156 +240,116 @@ def key_of(*parts: object) -> str:
 
 def _linked(on: Mapping[str, Any], values: Mapping[str, Any], run_id: str) -> dict[str, float]:
     """Bytes and instructions of a system in C on a Cortex-M4F, trained on all captures; stored with this model."""
-    from bench.store import connect
-    from touchbench_chip.write import digest
+    store, key = connect(writes=True), _key_of_linked(run_id)
+    numbers = next((model.data.metrics for model in store.runs(f"tags.`{BUILT}` = '{key}'")), {})
+    if not {*LINKED.values()} <= numbers.keys():
+        found, recogniser = fitted(on, values, key, stopping=False, watch=False)
+        numbers = on_chip(recogniser)
+        store.log(found, numbers)
+    return {name: numbers[stored] for name, stored in LINKED.items()}
 
-    store = connect(writes=True)
-    key = key_of("linked", run_id, digest())
-    for run in store.runs(f"tags.`{BUILT}` = '{key}'"):
-        if set(LINKED.values()) <= run.data.metrics.keys():
-            return run.data.metrics
-    found, recogniser = fitted(on, values, key, stopping=False, watch=False)
-    numbers = on_chip(recogniser)
-    store.log(found, numbers)
-    return numbers
+
+def _key_of_linked(run_id: str) -> str:
+    return key_of("linked", run_id, digest())
 
 
 def on_chip(recogniser: Recogniser) -> dict[str, float]:
     """Bytes and instructions of a model in C on a Cortex-M4F (`touchbench_chip.measure`)."""
-    from touchbench_chip.write import files_of
-
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for file, text in files_of(recogniser, BITS, "a system of bench build").items():
             (folder / file).write_text(text, encoding="utf-8")
         watches = "#define TOUCH_WATCH 1" in (folder / "touch.h").read_text(encoding="utf-8")
         try:
-            return measured_watching(folder) if watches else measured(folder)
-        except ValueError as e:  # such as a program that does not fit into the chip of the Makefile
+            return measured_watching(folder) if watches else measured(folder, *ROOMY)
+        except ValueError as e:  # such as a program that does not fit into the emulated chip
             raise InputError(str(e)) from e
 
 
-def trained(on: Mapping[str, Any], choice: Choice) -> tuple[str, Recogniser, dict[str, float] | None, str]:
+def trained(
+    on: Mapping[str, Any], choice: Choice, scene: Scene
+) -> tuple[str, Recogniser, dict[str, float] | None, str]:
     """The chosen system, trained on all captures: with all that a model can learn and the budgets allow.
 
     Returns:
         Id of its run, the model, `COSTS` on a Cortex-M4F (None if they cannot be measured), and what the budgets left
         out, in words.
     """
-    for without, how in (("", {}), (STREAM, {"watch": False}), (EARLY, {"watch": False, "stopping": False})):
-        run_id, recogniser = fitted(on, choice.values, key_of(choice.key, without), **how)
-        if lacking():
-            return run_id, recogniser, None, ""
+    run_id, recogniser = fitted(on, choice.values, key_of(choice.run_id, "built"))
+    if lacking():
+        return run_id, recogniser, None, ""
+    for without in ("",) if scene_watches(scene) else ("", STREAM, EARLY):
+        if without:
+            recogniser.watcher = None
+        if without == EARLY:
+            recogniser.stopping = None
         numbers = on_chip(recogniser)
         prefix = "chip_watch_" if "chip_watch_flash_bytes" in numbers else "chip_"
-        costs_of = {name: numbers[f"{prefix}{name}"] for name in COSTS}
-        amounts = {"flash": "flash_bytes", "ram": "ram_bytes", "cycles": "most_instructions"}
-        if all(costs_of[amounts[k]] <= 1000 * v for k, v in choice.limits.items() if k in amounts):
-            return run_id, recogniser, costs_of, without
-    raise InputError(f"{choice.name}: within its budgets in the comparison, but not when it is trained; relax them")
+        amounts = {name: numbers[f"{prefix}{name}"] for name in COSTS}
+        sizes = {"flash": amounts["flash_bytes"], "ram": amounts["ram_bytes"], "cycles": amounts["most_instructions"]}
+        if any(sizes[cost] > 1000 * choice.limits.get(cost, np.inf) for cost in sizes):
+            continue
+        if without == STREAM:  # a model that is stored as it is written
+            run_id, recogniser = fitted(on, choice.values, key_of(choice.run_id, "built", STREAM), watch=False)
+        elif without:
+            key = _key_of_linked(choice.run_id)
+            run_id, recogniser = fitted(on, choice.values, key, stopping=False, watch=False)
+        return run_id, recogniser, amounts, without
+    what = "with the detector that the scene needs" if scene_watches(scene) else "trained on all captures"
+    kilobytes = f"{sizes['flash'] / 1000:.1f} kB of flash and {sizes['ram'] / 1000:.1f} kB of RAM"
+    raise InputError(f"{choice.name} fits, but {what} it takes {kilobytes}; take a larger board or raise its budgets")
 
 
-def _chosen(runs: pd.DataFrame, kept: list, left_out: list[str], scene: Scene, limits: Mapping[str, float]) -> Choice:
-    """The choice of ``bench choose``, with sizes as linked, and its expectation for each person left out."""
-    import bench
-    from bench.outcomes.candidates import People
-    from bench.outcomes.choice import decide
-    from bench.scores import captures
-
-    keys = {k: v for k, v in scene.values.items() if k not in ("clock", "unit", *OF_STREAMS)}
-    result = _choose(runs, scene, keys, limits)
-    among = result.among
-    position = {str(name): i for i, name in enumerate(runs["system"])}
-    rows = [i for i, row in among.table.iterrows() if row["unit"] == "capture" and row["mark"] == ""]
-    order = [position[str(among.table.loc[i, "system"])] for i in rows]
-    table = among.table.loc[rows].reset_index(drop=True)
-    for cost, metric in LINKED.items():
-        sizes = [kept[i][1].get(metric) for i in order]
-        if None not in sizes:
-            table[cost] = [size / 1000 for size in sizes]
-        elif cost in limits and cost == "cycles":
-            raise InputError(f"max_cycles= needs {', '.join(lacking())}, to count instructions; install them")
-    subjects = among.subjects.loc[rows].reset_index(drop=True)
-    people = People(among.people.scores[rows], among.people.losses[rows], among.people.counts[:, rows])
-    choice = decide(table, subjects, result.by, result.budgets, result.margin)
-    if choice.chosen is None:
-        raise InputError(_nothing_fits(table, choice.budgets))
-    predictions = bench.predictions(runs)
-    labels = [captures(predictions[predictions["run_id"] == runs.loc[i, "run_id"]]) for i in order]
-    nested = _nested(result, table, subjects, people, labels, choice.chosen)
-    values, best = kept[order[choice.chosen]][0], order[choice.chosen]
-    digest = key_of("built", runs.loc[best, "run_id"])
-    return Choice(
-        dict(values),
-        str(table.loc[choice.chosen, "system"]),
-        choice.table[["system", "accuracy", "flash", "ram", "verdict"]],
-        nested,
-        left_out,
-        [*map(str, runs["run_id"])],
-        result.budgets,
-        digest,
-    )
-
-
-def _choose(runs: pd.DataFrame, scene: Scene, keys: Mapping[str, Any], limits: Mapping[str, float]) -> Any:
-    """What ``bench choose`` finds among some runs, for a scene that is read already."""
-    from bench.options import limits_of, settings
-    from bench.outcomes import choice
-    from bench.outcomes.runs import asked_of, every_result
-    from bench.store import connect
-
-    given = settings("choose", keys)
-    asked = asked_of({"run": [*runs["run_id"]]})
+def _choose(results: list[Result], scene: Scene, limits: Mapping[str, float]) -> rule.Chosen:
+    """What ``bench choose`` finds among some results."""
+    given = settings("choose", {k: v for k, v in scene.values.items() if k not in ("clock", "unit", *OF_STREAMS)})
     budgets = limits_of(given) | dict(limits)
-    found = every_result(connect(), asked)
-    return choice.choose(found, asked, given["by"], budgets, scene=scene, margin=given["margin"])
+    return rule.choose(results, {}, given["by"], budgets, scene=scene, margin=given["margin"])
 
 
-def _nested(
-    result: Any,
-    table: pd.DataFrame,
-    subjects: pd.DataFrame,
-    people: Any,
-    labels: list[pd.DataFrame],
-    chosen: int,
-) -> pd.DataFrame:
+def nested(found: rule.Chosen, results: list[Result]) -> pd.DataFrame:
     """Labels of each subject's captures by the system that the other subjects alone would have chosen."""
-    from bench.outcomes.choice import pick
-
-    parts = []
-    for number, subject in enumerate(subjects.columns):
-        others = people.without(number)
-        known = table.assign(**others.costs({result.by, *result.budgets}))
-        other = pick(known, others.scores, result.by, result.budgets, result.margin)[0]
-        mine = labels[chosen if other is None else other]
+    labels = {r.system: captures(r.tables["predictions"]) for r in results}
+    among, parts = found.among, []
+    others = rule.without_each(among, found.by, found.budgets, found.margin)
+    for subject, other in zip(among.subjects, others, strict=True):
+        name = "" if other is None else str(among.table.loc[other, "system"])
+        mine = labels[name or str(found.system)]
         mine = mine[mine["subject"].astype(str) == str(subject)]
-        name = "" if other is None else str(table.loc[other, "system"])
         parts.append(mine[["subject", "true", "predicted"]].assign(system=name))
     return pd.concat(parts, ignore_index=True)
 
 
-def _nothing_fits(table: pd.DataFrame, budgets: list) -> str:
+def nothing_fits(choice: rule.Choice) -> str:
     """Which budget is missed most, by how much, and the next larger board that would do."""
 
-    def missed(limit: Any) -> float:
-        amounts = table[limit.cost].dropna()
-        if not len(amounts):
-            return np.inf
-        least = costs()[limit.cost].burden(amounts).min()
-        return float(abs(least) / limit.budget if costs()[limit.cost].better == "low" else limit.budget / abs(least))
+    def best(limit: Any) -> float:
+        return np.nan if limit.least is None else float(choice.table.loc[limit.least, limit.cost])
 
-    limit = max(budgets, key=missed)
-    cost = costs()[limit.cost]
-    amounts = table[limit.cost].dropna()
-    if not len(amounts):
-        return f"no system fits: {cost.noun or cost.key} is unknown of all of them; leave its budget out"
-    least = amounts.min() if cost.better == "low" else amounts.max()
-    words = f"no system fits: {cost.noun or cost.key} is missed most: {cost.amount(float(least))} at best, "
-    words += f"the budget is {cost.amount(limit.budget)}"
-    if limit.cost in ("flash", "ram"):
-        larger = [
-            (board.flash_kb, name) for name, board in boards().items() if getattr(board, f"{limit.cost}_kb") >= least
+    def missed(limit: Any) -> float:
+        amounts = best(limit), limit.budget
+        ratio = np.divide(*(amounts if costs()[limit.cost].better == "low" else amounts[::-1]))
+        return float(np.nan_to_num(ratio, nan=np.inf))
+
+    with np.errstate(divide="ignore"):
+        limit = max(choice.budgets, key=missed)
+        together = missed(limit) <= 1
+    cost, least = costs()[limit.cost], best(limit)
+    noun = cost.noun or cost.key
+    if limit.least is None:
+        remedy = f"install {', '.join(lacking())}, or leave" if lacking() else "leave"
+        return f"no system fits: {noun} is unknown of all of them; {remedy} {cost.budget}= out"
+    if together:
+        ways = [
+            f"{costs()[one.cost].budget}= ({choice.table.loc[one.without, 'system']} meets the others)"
+            for one in choice.budgets
+            if one.without is not None
         ]
-        words += f"; the next board that holds it is {min(larger)[1]}" if larger else ""
-        return f"{words}; take a larger board, or raise max_{limit.cost}="
-    return f"{words}; relax it"
+        return f"no system meets all budgets together; relax {' or '.join(ways) or 'two of them'}"
+    words = f"no system fits: {noun} is missed most: {cost.amount(least)} at best, the budget is "
+    words += cost.amount(limit.budget)
+    if limit.cost not in ("flash", "ram"):
+        return f"{words}; relax {cost.budget}="
+    larger = [(board.flash_kb, name) for name, board in boards().items() if getattr(board, f"{limit.cost}_kb") >= least]
+    words += f"; the next board that holds it is {min(larger)[1]}" if larger else ""
+    return f"{words}; take a larger board, or raise {cost.budget}="

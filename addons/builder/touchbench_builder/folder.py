@@ -16,7 +16,8 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.scratch import made_whole, new_folder, remove
 from bench.work.saved import Recogniser
-from touchbench_builder.certificate import Built, page
+from touchbench_builder.certificate import page, percent
+from touchbench_chip.classifiers import number
 from touchbench_chip.measure import compiled
 from touchbench_chip.write import files_of
 
@@ -44,29 +45,27 @@ def _earlier(out: Path) -> Path:
     return out.absolute().with_name(f".{out.name}.earlier")
 
 
-def write(out: Path, built: Built, corpus: Corpus, replaces: bool) -> None:
+def write(out: Path, recogniser: Recogniser, facts: dict[str, Any], corpus: Corpus, replaces: bool) -> None:
     """Write the folder of a build, and test its C."""
-    facts, recogniser = built.facts, built.recogniser
+    texts = files_of(recogniser, facts["system"]["bits"], "\n   ".join(heading(facts)))
+    texts["touch.c"] = f"/* {origin(facts)} */\n\n{texts['touch.c']}"
+    texts["Makefile"] += (CODE / "Makefile.more").read_text(encoding="utf-8")
+    texts |= {path.name: path.read_text(encoding="utf-8") for path in CODE.iterdir() if path.suffix != ".more"}
+    texts["vectors.h"] = vectors(recogniser, corpus)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for file, text in files_of(recogniser, facts["system"]["bits"], "\n   ".join(heading(facts))).items():
-            (folder / file).write_text(text, encoding="utf-8")
-        facts["c"] = _agreement(folder, recogniser, corpus)
-        comment = "\n   ".join(origin(facts))
-        _before(folder / "touch.c", f"/* {comment} */\n\n")
-        with (folder / "Makefile").open("a", encoding="utf-8") as file:
-            file.write((CODE / "Makefile.more").read_text(encoding="utf-8"))
-        for name in ("example.c", "example.cpp", "test.c", "CMakeLists.txt", "LICENSE"):
-            shutil.copyfile(CODE / name, folder / name)
-        (folder / "vectors.h").write_text(vectors(recogniser, corpus), encoding="utf-8")
-        (folder / JSON).write_text(json.dumps(facts, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-        (folder / "README.md").write_text(page(facts), encoding="utf-8")
+        _put(folder, texts)
+        in_c, _ = labelled(folder, recogniser.classes, corpus)
+        others = int((recogniser.label(corpus)["label"].to_numpy() != in_c).sum())
+        facts["c"] = {"captures": len(corpus), "other_labels": others}
+        _put(folder, {JSON: json.dumps(facts, indent=1, ensure_ascii=False) + "\n", "README.md": page(facts)})
         _tested(folder)
         _placed(folder, out, replaces)
 
 
-def _before(path: Path, text: str) -> None:
-    path.write_text(text + path.read_text(encoding="utf-8"), encoding="utf-8")
+def _put(folder: Path, texts: Mapping[str, str]) -> None:
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
 
 
 def _placed(folder: Path, out: Path, replaces: bool) -> None:
@@ -90,31 +89,19 @@ def heading(facts: Mapping[str, Any]) -> list[str]:
         f"touchbench: {len(data['gestures'])} classes of {kind}touch on {grid} taxels at {data['rate_hz']:g} Hz.",
         f"{facts['system']['name']}, from {data['captures']} {kind}captures of {data['people']} people of "
         f"{data['corpus']}.",
-        f"Accuracy to expect for a new person: {_percent(expect['mean'])}; mean of the next people at least "
-        f"{_percent(expect['mean_low'])} (95 % confidence); nine of ten people above {_percent(expect['person_low'])}.",
+        f"Accuracy to expect for a new person: {percent(expect['mean'])}; mean of the next people at least "
+        f"{percent(expect['mean_low'])} (95 % confidence); nine of ten people above {percent(expect['person_low'])}.",
     ]
 
 
-def _percent(share: float | None) -> str:
-    return "unknown" if share is None else f"{100 * share:.1f} %"
-
-
-def origin(facts: Mapping[str, Any]) -> list[str]:
+def origin(facts: Mapping[str, Any]) -> str:
     """The comment of ``touch.c``: what it was made of, and by which command."""
     system, data = facts["system"], facts["data"]
     command = facts["command"].replace("*/", "* /").replace("/*", "/ *")
-    return [
-        f"Model {system['model']}; data {data['corpus']}, digest {data['digest']};",
-        f"   C, digest {system['code']}; touchbench {facts['touchbench']}:",
-        f"   {command}",
-    ]
-
-
-def _agreement(folder: Path, recogniser: Recogniser, corpus: Corpus) -> dict[str, int]:
-    """Captures of all people that the C, on this machine, and Python label differently."""
-    labels = recogniser.label(corpus)["label"].to_numpy()
-    in_c, _ = labelled(folder, recogniser.classes, corpus)
-    return {"captures": len(corpus), "other_labels": int((labels != in_c).sum())}
+    return (
+        f"Model {system['model']}; data {data['corpus']}, digest {data['digest']};\n"
+        f"   C, digest {system['code']}; touchbench {facts['touchbench']}:\n   {command}"
+    )
 
 
 def labelled(folder: Path, classes: list[str], corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
@@ -142,7 +129,7 @@ def vectors(recogniser: Recogniser, corpus: Corpus) -> str:
         cells = ", ".join(f"{value:.6f}f" for value in row)
         rows.append(f"    {{{len(frames)}, {recogniser.classes.index(label)}, {{{cells}}}}},")
     values = np.concatenate([frames.ravel() for frames in some])
-    texts = [f"{int(v)}" if whole else f"{np.float32(v):.9g}" + "f" * ("." in f"{np.float32(v):.9g}") for v in values]
+    texts = [str(int(v)) if whole else number(v) for v in values]
     width = WIDTH // 7
     lines = ["    " + ", ".join(texts[i : i + width]) + "," for i in range(0, len(texts), width)]
     return "\n".join(

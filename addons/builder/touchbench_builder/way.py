@@ -12,34 +12,45 @@ from typing import Any
 
 import pandas as pd
 
+import bench
+from bench.commands.corpora import read
+from bench.commands.printing import say, then
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError
+from bench.corpora.doubts import doubts
+from bench.corpora.library import stored_value
+from bench.corpora.survey import Survey
+from bench.errors import InputError, nearest
 from bench.options import keys, limits_of, parse_words, settings
 from bench.outcomes.scene import Scene, boards, read_scene
-from bench.progress import console, span
-from bench.scratch import home
-from bench.words import SATURATED, quoted
+from bench.progress import console, span, warn
+from bench.words import quoted
+from touchbench_streams.recent import saturated
 
 FULL = 0.25  # share of saturated frames beyond which readings tell too little of touch
+FULL_WARNED = 0.01  # from which on a certificate names it
 STEPS = 6
+FILE = ("grid", "rate_hz", "full_scale")  # keys that tell about a file
 
 
 class Progress:
-    """Lines of the steps, with the time left for comparisons."""
+    """Lines of the steps, with the time left."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds, self.began, self.step = seconds, time.monotonic(), 0
 
     @property
     def left(self) -> float:
-        """Seconds left to compare systems."""
+        """Seconds left of those that were given."""
         return self.seconds - (time.monotonic() - self.began)
+
+    def say(self, line: str) -> None:
+        """Print a line on the side."""
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def begin(self, what: str) -> None:
         """Begin the next step."""
         self.step += 1
-        line = f"step {self.step} of {STEPS}, after {span(self.seconds - self.left)}: {what}"
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        self.say(f"step {self.step} of {STEPS}, after {span(self.seconds - self.left)}: {what}")
 
 
 def build(arguments: list[str]) -> int:
@@ -56,12 +67,11 @@ def build(arguments: list[str]) -> int:
             )
         return _built(words, values, shlex.join(["bench", "build", *arguments]))
     except KeyboardInterrupt as e:
-        said = str(e) or "interrupted; finished steps are stored, and the same command continues from there"
-        raise KeyboardInterrupt(said) from e
+        message = str(e) or "interrupted; finished steps are stored, and the same command continues from there"
+        raise KeyboardInterrupt(message) from e
 
 
 def _built(words: list[str], values: dict[str, str], command: str) -> int:
-    from bench.commands.printing import say, then
     from touchbench_builder.certificate import certificate, line
     from touchbench_builder.choice import compared
     from touchbench_builder.folder import new_build, write
@@ -72,21 +82,19 @@ def _built(words: list[str], values: dict[str, str], command: str) -> int:
     out, scene = new_build(Path(given["out"]), given["replace"]), _scene(given)
     progress = Progress(given["seconds"])
     progress.begin("recordings")
-    on: dict[str, Any] = {key: value for key, value in values.items() if key.partition(".")[0] == "data"}
-    on |= {"where": values["where"]} if "where" in values else {}
+    on = {key: value for key, value in values.items() if key in ("where", "jobs") or key.partition(".")[0] == "data"}
     if words:
-        on["data"] = _imported(Path(words[0]), given, on)
-    corpus = _captures(on)
+        on["data"] = _imported(Path(words[0]), values, given["format"])
+    corpus = _captures({key: value for key, value in on.items() if key != "jobs"})
     scene.reactions.of(sorted({*corpus.gestures.astype(str)}))  # refuses others before anything is run
     warnings = surveyed(corpus)
     for warning in warnings:
-        console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
-    jobs = {"jobs": values["jobs"]} if "jobs" in values else {}
-    chosen = compared(corpus, on | jobs, scene, limits_of(given), progress)
-    built = certificate(corpus, on | jobs, warnings, scene, chosen, command, progress)
+        warn(f"warning: {warning}")
+    chosen = compared(corpus, on, scene, limits_of(given), progress)
+    recogniser, facts = certificate(corpus, on, warnings, scene, chosen, command, progress)
     progress.begin("C and its tests")
-    write(out, built, corpus, given["replace"])
-    say(*line(built.facts))
+    write(out, recogniser, facts, corpus, given["replace"])
+    say(*line(facts))
     then(f"make -C {quoted(str(out))} test", f"bench build check {quoted(str(out))} data=newpeople")
     return 0
 
@@ -96,8 +104,6 @@ def _scene(given: Mapping[str, Any]) -> Scene:
     scene = read_scene(given["scene"]) if given["scene"] else Scene()
     if name := given["board"]:
         if name not in boards():
-            from bench.errors import nearest
-
             raise InputError(f"board={name}: no board has this name; {nearest(name, boards())}")
         board = replace(boards()[name], share=scene.board.share if scene.board else 1.0)
         scene = replace(scene, board=board, values={**scene.values, **board.budgets(timed=False)})
@@ -107,40 +113,24 @@ def _scene(given: Mapping[str, Any]) -> Scene:
     return scene
 
 
-def _imported(file: Path, given: Mapping[str, Any], on: Mapping[str, object]) -> str:
-    """The corpus of a file; it is read again only if it, or what is said of it, has changed."""
-    from bench.commands.corpora import read
-    from bench.corpora.library import stored_value
-
-    if on.keys() & {"data"}:
-        raise InputError(f"data={on['data']}: give a file or data=, not both")
+def _imported(file: Path, values: Mapping[str, str], kind: str) -> str:
+    """The corpus of a file. It is read again each time: runs stay stored, as long as its content does not change."""
+    if "data" in values:
+        raise InputError(f"data={values['data']}: give a file or data=, not both")
     words = "".join(c if c.isalnum() and c.isascii() else "_" for c in file.name.partition(".")[0]).strip("_")
-    name = given["name"] or words or "recordings"
-    options = {key: f"{given[key]:g}" if isinstance(given[key], float) else given[key] for key in FILE if given[key]}
-    with suppress(InputError, OSError):
-        stored = stored_value(name)
-        asked = {"grid": "x".join(map(str, stored.grid)), "rate_hz": f"{stored.rate_hz:g}"}
-        asked |= {"full_scale": f"{stored.full_scale:g}"}
-        since = (home() / "corpora" / name / "current").stat().st_mtime
-        alike = stored.info.get("format") == given["format"] and options.items() <= asked.items()
-        if alike and stored.info.get("source", file.name) == file.name and file.stat().st_mtime < since:
-            console.print(f"{file} is already imported as {name}", markup=False, highlight=False)
-            return name
-    read(given["format"], file, options | {"name": name})
+    name, source = values.get("name") or words or "recordings", file.name
+    with suppress(InputError):  # there is none
+        source = str(stored_value(name).info.get("source", source))
+    if "name" not in values and file.name not in source:
+        raise InputError(f"{file}: a corpus {name} was imported from {source}; give the new one a name=")
+    read(kind, file, {key: values[key] for key in FILE if key in values} | {"name": name})
     return name
 
 
-FILE = ("grid", "rate_hz", "full_scale")
-
-
-def _captures(on: Mapping[str, Any]) -> Corpus:
+def _captures(on: Mapping[str, str]) -> Corpus:
     """The captures to learn from, if they can teach a recogniser for people who were not recorded."""
-    import bench
-
     corpus = bench.corpus(**{key.replace("data.", ""): value for key, value in on.items()})
     where = f"data={corpus.name}"
-    from bench.corpora.doubts import doubts
-
     for doubt in doubts(corpus):
         if "differ by case" in doubt:
             raise InputError(f"{where}: {doubt}")
@@ -148,7 +138,7 @@ def _captures(on: Mapping[str, Any]) -> Corpus:
         raise InputError(f"{where}: {people} subject; record two at least, as each is left out of training in turn")
     if len(names := sorted(set(corpus.gestures))) < 2:
         raise InputError(f"{where}: the only gesture is {names[0]}; record another one, or captures without touch")
-    if (share := saturated(corpus)) > FULL:
+    if (share := _share_saturated(corpus)) > FULL:
         raise InputError(
             f"{where}: the sensor saturates: in {100 * share:.0f} % of frames, a tenth of the taxels is at "
             f"{corpus.full_scale:g}; lower its gain and record again, or correct full_scale="
@@ -156,26 +146,20 @@ def _captures(on: Mapping[str, Any]) -> Corpus:
     return corpus
 
 
-def saturated(corpus: Corpus) -> float:
-    """Share of frames with a tenth of the taxels at full scale."""
-    least = -(-corpus.grid[0] * corpus.grid[1] // SATURATED)
-    frames = sum(int(((f >= corpus.full_scale).sum(axis=(1, 2)) >= least).sum()) for f in corpus)
-    return frames / int(corpus.lengths.sum())
+def _share_saturated(corpus: Corpus) -> float:
+    return sum(int(saturated(frames, corpus.full_scale).sum()) for frames in corpus) / int(corpus.lengths.sum())
 
 
 def surveyed(corpus: Corpus) -> list[str]:
     """Warnings of ``bench data show`` that could spoil the result."""
-    from bench.corpora.doubts import doubts
-    from bench.corpora.survey import Survey
-
     survey = Survey(corpus)
     lines = [*doubts(corpus), *map(str, corpus.info.get("warnings", []))]
     lines += [text for text in map(str, survey.seams) if "cut" in text]
-    lines += survey.taxel_lines()[:1] if len(survey.odd_taxels) else []
-    lines += survey.duplicate_lines()[:1] if len(survey.duplicates) else []
+    for odd, told in ((survey.odd_taxels, survey.taxel_lines()), (survey.duplicates, survey.duplicate_lines())):
+        lines += [". ".join(map(str.strip, told[:2]))] if len(odd) else []  # with the first example
     missing = pd.crosstab(corpus.subjects.astype(str), corpus.gestures.astype(str)) == 0
     for subject, gesture in missing.stack()[lambda each: each].index[:3]:
         lines.append(f"subject {subject} has no capture of {gesture}")
-    if (share := saturated(corpus)) > 0.01:
+    if (share := _share_saturated(corpus)) > FULL_WARNED:
         lines.append(f"{100 * share:.0f} % of frames have a tenth of the taxels at full scale")
     return list(dict.fromkeys(lines))

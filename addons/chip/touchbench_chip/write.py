@@ -128,8 +128,13 @@ def _alarms(alarms: float, hours: float) -> str:
     """How often a watcher reports without touch: the count, and the largest rate that it agrees with (Poisson)."""
     if not hours:
         return "no background to count false alarms in"
-    most = gammaincinv(alarms + 1, 0.95) / hours
-    return f"{alarms:g} false alarms in {60 * hours:.3g} minutes, so at most {most:.3g} per hour (95 % confidence)"
+    rate = most(alarms, hours)
+    return f"{alarms:g} false alarms in {60 * hours:.3g} minutes, so at most {rate:.3g} per hour (95 % confidence)"
+
+
+def most(events: float, hours: float) -> float:
+    """Upper 95 % bound of the rate of so many events (Poisson, exact; 3 / hours after none)."""
+    return float(gammaincinv(events + 1, 0.95)) / hours
 
 
 def _state(chip: Chip) -> str:
