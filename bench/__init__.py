@@ -66,12 +66,12 @@ def plans(**values: object) -> list[Plan]:
     Returns:
         Plans with ``corpus``, ``folds`` (``name``, positions ``train`` and ``test``) and ``cell.estimator()``.
     """
-    from bench.options import KEYS, jobs_of, values_of
+    from bench.options import KEYS, backend_of, values_of
     from bench.plan.cells import cells
     from bench.plan.plan import planned
 
     typed = values_of(values, KEYS)
-    return planned(cells(typed), jobs_of(typed))
+    return planned(cells(typed), backend_of(typed).jobs)
 
 
 def tune(**values: object) -> pd.DataFrame:
@@ -138,11 +138,7 @@ def corpus(data: str = "synth", where: str = "", target: str = "gesture", **para
 
 
 def look(
-    data: str = "synth",
-    where: str = "",
-    out: str | Path | None = None,
-    target: str = "gesture",
-    **parameters: object,
+    data: str = "synth", where: str = "", out: str | Path | None = None, target: str = "gesture", **parameters: object
 ) -> Survey:
     """Survey a corpus, as ``bench data show`` does; the result prints as the same sentences.
 

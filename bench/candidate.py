@@ -16,15 +16,10 @@ EARLY = "early"  # mark of a candidate that decides before the end of a capture
 
 @dataclass(frozen=True)
 class Losses:
-    """The faults over which losses are taken.
+    """The faults over which losses are taken."""
 
-    Attributes:
-        names: names of the faults.
-        severity: highest severity; lower ones count, too.
-    """
-
-    names: tuple[str, ...]
-    severity: int = SEVERITIES
+    names: tuple[str, ...]  # names of the faults
+    severity: int = SEVERITIES  # highest severity; lower ones count, too
 
     @property
     def circumstances(self) -> list[tuple[str, int]]:
@@ -34,46 +29,29 @@ class Losses:
 
 @dataclass(frozen=True)
 class Wish:
-    """What a choice asks of the ways in which a run labels.
+    """What a choice asks of the ways in which a run labels."""
 
-    Attributes:
-        reactions: reactions that are scored (`bench.outcomes.reactions.Reactions`).
-        most: ms of touch until a decision: the latest that is soon enough counts; with inf each; with None only whole
-            captures do.
-        windows: True for single windows instead of captures.
-        plain: False if another run of the system gives the labels of the captures as they are.
-    """
-
-    reactions: Any
+    reactions: Any  # reactions that are scored (`bench.outcomes.reactions.Reactions`)
+    # ms of touch until a decision: the latest that is soon enough counts; with inf each; with None only whole captures
+    # do
     most: float | None = None
-    windows: bool = False
-    plain: bool = True
+    windows: bool = False  # True for single windows instead of captures
+    plain: bool = True  # False if another run of the system gives the labels of the captures as they are
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A way in which a run labels.
+    """A way in which a run labels."""
 
-    Attributes:
-        unit: words for what is labelled; candidates of one system and unit are its seeds.
-        scores: score in percent by subject.
-        stored: names of stored values that its costs read in place of their own; empty for a cost that it has not.
-        costs: costs that no stored value has, by name.
-        apart: values that keep it apart from another one of the same system and unit.
-        counts: further numbers by subject, which costs of people are computed from.
-        mark: name of its look in charts; empty for none.
-        linked: True if its bytes are linked, with code.
-        whole: True if losses in a circumstance are also its losses.
-        shipped: keys of ``bench fit`` that save it as it was measured, besides those of its run.
-    """
-
-    unit: str
-    scores: pd.Series
+    unit: str  # words for what is labelled; candidates of one system and unit are its seeds
+    scores: pd.Series  # score in percent by subject
+    # names of stored values that its costs read in place of their own; empty for a cost that it has not
     stored: Mapping[str, str] = field(default_factory=dict)
-    costs: Mapping[str, float] = field(default_factory=dict)
-    apart: tuple[str, ...] = ()
-    counts: Sequence[pd.Series] = ()
-    mark: str = ""
-    linked: bool = False
-    whole: bool = False
+    costs: Mapping[str, float] = field(default_factory=dict)  # costs that no stored value has, by name
+    apart: tuple[str, ...] = ()  # values that keep it apart from another one of the same system and unit
+    counts: Sequence[pd.Series] = ()  # further numbers by subject, which costs of people are computed from
+    mark: str = ""  # name of its look in charts; empty for none
+    linked: bool = False  # True if its bytes are linked, with code
+    whole: bool = False  # True if losses in a circumstance are also its losses
+    # keys of ``bench fit`` that save it as it was measured, besides those of its run
     shipped: Mapping[str, str] = field(default_factory=dict)

@@ -13,11 +13,9 @@ name.
 from __future__ import annotations
 
 import inspect
-import sys
 from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from types import FunctionType
 from typing import Any, Generic, Protocol, TypeGuard, TypeVar
 
@@ -198,7 +196,7 @@ def conditions(estimator: System) -> tuple[str, ...]:
     Such as the substrate under the skin, where a robot knows it. Its runs are tagged and labelled with them.
     """
     names = set()
-    for part in _nested(estimator):
+    for part in parts_of(estimator):
         if isinstance(declared := getattr(part, "conditions", ()), str):
             raise InputError(f"conditions = {declared!r}: give a tuple of names, such as ({declared!r},)")
         names |= {*declared}
@@ -240,7 +238,7 @@ def abstention(estimator: System) -> str | None:
 
     In place of its probabilities stands a row of NaN.
     """
-    parts = (part for system in (estimator, inside(estimator)) for part in _nested(system))
+    parts = (part for system in (estimator, inside(estimator)) for part in parts_of(system))
     return next((label for part in parts if isinstance(label := getattr(part, "abstains", None), str)), None)
 
 
@@ -389,55 +387,13 @@ def copied(part: Part) -> Part:
     return clone(part) if isinstance(part, BaseEstimator) else part
 
 
-def settings(part: object) -> str:
-    """Parameters of an object in full, those of estimators inside it included; a splitter's attributes."""
-    values = part.get_params() if isinstance(part, BaseEstimator) else vars(part)
-    with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
-        return repr({k: f"{v.__module__}.{v.__qualname__}" if _code(v) else v for k, v in values.items()})
-
-
-def shown(part: object) -> str:
-    """An object in one line: ``SVC(C=10)``; the steps of a pipeline one behind the other."""
-    if isinstance(part, Pipeline):
-        return " > ".join(shown(step) for _, step in part.steps)
-    return " ".join(repr(part).split()) if isinstance(part, BaseEstimator) else type(part).__name__
-
-
-def classes(part: object) -> list[Callable]:
-    """Classes and functions of an object and its parts, without installed libraries."""
-    mine = (c for c in _kinds(part) if not _library(c) and c.__module__.split(".")[0] not in sys.stdlib_module_names)
-    return sorted(mine, key=lambda c: (c.__module__, c.__qualname__))
-
-
-def libraries(part: object) -> tuple[str, ...]:
-    """Distributions that the classes of an object come from."""
-    return tuple(sorted({name for kind in _kinds(part) if (name := _library(kind))}))
-
-
-def _kinds(part: object) -> set[Callable]:
-    """Functions and classes among an object and what is inside it, and the classes of the others."""
-    return {each if _code(each) else type(each) for each in _nested(part)}
-
-
-def _nested(part: object) -> Iterator[object]:
+def parts_of(part: object) -> Iterator[object]:
+    """An object, and the estimators, classes and functions among its parameters."""
     yield part
     if isinstance(part, BaseEstimator):
-        yield from (v for v in part.get_params().values() if isinstance(v, BaseEstimator) or _code(v))
+        yield from (v for v in part.get_params().values() if isinstance(v, BaseEstimator) or is_code(v))
 
 
-def _code(value: object) -> TypeGuard[type | FunctionType]:
+def is_code(value: object) -> TypeGuard[type | FunctionType]:
     """Whether a value is a class or a function, which are told by their name and source."""
     return inspect.isclass(value) or inspect.isfunction(value)
-
-
-def _library(kind: Any) -> str | None:
-    """The installed distribution that a class is of, by its package's name; None for touchbench's and one's own."""
-    name = kind.__module__.split(".")[0]
-    if name in ("bench", "__main__") or name not in sys.modules:
-        return None
-    name = {"sklearn": "scikit-learn"}.get(name, name)
-    try:
-        version(name)
-    except PackageNotFoundError:
-        return None
-    return name

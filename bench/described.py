@@ -11,10 +11,9 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from bench.option import Option
 from bench.options import START, WORK, added, commands, options
 from bench.registry import load, names, parameters, required
-from bench.words import WIDTH, items, text_of
+from bench.words import WIDTH, Option, items, text_of
 
 SECTION = re.compile(r"^(Args|Attributes|Raises|Returns):$", re.MULTILINE)
 ENTRY = re.compile(r"^ {4}(\w[\w, ]*):\s+(.*(?:\n {8}.*)*)", re.MULTILINE)

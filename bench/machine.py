@@ -27,36 +27,30 @@ def this_machine() -> Machine:
 
 def cpu_model() -> str:
     """The processor as the system names it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
+    return _of_processor("model name") or platform.processor() or platform.machine()
 
 
 def simd() -> str:
     """The processor's vector instructions: libraries choose by them, and so does the rounding; empty if unknown."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        flags = next(line.split(":", 1)[1].split() for line in lines if line.startswith(("flags", "Features")))
-    except (OSError, StopIteration):
-        return ""
+    flags = _of_processor("flags", "Features").split()
     return " ".join(sorted(f for f in flags if f.startswith(("avx", "fma", "amx", "asimd", "sve"))))
+
+
+def _of_processor(*names: str) -> str:
+    """What Linux tells of the processor under one of some names; empty elsewhere."""
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next((line.partition(":")[2].strip() for line in lines if line.startswith(names)), "")
+    return ""
 
 
 @dataclass(frozen=True)
 class Backend:
-    """The workers that do folds.
+    """The workers that do folds."""
 
-    Attributes:
-        jobs: processes of this machine, None for one per core.
-        workers: class of other workers, ``module:object``; empty for processes of this machine.
-        address: the place where they are found.
-    """
-
-    jobs: int | None = None
-    workers: str = ""
-    address: str = ""
+    jobs: int | None = None  # processes of this machine, None for one per core
+    workers: str = ""  # class of other workers, ``module:object``; empty for processes of this machine
+    address: str = ""  # the place where they are found
 
 
 HERE = Backend()

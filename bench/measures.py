@@ -7,13 +7,12 @@ read them. Nothing heavy is imported, so that help comes at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
 from bench.errors import InputError
-from bench.few import INTERVAL, too_few
 from bench.registry import circumstance_views, run_views
 from bench.words import UNITS, quantity
 
@@ -48,34 +47,24 @@ def in_thousands(value: float) -> float:
 
 @dataclass(frozen=True)
 class Measure:
-    """A column: a number of a run, or of a row of a table, and how it is shown.
+    """A column: a number of a run, or of a row of a table, and how it is shown."""
 
-    Attributes:
-        key: name in tables of numbers (CSV, Python).
-        heading: heading of its column; empty for the key.
-        read: name of the value in a row, several names, or a function of the row; empty for the key.
-        form: format of a number, a function that writes it, or ``text`` or ``code`` (a command), which stand left.
-        scale: turns the stored into the shown number.
-        ends: beginning of the names ``<ends>_low`` and ``<ends>_high`` of its interval; empty without one.
-        join: text between several numbers.
-        spare: 0 for a column that every table shows; else a narrow terminal leaves out the highest first, and a column
-            without any value is not shown.
-        shows: outputs that have this column: terminal, page, latex, csv.
-        unit: unit of the shown number, where its key does not name it.
-        meaning: meaning of a number that runs track, in words; empty for any other.
-    """
-
-    key: str
-    heading: str = ""
+    key: str  # name in tables of numbers (CSV, Python)
+    heading: str = ""  # heading of its column; empty for the key
+    # name of the value in a row, several names, or a function of the row; empty for the key
     read: str | tuple[str, ...] | Callable[[Any], Cell] = ""
+    # format of a number, a function that writes it, or ``text`` or ``code`` (a command), which stand left
     form: Form = ".1f"
-    scale: Callable[[float], float] | None = None
-    ends: str = ""
-    join: str = " / "
+    scale: Callable[[float], float] | None = None  # turns the stored into the shown number
+    ends: str = ""  # beginning of the names ``<ends>_low`` and ``<ends>_high`` of its interval; empty without one
+    join: str = " / "  # text between several numbers
+    # 0 for a column that every table shows; else a narrow terminal leaves out the highest first, and a column without
+    # any value is not shown
     spare: int = 0
-    shows: tuple[str, ...] = ("terminal", "page")
+    shows: tuple[str, ...] = ("terminal", "page")  # outputs that have this column: terminal, page, latex, csv
+    # unit of the shown number, where its key does not name it; one of `bench.words.UNITS` is typed with budgets
     unit: str = ""
-    meaning: str = ""
+    meaning: str = ""  # meaning of a number that runs track, in words; empty for any other
 
     @property
     def name(self) -> str:
@@ -135,35 +124,22 @@ class Measure:
 
 @dataclass(frozen=True)
 class Cost(Measure):
-    """A measure by which systems are chosen, with its budget: ``max_<key>``, or ``min_<key>`` if more is better.
+    """A measure by which systems are chosen, with its budget: ``max_<key>``, or ``min_<key>`` if more is better."""
 
-    Attributes:
-        help: help of its budget.
-        unit: unit of its amounts. One of `bench.words.UNITS` is typed with a unit, any other as a plain number.
-        better: ``low`` or ``high``.
-        noun: name in a sentence; empty for the key with spaces.
-        words: words behind an amount of it; empty for "of" and the noun.
-        axis: label of its axis in figures; empty for the noun and the unit.
-        unknown: reason why it may be unknown.
-        section: section of its budget in a scene file; with another key than this one, ``section.key``.
-        on: runs that have it: those on ``captures``, of all ``studies``, or of those that it names.
-        command: command that measures it, with its arguments; empty for any. ``{faults}`` are those that count.
-        among: its amount for some people [candidates], of a cost that depends on which are counted; from
-            `bench.outcomes.candidates.People`.
-        at_clock: cost to which its thousands add milliseconds at the clock of the target in MHz; empty for none.
-    """
-
-    help: str = ""
-    better: str = "low"
-    noun: str = ""
-    words: str = ""
-    axis: str = ""
-    unknown: str = "it was not measured"
-    section: str = "budget"
+    help: str = ""  # help of its budget
+    better: str = "low"  # ``low`` or ``high``
+    noun: str = ""  # name in a sentence; empty for the key with spaces
+    words: str = ""  # words behind an amount of it; empty for "of" and the noun
+    axis: str = ""  # label of its axis in figures; empty for the noun and the unit
+    unknown: str = "it was not measured"  # reason why it may be unknown
+    section: str = "budget"  # section of its budget in a scene file; with another key than this one, ``section.key``
+    # runs that have it: those on ``captures``, of all ``studies``, or of those that it names
     on: tuple[str, ...] = EVERY
-    command: str = ""
+    command: str = ""  # command that measures it, with its arguments; empty for any. ``{faults}`` are those that count
+    # its amount for some people [candidates], of a cost that depends on which are counted; from
+    # `bench.outcomes.candidates.People`
     among: Callable[[Any], Any] | None = None
-    at_clock: str = ""
+    at_clock: str = ""  # cost to which its thousands add milliseconds at the clock of the target in MHz; empty for none
 
     def __post_init__(self) -> None:
         """Fill in the words that were left out."""
@@ -244,12 +220,6 @@ def known(value: Any) -> Any:
 def percent(key: str, heading: str = "", read: str = "", **more: Any) -> Measure:
     """A stored share, shown in percent."""
     return Measure(key, heading, read, scale=in_percent, unit="%", **more)
-
-
-def interval_words(row: Row) -> str:
-    """The kind of interval in a row of a run, or why there is none."""
-    people = int(row["subjects"])
-    return too_few(people) if people < INTERVAL else "95 % t-interval over subjects"
 
 
 def text(key: str, heading: str = "", read: str | Callable[[Any], Cell] = "", **more: Any) -> Measure:
@@ -361,93 +331,3 @@ def costs_of(study: str) -> dict[str, Cost]:
 def budgets() -> dict[str, Cost]:
     """Costs by the key of their budget."""
     return {cost.budget: cost for cost in costs().values()}
-
-
-def columns(measures: Iterable[Measure], output: str) -> list[Measure]:
-    """The measures that an output shows."""
-    return [measure for measure in measures if output in measure.shows]
-
-
-def framed(measure: Measure) -> Measure:
-    """The measure, read from a table of numbers that `bench.table.Table.frame` made of the columns of CSV files."""
-    as_stored = isinstance(measure, Cost) and measure.source
-    if as_stored or isinstance(measure.read, tuple) or "csv" not in measure.shows:  # what it reads is there
-        return measure
-    return replace(measure, read=measure.key, scale=None, ends=measure.key if measure.ends else "")
-
-
-def run_columns() -> list[Measure]:
-    """Columns of the tables of evaluations (of the terminal, the page, LaTeX and comparison.csv), and numbers of runs.
-
-    A new column is an entry here; a number that the run tracks is read by its name. One with a meaning is tracked
-    (`tracked`), in the order of this list.
-    """
-    page, csv, every = ("page",), ("csv",), OUTPUTS
-    share = "mean over subjects of the share of correctly classified captures; `_low`, `_high`: 95 % t-interval"
-    pooled = "share of correctly classified captures of all subjects; `_low`, `_high`: 95 % bootstrap over subjects"
-    wall = "the same by the wall clock, on the machine as it was"
-    return [
-        percent("accuracy", "accuracy %", ends="accuracy", shows=every, meaning=share),
-        percent("subject_sd", "SD", spare=11, shows=every, meaning="SD over subjects of their shares"),
-        text("interval", read=interval_words, shows=csv),
-        Measure("difference", form="+.1f", shows=csv, unit="points"),
-        Measure("p_holm", "p Holm", form=p_value, spare=1, shows=("page", "latex", "csv")),
-        text("against", shows=csv),
-        text("unit", shows=csv),
-        text("combined", "windows combined by", spare=1, shows=("page", "csv")),
-        text("seed", shows=csv),
-        percent("pooled_accuracy", shows=csv, meaning=pooled),
-        percent("macro_f1", "macro-F1 %", spare=12, shows=every, meaning="mean over gestures of F1, subjects pooled"),
-        percent("macro_precision", shows=csv, meaning="the same of precision"),
-        percent("macro_recall", shows=(), meaning="the same of recall"),
-        percent("abstained", "abstained %", spare=1, shows=every, meaning="captures without a label, if there are any"),
-        percent("window_accuracy", "window accuracy %", spare=13, shows=("terminal",)),
-        Measure("fit_seconds", "fit s", form=".2f", spare=1, shows=("page", "latex", "csv"), meaning=FIT),
-        Measure("fit_cpu_seconds", shows=(), meaning="the same, time of the processor as it was"),
-        Measure(
-            "search_seconds", shows=(), meaning="search of parameters in a fold, mean over folds, of a tuned system"
-        ),
-        Measure("predict_ms_p50", "predict ms", form=".2f", shows=("terminal", "latex", "csv"), meaning=PREDICT),
-        Measure("predict_ms_p95", shows=csv),
-        Measure("predict_wall_ms_p50", shows=csv, meaning=wall),
-        Measure("fit_wall_seconds", shows=csv, meaning="training by the wall clock, on the machine as it was"),
-        Measure("slowdown", shows=csv, meaning="reference workload: time during the run by that on the quiet machine"),
-        Measure("reference_ms", shows=(), meaning="the reference workload, during the run"),
-        Measure("quiet_ms", shows=(), meaning="the reference workload, on the quiet machine"),
-        Measure("predict_relative", shows=(), meaning="computing time as a multiple of the reference workload's"),
-        Measure("decide_ms_p50", shows=(), meaning="computing time for no more touch than one window"),
-        Measure("decide_wall_ms_p50", shows=(), meaning=wall),
-        *(cost for cost in OF_SYSTEMS if cost.shows),
-        Measure("predict", "predict ms p50 / p95", ("predict_ms_p50", "predict_ms_p95"), ".2f", spare=1, shows=page),
-        Measure("decision_ms", "touch + computing ms", form=".0f", spare=1, shows=("page", "csv"), meaning=DECISION),
-        Measure("capture_ms", shows=(), meaning="median touch of a capture, which `max_decision=` limits"),
-        Measure("observed_ms", shows=(), meaning="median touch of a window, or of a capture without windows"),
-        Measure("parameters", form=whole, spare=1, shows=("page", "csv"), meaning="learnt numbers"),
-        Measure("peak_rss_bytes", shows=csv, meaning="most memory of the worker during a fold"),
-        Measure("captures", form=".0f", shows=csv, meaning="labelled captures, each in each of its test folds"),
-        Measure("windows", shows=(), meaning="labelled windows, if there are more than captures"),
-        Measure("subjects", "n", form=whole, shows=("page", "csv"), meaning="tested subjects"),
-        text("published", "published %", spare=1, shows=("page", "csv"), unit="%"),
-        text("folds", shows=("page", "csv")),
-        *(text(name, shows=csv) for name in ("run_id", "group", "note", "subset", "data", "protocol")),
-    ]
-
-
-FIT = "training in a fold, mean over folds, without features and search, on the quiet machine"
-PREDICT = "one capture from raw frames to label, on one thread of the quiet machine: median; `_p95`, `_p99`: quantiles"
-DECISION = "median touch of a capture and its computing time together"
-
-
-def tracked() -> list[tuple[str, str, str]]:
-    """Each number of a run in MLflow: its name, unit and meaning."""
-    named = {"seconds": "s", "ms": "ms", "bytes": "bytes", "slowdown": "factor", "relative": "factor"}
-    rows = []
-    for one in (measure for measure in run_columns() if measure.meaning):
-        units = [named[word] for word in one.source.split("_") if word in named]
-        rows.append((one.source, "share" if one.scale is in_percent else units[0] if units else "number", one.meaning))
-    return rows
-
-
-def unit_headings(measures: Iterable[Measure]) -> dict[str, str]:
-    """The keys of columns with their units, unless the key has it, such as ``fit_seconds``."""
-    return {measure.key: f"{measure.key} {measure.unit}" for measure in measures if measure.unit}

@@ -15,43 +15,29 @@ from typing import Any
 from bench.errors import InputError, nearest
 from bench.machine import Backend
 from bench.measures import budgets, costs
-from bench.option import Option as Option
-from bench.option import value_of
 from bench.registry import imported, load, loaded, names
-from bench.words import DEFAULTS, Values, convert
+from bench.words import DEFAULTS, Values, convert, value_of
+from bench.words import Option as Option
 
 START, COMPARE, SHIP, MORE = "start here", "compare", "ship", "more"  # groups of the overview
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command.
+    """A command."""
 
-    Attributes:
-        group: heading in the overview.
-        summary: line in the overview.
-        text: a paragraph.
-        examples: lines that can be typed.
-        usage: arguments behind its name; a line for each form.
-        options: its keys; packages and circumstances add others.
-        budgets: budgets that are keys, too: ``all``, or those of ``captures``.
-        module: module of a package's command, with a function of its name that takes the arguments.
-        follows: lines to type next after other commands, with ``{}`` for the saved model, of a package's command.
-        unfit: function of ``module`` that says why a saved system cannot be used; empty if it can.
-        makes: key of the circumstance or study that a command which makes runs shows; ``run`` for captures.
-    """
-
-    group: str
-    summary: str
-    text: str
-    examples: str = ""
-    usage: str = "[key=value ...]"
-    options: tuple[Option, ...] = ()
-    budgets: str = ""
-    module: str = ""
+    group: str  # heading in the overview
+    summary: str  # line in the overview
+    text: str  # a paragraph
+    examples: str = ""  # lines that can be typed
+    usage: str = "[key=value ...]"  # arguments behind its name; a line for each form
+    options: tuple[Option, ...] = ()  # its keys; packages and circumstances add others
+    budgets: str = ""  # budgets that are keys, too: ``all``, or those of ``captures``
+    module: str = ""  # module of a package's command, with a function of its name that takes the arguments
+    # lines to type next after other commands, with ``{}`` for the saved model, of a package's command
     follows: Mapping[str, str] = field(default_factory=dict)
-    unfit: str = ""
-    makes: str = ""
+    unfit: str = ""  # function of ``module`` that says why a saved system cannot be used; empty if it can
+    makes: str = ""  # key of the circumstance or study that a command which makes runs shows; ``run`` for captures
 
 
 def _usual(key: str, help: str) -> Option:
@@ -67,6 +53,7 @@ SEED = Option("seed", "count", int(DEFAULTS["seed"]), "seed of models and featur
 JOBS = Option("jobs", "count", None, "number of worker processes; default one per core")
 BATCH = Option("batch", "yes", False, "yes: also systems whose labels depend on other test captures")
 DRY = Option("dry", "yes", False, "yes: only say which runs are stored and how long the others take")
+FITTED = (DATA, WHERE, TARGET, MODEL, FEATURES, SEED)  # keys of what is trained on all captures
 CELL = (DATA, WHERE, TARGET, _usual("protocol", "{protocols}"), MODEL, FEATURES)  # keys of what is run
 WORK = (*CELL, SEED, JOBS)
 STORED = (  # which stored runs are read
@@ -101,13 +88,6 @@ def makers() -> dict[str, Command]:
     return {name: one for name, one in commands().items() if one.makes}
 
 
-def measured(makes: str) -> dict[str, Option]:
-    """The options of all circumstances, of ``run``, or of a study."""
-    every = loaded("circumstances").values()
-    mine = (one for one in every if (not one.study if makes == "run" else one.study and one.key == makes))
-    return {name: option for one in mine for name, option in one.fields().items()}
-
-
 def added(command: str, among: Collection[str] | None = None) -> dict[str, Option]:
     """The keys that packages add to a command, or to ``makers`` of runs: entry points such as ``makers cluster``."""
     return {key: load("commands", f"{command} {key}") for key in _added(command) if among is None or key in among}
@@ -123,18 +103,15 @@ def used(command: str) -> dict[str, Any]:
 
 
 def options(name: str, typed: Iterable[str] | None = None) -> dict[str, Option]:
-    """The keys of a command; those of all its actions for one that has some.
-
-    Args:
-        name: the command.
-        typed: the words that were typed; circumstances are loaded only if one of them has another key.
-    """
+    """The keys of a command, of all its actions; circumstances are loaded only if a typed word has another key."""
     command = load("commands", name)
     every = {option.key: option for option in (*((*WORK, DRY) if command.makes else ()), *command.options)}
     heads = None if typed is None else {*map(_head, typed)}
     packages = added(name, heads) | (added("makers", heads) if command.makes else {})
     if command.makes and (heads is None or not heads <= {*every, *packages}):
-        every |= measured(command.makes)
+        for one in loaded("circumstances").values():
+            if one.key == command.makes if one.study else command.makes == "run":
+                every |= one.fields()
         packages = added(name) | added("makers")
     every |= packages
     if "by" in every:
@@ -228,14 +205,9 @@ def backend_of(values: Values) -> Backend:
             if "jobs" in values:
                 raise InputError(f"jobs={values['jobs']}: {key}= sets the number of workers; leave jobs= out")
             return Backend(workers=one.uses, address=address)
-    return Backend(jobs_of(values))
+    return Backend(convert("jobs", values["jobs"], 0) if "jobs" in values else None)
 
 
 def backend_keys() -> set[str]:
     """Keys that say where folds are done, which changes no result."""
     return {"jobs", *_added("makers")}
-
-
-def jobs_of(values: Values) -> int | None:
-    """The requested number of worker processes."""
-    return convert("jobs", values["jobs"], 0) if "jobs" in values else None

@@ -1,25 +1,81 @@
-"""A finished run as a value: what it is of, its numbers, its tables, and the folds that failed.
+"""A finished run as a value, what may be compared with it, and how tables name it.
 
-The loop makes it from the folds, `bench.outcomes.runs.stored` from MLflow. Comparison, statistics, choice, gate, page
-take results and nothing else. It is a mapping of tags, parameters and numbers by name, as MLflow has
-them.
+The loop makes a `Result` from the folds, `bench.outcomes.runs.stored` from MLflow. Comparison, statistics, choice,
+gate and page take results and nothing else. It is a mapping of tags, parameters and numbers by name.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from bench.comparable import comparable, context_of, depends_on_batch, method_of, system_of
 from bench.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
 
-
+BATCH, CONDITIONS = "touchbench.depends_on_batch", "touchbench.conditions"  # tags of a run
+MARK = "\N{DAGGER}"  # behind the name of a system whose predictions depend on the batch
+MARKED = f"{MARK} predictions depend on other test captures; not compared with other systems"
+MIXED_MARK = "\N{DOUBLE DAGGER}"  # behind a protocol that mixes subjects
+MIXED = "Training and test captures come from the same subjects: expect lower accuracy for a new person."
+DESIGNED = (
+    "The systems reflex, touchnet and rocket and the features touch were designed on seven of HAART's ten people, the "
+    "training subjects of its challenge split. LOSO tests on these seven, too."
+)
+MAYBE_TWICE = "Whether a person is in more than one of the joined corpora is unknown; each counts as another."
+Row = Mapping[str, Any]  # of a run: tags and parameters, which are text, and metrics; nan for what it has not
+COMPARABLE = ("data", "corpus_digest", "subset", "target", "protocol_label")  # tags, with the digest of the parameters
+SAME_SYSTEM = ("protocol", "system", "seed")  # besides, what makes two runs repetitions of one
+FAILED = "touchbench.failed"  # of a run: circumstances that failed in a fold
+COUNTS = ("folds", "folds_failed")  # numbers that every result has
 SMALL = 1000  # rows of a table that stays in memory once it was read
+
+
+def notes_on(system: str, data: str) -> list[str]:
+    """The footnotes of a system that a table names."""
+    ours = re.search(r"(?<![\w.])(reflex|rocket|touch|touchnet)(?![\w.])", system) is not None
+    designed = ours and any(part.split("-")[0] == "haart" for part in data.split("+"))
+    return [DESIGNED] * designed + [MAYBE_TWICE] * ("+" in data) + [MARKED] * system.endswith(MARK)
+
+
+def alike(run: Row, names: Iterable[str] = ()) -> tuple[str, ...]:
+    """What must agree for two runs to be compared: captures, protocol, and parameters such as the way of replay."""
+    return tuple(str(run.get(name, "")) for name in (*COMPARABLE, *names))
+
+
+def shared(run: Row, same: Mapping[str, tuple[str, str]]) -> list[str]:
+    """Further parameters that must agree, in words; those with their usual value are left out."""
+    values = {name: str(run.get(name, "")) for name in same}
+    return [words.format(values[name]) for name, (words, usual) in same.items() if values[name] not in ("", usual)]
+
+
+def seed_number(seed: str) -> int:
+    """A tracked seed as a number to sort by, 0 for a system that has none."""
+    return int(seed) if seed.lstrip("-").isdecimal() else 0
+
+
+class Facts(NamedTuple):
+    """Properties of a protocol that statistics need."""
+
+    mixes_subjects: bool  # a fold has captures of one subject on both sides
+    test_over_train: float | None  # tested by training captures, None if folds share no training captures
+    official_split: bool | None  # the folds are the published ones; None if none were published
+
+
+def facts_of(run: Row) -> Facts:
+    """The facts of a run as they were tracked."""
+    ratio = run["test_over_train"]
+    official = {"true": True, "false": False}.get(run["official_split"])
+    return Facts(run["mixes_subjects"] == "true", float(ratio) if ratio else None, official)
+
+
+def several(number: int, noun: str) -> str:
+    """A number with its noun, in the plural unless it is 1."""
+    return f"{number} {noun}{'s' if number != 1 else ''}"
 
 
 class Tables(Mapping[str, "pd.DataFrame"]):
@@ -130,23 +186,27 @@ class Result(Mapping[str, Any]):
 
     @property
     def system(self) -> str:
-        """The system as tables name it, with its marks."""
-        return system_of(self.about)
+        """The system as tables name it: with the conditions that it uses, and a mark if it depends on the batch."""
+        conditions = self.about.get(CONDITIONS)
+        uses = f" (uses {conditions.replace(',', ', ')})" if isinstance(conditions, str) and conditions else ""
+        return str(self.about["system"]) + uses + f" {MARK}" * (not self.alone)
 
     @property
     def method(self) -> str:
         """System, and its seed where that is not the usual one."""
-        return method_of(self.about)
+        return self.system + (f", seed {self.about['seed']}" if self.about["seed"] not in ("0", "none") else "")
 
     @property
     def context(self) -> tuple[str, str, str]:
-        """Data, subset and protocol in words."""
-        return context_of(self.about)
+        """Data, subset with the target, and protocol in words."""
+        data = str(self.about["data"]) + " (synthetic)" * (self.about["synthetic"] == "true")
+        target = f", {self.about['target']}" if self.about["target"] != "gesture" else ""
+        return data, str(self.about["subset"]) + target, str(self.about["protocol_label"])
 
     @property
     def comparable(self) -> tuple[str, ...]:
         """Values that two results share if they may be compared."""
-        return comparable(self.about)
+        return alike(self.about)
 
     @property
     def scored(self) -> bool:
@@ -166,14 +226,10 @@ class Result(Mapping[str, Any]):
     @property
     def alone(self) -> bool:
         """True if its predictions of a capture do not depend on the other captures predicted together."""
-        return not depends_on_batch(self.about)
+        return self.about.get(BATCH) != "true"
 
     @property
     def folds(self) -> str:
         """Finished folds of all folds."""
         done, failed = (int(self.metrics.get(name, 0)) for name in COUNTS)
         return f"{done}/{done + failed}"
-
-
-FAILED = "touchbench.failed"  # of a run: circumstances that failed in a fold
-COUNTS = ("folds", "folds_failed")  # numbers that every result has

@@ -12,8 +12,7 @@ import pandas as pd
 
 from bench.corpora.corpus import PROBABILITY as PREFIX
 from bench.corpora.corpus import RESERVED as RESERVED
-from bench.paired import share_interval
-from bench.resampling import DRAWS, ratio_interval
+from bench.intervals import DRAWS, ratio_interval, share_interval
 
 ABSTAINED = ""  # the label of a system that abstains; no gesture is called so
 
@@ -84,10 +83,7 @@ def confusion(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
 
 
 def subject_interval(labelled: pd.DataFrame, draws: int = DRAWS, seed: int = 0) -> tuple[float, float]:
-    """95 % bootstrap interval of pooled accuracy, whole subjects drawn with replacement.
-
-    Returns NaN, NaN for fewer than `bench.few.INTERVAL` subjects.
-    """
+    """95 % bootstrap interval of pooled accuracy over subjects; NaN for fewer than `bench.few.INTERVAL` of them."""
     hits = (labelled["true"] == labelled["predicted"]).groupby(labelled["subject"]).agg(["sum", "size"]).to_numpy()
     return ratio_interval(hits, draws, seed)
 
@@ -110,12 +106,7 @@ def accuracies(predictions: pd.DataFrame) -> dict[str, float]:
 
 
 def summary(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
-    """The tracked scores of a run; a score that is not defined (SD of one subject) is left out.
-
-    Args:
-        predictions: the table described above.
-        rate_hz: frames per second, to turn frames seen into milliseconds.
-    """
+    """The tracked scores of a run, from its predictions; one that is not defined (SD of one subject) is left out."""
     classes = classes_of(predictions)
     capture = captures(predictions)
     scores = _prefixed("", capture, classes)

@@ -10,7 +10,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.comparable import several
+from bench.result import several
 
 HIDDEN = {ord(space): 0xE000 + i for i, space in enumerate(" \t\n")}  # white space of values, which is theirs
 SHOWN = {hidden: space for space, hidden in HIDDEN.items()}

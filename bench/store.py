@@ -1,4 +1,4 @@
-"""MLflow's store through MLflow's own client: the one module that knows it. Only the main process uses it.
+"""MLflow's store through MLflow's own client, which no other module uses. Only the main process uses it.
 
 A cell of a command is one run of MLflow. Tags by which it is found again: ``touchbench.kind`` (such as ``cell`` or
 ``fit``) and ``touchbench.cell``, the key of the run. ``touchbench.format`` says how a run is stored.
@@ -10,26 +10,21 @@ import gc
 import logging
 import os
 import re
-import shutil
-import sqlite3
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, nullcontext, suppress
-from importlib.metadata import version
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote, urlparse
 
-from filelock import FileLock, Timeout
+from filelock import FileLock
 
+from bench.database import BESIDE, create, is_writable, lock_folder, sqlite_file, store_uri, tables_in, upgrade
 from bench.errors import InputError, StoreError
 from bench.progress import warn
 from bench.registry import KEYS
 from bench.result import Result, Tables
-from bench.scratch import home, owner, replacing, sweep
+from bench.scratch import sweep
 from bench.tables import AGAIN, file_of, read_columns, read_table
 
 if TYPE_CHECKING:
@@ -38,11 +33,8 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
     from mlflow.entities import Run, RunInfo
     from mlflow.store.artifact.artifact_repo import ArtifactRepository
-    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
 EXPERIMENT = "touchbench"
-SQLITE = ("sqlite:///", "sqlite+pysqlite:///")  # before a file
-BESIDE = "touchbench"  # scheme of the addresses of artifacts that lie beside MLflow's SQLite file, wherever it is moved
 FORMAT = "4"  # version of stored runs; others are left out
 PAGE = 5000  # runs of one request
 OF_FOLDS = "fold/"  # numbers of a run whose steps are its folds
@@ -81,7 +73,7 @@ def _masked(text: str) -> str:
 
 def _shown() -> str:
     """Address of the store for people."""
-    path = _file(store_uri())
+    path = sqlite_file(store_uri())
     return _masked(store_uri()) if path is None else f"sqlite:///{path.absolute()}"
 
 
@@ -95,18 +87,8 @@ def _unusable(error: Exception) -> str:
     return _first_line(error.__cause__ or error)
 
 
-def store_uri() -> str:
-    """Address of the store: ``MLFLOW_TRACKING_URI``, or MLflow's SQLite file in the working folder."""
-    return os.environ.get("MLFLOW_TRACKING_URI") or _address(Path.cwd() / "mlflow.db")
-
-
 class Store:
-    """Runs in MLflow, of touchbench's experiment.
-
-    Args:
-        client: MLflow's client.
-        experiment_id: id of the MLflow experiment.
-    """
+    """Runs in MLflow, of touchbench's experiment."""
 
     def __init__(self, client: MlflowClient, experiment_id: str) -> None:
         self.client, self.experiment_id = client, experiment_id
@@ -278,7 +260,7 @@ def artifacts_beside(artifact_uri: str, tracking_uri: str | None = None, registr
 
 
 def _beside(address: str, uri: str) -> Path:
-    return (_file(uri) or Path("mlflow.db")).parent / urlparse(address).path.lstrip("/")
+    return (sqlite_file(uri) or Path("mlflow.db")).parent / urlparse(address).path.lstrip("/")
 
 
 def _local(address: str) -> Path | None:
@@ -291,26 +273,14 @@ def _local(address: str) -> Path | None:
     return Path(address) if len(uri.scheme) <= 1 else None  # a drive letter is no scheme
 
 
-def _address(path: Path) -> str:
-    """The address of SQLite's file; of a quoted one behind sqlite:, MLflow would make the folders."""
-    place = quote(str(path.absolute()))
-    return f"{SQLITE[place != str(path.absolute())]}{place}"
-
-
-def _file(uri: str) -> Path | None:
-    """SQLite's file of an address, as SQLAlchemy reads it."""
-    driver = next((driver for driver in SQLITE if uri.startswith(driver)), None)
-    return Path(unquote(uri.removeprefix(driver).partition("?")[0])) if driver else None
-
-
 def connect(writes: bool = False) -> Store:
     """The store, created if it is not there; one that cannot be written is opened for reading, unless it must be."""
-    uri, path = store_uri(), _file(store_uri())
+    uri, path = store_uri(), sqlite_file(store_uri())
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
     retries = os.environ.get("MLFLOW_HTTP_REQUEST_MAX_RETRIES")
     os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or "2"  # a wrong address is no reason to wait long
-    if fixed := path is not None and not _is_writable(path, writes):
+    if fixed := path is not None and not is_writable(path, writes):
         # SQLite leaves such a file and its folder alone; MLflow makes folders of a plain sqlite:///file:
         uri = f"sqlite+pysqlite:///{quote(path.absolute().as_uri())}?mode=ro&uri=true"
     from mlflow import MlflowClient
@@ -327,7 +297,7 @@ def connect(writes: bool = False) -> Store:
                 sweep(path.parent, f".{path.name}.")
                 if not path.exists() or not path.stat().st_size:
                     create(path)
-                _upgrade(path)
+                upgrade(path)
             # The entry point is for MLflow's own programs, and may be that of an earlier installation.
             _artifact_repository_registry.register(BESIDE, artifacts_beside)
             client = MlflowClient(uri)
@@ -351,99 +321,5 @@ def _experiment(client: MlflowClient, path: Path | None) -> str:
         return experiment.experiment_id
     if path is None:
         return client.create_experiment(EXPERIMENT)
-    with _tables(path) as tables:
+    with tables_in(path) as tables:
         return tables.create_experiment(EXPERIMENT)
-
-
-@contextmanager
-def _tables(path: Path) -> Iterator[SqlAlchemyStore]:
-    """MLflow's SQLite file, made if it is not there; artifacts of its experiments lie beside it."""
-    from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
-
-    tables = SqlAlchemyStore(_address(path), f"{BESIDE}:/mlruns")
-    try:
-        yield tables
-    finally:
-        tables.engine.dispose()
-
-
-def create(path: Path) -> None:
-    """Make MLflow's SQLite file with its tables, beside its name and renamed: a kill leaves none or a good one.
-
-    MLflow takes seconds to make its tables, so that empty ones are kept in the data folder.
-    """
-    empty = home() / f"mlflow-{version('mlflow')}.db"
-    with tempfile.TemporaryDirectory(prefix=f".{path.name}.{owner()}", dir=path.parent) as folder:
-        beside = Path(folder) / path.name
-        if empty.is_file():
-            shutil.copyfile(empty, beside)
-        else:
-            with _tables(beside):
-                pass
-            with suppress(OSError), replacing(empty) as kept:  # a folder that cannot be written
-                shutil.copyfile(beside, kept)
-        beside.replace(path)
-
-
-def _upgrade(path: Path) -> None:
-    """Upgrade a SQLite file of an older MLflow, which could not read it any more; a copy is kept beside it."""
-    from mlflow.store import db_migrations
-
-    with closing(sqlite3.connect(path)) as file:
-        if not file.execute("SELECT 1 FROM sqlite_master WHERE name = 'alembic_version'").fetchone():
-            return
-        (schema,) = file.execute("SELECT version_num FROM alembic_version").fetchone() or [""]
-        steps = (step.read_text() for step in Path(db_migrations.__file__).parent.glob("versions/*.py"))
-        if not any(f'down_revision = "{schema}"' in step for step in steps):
-            return
-        copy = path.with_name(f"{path.name}.{schema}")
-        with closing(sqlite3.connect(copy)) as beside:
-            file.backup(beside)
-    warn(f"{path} is of an older MLflow and is upgraded now; that version can read the copy {copy}")
-    words = [sys.executable, "-m", "mlflow", "db", "upgrade", f"sqlite:///{path.name}"]
-    done = subprocess.run(words, cwd=path.parent, capture_output=True, text=True)
-    if done.returncode:
-        raise InputError(f"{path} cannot be upgraded ({done.stderr.strip()[-150:]}); {copy} is as it was")
-
-
-def _is_writable(path: Path, must: bool) -> bool:
-    """Return True if SQLite can write a file and beside it; SQLite would try for minutes before it gave up."""
-    head, refused = b"", None
-    try:
-        if path.exists():
-            with path.open("rb") as f:
-                head = f.read(16)
-            with path.open("r+b"):
-                pass
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as e:
-        refused = e
-    if head and head != b"SQLite format 3\0":
-        raise InputError(f"{path} is not an MLflow store; move it away or set MLFLOW_TRACKING_URI")
-    if refused and (must or not head):
-        raise InputError(
-            f"the MLflow store {path} cannot be {'written' if must else 'read'} ({refused.strerror}); change the "
-            "folder or set MLFLOW_TRACKING_URI"
-        ) from refused
-    return refused is None
-
-
-@contextmanager
-def only_one(key: str) -> Iterator[None]:
-    """Hold a run against a second process that would run the same folds."""
-    try:
-        with FileLock(lock_folder() / f"{key}.lock", timeout=0):
-            yield
-    except Timeout as e:
-        raise InputError("another process is evaluating this system; wait for it and repeat the command") from e
-
-
-def lock_folder() -> Path:
-    """Folder of the locks."""
-    folder = home() / "locks"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as e:
-        raise InputError(f"{folder} cannot be written ({e}); set TOUCHBENCH_HOME to a folder that can") from e
-    return folder

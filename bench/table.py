@@ -6,8 +6,9 @@ Python.
 
 from __future__ import annotations
 
+import itertools
 import textwrap
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -27,25 +28,15 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")  # begins a formula in a spreadsheet,
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of values with the measures that are their columns.
+    """Rows of values with the measures that are their columns."""
 
-    Attributes:
-        columns: measures; a column with ``spare`` that has no value in any row is not shown.
-        rows: values by name.
-        title: heading.
-        bold: numbers of highlighted rows.
-        remarks: footnotes of each row; equal remarks share a number.
-        groups: heading of each row, shared with its neighbours.
-        drawn: key of the measure whose intervals the page draws in its rows; empty for none.
-    """
-
-    columns: Sequence[Measure]
-    rows: Sequence[Row]
-    title: str = ""
-    bold: Collection[int] = ()
-    remarks: list[list[str]] = field(default_factory=list)
-    groups: list[str] = field(default_factory=list)
-    drawn: str = ""
+    columns: Sequence[Measure]  # measures; a column with ``spare`` that has no value in any row is not shown
+    rows: Sequence[Row]  # values by name
+    title: str = ""  # heading
+    bold: Collection[int] = ()  # numbers of highlighted rows
+    remarks: list[list[str]] = field(default_factory=list)  # footnotes of each row; equal remarks share a number
+    groups: list[str] = field(default_factory=list)  # heading of each row, shared with its neighbours
+    drawn: str = ""  # key of the measure whose intervals the page draws in its rows; empty for none
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -138,32 +129,32 @@ class Table:
 
     def print(self, out: Console) -> None:
         """Print it so that it fits: columns without room follow in lines under each row, spare ones are named below."""
+        from rich.box import HEAVY_HEAD
         from rich.cells import set_cell_size
-        from rich.segment import Segment, SegmentLines
-        from rich.table import Table as Grid
         from rich.text import Text
 
         wide, under, left_out = self.fitted(out.width)
-        numbers = {m.name for m in self.columns if not m.left}
-        grid, heights = Grid(), []
-        for name, width in wide.items():
-            grid.add_column(Text(name), justify="right" if name in numbers else "left", width=width, overflow="fold")
-        for i, row in enumerate(self.texts):  # rich would take svm[C=8.0] for markup
-            cells = [Text(row[name]) for name in wide]
-            heights.append(max(len(c.wrap(out, w, overflow="fold")) for c, w in zip(cells, wide.values(), strict=True)))
-            grid.add_row(*cells, style="bold" if i in self.bold else None)
-        lines = out.render_lines(grid, pad=False)
-        end = len(lines) - 1 - sum(heights)
-        printed = lines[:end]
-        for row, height in zip(self.texts, heights, strict=True):
-            printed += lines[end : (end := end + height)]
-            edge = printed[-1][0].text[0]
-            rest = ", ".join(f"{name} {row[name]}".replace(" ", HELD) for name in under if row[name] not in (NONE, ""))
-            inner = -1 - _room(wide, 0) - 4
+        right = {m.name for m in self.columns if not m.left}
+        box, inner, widths = HEAVY_HEAD.substitute(out.options), -1 - _room(wide, 0) - 4, [w + 2 for w in wide.values()]
+
+        def row(cells: Mapping[str, str], style: str, left: str, between: str, end: str) -> Iterator[Text]:
+            folded = [_folded(out, cells[name], width, name in right) for name, width in wide.items()]
+            for parts in itertools.zip_longest(*folded):
+                shown = [Text(part or " " * width, style) for part, width in zip(parts, wide.values(), strict=True)]
+                yield Text.assemble(f"{left} ", Text(f" {between} ").join(shown), f" {end}")
+
+        lines = [Text(box.get_top(widths))]
+        lines += row({name: name for name in wide}, "bold", box.head_left, box.head_vertical, box.head_right)
+        lines.append(Text(box.get_row(widths, "head")))
+        for i, cells in enumerate(self.texts):
+            style = "bold" if i in self.bold else ""
+            lines += row(cells, style, box.mid_left, box.mid_vertical, box.mid_right)
+            rest = ", ".join(f"{n} {cells[n]}".replace(" ", HELD) for n in under if cells[n] not in (NONE, ""))
             for line in textwrap.wrap(rest, inner, initial_indent="  ", subsequent_indent="  "):
-                printed.append([Segment(f"{edge} {set_cell_size(line.replace(HELD, ' '), inner)} {edge}")])
+                kept = set_cell_size(line.replace(HELD, " "), inner)
+                lines.append(Text(f"{box.mid_left} {kept} {box.mid_right}"))
         out.print(self.title, style="bold", markup=False, highlight=False)
-        out.print(SegmentLines([*printed, *lines[end:]], new_lines=True))
+        out.print(Text("\n").join([*lines, Text(box.get_bottom(widths))]), soft_wrap=True)
         if left_out:
             out.print(left_out, style="dim", markup=False, highlight=False)
 
@@ -189,11 +180,6 @@ class Table:
             rows.append(values)
         return pd.DataFrame(rows, columns=None if rows else [m.key for m in self.columns])
 
-    def csv(self, path: Path) -> Path:
-        """Write the numbers as CSV for people (`write_sheet`)."""
-        write_sheet(self.frame(), path)
-        return path
-
     def shown(self) -> pd.DataFrame:
         """The cells as text."""
         import pandas as pd
@@ -204,6 +190,17 @@ class Table:
 def _room(widths: Mapping[str, int], width: int) -> int:
     """Columns of a terminal that a table with such columns leaves free; negative where it does not fit."""
     return width - 1 - sum(wide + 3 for wide in widths.values())
+
+
+def _folded(out: Console, text: str, width: int, right: bool) -> list[str]:
+    """The lines of a cell, of its width."""
+    from rich.cells import cell_len, set_cell_size
+    from rich.text import Text
+
+    lines = [text]
+    if cell_len(text) > width or "\n" in text:
+        lines = [line.plain.rstrip() for line in Text(text).wrap(out, width, overflow="fold")]
+    return [" " * (width - cell_len(line)) + line if right else set_cell_size(line, width) for line in lines]
 
 
 def of_text(frame: pd.DataFrame, code: Collection[str] = (), **more: Any) -> Table:

@@ -35,21 +35,13 @@ Given = TypeVar("Given")
 
 @dataclass(frozen=True)
 class Times:
-    """Milliseconds of several pieces of work.
+    """Milliseconds of several pieces of work."""
 
-    Attributes:
-        ms: on the quiet machine, one each.
-        wall_ms: by the wall clock, one each.
-        reference_ms: processor time of the workloads around them; the median.
-        quiet_ms: the same on the quiet machine.
-        slowdown: wall time of these workloads, by their time on the quiet machine; the median.
-    """
-
-    ms: list[float]
-    wall_ms: list[float]
-    reference_ms: float
-    quiet_ms: float
-    slowdown: float
+    ms: list[float]  # on the quiet machine, one each
+    wall_ms: list[float]  # by the wall clock, one each
+    reference_ms: float  # processor time of the workloads around them; the median
+    quiet_ms: float  # the same on the quiet machine
+    slowdown: float  # wall time of these workloads, by their time on the quiet machine; the median
 
 
 @cache
@@ -108,9 +100,7 @@ def timed_once(
 ) -> tuple[Given, Times, float]:
     """Do a longer piece of work, with workloads before and after it; what it gives, its times, processor milliseconds.
 
-    Args:
-        work: the work.
-        counted: the seconds that count, from those of the wall clock and of the processor; all of them by default.
+    ``counted`` gives the seconds that count of those of the wall clock and of the processor.
     """
     references = [spent(reference) for _ in range(WARM_UP + AROUND)][WARM_UP:]
     given: list[Given] = []
@@ -137,11 +127,7 @@ def _middle(references: Sequence[tuple[float, float]]) -> float:
 
 
 def quiet_ms(seen: float) -> float:
-    """Milliseconds of the workload on this machine when it is quiet.
-
-    Args:
-        seen: a time that was just measured; kept if it is the shortest.
-    """
+    """Milliseconds of the workload on this machine when it is quiet; the time just measured, if it is the shortest."""
     path, key = home() / KEPT, _key()
     known: dict[str, float] = {}
     with suppress(OSError, ValueError, AttributeError):

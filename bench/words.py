@@ -1,12 +1,16 @@
-"""Values that people give: text between commas or objects of Python, amounts with units; commands as they are typed."""
+"""Options and their values: text between commas or objects of Python, amounts with units; commands as typed."""
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
+import re
 import shlex
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
-from bench.errors import InputError
+from bench.errors import InputError, nearest
 
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
 PARTS = {"protocol": "protocols", "features": "features", "model": "models"}  # rooms of parts by key
@@ -38,6 +42,8 @@ UNITS = {  # typed units, by the unit in which an amount is kept
     "MHz": {"kHz": 1e-3, "MHz": 1, "GHz": 1e3},
 }
 LARGEST, LARGEST_SEED = 10**6, 2**32 - 1  # of a whole number, of a seed, which NumPy and scikit-learn bound
+ROOM = re.compile(r"{([\w.]+)}")  # in the help of an option
+FEW = 3  # values that a refusal lists
 BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
 READERS: dict[type, tuple[str, Callable[[str], object]]] = {
     bool: ("yes or no", lambda text: BOOLEANS[text.lower()]),
@@ -128,3 +134,88 @@ def text_of(value: object) -> str:
     if type(value).__name__ in ("bool", "bool_"):  # NumPy's own, too
         return str(value).lower()
     return "+".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+@dataclass(frozen=True)
+class Option:
+    """A key of some commands."""
+
+    key: str  # key before the ``=``; one with a dot is a parameter that many models take
+    # ``text``, ``number`` (above 0), ``count`` (a whole number), ``counts`` (at least 1), ``yes`` (or no), ``amount``
+    # (of a cost), or the unit of an amount, such as ``ms``
+    type: str
+    default: object  # value if it is not given
+    help: str  # text of the help; ``{models}`` stands for the names of a room, whose parts the key names
+    values: tuple[str, ...] = ()  # allowed values, if they can be listed
+    joint: str = ","  # separator of several values
+    uses: str = ""  # class that does what a key of a package asks, ``module:object``
+
+    @property
+    def room(self) -> str:
+        """The room whose parts it names, with their parameters behind a dot; empty for any other key."""
+        found = ROOM.search(self.help)
+        return found[1] if found else ""
+
+
+def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "text") -> Any:
+    """A field that is an option: a key of the command with its only default.
+
+    A tuple takes all values between commas; of any other, several values are several runs.
+    """
+    return dataclasses.field(default=default, metadata={"option": Option("", type, default, help, values)})
+
+
+@dataclass(frozen=True)
+class Options:
+    """Fields made by `option`, which are read from typed values."""
+
+    @classmethod
+    def fields(cls) -> dict[str, Option]:
+        """Each option by its key."""
+        every = dataclasses.fields(cls)
+        return {f.name: dataclasses.replace(f.metadata["option"], key=f.name) for f in every if "option" in f.metadata}
+
+    @classmethod
+    def of(cls, values: Values) -> list[Self]:
+        """Every combination of the typed values."""
+        choices: dict[str, list] = {}
+        for name, one in cls.fields().items():
+            if name in values:
+                given = list(dict.fromkeys(_read(one, each) for each in items(name, values[name])))
+                choices[name] = [tuple(given)] if isinstance(one.default, tuple) else given
+        return [cls(**dict(zip(choices, each, strict=True))) for each in itertools.product(*choices.values())]
+
+    def arguments(self) -> dict[str, str]:
+        """The options as typed; defaults are left out."""
+        given = {name: (getattr(self, name), one.default) for name, one in self.fields().items()}
+        return {name: typed_as(value) for name, (value, default) in given.items() if value != default}
+
+
+def _read(one: Option, value: object) -> Any:
+    if isinstance(one.default, tuple):
+        one = dataclasses.replace(one, default=next(iter(one.default), False if one.type == "yes" else ""))
+    return value_of(one, value)
+
+
+def value_of(one: Option, value: object) -> Any:
+    """A typed value of an option."""
+    key = one.key
+    if one.type == "number":
+        return quantity(key, value)
+    if one.type in UNITS:
+        return quantity(key, value, one.type)
+    if one.type == "counts":
+        if (number := convert(key, value, 4)) < 1:
+            raise InputError(f"{key}={number}: give whole numbers of at least 1")
+        return number
+    if one.values and (text := text_of(value)) not in one.values:
+        words = f"give {' or '.join(one.values)}" if len(one.values) <= FEW else nearest(text, one.values)
+        raise InputError(f"{key}={text}: {words}")
+    return convert(key, value, one.default or 0 if one.type == "count" else one.default)
+
+
+def typed_as(value: object) -> str:
+    """A value as it is typed."""
+    if isinstance(value, tuple):
+        return ",".join(map(typed_as, value))
+    return text_of(value).removesuffix(".0") if isinstance(value, float) else text_of(value)

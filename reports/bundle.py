@@ -17,14 +17,13 @@ from typing import Any
 
 import pandas as pd
 
-from bench.comparable import COMPARABLE, SAME_SYSTEM, several
 from bench.corpora.read.archive import opened
 from bench.corpora.read.limits import called, check_file
 from bench.errors import InputError
 from bench.progress import warn
 from bench.registry import run_views
 from bench.reports.comparison import command
-from bench.result import Result, Tables
+from bench.result import COMPARABLE, SAME_SYSTEM, Result, Tables, several
 from bench.scratch import replacing
 from bench.tables import file_of, read_table, write_table
 

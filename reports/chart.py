@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from bench.intervals import interval
 from bench.measures import Cost, costs, costs_of, three
 from bench.outcomes.choice import Choice, named
-from bench.paired import interval
 from bench.pareto import staircase
 from bench.reports.figures import SYNTHETIC
 from bench.reports.layout import fragment

@@ -13,13 +13,13 @@ from typing import Any
 import pandas as pd
 
 from bench import few
-from bench.comparable import notes_on, seed_number
+from bench.columns import framed, run_columns, unit_headings
 from bench.described import definitions
-from bench.measures import Cost, Measure, Row, columns, framed, run_columns, text, unit_headings
+from bench.measures import Cost, Measure, Row, text
 from bench.outcomes import statistics
 from bench.outcomes.frame import by_subject, names
 from bench.reports.contexts import busy
-from bench.result import Result
+from bench.result import Result, notes_on, seed_number
 from bench.table import Table, of_text, rows_of
 
 SAME = ["data", "subset_key", "target_key", "protocol_key", "system"]  # of published.csv, and without _key of a run
@@ -29,7 +29,7 @@ SCORED = {
     "vote_": ("capture", "majority vote", ("capture vote",)),
     "window_": ("window", "", ("window", "window macro precision", "window macro recall")),
 }
-UNITS = unit_headings(m for m in columns(run_columns(), "csv") if not isinstance(m, Cost))  # of comparison.csv
+UNITS = unit_headings(m for m in run_columns("csv") if not isinstance(m, Cost))  # of comparison.csv
 UNITS |= {end: f"{end} %" for end in ("low", "high")}
 CONTEXT = ["data", "subset", "protocol", "group"]
 TESTED = ("difference", "p_holm")
@@ -63,7 +63,7 @@ def comparison(
             for row in views(r, numbers):
                 tested = row["combined"] != "majority vote" and row["unit"] == "capture"
                 rows.append({**row, **first, "name": name} | (tests.get(r.system, {}) if tested else {}))
-    measures = columns(run_columns(), "csv")
+    measures = run_columns("csv")
     stored = [Measure(m.source) if isinstance(m, Cost) and m.source else m for m in measures]
     frame = Table([text("name"), text("system"), *stored], rows).frame()
     table = frame.rename(columns={"accuracy_low": "low", "accuracy_high": "high"})
@@ -128,7 +128,7 @@ def _published(result: Result, units: Sequence[str], numbers: Mapping[tuple, lis
 def shown(table: pd.DataFrame, remarks: list[list[str]], groups: list[str]) -> Table:
     """The same for the page."""
     rows = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}).replace({"": None}))
-    measures = [framed(measure) for measure in columns(run_columns(), "page")]
+    measures = [framed(measure) for measure in run_columns("page")]
     measures = [replace(m, heading=f"{m.name} [95 %]") if m.ends else m for m in measures]
     return Table([text("name", "system"), *measures], rows, remarks=remarks, groups=groups)
 

@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from bench import few
-from bench.comparable import Row, context_of, notes_on, seed_number, shared
 from bench.measures import known
 from bench.outcomes.frame import grouped
-from bench.result import Result
+from bench.result import Result, Row, notes_on, seed_number, shared
 from bench.words import BUSY
 from bench.work.curves import clean_accuracy
 
@@ -53,9 +52,9 @@ def scarce(results: Sequence[Result]) -> list[str]:
     return [f"{few.too_few(n)}." for n in people]
 
 
-def context_words(run: Row, same: Mapping[str, tuple[str, str]] | None = None) -> str:
+def context_words(run: Result, same: Mapping[str, tuple[str, str]] | None = None) -> str:
     """Corpus and protocol of a run in words, and the shared parameters that differ from their usual values."""
-    return ", ".join([*context_of(run), *shared(run, same or {})])
+    return ", ".join([*run.context, *shared(run, same or {})])
 
 
 def noted(

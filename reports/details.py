@@ -9,12 +9,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench import few, resampling, scores
-from bench.comparable import seed_number
+from bench import few, intervals, scores
+from bench.intervals import interval
 from bench.outcomes import statistics
-from bench.paired import interval
 from bench.reports.figures import LINE, MARKERS, WIDEST, Picture, bars, new_figure, plain, save, width_of
-from bench.result import Result
+from bench.result import Result, seed_number
 
 WRITTEN = 20  # classes up to which the numbers fit into their cells
 SYSTEMS = 2  # systems of a group whose predictions are read and drawn
@@ -125,7 +124,7 @@ def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
 def drawn_confusions(labelled: pd.DataFrame, classes: list[str], draws: int, seed: int) -> np.ndarray:
     """Confusions of whole subjects drawn with replacement, [draws, true, predicted]."""
     counts = np.array([scores.confusion(part, classes) for _, part in labelled.groupby("subject", sort=True)])
-    return np.einsum("ds,sij->dij", resampling.weights([len(counts)], draws, seed)[0], counts)
+    return np.einsum("ds,sij->dij", intervals.weights([len(counts)], draws, seed)[0], counts)
 
 
 def macro_interval(
@@ -139,7 +138,7 @@ def macro_interval(
         return np.nan, np.nan
     pooled = drawn_confusions(labelled, classes, draws, seed)
     right, totals = np.einsum("dii->di", pooled), pooled.sum(axis=1 if metric == "macro_precision" else 2)
-    low, high = resampling.interval((right / np.maximum(totals, 1)).mean(axis=1))
+    low, high = intervals.percentiles((right / np.maximum(totals, 1)).mean(axis=1))
     return float(low), float(high)
 
 
@@ -152,7 +151,7 @@ def recall_interval(labelled: pd.DataFrame, classes: list[str], draws: int = 200
         for i, drawn in enumerate(shares.T):
             seen = drawn[np.isfinite(drawn)]  # a class that nobody drawn has shown
             if len(seen):
-                table.iloc[i, 1:] = resampling.interval(seen)
+                table.iloc[i, 1:] = intervals.percentiles(seen)
     return table
 
 

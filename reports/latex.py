@@ -13,13 +13,13 @@ from typing import Any
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARK, MIXED, MIXED_MARK, facts_of, notes_on
+from bench.columns import framed, run_columns, unit_headings
 from bench.described import definitions
 from bench.errors import InputError, nearest
-from bench.measures import Cost, Interval, Measure, columns, framed, percent, run_columns, text, unit_headings
+from bench.measures import Cost, Interval, Measure, percent, text
 from bench.outcomes.frame import by_subject
 from bench.reports.contexts import busy
-from bench.result import Result
+from bench.result import MARK, MIXED, MIXED_MARK, Result, facts_of, notes_on
 from bench.sentences import sentences
 from bench.table import Table, rows_of
 
@@ -119,7 +119,7 @@ def _one(part: pd.DataFrame, position: int) -> str:
     """One table, its best accuracy in bold."""
     rows = rows_of(part.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
     cells = pd.DataFrame({"system": [escaped(_named(row)) for row in rows]}, part.index)
-    for measure in map(framed, columns(run_columns(), "latex")):
+    for measure in map(framed, run_columns("latex")):
         values = [measure.cell(row) for row in rows]
         if all(value is None for value in values) and measure.spare:
             continue

@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.comparable import COMPARABLE, facts_of, notes_on
 from bench.measures import CODE, Measure, p_value, text
 from bench.outcomes import statistics
 from bench.outcomes.frame import by_subject
@@ -19,7 +18,7 @@ from bench.reports.comparison import published
 from bench.reports.contexts import METHODS, scarce
 from bench.reports.figures import bars, look, new_figure, plain, save, spread, width_of
 from bench.reports.part import Part, Section
-from bench.result import Result
+from bench.result import COMPARABLE, Result, facts_of, notes_on
 from bench.sentences import sentences
 from bench.table import Table, rows_of
 from bench.words import typed

@@ -16,11 +16,11 @@ from typing import Any
 import pandas as pd
 
 from bench import scores
-from bench.comparable import seed_number
-from bench.measures import Measure, columns, costs, percent, run_columns, three
+from bench.columns import run_columns
+from bench.measures import Measure, costs, percent, three
 from bench.reports.comparison import SAME, published, views
 from bench.reports.summary import Summary, family
-from bench.result import Result
+from bench.result import Result, seed_number
 
 ELSEWHERE = {"accuracy", "difference", "p_holm"}  # columns of runs that the table of systems has otherwise
 LABELS = 500_000  # captures of all systems that the page has room for
@@ -36,7 +36,7 @@ def packed(summary: Summary, models: Mapping[str, str]) -> str:
         if r.complete and r.alone:
             runs.setdefault(r.system, []).append(r)
     others = [summary.column(name) for name in summary.costs if name not in summary.leading]
-    others += [m for m in columns(run_columns(), "page") if m.key not in {*ELSEWHERE, *summary.costs}]
+    others += [m for m in run_columns("page") if m.key not in {*ELSEWHERE, *summary.costs}]
     by_name: dict[str, Measure] = {}
     for measure in (replace(table.columns[0], read="name"), *table.columns[1:], *others):
         by_name.setdefault(measure.name, measure)

@@ -13,13 +13,12 @@ import pandas as pd
 from scipy.stats import rankdata
 
 from bench import few
-from bench.comparable import notes_on
+from bench.intervals import percentiles, weights
 from bench.measures import Measure, text
 from bench.outcomes import statistics
 from bench.outcomes.frame import by_subject
 from bench.reports.part import Part, Section
-from bench.resampling import interval, weights
-from bench.result import Result
+from bench.result import Result, notes_on
 from bench.table import Table, rows_of
 
 SAME = ("synthetic", "subset", "target", "protocol")  # tags that all ranked corpora share
@@ -77,7 +76,7 @@ def ranking(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
     table = pd.DataFrame(made | {"accuracy": everyone.mean(axis=1).to_numpy()})
     if min(people[names]) >= few.INTERVAL:
         sums = [each @ drawn.T for each, drawn in zip(ranks, weights(people[names]), strict=True)]
-        table["low"], table["high"] = interval(np.sum(sums, axis=0) / sum(people[names]), axis=1)
+        table["low"], table["high"] = percentiles(np.sum(sums, axis=0) / sum(people[names]), axis=1)
     for name, part in parts.items():
         mean = part.mean(axis=1).round(9).to_numpy()
         table[f"{name}_accuracy"], table[f"{name}_place"] = mean, rankdata(-mean)

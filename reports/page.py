@@ -12,7 +12,6 @@ from typing import Any
 import pandas as pd
 
 from bench import few
-from bench.comparable import MARKED, notes_on, several
 from bench.errors import InputError, nearest
 from bench.measures import costs
 from bench.options import makers
@@ -35,7 +34,7 @@ from bench.reports.papers import against as beside_papers
 from bench.reports.papers import best_published, published_section, yours
 from bench.reports.part import Part, Section
 from bench.reports.summary import Chart, Summary, labels, largest_groups, summary_of
-from bench.result import Result
+from bench.result import MARKED, Result, notes_on, several
 from bench.scratch import owner, sweep
 from bench.store import Store
 from bench.table import write_sheet

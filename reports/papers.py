@@ -13,12 +13,11 @@ import numpy as np
 import pandas as pd
 
 from bench import few, scores
-from bench.comparable import Row, facts_of, seed_number
 from bench.measures import NONE, Measure, known, text
 from bench.reports.comparison import SAME, published
 from bench.reports.contexts import listed
 from bench.reports.details import macro_interval
-from bench.result import Result
+from bench.result import Result, Row, facts_of, seed_number
 from bench.table import Table, rows_of
 
 NAMES = {"cost": "CoST", "haart": "HAART", "cuddlebot": "CuddleBot", "shear": "a sheared skin"}

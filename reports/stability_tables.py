@@ -10,13 +10,12 @@ import pandas as pd
 from scipy.stats import kendalltau
 
 from bench import scores
-from bench.comparable import notes_on
 from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.reports.contexts import noted
 from bench.reports.fault_curves import draw
 from bench.reports.layout import markdown, slug
-from bench.result import Result
+from bench.result import Result, notes_on
 from bench.sentences import sentences
 from bench.table import Table, of_text, rows_of, write_sheet
 from bench.words import CLEAN

@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from bench.comparable import alike
 from bench.reports.figures import bars, log_ticks, look
-from bench.result import Result
+from bench.result import Result, alike
 
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature
 LEFT_LABEL = "ms of touch seen; a capture that has ended keeps its label"

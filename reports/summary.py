@@ -13,18 +13,17 @@ import pandas as pd
 
 from bench import few
 from bench.candidate import Losses, Wish
-from bench.comparable import COMPARABLE, MIXED, facts_of, notes_on
 from bench.errors import InputError
+from bench.intervals import interval
 from bench.measures import Measure, costs, costs_of, known, p_value, text, three
 from bench.outcomes import statistics
 from bench.outcomes.candidates import PLAIN, Candidates, candidates
 from bench.outcomes.choice import Choice, decide, expectation, expected, named, reasons
 from bench.outcomes.frame import by_subject
 from bench.outcomes.scene import EVERY
-from bench.paired import interval
 from bench.registry import circumstance_views, names
 from bench.reports.figures import Picture
-from bench.result import Result
+from bench.result import COMPARABLE, MIXED, Result, facts_of, notes_on
 from bench.scores import captures
 from bench.sentences import sentences
 from bench.table import Table, rows_of

@@ -1,9 +1,6 @@
 """The Python API: the names of the command line, tables that show what the store holds."""
 
 import itertools
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -15,31 +12,13 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
 import bench
-from bench.comparable import BATCH, MARKED
 from bench.features.jung28 import Jung28
 from bench.options import settings
+from bench.result import BATCH, MARKED
 from tests.conftest import predictions, runs
 from tests.reports.store import tracked_run, with_hits
 
 TINY = {"data__subjects": 3, "data__variants": ("normal",), "data__repetitions": 1, "jobs": 1}
-ROOT = str(Path(bench.__file__).parent.parent)
-
-
-HEAVY = "numpy pandas sklearn torch mlflow rich matplotlib"
-
-
-@pytest.mark.parametrize(
-    ("code", "heavy"),
-    [
-        ("import bench; dir(bench)", HEAVY),
-        ("from bench.cli import main; main(['run', '--help'])", HEAVY),
-        ("import bench.commands.run, bench.work.loop", "dask distributed"),
-        ("from bench.plan.cells import cells; cells({'model': 'rocket,svm'})[0].estimator()", "aeon numba"),
-    ],
-)
-def test_nothing_heavy_is_loaded_before_it_is_needed(code, heavy):
-    code += f"; import sys; sys.exit(bool(set({heavy.split()}) & set(sys.modules)))"
-    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.DEVNULL).returncode == 0
 
 
 def test_a_corpus_is_short_to_print_and_can_be_looked_at():

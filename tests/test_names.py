@@ -95,10 +95,7 @@ def found(back):
     import_corpus("table", Path("captures.csv"), {"name": "arm", "grid": "4x4", "rate_hz": str(RATE)})
     system = {"model": ["lda", "tree"], "features": "touch", "jobs": 1}
     tables = {"run": bench.run(data="arm", **system), "stress": bench.stress(data="arm", faults="noise", **system)}
-    tables |= {
-        "runs": bench.runs(),
-        "groups": bench.groups(data="arm"),
-    }
+    tables |= {"runs": bench.runs(), "groups": bench.groups(data="arm")}
     tables["scene"] = bench.choose(data="arm", scene="scene.toml", by="flash").choice.table
     every = {name: numbers(table, back) for name, table in tables.items()}
     for i, result in enumerate(every_result(connect())):

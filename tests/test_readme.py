@@ -15,7 +15,8 @@ import pytest
 import bench
 from bench import contract
 from bench.cli import main
-from bench.measures import tracked
+from bench.columns import run_columns
+from bench.measures import in_percent
 from bench.options import commands, keys, parse
 from bench.outcomes.runs import every_result
 from bench.registry import circumstance_views
@@ -76,9 +77,17 @@ def test_every_name_of_the_contract_is_on_the_page_of_ones_own_system():
     assert not [each.name for each in hooks if f"`{each.name}" not in DOCS["your_system.md"]]
 
 
+def tracked():
+    """Each number of a run in MLflow: its name, unit and meaning."""
+    named = {"seconds": "s", "ms": "ms", "bytes": "bytes", "slowdown": "factor", "relative": "factor"}
+    for one in (measure for measure in run_columns() if measure.meaning):
+        units = [named[word] for word in one.source.split("_") if word in named]
+        yield one.source, "share" if one.scale is in_percent else units[0] if units else "number", one.meaning
+
+
 def test_the_page_of_the_store_has_every_number_of_a_run_with_unit_and_meaning(in_net):
     rows = re.findall(r"^\| `(\w+)` \| (.+?) \| (.+) \|$", DOCS["store.md"], flags=re.MULTILINE)
-    assert rows == tracked()
+    assert rows == [*tracked()]
     plain = [r for r in every_result(connect()) if not any(view.holds(r) for view in circumstance_views())]
     assert any("windows" in r for r in plain)
     variant = re.compile("^(vote|window)_|(?<=accuracy)_(low|high)$|_p(50|95|99)$")

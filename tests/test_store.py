@@ -13,7 +13,7 @@ from mlflow import MlflowClient
 from mlflow.store import db_migrations
 
 import bench
-from bench import store
+from bench import database, store
 from bench.cli import main
 from bench.errors import StoreError
 from bench.scratch import owner
@@ -118,7 +118,7 @@ def test_a_store_that_can_only_be_read_is_read_and_left_alone(in_net, tmp_path, 
     Path("mlflow.db.lock").unlink()
     files = lambda: {p: p.stat().st_mtime_ns for p in [*Path().glob("*.db*"), *Path("mlruns").rglob("*")]}  # noqa: E731
     before = files()
-    monkeypatch.setattr(store.tempfile, "TemporaryFile", refused)
+    monkeypatch.setattr(database.tempfile, "TemporaryFile", refused)
     again = read()
     assert again[:2] == (code, said) and again[2].equals(table) and files() == before
     with pytest.raises(StoreError, match="readonly"):

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.option import Options, typed_as
-from bench.option import option as option
 from bench.words import LABELS as LABELS
+from bench.words import Options, typed_as
+from bench.words import option as option
 from bench.work.case import Case as Case
 
 if TYPE_CHECKING:

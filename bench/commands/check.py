@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.commands.run import evaluated
-from bench.comparable import several
 from bench.errors import InputError
-from bench.option import Option
 from bench.options import KEYS as RUN_KEYS
-from bench.options import MORE, WORK, Command, backend_keys, backend_of, keys, parse, settings
+from bench.options import MORE, WORK, Command, Option, backend_keys, backend_of, keys, parse, settings
+from bench.result import several
 from bench.scratch import replacing
 from bench.words import PARTS
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
 from bench.measures import Cost, Measure, Row, costs, costs_of, text
-from bench.option import Option
-from bench.options import BATCH, START, STORED, Command, keys, limits_of, makers, parse, settings
+from bench.options import BATCH, FITTED, START, STORED, Command, Option, keys, limits_of, makers, parse, settings
 from bench.words import Values, typed
 
 if TYPE_CHECKING:
@@ -31,10 +30,7 @@ COMMAND = Command(
         Option("scene", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
         Option("by", "text", "flash", "cost to minimise"),  # its values: `bench.measures.costs`
         Option(
-            "margin",
-            "number",
-            None,
-            "accepted loss in points; a one-sided paired t-test replaces the standard error",
+            "margin", "number", None, "accepted loss in points; a one-sided paired t-test replaces the standard error"
         ),
         Option("unit", "text", "capture", "unit of accuracy", ("capture", "window")),
         BATCH,
@@ -43,7 +39,6 @@ COMMAND = Command(
     ),
     budgets="all",
 )
-FIT = ("data", "where", "target", "model", "features", "seed")  # keys of bench fit that a run has
 
 
 def command(arguments: list[str]) -> int:
@@ -92,7 +87,8 @@ def _next(result: Chosen) -> str:
     A search is not trained again, and a system that needs conditions is not saved.
     """
     one = result.choice.table.loc[result.choice.chosen]
-    trained = {k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in FIT}
+    fitted = {option.key for option in FITTED}
+    trained = {k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in fitted}
     trained |= json.loads(str(one["shipped"])) if trained else {}
     once = trained and one["command"] in makers() and not one["conditions"]
     return typed("fit", trained | {"out": "chosen"}) if once else "bench report"

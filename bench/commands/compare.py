@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from bench.errors import InputError
 from bench.measures import Measure, text
-from bench.option import Option
-from bench.options import COMPARE, STORED, Command, keys, parse_words, values_of
+from bench.options import COMPARE, STORED, Command, Option, keys, parse_words, values_of
 from bench.options import KEYS as RUN_KEYS
 from bench.words import Values, items
 

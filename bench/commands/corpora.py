@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from bench.commands.printing import say, then, unwritable, writable
-from bench.comparable import several
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import ASIDE, briefly, import_corpus, imported, left_out, open_corpus, stored_value, verify
 from bench.corpora.read.cost import write
@@ -21,8 +20,11 @@ from bench.corpora.survey import Survey
 from bench.errors import InputError
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
+from bench.result import several
 from bench.scratch import home
 from bench.words import SMALL
+
+FOLDS = 10  # of protocol=kfold
 
 
 def listed() -> int:
@@ -63,9 +65,17 @@ def show(name: str, values: dict[str, str], given: dict[str, Any]) -> int:
     if warnings := [] if name == "synth" else stored_value(name).info["warnings"]:
         print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
     print(f"\nfigures and a page that shows them; open: {Path(out, 'index.html').resolve().as_uri()}")
-    protocol = "loso" if len(set(corpus.subjects)) > 1 else "kfold"
-    then(f"bench run data={name} protocol={protocol} {SMALL}")
+    if protocol := _protocol(captures(name, parameters)):
+        then(f"bench run data={name} protocol={protocol} {SMALL}")
     return 0
+
+
+def _protocol(corpus: Corpus) -> str:
+    """A protocol that a corpus has enough captures for; empty if there is none."""
+    fewest = int(np.unique(corpus.gestures, return_counts=True)[1].min())
+    if len({*corpus.subjects}) > 1:
+        return "loso"
+    return "" if fewest < 2 else "kfold" if fewest >= FOLDS else f"kfold protocol.folds={fewest}"
 
 
 def captures(name: str, parameters: Mapping[str, object], where: str = "", target: str = "gesture") -> Corpus:

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError, nearest
-from bench.option import Option
-from bench.options import START, Command, parse, settings
+from bench.options import START, Command, Option, parse, settings
 from bench.words import DEFAULTS, Values
 
 if TYPE_CHECKING:

@@ -6,22 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.option import Option
-from bench.options import (
-    DATA,
-    FEATURES,
-    MODEL,
-    SEED,
-    START,
-    TARGET,
-    WHERE,
-    Command,
-    following,
-    keys,
-    parse,
-    settings,
-    used,
-)
+from bench.options import FITTED, START, Command, Option, following, keys, parse, settings, used
 from bench.words import Values, quoted
 
 if TYPE_CHECKING:
@@ -34,12 +19,7 @@ COMMAND = Command(
     "predict and all commands that take MODEL. Each key has one value.",
     "bench fit data=haart model=svm features=jung54 out=svm\nmlflow models serve -m svm --env-manager local",
     options=(
-        DATA,
-        WHERE,
-        TARGET,
-        MODEL,
-        FEATURES,
-        SEED,
+        *FITTED,
         Option("stopping", "yes", True, "no: skip three extra fits for calibration and early decisions"),
         Option("out", "text", "", "folder for a copy of the model; new or empty"),
     ),

@@ -8,10 +8,10 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.comparable import several
 from bench.errors import InputError
 from bench.options import KEYS, keys, values_of
 from bench.progress import about
+from bench.result import several
 from bench.words import text_of, typed
 
 if TYPE_CHECKING:
@@ -23,9 +23,7 @@ DOTTED = 'write a key with a dot in quotes, such as "model.C" = 8'
 def read(file: str, aside: Collection[str]) -> tuple[str, dict[str, dict[str, object]]]:
     """The digest of a file, and the values of ``bench run`` of each of its tables, by its place in words.
 
-    Args:
-        file: a TOML file. Keys above the first table hold for all tables; without tables, they are one grid.
-        aside: keys that belong on the command line.
+    Keys above the first table hold for all tables; without tables, they are one grid. Keys ``aside`` are refused.
     """
     try:
         content = Path(file).read_bytes()

@@ -8,7 +8,6 @@ import pandas as pd
 
 from bench import few
 from bench.commands.printing import output, say, then
-from bench.comparable import MIXED, facts_of
 from bench.errors import InputError
 from bench.measures import Measure, text
 from bench.options import BATCH, STORED, settings
@@ -17,7 +16,7 @@ from bench.outcomes.frame import choosing
 from bench.outcomes.groups import Grouping, groupings, reactions
 from bench.outcomes.runs import asked_of, stored, without_runs
 from bench.progress import warn
-from bench.result import Result
+from bench.result import MIXED, Result, facts_of
 from bench.store import connect
 from bench.table import Table, rows_of
 from bench.words import Values

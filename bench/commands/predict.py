@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.option import Option
-from bench.options import SHIP, TRUSTED, Command, following, keys, parse_words, settings
+from bench.options import SHIP, TRUSTED, Command, Option, following, keys, parse_words, settings
 from bench.words import Values, quoted
 
 if TYPE_CHECKING:

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from bench.comparable import notes_on
 from bench.errors import InputError
 from bench.few import INTERVAL, too_few
 from bench.measures import Interval, Measure, known, text
 from bench.outcomes.frame import grouped, names
 from bench.progress import console
 from bench.registry import names as registered
-from bench.result import Result
+from bench.result import Result, notes_on
 from bench.table import Table, rows_of
 from bench.words import BUSY
 from bench.work.bar import named

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.comparable import several
-from bench.option import Option
-from bench.options import START, STORED, Command, keys, limits_of, parse, settings
+from bench.options import START, STORED, Command, Option, keys, limits_of, parse, settings
+from bench.result import several
 
 COMMAND = Command(
     START,

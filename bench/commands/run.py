@@ -9,17 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
-from bench.option import Option, value_of
 from bench.options import (
     COMPARE,
     DRY,
     KEYS,
     START,
     Command,
+    Option,
     backend_keys,
     backend_of,
     keys,
     parse,
+    value_of,
     values_of,
 )
 from bench.registry import load, loaded, view
@@ -140,7 +141,6 @@ def given_to(name: str, values: Values) -> dict[str, Any]:
 def planned(name: str, grids: Mapping[str, Values], backend: Backend) -> list[Plan]:
     """What a command is to run of each grid, by its place in words; every run once."""
     from bench.work.loop import prepared
-    from bench.work.tracking import key_of
 
     todo: list[Cell] = []
     for place, values in grids.items():
@@ -148,7 +148,7 @@ def planned(name: str, grids: Mapping[str, Values], backend: Backend) -> list[Pl
             todo += _wanted(name, values)
         except InputError as e:
             raise InputError(f"{place}: {e}" if place else str(e)) from e
-    return [*{key_of(plan): plan for plan in prepared(todo, backend.jobs)}.values()]
+    return [*{plan.key: plan for plan in prepared(todo, backend.jobs)}.values()]
 
 
 def _wanted(name: str, values: Values) -> list[Cell]:

@@ -6,11 +6,10 @@ import sys
 from datetime import datetime
 from typing import TYPE_CHECKING
 
-from bench.comparable import several
 from bench.errors import InputError
 from bench.measures import percent, text
-from bench.option import Option
-from bench.options import COMPARE, STORED, Command, keys, parse, settings
+from bench.options import COMPARE, STORED, Command, Option, keys, parse, settings
+from bench.result import several
 
 if TYPE_CHECKING:
     from bench.result import Result
@@ -35,9 +34,10 @@ STATES = {"RUNNING": "goes on, or was cut off", "KILLED": "interrupted"}
 def command(arguments: list[str]) -> int:
     """List the selected runs, and delete them if that is asked; exit code 1 if the answer is no."""
     from bench.commands.printing import output, say
+    from bench.database import only_one
     from bench.outcomes.runs import asked_of, wanted
     from bench.registry import run_views
-    from bench.store import connect, only_one
+    from bench.store import connect
 
     values = parse(arguments, keys("runs"))
     given = settings("runs", values)

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from bench.commands.run import evaluated, is_dry, printed
 from bench.errors import InputError, nearest
-from bench.option import Option
-from bench.options import COMPARE, DRY, WORK, Command, backend_of, keys, parse, settings
+from bench.options import COMPARE, DRY, WORK, Command, Option, backend_of, keys, parse, settings
 from bench.registry import parameters
 from bench.words import DEFAULTS, Values, convert, items, text_of
 

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.option import Option
-from bench.options import COMPARE, Command, keys, parse, settings
+from bench.options import COMPARE, Command, Option, keys, parse, settings
 from bench.registry import run_views
 
 if TYPE_CHECKING:
@@ -39,18 +38,15 @@ COLUMNS = {  # of MLflow's table of runs, and their widths in pixels
     "params.`where`": 120,
     "params.`protocol`": 90,
 }
-VIEW = {
-    "selectedColumns": [*COLUMNS],
-    "columnOrder": [NAME, *COLUMNS],
-    "columnWidths": {NAME: WIDE, **COLUMNS},
-}
+VIEW = {"selectedColumns": [*COLUMNS], "columnOrder": [NAME, *COLUMNS], "columnWidths": {NAME: WIDE, **COLUMNS}}
 
 
 def command(arguments: list[str]) -> int:
     """Run MLflow's own server on this folder's store, for this machine only; its exit code."""
     import subprocess
 
-    from bench.store import connect, store_uri
+    from bench.database import store_uri
+    from bench.store import connect
 
     port = settings("ui", parse(arguments, keys("ui")))["port"]
     if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:

@@ -11,13 +11,12 @@ import numpy as np
 import pandas as pd
 
 from bench.candidate import Candidate, Losses, Wish
-from bench.comparable import CONDITIONS, alike, context_of, facts_of, seed_number, several
 from bench.errors import InputError
 from bench.measures import Interval, costs, costs_of
 from bench.outcomes.reactions import Reactions
 from bench.outcomes.runs import COLUMNS, NothingTracked, plain, selected
 from bench.registry import circumstance_views, run_views
-from bench.result import Result
+from bench.result import CONDITIONS, Result, alike, facts_of, seed_number, several
 from bench.sentences import sentences
 from bench.words import quoted, typed
 
@@ -84,7 +83,7 @@ class Candidates:
     @property
     def context(self) -> str:
         """Captures and protocol, in words."""
-        return ", ".join(context_of(self.first))
+        return ", ".join(self.first.context)
 
     @property
     def mixed(self) -> bool:

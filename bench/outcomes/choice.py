@@ -14,15 +14,15 @@ import pandas as pd
 
 from bench import few
 from bench.candidate import Losses, Wish
-from bench.comparable import MARKED, MIXED, Row, notes_on
 from bench.errors import InputError
+from bench.intervals import TOLERANCE, interval, mean_and_error, within_one_standard_error
 from bench.measures import costs, costs_of
 from bench.outcomes.candidates import Candidates, candidates, missing, repeated
 from bench.outcomes.runs import NothingTracked, selected, without_runs
 from bench.outcomes.scene import EVERY, Scene
-from bench.paired import TOLERANCE, interval, mean_and_error, within_one_standard_error
 from bench.progress import warn
 from bench.registry import run_views
+from bench.result import MARKED, MIXED, Row, notes_on
 from bench.sentences import sentences
 from bench.table import rows_of
 from bench.words import SMALL, typed

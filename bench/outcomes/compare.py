@@ -11,14 +11,13 @@ import pandas as pd
 import pyarrow as pa
 
 from bench import few, scores
-from bench.comparable import MARK, notes_on, several
 from bench.corpora.read.limits import called, check_columns
 from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Table, words_of
 from bench.errors import InputError, nearest, plain
 from bench.measures import Measure, p_value
 from bench.outcomes import statistics
 from bench.outcomes.frame import names
-from bench.result import Result
+from bench.result import MARK, Result, notes_on, several
 from bench.sentences import sentences
 
 COLUMNS = ["id", "subject", "truth", "prediction"]  # of a file
@@ -29,20 +28,14 @@ P = Measure("p", form=p_value)
 
 @dataclass(frozen=True)
 class Side:
-    """What one system predicted.
+    """What one system predicted."""
 
-    Attributes:
-        name: the system, or the file.
-        rows: ``id``, ``subject``, ``truth``, ``prediction`` and ``right`` (1, 0, or a share of a tied vote): a row for
-            each capture, or of stored runs for each capture, fold and seed.
-        on: data, subset and protocol of stored runs in words; empty for a file.
-        notes: sentences on captures with several rows, tied votes and missing predictions.
-    """
-
-    name: str
+    name: str  # the system, or the file
+    # ``id``, ``subject``, ``truth``, ``prediction`` and ``right`` (1, 0, or a share of a tied vote): a row for each
+    # capture, or of stored runs for each capture, fold and seed
     rows: pd.DataFrame
-    on: str = ""
-    notes: Sequence[str] = ()
+    on: str = ""  # data, subset and protocol of stored runs in words; empty for a file
+    notes: Sequence[str] = ()  # sentences on captures with several rows, tied votes and missing predictions
 
     def captures(self) -> pd.DataFrame:
         """A row for each capture, by its id; ``right`` is a mean over seeds."""

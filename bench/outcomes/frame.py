@@ -11,9 +11,8 @@ from typing import Any
 
 import pandas as pd
 
-from bench.comparable import COMPARABLE, Row, context_of, shared
 from bench.errors import InputError, nearest
-from bench.result import COUNTS, Result
+from bench.result import COMPARABLE, COUNTS, Result, Row, shared
 from bench.words import labelled, typed
 
 IS = ["system", "model", "features", "parameters", "seed", "unit", "subset", "target", "data", "protocol"]
@@ -45,10 +44,10 @@ def grouped(results: Sequence[Result], same: Mapping[str, tuple[str, str]] | Non
     """The results by captures and protocol in words; only results of one group are compared.
 
     Generated captures say so; where several corpora go by one name, the digest tells them apart. Results of a group
-    also share the parameters ``same``, which have words (`bench.comparable.shared`).
+    also share the parameters ``same``, which have words (`bench.result.shared`).
     """
     keys = [tuple(str(r.get(name, "")) for name in (*COMPARABLE, *(same or ()))) for r in results]
-    words = {key: ", ".join([*context_of(r), *shared(r, same or {})]) for key, r in zip(keys, results, strict=True)}
+    words = {key: ", ".join([*r.context, *shared(r, same or {})]) for key, r in zip(keys, results, strict=True)}
     digests = {text: {key[1] for key in words if words[key] == text} for text in words.values()}
     groups: dict[str, list[Result]] = {}
     for key, r in zip(keys, results, strict=True):
@@ -84,8 +83,8 @@ def _telling(rows: Sequence[Row], context: bool) -> list[str]:
     where = ["data", "subset", "target", "protocol"] if context else []
     kept: dict[tuple[int, ...], str] = {}  # by how they part the rows
     for key in dict.fromkeys([*where, "seed", "touchbench.changes", *usual, "corpus_digest"]):
-        values = [str(r.get(key, "")) for r in about]
-        parts = tuple(map(values.index, values))
+        first: dict[str, int] = {}
+        parts = tuple(first.setdefault(str(r.get(key, "")), i) for i, r in enumerate(about))
         if any(parts):
             kept.setdefault(parts, key)
     alone = len({*zip(*kept, strict=True)}) == len(rows) if kept else False

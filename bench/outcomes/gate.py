@@ -183,7 +183,7 @@ def interval(differences: np.ndarray) -> tuple[int, int]:
 
 
 def drawn(values: np.ndarray, draws: int) -> tuple[np.ndarray, np.ndarray]:
-    """Every sum of values drawn with replacement, int [sums], and its probability; the limit of endless resampling."""
+    """Every sum of values drawn with replacement, int [sums], and its probability; the limit of endless intervals."""
     least = int(values.min())
     one = np.bincount(values - least) / len(values)
     start = 0

@@ -16,7 +16,7 @@ import pandas as pd
 
 from bench import scores
 from bench.errors import InputError
-from bench.paired import interval
+from bench.intervals import interval
 
 Grouping = tuple[tuple[str, ...], ...]  # names of the gestures of each group
 

@@ -6,12 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Never, TypeVar
 
-from bench.comparable import COMPARABLE, SAME_SYSTEM
 from bench.errors import InputError
 from bench.progress import warn
 from bench.registry import KEYS as PARTS
 from bench.registry import names, run_views, views
-from bench.result import Result
+from bench.result import COMPARABLE, SAME_SYSTEM, Result
 from bench.store import Store
 from bench.words import Values, convert, items
 

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 from bench.candidate import EARLY, Candidate, Wish
+from bench.intervals import TOLERANCE
 from bench.outcomes.frame import subject_accuracy
 from bench.outcomes.reactions import by_capture, by_decision
-from bench.paired import TOLERANCE
 from bench.result import Result
 from bench.work.stopping import standing
 

@@ -18,8 +18,8 @@ import pandas as pd
 from scipy import special, stats
 
 from bench import few
-from bench.comparable import MIXED
-from bench.paired import interval as interval
+from bench.intervals import interval as interval
+from bench.result import MIXED
 from bench.sentences import sentences
 
 RANKED = 30  # systems that are compared in one table and diagram
@@ -134,7 +134,7 @@ def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[floa
         return np.nan, np.nan, np.nan
     mean = differences.mean()
     error = np.sqrt((1 / n + test_over_train) * differences.var(ddof=1))
-    half = stats.t.ppf(0.975, n - 1) * error  # bench.paired.interval has the usual error, not this one
+    half = stats.t.ppf(0.975, n - 1) * error  # bench.intervals.interval has the usual error, not this one
     p = 2 * stats.t.sf(abs(mean) / error, n - 1) if error > 0 else (1.0 if mean == 0 else 0.0)
     return float(mean - half), float(mean + half), float(p)
 

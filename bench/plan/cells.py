@@ -17,6 +17,7 @@ import numpy as np
 from bench import contract
 from bench.errors import InputError, nearest
 from bench.features.base import OfFunction
+from bench.plan import objects
 from bench.registry import load, names, parameters, required
 from bench.source import source_digest, versions
 from bench.words import DEFAULTS, PARTS, Values, convert, items, text_of
@@ -104,18 +105,18 @@ class Part(Generic[Made]):
         """Identity of a part: name and parameters."""
         if self.instance is None:
             return self.room, self.short, self.parameters
-        return self.room, self.name, contract.settings(self.instance)
+        return self.room, self.name, objects.settings(self.instance)
 
     def code(self) -> list[Code]:
         """Modules, classes and functions that it consists of."""
         if self.instance is not None:
-            return [*contract.classes(self.instance)]
+            return [*objects.classes(self.instance)]
         beyond = set(self.parameters) - set(parameters(self.factory))
         return [self.factory, *(["bench.models.recipe"] if beyond else [])]
 
     def packages(self) -> tuple[str, ...]:
         """Packages that this part alone depends on."""
-        return contract.packages(self.factory) if self.instance is None else contract.libraries(self.instance)
+        return contract.packages(self.factory) if self.instance is None else objects.libraries(self.instance)
 
 
 @dataclass(frozen=True)
@@ -357,7 +358,7 @@ def variants(
         if inspect.isclass(part) or not callable(getattr(part, method, None)):
             kind = getattr(part, "__name__", type(part).__name__)
             raise InputError(f"{key}={kind}: give a name, or an object with {method}(), such as {kind}()")
-        return [Part(room, contract.shown(part), instance=part)]
+        return [Part(room, objects.shown(part), instance=part)]
     factory, module = load(room, part), ""
     if (file := part.rpartition(":")[0]).endswith(".py"):  # from wherever a worker is started
         part, module = f"{Path(file).absolute()}:{part.rpartition(':')[2]}", factory.__module__

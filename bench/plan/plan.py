@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import json
 import os
 import warnings
 from collections.abc import Iterable, Sequence
@@ -97,7 +98,13 @@ class Plan:
             getattr(self, name)  # computed once, before the copy
         other = copy(self)
         vars(other).update(cell=cell)  # the class is frozen
+        vars(other).pop("key", None)
         return other
+
+    @cached_property
+    def key(self) -> str:
+        """Key of the run: everything that its stored numbers depend on (docs/notes/decisions.md, identity)."""
+        return hashlib.sha256(json.dumps(self.identity(), sort_keys=True, default=str).encode()).hexdigest()[:20]
 
     def identity(self) -> dict[str, object]:
         """Identity of its results: corpus, chosen captures, folds, cell, threads of a fold."""

@@ -25,6 +25,7 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
 from bench.errors import HiddenError, InputError, PredictionError
+from bench.plan import objects
 from bench.plan.cells import Cell
 from bench.plan.plan import checked
 from bench.work.fold import TOLERANCE, batch_effects, computing, disagreement
@@ -242,7 +243,7 @@ def _(subject: Audited) -> str:
 
 def _shown(estimator: contract.System) -> str:
     """Parameters in full, without addresses in memory."""
-    return re.sub(r" at 0x[0-9a-f]+", "", contract.settings(estimator))
+    return re.sub(r" at 0x[0-9a-f]+", "", objects.settings(estimator))
 
 
 def unseen(cell: Cell) -> pd.DataFrame:

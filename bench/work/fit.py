@@ -11,17 +11,18 @@ import numpy as np
 
 from bench import contract
 from bench.corpora.library import ASIDE
+from bench.database import only_one, store_uri
 from bench.errors import InputError
 from bench.machine import this_machine
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, checked, corpus_of, usable_cores
 from bench.progress import console, warn
 from bench.scratch import made_whole, new_folder
-from bench.store import connect, only_one, reached, store_uri
+from bench.store import connect, reached
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
 from bench.work.replay import Replay, Stopping, learned, unlearnable
 from bench.work.results import FoldResult, costs
-from bench.work.tracking import key_of, params_of, tags_of
+from bench.work.tracking import params_of, tags_of
 from bench.work.workers import fill_cache
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
     model = recogniser.model(plugins, corpus[0][:EXAMPLE_FRAMES], cell.model.packages())
     by_value()
     how = f" {learner.params}" if learner else ""
-    key = hashlib.sha256(f"{key_of(plan)} fit{how}".encode()).hexdigest()[:20]
+    key = hashlib.sha256(f"{plan.key} fit{how}".encode()).hexdigest()[:20]
     tags = tags_of(cell, corpus) | {"touchbench.kind": "fit", "touchbench.cell": key}
     with only_one(key):
         for cut_off in store.runs(f"tags.`touchbench.cell` = '{key}' and attributes.status = 'RUNNING'"):

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.plan.plan import Plan
 from bench.store import Store
-from bench.work.tracking import FOLDS, finished, is_whole, key_of
+from bench.work.tracking import FOLDS, finished, is_whole
 
 NEWEST = 20  # runs among which one like another is looked for: a store may have thousands
 FREE = ("seed", "protocol")  # arguments in which runs that take about as long may differ, as in parameters of parts
@@ -27,7 +27,7 @@ def left(store: Store, plans: Iterable[Plan]) -> list[Left]:
     """The plans whose runs are not stored whole."""
     found = []
     for plan in plans:
-        run = store.find(key_of(plan), plan.cell.kind)
+        run = store.find(plan.key, plan.cell.kind)
         if not run or not is_whole(run):
             found.append(Left(plan, len(plan.folds) - (len(finished(store, run)) if run else 0)))
     return found

@@ -6,21 +6,21 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from bench import contract
-from bench.comparable import several
 from bench.corpora.corpus import reserved
 from bench.corpora.duplicates import named
 from bench.corpora.library import briefly, left_out
+from bench.database import only_one
 from bench.errors import ClusterError, InputError
 from bench.machine import HERE, Backend
 from bench.plan.cells import Cell
 from bench.plan.plan import Plan, planned, usable_cores
 from bench.progress import console, warn
 from bench.registry import imported
-from bench.result import Result
-from bench.store import Store, connect, only_one
+from bench.result import Result, several
+from bench.store import Store, connect
 from bench.work.bar import Bar
 from bench.work.left import expected, left
-from bench.work.tracking import key_of, tracked
+from bench.work.tracking import tracked
 from bench.work.workers import Here, Processes
 
 
@@ -71,7 +71,7 @@ def execute(plans: Sequence[Plan], backend: Backend = HERE, grid: str = "") -> l
             for line in dict.fromkeys(line for plan in plans for line in warnings(plan)):
                 warn(line)
             store = connect(writes=True)
-            runs = [*{key_of(plan): plan for plan in plans}.values()]
+            runs = [*{plan.key: plan for plan in plans}.values()]
             todo = left(store, runs)
             if stored := len(runs) - len(todo):
                 console.print(f"{stored} of {several(len(runs), 'run')} already stored", highlight=False)
@@ -96,7 +96,7 @@ def _workers(plans: Sequence[Plan], backend: Backend) -> Here:
 
 def _run(store: Store, plan: Plan, workers: Here, bar: Bar, grid: str) -> Result:
     """Find or make the run of a plan, have its missing folds done, and measure it."""
-    key, cell = key_of(plan), plan.cell
+    key, cell = plan.key, plan.cell
     with only_one(key):
         run = tracked(store, plan, key, grid)
         if missing := run.missing:

@@ -31,10 +31,10 @@ from mlflow.types.schema import AnyType
 
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.read.table import from_frame
+from bench.database import store_uri
 from bench.errors import InputError
 from bench.registry import FILE_MODULE, lies_beside, place_of
 from bench.scores import PREFIX, classes_of, most_probable
-from bench.store import store_uri
 from bench.work.fold import decisions
 from bench.work.unlike import unlike, usual
 

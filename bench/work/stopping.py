@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pandas as pd
 
-from bench.paired import mean_and_error, within_one_standard_error
+from bench.intervals import mean_and_error, within_one_standard_error
 from bench.scores import over_people, windows
 
 THRESHOLDS = (*np.round(np.arange(0.05, 0.96, 0.05), 2).tolist(), 0.97, 0.98, 0.99, 0.995, 0.999, np.inf)

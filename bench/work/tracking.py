@@ -42,11 +42,6 @@ FOLDS = "folds"  # folder of a run with its folds, until they are its tables
 GRIDS = "touchbench.grids"  # tag: digests of the files of grids that name the run; its key does not cover them
 
 
-def key_of(plan: Plan) -> str:
-    """Key of a run: everything that its stored numbers depend on (docs/notes/decisions.md, identity)."""
-    return hashlib.sha256(json.dumps(plan.identity(), sort_keys=True, default=str).encode()).hexdigest()[:20]
-
-
 def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
     """Tags that identify a run's data and system in tables."""
     conditions = ",".join(contract.conditions(cell.untrained))

@@ -132,7 +132,7 @@ def site_name(page: Path) -> str:
 
 def run(pages: Iterable[Path]) -> dict[str, list[str] | str]:
     """Run pages, two at a time; by name what their blocks printed, or, as text, how one failed."""
-    from bench.store import create
+    from bench.database import create
 
     with tempfile.TemporaryDirectory() as name:
         store = Path(name) / "mlflow.db"

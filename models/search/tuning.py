@@ -16,11 +16,11 @@ from sklearn.utils.validation import check_is_fitted
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.features.selection import COUNTS, Subset
+from bench.intervals import within_one_standard_error
 from bench.models.recipe import besides, build
 from bench.models.search.inner_folds import Tables, by_subject, check_search, labelled_folds
 from bench.models.search.study import Study, Tried, identity
 from bench.models.space import Range, Space, Trial, Tuning
-from bench.paired import within_one_standard_error
 from bench.registry import parameters
 
 COMBINATIONS = 1000  # at most so many are checked one by one before anything is run

@@ -9,9 +9,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from bench.comparable import shared
 from bench.measures import Cost, Measure, percent
-from bench.result import Result
+from bench.result import Result, shared
 from bench.table import Table
 from bench.words import LABELS
 

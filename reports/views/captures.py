@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.measures import Measure, columns, run_columns
+from bench.columns import run_columns
+from bench.measures import Measure
 from bench.registry import circumstance_views
 from bench.reports.views.base import View
 from bench.result import Result
@@ -59,7 +60,7 @@ class Captures(View):
 
     def shows(self, results: Sequence[Result]) -> Sequence[Measure]:
         """The columns of runs that a terminal shows."""
-        return columns(run_columns(), "terminal")
+        return run_columns("terminal")
 
     def then(self, results: Sequence[Result]) -> str:
         """The next command to type."""

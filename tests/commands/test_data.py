@@ -26,6 +26,17 @@ def test_the_command_and_the_function_show_the_same(capsys):
     assert len(survey.taxels) == 64 and not len(survey.duplicates) and not len(survey.gaps)
 
 
+@pytest.mark.parametrize(("few", "protocol"), [(3, "kfold protocol.folds=3 "), (1, ""), (12, "kfold model=")])
+def test_what_one_person_is_to_be_run_with_is_not_refused(few, protocol, capsys):
+    own = ["subjects=1", "variants=normal", f"repetitions={few}"]
+    assert main(["data", "export", "synth", "one.csv", *own, "rate_hz=54"]) == 0
+    assert main(shlex.split(capsys.readouterr().out.splitlines()[-1].removeprefix("next: bench "))) == 0
+    assert main(["data", "show", "copy"]) == 0
+    line = capsys.readouterr().out.splitlines()[-1]
+    assert (f"protocol={protocol}" in line) == line.startswith("next: ") == bool(protocol)
+    assert not protocol or main([*shlex.split(line.removeprefix("next: bench ")), "dry=yes"]) == 0
+
+
 @pytest.mark.parametrize("kind", ["table", "cost"])
 def test_exported_captures_come_back_as_they_were_and_still_synthetic(kind, capsys):
     rate = ["rate_hz=54"] if kind == "table" else []  # which CoST's format cannot say

@@ -7,6 +7,7 @@ import pytest
 from mlflow.entities import ViewType
 
 from bench.cli import main
+from bench.plan.plan import Plan
 from bench.work.workers import Here
 from tests.conftest import SMALL, runs
 
@@ -68,6 +69,11 @@ def test_a_file_of_grids_goes_on_after_ctrl_c_and_marks_its_runs(file, monkeypat
     assert main(["run", str(file), "dry=yes", "jobs=1"]) == 0 and not done
     out = capsys.readouterr().out
     assert "3 runs, 0 stored; time unknown for 3 runs" in out and out.count("0 of 3") == 3
+    identities, identity = [], Plan.identity
+    with monkeypatch.context() as patch:
+        patch.setattr(Plan, "identity", lambda plan: identities.append(plan) or identity(plan))
+        assert main(["run", str(file), "dry=yes", "jobs=1"]) == 0
+    assert len(identities) == 4 and capsys.readouterr().out == out  # of four named runs two are the same
     shared = "data=synth data.subjects=3 data.variants=normal protocol=loso features=jung28"
     assert out.splitlines()[0] == shared  # what all runs have, without defaults
     assert main(["run", str(file), "jobs=1"]) == 130 and len(done) == 4

@@ -46,8 +46,7 @@ def test_declared_ranges_are_searched_single_values_kept_and_each_seed_is_a_run(
 
 
 @pytest.mark.parametrize(
-    "line",
-    ["model=cnn85 model.frames=100,200 model.hop=90", "model=zhou2016_gm_lstm model.frames=2,3 model.average=1"],
+    "line", ["model=cnn85 model.frames=100,200 model.hop=90", "model=zhou2016_gm_lstm model.frames=2,3 model.average=1"]
 )
 def test_values_are_judged_together(monkeypatch, line):
     """A hop that is too long for the default window is none for the listed ones."""
@@ -109,11 +108,9 @@ def test_the_smallest_value_of_a_parameter_and_the_fewest_features(capsys):
 @pytest.mark.parametrize(
     ("values", "fact"),
     [
-        ({"model": "rf", "smallest": "tree"}, "trees"),
         ({"model": "rf", "smallest": "seed"}, "smallest=seed"),
         ({"model": "cnn85", "smallest": "features"}, "cnn85"),
         ({"model": "jung2017_tree", "smallest": "features"}, "jung2017_tree"),
-        ({"model": "rf", "smallest": "trees", "trials": "5"}, "trials="),
     ],
 )
 def test_a_smallest_value_that_cannot_be_looked_for_is_refused(values, fact):

@@ -84,10 +84,7 @@ STEPS = {  # each list in a copy of the store
         ["data", "import", "table", "o.csv", "name=mine", *TABLE],
         ["data", "verify", "people"],
     ],
-    "fit": [
-        ["fit", *LDA, "stopping=no", "out=rec"],
-        ["predict", "rec", "three.csv", "out=p.csv"],
-    ],
+    "fit": [["fit", *LDA, "stopping=no", "out=rec"], ["predict", "rec", "three.csv", "out=p.csv"]],
 }
 FILES = {  # golden files of what commands write, by the step that writes them
     "report": ["report/comparison.csv", "report/pairs.csv", "report/provenance.csv", "report/ranking.csv"]

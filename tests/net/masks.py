@@ -112,24 +112,6 @@ def table_of(table: pd.DataFrame, folders: tuple[Path, ...] = ()) -> str:
     return f"{len(table)} rows; {types}\n{csv_of(table[:ROWS].to_csv(index=False), folders)}"
 
 
-def repr_of(text: str, folders: tuple[Path, ...] = ()) -> str:
-    """A printed `pandas.DataFrame` between other lines; its columns end where their right-aligned headings end."""
-    lines, ends = [], []
-    for line in text.splitlines():
-        if "  " in line.strip() and re.search(r"\bsystem\b|\brun_id\b|\bdata\b", line) and "predict_ms_p50" in line:
-            found = [(m[0], m.end()) for m in re.finditer(r"\S+", line)]
-            ends = [
-                (name, end, before) for (name, end), before in zip(found, [0, *(e for _, e in found)], strict=False)
-            ]
-            lines.append(" ".join(name for name, *_ in ends))
-        elif ends and len(line) >= ends[-1][1]:
-            cells = [(name, line[before:end].strip()) for name, end, before in ends]
-            lines.append(" ".join("#" if MASKED.fullmatch(name) else cell for name, cell in cells))
-        else:
-            lines.append(line)
-    return lines_of("\n".join(lines), folders)
-
-
 class _Page(HTMLParser):
     """Visible text by line, tables as rows of cells, data of scripts."""
 

@@ -108,12 +108,8 @@ def shown(value, folders):
     """An object of the API as a text."""
     if isinstance(value, pd.DataFrame):
         return masks.table_of(value, folders)
-    parts = [
-        type(value).__name__,
-        masks.repr_of(f"{value!s}\n{value!r}" if hasattr(value, "choice") else repr(value), folders),
-    ]
-    tables = {}
+    text = f"{value!s}\n{value!r}" if hasattr(value, "choice") else repr(value)
+    parts = [type(value).__name__, masks.lines_of(text, folders)]
     if hasattr(value, "choice"):
-        tables = {"choice.table": value.choice.table}
-    tables = {name: table for name, table in tables.items() if isinstance(table, pd.DataFrame)}
-    return "\n".join([*parts, *(f"{name}\n{masks.table_of(table, folders)}" for name, table in tables.items())])
+        parts.append(f"choice.table\n{masks.table_of(value.choice.table, folders)}")
+    return "\n".join(parts)

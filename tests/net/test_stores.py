@@ -27,16 +27,11 @@ def before(tmp_path_factory, empty_store):
     with inside(folder, empty_store):
         table = made_up(subjects=2, per_class=1).assign(note="")
         run = tracked_run(store := connect(), "svm", table, **{"model.C": 8})
-        folds = pd.DataFrame({"fold": ["1", "2"], "status": "FINISHED", "accuracy": [1 / 3, 2 / 3], "error": ""})
-        history = pd.DataFrame({"fold": ["1", "1", "2", "2"], "epoch": [1, 2] * 2, "loss": [0.5, 0.25] * 2})
-        for name, frame in (("folds", folds), ("history", history)):
-            write_table(frame, Path(file_of(name)))
-            store.keep(run, Path(file_of(name)))
+        folds = pd.DataFrame({"fold": ["1", "2"], "status": "FINISHED", "accuracy": [1 / 3, 2 / 3], "seconds": 1.0})
+        write_table(folds, Path(file_of("folds")))
+        store.keep(run, Path(file_of("folds")))
         Path("figure.svg").write_bytes(b"a")
         store.keep(run, Path("figure.svg"))
-        per_class = files_of(store.client.get_run(run)) / "per_class.parquet"
-        pd.read_parquet(per_class).to_csv(per_class.with_suffix(".csv"), index=False)
-        per_class.unlink()  # as earlier versions stored it
     return folder
 
 
@@ -58,57 +53,42 @@ def next_metric(store, run, name):
     store.log(run, {name: np.nextafter(store.client.get_run(run).data.metrics[name], 2)})
 
 
-def next_cell(files):
-    table = pd.read_csv(files / "per_class.csv", float_precision="round_trip")
-    table.loc[1, "recall"] = np.nextafter(table.loc[1, "recall"], 2)
-    table.to_csv(files / "per_class.csv", index=False)
-
-
 def rewritten(path, change):
     change(pd.read_parquet(path)).to_parquet(path, index=False)
 
 
 DIFFERENCES = {  # changes of the second store, and the words of the one line that tells of each
-    "a number in its last digit": (lambda s, r, f: next_metric(s, r, "macro_f1"), "macro_f1: 0."),
-    "a number of a fold": (
+    "a number in its last digit": (lambda s, r, f: next_metric(s, r, "macro_f1"), "number macro_f1: (0, 0."),
+    "a number of a fold in its last digit": (
         lambda s, r, f: rewritten(f / "folds.parquet", lambda t: t.assign(accuracy=[1 / 3, np.nextafter(2 / 3, 2)])),
-        "fold 2: accuracy: ",
+        "folds.parquet: column accuracy: differs in 1 rows, row 1: 0.666",
     ),
-    "a status of a fold": (
-        lambda s, r, f: rewritten(f / "folds.parquet", lambda t: t.assign(status=["FAILED", "FINISHED"])),
-        "fold 1: status: 'FINISHED' -> 'FAILED'",
-    ),
-    "a step of a history": (
-        lambda s, r, f: rewritten(f / "history.parquet", lambda t: t.assign(loss=[0.5, 0.25, 0.5, 0.2])),
-        "fold 2: loss: [(1, 0.5)",
-    ),
+    "a step": (lambda s, r, f: s.log(r, {"macro_f1": 0.5}, step=3), "number macro_f1: [(0, 0."),
     "a new number": (lambda s, r, f: s.log(r, {"f2": 1}), "number f2 only after"),
     "a tag": (lambda s, r, f: s.log(r, tags={"mixes_subjects": "true"}), "tags mixes_subjects: 'false' -> 'true'"),
     "a parameter": (lambda s, r, f: s.log(r, params={"model.gamma": 1}), "params model.gamma only after"),
     "a status": (lambda s, r, f: s.client.set_terminated(r, "FAILED"), "status: 'FINISHED' -> 'FAILED'"),
-    "a missing fold": (
-        lambda s, r, f: [rewritten(f / f"{n}.parquet", lambda t: t[t["fold"] == "1"]) for n in ("folds", "history")],
-        "fold 2 only before",
-    ),
-    "a missing table": (lambda s, r, f: (f / "per_class.csv").unlink(), "file per_class only before"),
-    "a cell in its last digit": (lambda s, r, f: next_cell(f), "per_class: column recall differs in 1 rows, row 1: "),
+    "a missing table": (lambda s, r, f: (f / "per_class.parquet").unlink(), "file per_class.parquet only before"),
     "a text": (
         lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t.assign(subject="0" + t["subject"])),
-        "predictions: column subject differs in 6 rows, row 0: '1' -> '01'",
+        "predictions.parquet: column subject: differs in 6 rows, row 0: '1' -> '01'",
     ),
     "an empty text that is missing": (
         lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t.assign(note=t["note"].replace("", None))),
-        "predictions: column note differs in 6 rows, row 0: '' -> nan",
+        "predictions.parquet: column note: differs in 6 rows, row 0: '' -> ",
     ),
     "a type": (
         lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t.assign(start=t["start"].astype(str))),
-        "predictions: column start is number -> text",
+        "predictions.parquet: column start: number -> text",
     ),
     "the order of rows": (
         lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t.iloc[[1, 0, *range(2, len(t))]]),
-        "predictions: column capture differs in 2 rows",
+        "predictions.parquet: column capture: differs in 2 rows",
     ),
-    "the number of rows": (lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t[1:]), "6 rows -> 5"),
+    "the number of rows": (
+        lambda s, r, f: rewritten(f / "predictions.parquet", lambda t: t[1:]),
+        "'6 rows' -> '5 rows'",
+    ),
     "another run": (lambda s, r, f: tracked_run(s, "lda", made_up(2, 1)), "run only after"),
     "a picture": (lambda s, r, f: (f / "figure.svg").write_bytes(b"b"), "figure.svg: 'ca978112ca1b' -> '3e23e8160039'"),
     "a text file": (lambda s, r, f: (f / "stability.md").write_text("new"), "file stability.md only after"),
@@ -126,15 +106,13 @@ def test_a_difference_is_told(name, before, after, capsys):
 
 
 def test_what_may_differ_is_no_difference(before, after, capsys):
-    """Other ids, times and places; CSV files that have become Parquet."""
+    """Other ids, times and places."""
     store, run, files = after
     store.log(run, {"predict_ms_p50": 99.0, "fit_seconds": 0.1, "peak_rss_bytes": 3})
     store.log(run, tags={"touchbench.cell": "other"})
-    table = pd.read_csv(files / "per_class.csv", float_precision="round_trip")
-    table.to_parquet(files / "per_class.parquet")
-    (files / "per_class.csv").unlink()
+    rewritten(files / "folds.parquet", lambda t: t.assign(seconds=9.0))
     counts, total = compared(capsys, before, 0)[-2:]
-    assert total == "0 differences" and "3 tables" in counts and "1 runs" in counts
+    assert total == "0 differences" and "1 runs" in counts
 
 
 def test_nothing_equals_nothing_is_no_result(tmp_path, empty_store, capsys):

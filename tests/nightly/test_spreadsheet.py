@@ -33,11 +33,7 @@ def test_names_of_a_corpus_are_no_formulas_in_what_people_open(tmp_path, capsys)
     ):
         name, *more = line.split()
         assert main([name, *([] if name in ("report", "predict") else system), *more]) == 0
-    seen = [
-        *tmp_path.glob("report/*.csv"),
-        *tmp_path.glob("stress/*.csv"),
-        tmp_path / "labels.csv",
-    ]
+    seen = [*tmp_path.glob("report/*.csv"), *tmp_path.glob("stress/*.csv"), tmp_path / "labels.csv"]
     texts = {}
     for path in seen:
         with path.open(newline="", encoding="utf-8") as f:

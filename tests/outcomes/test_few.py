@@ -5,11 +5,11 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from bench import few, paired, scores
-from bench.measures import run_columns
+from bench import few, intervals, scores
+from bench.columns import run_columns
+from bench.intervals import ratio_interval
 from bench.outcomes import statistics
 from bench.reports.comparison import comparison
-from bench.resampling import ratio_interval
 from tests.results import evaluated, with_hits
 
 
@@ -33,7 +33,7 @@ def test_below_five_people_there_is_no_interval_and_below_six_no_p(people):
         assert table.notna().all(axis=None) == (people >= 6) == table.notna().any(axis=None)
     assert np.isfinite(statistics.friedman(values)[1]) == (people >= 6)
     counts = np.column_stack([np.arange(people), np.full(people, 9)])
-    for ends in (ratio_interval(counts), paired.interval(counts[:, 0])):
+    for ends in (ratio_interval(counts), intervals.interval(counts[:, 0])):
         assert np.isfinite(ends).tolist() == [people >= 5] * 2
 
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from bench.intervals import mean_and_error, within_one_standard_error
 from bench.outcomes import statistics
-from bench.paired import mean_and_error, within_one_standard_error
 from studies.published_tables import table
 
 RNG = np.random.default_rng(0)

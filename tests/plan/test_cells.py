@@ -4,7 +4,7 @@ import pytest
 
 from bench.cli import main
 from bench.errors import InputError
-from bench.options import KEYS, jobs_of, parse
+from bench.options import KEYS, backend_of, parse
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 
@@ -80,7 +80,7 @@ MISTAKES = [  # what is typed, and facts that the message names; others are gold
 def test_a_mistake_is_refused_with_its_key_its_value_and_what_is_right(line, facts):
     with pytest.raises(InputError) as refusal:
         values = parse(line.split(), KEYS)
-        planned(cells(values), jobs_of(values))
+        planned(cells(values), backend_of(values).jobs)
     message = str(refusal.value)
     assert all(fact in message for fact in facts) and "\n" not in message, message
 

@@ -15,7 +15,6 @@ from bench.circumstances.subjects import Subjects
 from bench.plan.cells import cells
 from bench.plan.plan import Plan, corpus_of, folds_of
 from bench.registry import load
-from bench.work.tracking import key_of
 
 RUNS = {"run": (), "stress": (Faults(("noise",)),), "stream": (Instants(),), "curve": (Subjects((1,)),)}
 EVERY = {*RUNS}
@@ -25,7 +24,7 @@ def key(*circumstances, threads=1, tuning=None, **values):
     (cell,) = cells({"data.subjects": "2", "data.variants": "normal", **values})
     cell = replace(cell, tuning=tuning, circumstances=circumstances)
     corpus = corpus_of(cell)
-    return key_of(Plan(cell, corpus, tuple(folds_of(cell, corpus)), 1, threads))
+    return Plan(cell, corpus, tuple(folds_of(cell, corpus)), 1, threads).key
 
 
 @pytest.fixture

@@ -16,17 +16,17 @@ from bench import contract
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.jung54 import Jung54
+from bench.plan import objects
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.work import loop
-from bench.work.tracking import key_of
 from tests.work.fakes import Memory
 
 SMALL = {"data.subjects": 3, "data.variants": ("normal",)}
 
 
 def keys(**values):
-    return [key_of(plan) for plan in planned(cells(SMALL | values), None)]
+    return [plan.key for plan in planned(cells(SMALL | values), None)]
 
 
 def test_folds_are_part_of_what_a_run_is():
@@ -91,9 +91,9 @@ def test_searches_and_unions_over_captures_run(evaluated):
 
 def test_settings_are_told_in_full_and_code_by_its_name():
     long = np.arange(5000)
-    assert contract.settings(Raw(long)) != contract.settings(Raw(np.where(long == 2500, 0, long)))
-    assert contract.settings(Raw(SVC)) == "{'made': 'sklearn.svm._classes.SVC'}"
-    assert contract.classes(Raw(OwnSVC)) == [OwnSVC, Raw] and contract.classes(Raw(len)) == [Raw]
+    assert objects.settings(Raw(long)) != objects.settings(Raw(np.where(long == 2500, 0, long)))
+    assert objects.settings(Raw(SVC)) == "{'made': 'sklearn.svm._classes.SVC'}"
+    assert objects.classes(Raw(OwnSVC)) == [OwnSVC, Raw] and objects.classes(Raw(len)) == [Raw]
 
 
 @pytest.mark.parametrize(

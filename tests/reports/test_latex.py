@@ -11,8 +11,8 @@ import pytest
 
 import bench
 from bench.cli import main
-from bench.comparable import MARK
 from bench.reports.latex import COSTS, SCORES, escaped, latex, papers, sheet, side_by_side
+from bench.result import MARK
 from tests.results import evaluated, with_hits
 
 

@@ -19,7 +19,6 @@ import pytest
 import bench
 from bench.cli import main
 from bench.commands import printing
-from bench.comparable import BATCH, CONDITIONS, MARK
 from bench.errors import InputError
 from bench.measures import costs
 from bench.outcomes.frame import grouped
@@ -29,6 +28,7 @@ from bench.reports.chart import marks
 from bench.reports.comparison import comparison, published, shown
 from bench.reports.live import packed
 from bench.reports.summary import summary_of
+from bench.result import BATCH, CONDITIONS, MARK
 from bench.store import connect
 from tests.reports.store import keep, tracked_run
 from tests.results import evaluated, made_up, streamed, stressed, with_hits

@@ -19,7 +19,7 @@ from bench.work import loop
 from bench.work.fold import forget_peak, peak_memory
 from bench.work.left import Left, expected, left
 from bench.work.loop import Interrupted, execute
-from bench.work.tracking import finished, key_of
+from bench.work.tracking import finished
 from bench.work.workers import Here
 from tests.conftest import predictions, runs
 from tests.work.fakes import DONE, MEASURED, Echo, Memory
@@ -134,7 +134,7 @@ def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
 def test_a_run_of_another_process_ends_the_command_after_those_before_it(store, plan):
     one, two = todo(plan, 0, 1)
     (home() / "locks").mkdir(parents=True)
-    with FileLock(home() / "locks" / f"{key_of(two)}.lock"), pytest.raises(InputError, match="another process"):
+    with FileLock(home() / "locks" / f"{two.key}.lock"), pytest.raises(InputError, match="another process"):
         execute([one, two])
     assert {number for number, _ in DONE} == {0} and store.statuses() == ["FINISHED"]
     assert len(execute([one, two])) == 2  # all locks are free again

@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 
 from bench import few
-from bench.comparable import several
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.measures import budgets
 from bench.outcomes.frame import frame
 from bench.outcomes.scene import Board, Scene
+from bench.result import several
 from bench.sentences import environment
 from touchbench_builder import choice as choices
 from touchbench_builder.bounds import GESTURE_SPREAD, SPREAD, new_person

@@ -11,9 +11,9 @@ import pandas as pd
 from scipy.special import bdtrc
 
 from bench import few
-from bench.comparable import several
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.result import several
 from touchbench_builder.bounds import ALPHA
 from touchbench_builder.folder import JSON, labelled
 

@@ -16,7 +16,6 @@ from bench.outcomes.candidates import candidates
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 from bench.registry import views
-from bench.work.tracking import key_of
 from tests.conftest import predictions, runs
 from tests.outcomes.test_choice import run as costly
 from tests.results import made_up, result
@@ -108,7 +107,7 @@ def test_what_it_starts_ends_with_it(tmp_path, monkeypatch):
 
 def test_other_code_or_compilers_are_another_run(monkeypatch):
     (plan,) = planned(cells({"model": "bayes", "features": "jung28", "data.subjects": "4"}), 1)
-    of = lambda bits: key_of(plan.of(replace(plan.cell, circumstances=(InC("c", bits),))))  # noqa: E731
+    of = lambda bits: plan.of(replace(plan.cell, circumstances=(InC("c", bits),))).key  # noqa: E731
     key = of("8")
     assert key == of("8") != of("32")
     monkeypatch.setattr(compiled, "toolchain", lambda: ["cc 99"])

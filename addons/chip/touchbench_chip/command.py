@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.option import Option
 from bench.options import START, TRUSTED, Command, keys, parse_words, settings
+from bench.words import Option
 
 if TYPE_CHECKING:
     from bench.work.saved import Recogniser

@@ -1,6 +1,6 @@
 """What Dask adds: a key of the commands that make runs."""
 
-from bench.option import Option
+from bench.words import Option
 
 CLUSTER = Option(
     "cluster",

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.comparable import notes_on
+from bench.intervals import interval
 from bench.measures import Measure, Row, text
 from bench.outcomes.frame import subject_accuracy
-from bench.paired import interval
 from bench.reports.contexts import scarce
 from bench.reports.part import Part, Section
-from bench.result import Result
+from bench.result import Result, notes_on
 from bench.sentences import sentences
 from bench.table import Table, rows_of
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.resampling import weights
+from bench.intervals import weights
 from touchbench_streams.curve import missed_at, swept
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from bench import few
-from bench.resampling import interval, weights
+from bench.intervals import percentiles, weights
 from touchbench_streams import RATES
 
 MOST_REPORTS = 1.25  # per touch
@@ -45,7 +45,7 @@ def missed_at(counts: pd.DataFrame, touches: pd.Series, hours: pd.Series) -> dic
     missed = {}
     for rate in RATES:
         least = _least(cube, sizes, np.concatenate([once, drawn]), rate)
-        low, high = interval(least[1:][~np.isnan(least[1:])]) if len(drawn) else (np.nan, np.nan)
+        low, high = percentiles(least[1:][~np.isnan(least[1:])]) if len(drawn) else (np.nan, np.nan)
         missed |= {f"missed_at_{rate}": least[0], f"missed_at_{rate}_low": low, f"missed_at_{rate}_high": high}
     return missed
 

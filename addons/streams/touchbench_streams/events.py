@@ -31,7 +31,7 @@ import numpy as np
 import pandas as pd
 
 from bench import scores
-from bench.resampling import ratio_interval
+from bench.intervals import ratio_interval
 
 REPORT = {"recording": np.int64, "reported": np.int64, "end": np.int64, "first": str, "label": str}
 REPORT |= {"confidence": np.float64}

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.comparable import several
 from bench.errors import InputError
+from bench.result import several
 from bench.sentences import sentences
 from bench.timing import Times, timed
 from bench.work.fold import (

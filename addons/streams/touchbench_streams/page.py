@@ -10,12 +10,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.comparable import notes_on
 from bench.measures import percent, text
 from bench.reports.contexts import context_words, contexts, scarce
 from bench.reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
 from bench.reports.part import Part, Section
-from bench.result import Result
+from bench.result import Result, notes_on
 from bench.sentences import sentences
 from bench.table import Table, rows_of
 from bench.words import CLEAN
@@ -58,7 +57,7 @@ def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Sectio
     Args:
         results: results of ``bench watch``.
         folder: destination folder of the figures.
-        same: parameters that comparable results share (`bench.comparable.shared`).
+        same: parameters that comparable results share (`bench.result.shared`).
     """
     parts = []
     shown = [by_detector(r) for r in results if r.get("background_minutes", 0) > 0]  # else no alarms can be counted
