@@ -284,25 +284,21 @@ OF_SYSTEMS = (  # costs of every run
         shows=(),
     ),
 )
-OF_PEOPLE = (
+PEOPLE = {  # key: whose accuracy it is, and how many people of some are counted
+    "worst_person": ("the worst person", lambda people: 1),
+    "worst_tenth": ("the worst tenth of people", lambda people: -(-people.scores.shape[1] // 10)),
+}
+OF_PEOPLE = tuple(
     Cost(
-        "worst_person",
-        noun="accuracy of the worst person",
-        words="correct for the worst person",
-        axis="% of captures correct for the worst person",
-        help="lowest accuracy of the worst person, in percent",
-        among=lambda people: people.lowest(1),
+        key,
         **_PERSON,
-    ),
-    Cost(
-        "worst_tenth",
-        noun="accuracy of the worst tenth of people",
-        words="correct for the worst tenth of people",
-        axis="% of captures correct for the worst tenth of people",
-        help="lowest mean accuracy of the worst tenth of people, in percent",
-        among=lambda people: people.lowest(-(-people.scores.shape[1] // 10)),
-        **_PERSON,
-    ),
+        noun=f"accuracy of {who}",
+        words=f"correct for {who}",
+        axis=f"% of captures correct for {who}",
+        help=f"lowest {'mean ' * ('people' in who)}accuracy of {who}, in percent",
+        among=lambda people, count=count: people.lowest(count(people)),
+    )
+    for key, (who, count) in PEOPLE.items()
 )
 
 
@@ -315,9 +311,7 @@ def costs() -> dict[str, Cost]:
     every: dict[str, Cost] = {}
     for cost in (*OF_SYSTEMS, *of_circumstances, *OF_PEOPLE, *of_runs):
         if cost.key in every or cost.line in {other.line for other in every.values()}:
-            raise InputError(
-                f"two costs have the key {cost.key}, or its line in scenes; remove the package that adds one"
-            )
+            raise InputError(f"two costs have the key {cost.key} or its line in scenes; remove the package of one")
         every[cost.key] = cost
     return every
 

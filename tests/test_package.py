@@ -69,11 +69,10 @@ def test_all_files_of_the_rooms_are_in_both(built):
     assert wheel.stat().st_size < 3_000_000
 
 
-@pytest.mark.parametrize("which", ["wheel", pytest.param("sdist", marks=pytest.mark.nightly)])
-def test_it_runs_where_the_clone_is_not(built, which, tmp_path):
+def test_it_runs_where_the_clone_is_not(built, tmp_path):
     place = tmp_path / "installed"
     python = new_environment(place)
-    said(python, "-m", "pip", "install", "-q", "--no-deps", built[which == "sdist"])
+    said(python, "-m", "pip", "install", "-q", "--no-deps", built[0])
     # Its dependencies are those of this environment, without add-ons: a path in a .pth file brings packages.
     own = Path(said(python, "-c", "import sysconfig; print(sysconfig.get_paths()['purelib'])").strip())
     (packages := tmp_path / "site-packages").mkdir()
@@ -98,8 +97,6 @@ def test_it_runs_where_the_clone_is_not(built, which, tmp_path):
         f"import bench, pathlib; assert pathlib.Path({str(place)!r}) in pathlib.Path(bench.__file__).parents",
         cwd=work,
     )
-    if which == "sdist":  # the same files, as the other test shows
-        return
     assert "svm" in bench(["run", "model=svm,lda", "features=jung28", *SMALL])
     fit = ["fit", "model=lda", "features=jung28", "stopping=no", "out=rec", *SMALL]
     printed = bench(["choose"], ["report"], fit, ["data", "show", "synth", *SMALL])

@@ -1,37 +1,25 @@
 """The command ``bench check``: a system from one commit to the next, bad input, and the gate of this project."""
 
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
-from bench import registry
 from bench.cli import main
 from bench.outcomes.gate import read
 from bench.source import git_revision
 
 
 @pytest.fixture
-def copied(tmp_path, monkeypatch):
+def copied(plug):
     """A system of an installed package whose source can be changed, as between two commits."""
-    site = tmp_path / "site"
-    info = site / "copied-1.0.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: copied\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[touchbench.models]\ncopied = copied_system:Copied\n")
 
     def write(wrong="", fails=""):
-        (site / "copied_system.py").write_text(COPIED.replace("# WRONG", wrong).replace("# FAILS", fails))
-        sys.modules.pop("copied_system", None)
+        source = COPIED.replace("# WRONG", wrong).replace("# FAILS", fails)
+        plug("[touchbench.models]\ncopied = copied_system:Copied\n", source, "copied_system")
 
     write()
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    monkeypatch.syspath_prepend(site)
-    registry.forget()
-    yield write
-    sys.modules.pop("copied_system", None)
-    registry.forget()
+    return write
 
 
 COPIED = """

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from joblib.externals.loky import get_reusable_executor
 
-from bench import registry
 from bench.cli import main
 from bench.store import connect
 from tests.conftest import BENCH, predictions, runs
@@ -33,17 +32,11 @@ def until(true, seconds=PATIENCE):
 
 
 @pytest.fixture
-def wayward(tmp_path, monkeypatch):
+def wayward(plug):
     """A system of an installed package, known by its entry point only, to this process and to new workers."""
-    info = tmp_path / "site" / "wayward-1.0.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: wayward\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[touchbench.models]\nwayward = tests.work.wayward:Wayward\n")
-    monkeypatch.syspath_prepend(info.parent)
-    registry.forget()
+    plug("[touchbench.models]\nwayward = tests.work.wayward:Wayward\n", "", "empty")
     get_reusable_executor().shutdown(kill_workers=True)
     yield
-    registry.forget()
     get_reusable_executor().shutdown(kill_workers=True)
 
 
