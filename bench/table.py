@@ -135,7 +135,7 @@ class Table:
 
         wide, under, left_out = self.fitted(out.width)
         right = {m.name for m in self.columns if not m.left}
-        box, inner, widths = HEAVY_HEAD.substitute(out.options), -1 - _room(wide, 0) - 4, [w + 2 for w in wide.values()]
+        box, inner, widths = HEAVY_HEAD.substitute(out.options), -_room(wide, 0) - 4, [w + 2 for w in wide.values()]
 
         def row(cells: Mapping[str, str], style: str, left: str, between: str, end: str) -> Iterator[Text]:
             folded = [_folded(out, cells[name], width, name in right) for name, width in wide.items()]

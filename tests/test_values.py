@@ -125,7 +125,7 @@ def test_what_does_not_fit_follows_in_lines_under_its_row():
         out = Console(width=width, record=True)
         table.print(out)
         lines = out.export_text().splitlines()
-        assert max(map(len, lines)) <= width
+        assert max(map(len, lines)) <= width and len({len(line) for line in lines[1:]}) == 1
         assert [line.split()[1:3] for line in lines if "│ system" in line] == [["system", "1"], ["system", "2"]]
         shown = " ".join("".join(lines).replace("│", " ").split())
         assert all(f"{row[f'n{i}']:.4f}" in shown for row in rows for i in range(9)) and shown.count("ruled out") == 2
