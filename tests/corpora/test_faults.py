@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench import words
 from bench.corpora import faults
 from bench.corpora.faults import FAULTS, SEVERITIES, as_shares, damaged, fault
 from tests.conftest import random_corpus
@@ -175,6 +176,12 @@ def test_a_damaged_corpus_is_one_that_no_cache_knows(kind, tmp_path):
             shares = corpus[i].astype(np.float32) / np.float32(1023)
             expected = FAULTS[name].apply(shares, severity, corpus.subjects[i], i, corpus.rate_hz) * np.float32(1023)
             assert np.array_equal(worse[i], np.rint(expected) if kind == "uint16" else expected)
+
+
+def test_help_names_every_fault():
+    assert words.FAULTS.split() == [f.name for f in ALL if not f.later]
+    assert words.LATER.split() == [f.name for f in ALL if f.later]
+    assert words.LOSSY.split() == [f.name for f in ALL if f.shortens]
 
 
 def test_a_fault_of_ones_own_is_one_function(monkeypatch):
