@@ -108,7 +108,7 @@ def test_what_the_budgets_exclude_is_not_in_the_model_unless_the_scene_needs_it(
 
     def sizes(model):
         amount = 10e3 * (1 + bool(model.stopping) + 2 * bool(model.watcher))
-        return {f"chip_{name}": amount if name == "flash_bytes" else 1.0 for name in choices.COSTS}
+        return {name: amount if name == "flash_bytes" else 1.0 for name in choices.COSTS}
 
     for name, fake in {"fitted": fit, "on_chip": sizes, "lacking": list}.items():
         monkeypatch.setattr(choices, name, fake)

@@ -28,35 +28,21 @@ DROP = 0.1  # the power of the test is that for this loss of accuracy
 
 @dataclass(frozen=True)
 class Bounds:
-    """What to expect for a new person.
+    """What to expect for a new person; of fewer than five people the mean alone."""
 
-    Attributes:
-        mean: mean accuracy over people.
-        mean_low: with 95 % probability, the mean of the next ``next_people`` people or more exceeds it. None for fewer
-            than five people.
-        person_low: the next person exceeds it with 90 % probability. None for fewer than five people.
-        next_people: number of people that ``mean_low`` is for; None if it is.
-    """
-
-    mean: float
-    mean_low: float | None
-    person_low: float | None
+    mean: float  # accuracy, over people
+    mean_low: float | None  # with 95 % probability, the mean of the next ``next_people`` people or more exceeds it
+    person_low: float | None  # the next person exceeds it with 90 % probability
     next_people: int | None
 
 
 @dataclass(frozen=True)
 class Check:
-    """Result of the test of people who came later.
+    """Result of the test of people who came later."""
 
-    Attributes:
-        agrees: False if they are worse than certified (``p`` < 0.05).
-        p: probability of people as bad as these or worse, if the certificate is true.
-        power: probability that the test finds a loss of ten points of accuracy with so many people.
-    """
-
-    agrees: bool
-    p: float
-    power: float
+    agrees: bool  # False if they are worse than certified (``p`` < 0.05)
+    p: float  # probability of people as bad as these or worse, if the certificate is true
+    power: float  # probability that the test finds a loss of ten points of accuracy with so many people
 
 
 def new_person(right: np.ndarray, total: np.ndarray, spread: float = SPREAD) -> Bounds:
@@ -82,16 +68,8 @@ def agrees(
     """Whether people who came later are as accurate as certified: a one-sided t-test on angles.
 
     The variance is that of the certificate, so that a fault that harms people unequally cannot hide in its own spread.
-    The test rejects exactly the people whose mean angle is below the bound for their number.
-
-    Args:
-        certificate_right: correctly classified captures of each person of the certificate.
-        certificate_total: captures of each person of the certificate.
-        right: correctly classified captures of each later person.
-        total: captures of each later person.
-
-    Returns:
-        None if the certificate has fewer than five people and thus no bound.
+    The test rejects exactly the people whose mean angle is below the bound for their number. None if the certificate
+    has fewer than five people and thus no bound.
     """
     certified = len(certificate_right)
     if certified < few.INTERVAL:

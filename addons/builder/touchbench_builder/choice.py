@@ -50,14 +50,10 @@ ROUNDED = ("lda", "softmax", "reflex")  # models with model.bits=
 REPAIRED = "stuck+dead"
 OF_STREAMS = ("max_false_alarms", "max_latency")  # budgets of a scene that the chosen system must meet in recordings
 BUILT = "touchbench.built"  # tag of a model: what it was built from
-LINKED = {  # numbers of a run, of which the choice takes those of the linked C
-    "flash_bytes": "chip_flash_bytes",
-    "ram_bytes": "chip_ram_bytes",
-    "chip_most_instructions": "chip_most_instructions",
-}
 STREAM = "the detector of touches in a stream"
 EARLY = f"{STREAM}, calibration and early decisions"
-COSTS = ("flash_bytes", "ram_bytes", "stack_bytes", "frame_instructions", "most_instructions")
+COSTS = ("flash_bytes", "ram_bytes", "stack_bytes", "frame_instructions", "most_instructions")  # of the linked C
+LIMITED = {"flash": "flash_bytes", "ram": "ram_bytes", "cycles": "most_instructions"}  # of these, by budget
 SMALLEST: dict[str, object] = {"model": "tree", "features": "jung28"}
 LARGEST: dict[str, object] = {"model": "reflex", "model.bits": BITS}
 LARGEST_S = 60.0  # of a fit on one core
@@ -68,26 +64,15 @@ FAULTED, WATCHED, LAST = 1.7, 2.0, 5.0
 
 @dataclass(frozen=True)
 class Choice:
-    """The chosen system.
+    """The chosen system."""
 
-    Attributes:
-        values: its keys of ``bench run``.
-        name: its name in tables.
-        table: a row per compared system: ``system``, ``accuracy`` in percent, ``flash``, ``ram`` in kB, ``verdict``.
-        nested: a row per capture with the label of the system that was chosen without its subject (``system``).
-        left_out: systems that were not compared, with reasons.
-        runs: ids of the compared runs.
-        limits: budget of each cost.
-        run_id: id of its run.
-    """
-
-    values: dict[str, Any]
-    name: str
-    table: pd.DataFrame
-    nested: pd.DataFrame
-    left_out: list[str]
-    runs: list[str]
-    limits: dict[str, float]
+    values: dict[str, Any]  # its keys of ``bench run``
+    name: str  # in tables
+    table: pd.DataFrame  # a row per compared system: system, accuracy in percent, flash and ram in kB, verdict
+    nested: pd.DataFrame  # a row per capture, labelled by the system that was chosen without its subject
+    left_out: list[str]  # systems that were not compared, with reasons
+    runs: list[str]  # ids of the compared runs
+    limits: dict[str, float]  # budget of each cost
     run_id: str
 
 
@@ -119,14 +104,9 @@ def systems(corpus: Corpus) -> list[tuple[dict[str, Any], float]]:
 def compared(
     corpus: Corpus, on: Mapping[str, Any], scene: Scene, limits: Mapping[str, float], progress: Progress
 ) -> Choice:
-    """Run the systems on people left out, link each for a Cortex-M4F, and choose.
+    """Run the systems on people left out, link each for a Cortex-M4F, and choose within the budgets of the scene.
 
-    Args:
-        corpus: captures to learn from.
-        on: keys of ``bench run`` that name them.
-        scene: needs of the robot.
-        limits: budgets of the command line; they replace those of the scene.
-        progress: steps and time.
+    ``limits``, budgets of the command line, replace these; ``on`` has the keys of ``bench run`` that name the captures.
     """
     progress.begin(f"systems on people left out, within {span(progress.left)}")
     under = {"under": [*scene.faults.names]} if scene.faults else {}
@@ -144,7 +124,8 @@ def compared(
         progress.say(f"system {number} of {len(every)}: {name}; {span(before)} left")
         try:
             result = run(plan, backend)
-            result.metrics |= {} if lacking() else _linked(on, values, str(result["run_id"]))
+            linked = {} if lacking() else _linked(on, values, str(result["run_id"]))
+            result.metrics |= {costs()[cost].source: linked[name] for cost, name in LIMITED.items() if linked}
         except InputError as e:
             left_out.append(f"{name}: {e}")
             continue
@@ -242,11 +223,11 @@ def _linked(on: Mapping[str, Any], values: Mapping[str, Any], run_id: str) -> di
     """Bytes and instructions of a system in C on a Cortex-M4F, trained on all captures; stored with this model."""
     store, key = connect(writes=True), _key_of_linked(run_id)
     numbers = next((model.data.metrics for model in store.runs(f"tags.`{BUILT}` = '{key}'")), {})
-    if not {*LINKED.values()} <= numbers.keys():
+    if not {*COSTS} <= {name.removeprefix("linked_") for name in numbers}:
         found, recogniser = fitted(on, values, key, stopping=False, watch=False)
-        numbers = on_chip(recogniser)
+        numbers = {f"linked_{name}": value for name, value in on_chip(recogniser).items()}
         store.log(found, numbers)
-    return {name: numbers[stored] for name, stored in LINKED.items()}
+    return {name: numbers[f"linked_{name}"] for name in COSTS}
 
 
 def _key_of_linked(run_id: str) -> str:
@@ -254,16 +235,17 @@ def _key_of_linked(run_id: str) -> str:
 
 
 def on_chip(recogniser: Recogniser) -> dict[str, float]:
-    """Bytes and instructions of a model in C on a Cortex-M4F (`touchbench_chip.measure`)."""
+    """`COSTS` of a model in C on a Cortex-M4F; of one that watches a stream, those of watching."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for file, text in files_of(recogniser, BITS, "a system of bench build").items():
             (folder / file).write_text(text, encoding="utf-8")
         watches = "#define TOUCH_WATCH 1" in (folder / "touch.h").read_text(encoding="utf-8")
         try:
-            return measured_watching(folder) if watches else measured(folder, *ROOMY)
+            numbers = measured_watching(folder) if watches else measured(folder, *ROOMY)
         except ValueError as e:  # such as a program that does not fit into the emulated chip
             raise InputError(str(e)) from e
+    return {name: numbers[f"chip_{'watch_' * watches}{name}"] for name in COSTS}
 
 
 def trained(
@@ -271,9 +253,7 @@ def trained(
 ) -> tuple[str, Recogniser, dict[str, float] | None, str]:
     """The chosen system, trained on all captures: with all that a model can learn and the budgets allow.
 
-    Returns:
-        Id of its run, the model, `COSTS` on a Cortex-M4F (None if they cannot be measured), and what the budgets left
-        out, in words.
+    Id of its run, the model, its `COSTS` (None if they cannot be measured), and what the budgets left out, in words.
     """
     run_id, recogniser = fitted(on, choice.values, key_of(choice.run_id, "built"))
     if lacking():
@@ -283,11 +263,8 @@ def trained(
             recogniser.watcher = None
         if without == EARLY:
             recogniser.stopping = None
-        numbers = on_chip(recogniser)
-        prefix = "chip_watch_" if "chip_watch_flash_bytes" in numbers else "chip_"
-        amounts = {name: numbers[f"{prefix}{name}"] for name in COSTS}
-        sizes = {"flash": amounts["flash_bytes"], "ram": amounts["ram_bytes"], "cycles": amounts["most_instructions"]}
-        if any(sizes[cost] > 1000 * choice.limits.get(cost, np.inf) for cost in sizes):
+        amounts = on_chip(recogniser)
+        if any(amounts[name] > 1000 * choice.limits.get(cost, np.inf) for cost, name in LIMITED.items()):
             continue
         if without == STREAM:  # a model that is stored as it is written
             run_id, recogniser = fitted(on, choice.values, key_of(choice.run_id, "built", STREAM), watch=False)
@@ -296,7 +273,7 @@ def trained(
             run_id, recogniser = fitted(on, choice.values, key, stopping=False, watch=False)
         return run_id, recogniser, amounts, without
     what = "with the detector that the scene needs" if scene_watches(scene) else "trained on all captures"
-    kilobytes = f"{sizes['flash'] / 1000:.1f} kB of flash and {sizes['ram'] / 1000:.1f} kB of RAM"
+    kilobytes = f"{amounts['flash_bytes'] / 1000:.1f} kB of flash and {amounts['ram_bytes'] / 1000:.1f} kB of RAM"
     raise InputError(f"{choice.name} fits, but {what} it takes {kilobytes}; take a larger board or raise its budgets")
 
 

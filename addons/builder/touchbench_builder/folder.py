@@ -24,7 +24,21 @@ from touchbench_chip.write import files_of
 CODE = Path(__file__).parent / "code"
 JSON = "certificate.json"
 VECTOR_S = 2.0  # of a capture in vectors.h
-WIDTH = 110  # columns of a row of numbers
+COLUMNS = 15  # readings in a row
+VECTORS = """/* The first {seconds:g} s of a capture of each class, and what Python predicts. */
+#include <stdint.h>
+#define VECTORS {count}
+#define READING {reading}
+static const struct {{
+    int frames, label;
+    float probabilities[TOUCH_CLASSES];
+}} vectors[VECTORS] = {{
+{rows}
+}};
+static const READING readings[] = {{
+{lines}
+}};
+"""
 
 
 def new_build(out: Path, replaces: bool) -> Path:
@@ -124,31 +138,19 @@ def vectors(recogniser: Recogniser, corpus: Corpus) -> str:
     table = recogniser.label(some)
     proba = table[[f"p_{name}" for name in recogniser.classes]].to_numpy()
     whole = all(float(frames.max()) < 2**16 and (frames == np.rint(frames)).all() for frames in some)
-    rows = []
-    for frames, label, row in zip(some, table["label"], proba, strict=True):
-        cells = ", ".join(f"{value:.6f}f" for value in row)
-        rows.append(f"    {{{len(frames)}, {recogniser.classes.index(label)}, {{{cells}}}}},")
+    rows = [
+        f"    {{{len(frames)}, {recogniser.classes.index(label)}, {{{', '.join(f'{share:.6f}f' for share in row)}}}}},"
+        for frames, label, row in zip(some, table["label"], proba, strict=True)
+    ]
     values = np.concatenate([frames.ravel() for frames in some])
-    texts = [str(int(v)) if whole else number(v) for v in values]
-    width = WIDTH // 7
-    lines = ["    " + ", ".join(texts[i : i + width]) + "," for i in range(0, len(texts), width)]
-    return "\n".join(
-        [
-            f"/* The first {VECTOR_S:g} s of a capture of each class, and what Python predicts. */",
-            "#include <stdint.h>",
-            f"#define VECTORS {len(rows)}",
-            f"#define READING {'uint16_t' if whole else 'float'}",
-            "static const struct {",
-            "    int frames, label;",
-            "    float probabilities[TOUCH_CLASSES];",
-            "} vectors[VECTORS] = {",
-            *rows,
-            "};",
-            "static const READING readings[] = {",
-            *lines,
-            "};",
-            "",
-        ]
+    texts = [str(int(value)) if whole else number(value) for value in values]
+    lines = [f"    {', '.join(texts[i : i + COLUMNS])}," for i in range(0, len(texts), COLUMNS)]
+    return VECTORS.format(
+        seconds=VECTOR_S,
+        count=len(rows),
+        reading="uint16_t" if whole else "float",
+        rows="\n".join(rows),
+        lines="\n".join(lines),
     )
 
 
