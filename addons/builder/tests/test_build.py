@@ -14,6 +14,7 @@ from bench.corpora.read.table import write_table
 from bench.errors import InputError
 from bench.store import connect
 from tests.conftest import predictions, random_corpus, runs
+from touchbench_builder.folder import labelled
 from touchbench_builder.way import _imported
 
 TOOLS = [name for name in ("cc", "make", "c++") if shutil.which(name) is None]
@@ -177,6 +178,15 @@ def test_a_file_is_imported_as_it_is_described_and_replaces_no_other_corpus():
     with pytest.raises(InputError, match="a corpus skin was imported from skin.csv; give the new one a name="):
         _imported(Path("skin.new.csv"), exact, "table")
     assert _imported(Path("skin.new.csv"), exact | {"name": "other"}, "table") == "other"
+
+
+@pytest.mark.parametrize(("text", "words"), [(None, "No such file"), ("#error broken", "broken")])
+def test_a_folder_whose_c_cannot_be_run_is_one_line(text, words, tmp_path):
+    for name in ("touch.h", "tables.h", "touch.c"):
+        if text or name != "touch.c":
+            (tmp_path / name).write_text(text or "")
+    with pytest.raises(InputError, match=f"its C cannot be run: .*{words}"):
+        labelled(tmp_path, ["pat"], random_corpus(1, 1))
 
 
 @pytest.mark.live

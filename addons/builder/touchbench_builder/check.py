@@ -49,14 +49,14 @@ def checked(words: list[str], values: Mapping[str, Any]) -> int:
     say(
         f"{corpus.name}: {several(len(corpus), 'capture')} of {several(people, 'subject')} in C: {mean:.1f} % correct, "
         f"mean over people; the certificate expects {100 * facts['expected']['mean']:.1f} %",
-        f"{'agrees with' if found.agrees else 'contradicts'} the certificate (one-sided test, p = {found.p:.3g}; "
-        f"power {100 * found.power:.0f} %)",
+        f"the accuracy {'agrees with' if found.agrees else 'contradicts'} the certificate (one-sided test, "
+        f"p = {found.p:.3g}; power {100 * found.power:.0f} %)",
     )
     strange = int(unlike.sum())
     if other_sensor := bdtrc(strange - 1, len(corpus), ODD) < ALPHA:
         say(
             f"{strange} of {several(len(corpus), 'capture')} look unlike all captures of the build, which contradicts "
-            "the certificate, too; compare the range of readings, what is read at rest, and how the sensor is turned"
+            "the certificate; compare the range of readings, what is read at rest, and how the sensor is turned"
         )
     return 0 if found.agrees and not other_sensor else 1
 

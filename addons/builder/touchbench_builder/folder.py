@@ -121,10 +121,13 @@ def origin(facts: Mapping[str, Any]) -> str:
 def labelled(folder: Path, classes: list[str], corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
     """Labels of captures by the C of a folder, and which look unlike training; compiled elsewhere for this machine."""
     with tempfile.TemporaryDirectory() as name:
-        for file in ("touch.c", "touch.h", "tables.h"):
-            shutil.copyfile(folder / file, Path(name, file))
-        run = compiled(Path(name), len(classes))
-        answers = [run(frames) for frames in corpus]
+        try:
+            for file in ("touch.c", "touch.h", "tables.h"):
+                shutil.copyfile(folder / file, Path(name, file))
+            run = compiled(Path(name), len(classes))
+            answers = [run(frames) for frames in corpus]
+        except (OSError, ValueError) as e:  # a file or a compiler that is not there, C that was changed
+            raise InputError(f"{folder}: its C cannot be run: {e}; build it again") from e
     labels = np.array([classes[int(proba.argmax())] for proba, _ in answers], dtype=object)
     return labels, np.array([unlike for _, unlike in answers])
 
