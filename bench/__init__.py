@@ -222,7 +222,7 @@ def compare(system: object, other: object, **values: object) -> Compared:
 
     Returns:
         ``difference`` (first less second, mean over subjects, in points), its 95 % interval (``low``, ``high``) and
-        ``p``, both by the two-sided Wilcoxon test, ``smallest`` (the difference that so many subjects can show),
+        ``p``, both by the two-sided Wilcoxon test, ``smallest`` (the difference above which this test rejects),
         ``subjects`` (their number), ``gain`` and ``lose`` (the subjects on whom the first or the second is more
         accurate), and the tables ``accuracy`` [subjects, 2], ``captures`` and ``gestures``.
     """

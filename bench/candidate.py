@@ -44,7 +44,7 @@ class Candidate:
     """A way in which a run labels."""
 
     unit: str  # words for what is labelled; candidates of one system and unit are its seeds
-    scores: pd.Series  # score in percent by subject
+    scores: Mapping[str, float] | pd.Series  # score in percent by subject
     # names of stored values that its costs read in place of their own; empty for a cost that it has not
     stored: Mapping[str, str] = field(default_factory=dict)
     costs: Mapping[str, float] = field(default_factory=dict)  # costs that no stored value has, by name

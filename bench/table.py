@@ -36,7 +36,6 @@ class Table:
     bold: Collection[int] = ()  # numbers of highlighted rows
     remarks: list[list[str]] = field(default_factory=list)  # footnotes of each row; equal remarks share a number
     groups: list[str] = field(default_factory=list)  # heading of each row, shared with its neighbours
-    drawn: str = ""  # key of the measure whose intervals the page draws in its rows; empty for none
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -60,30 +59,6 @@ class Table:
         number = max(1, -(-len(rest) // (PAGE - 1)))
         size = -(-len(rest) // number)
         return [[first, *rest[size * i : size * (i + 1)]] for i in range(number)]
-
-    @cached_property
-    def _ends(self) -> list[tuple[float, float, float]]:
-        """Lower end, value and upper end of each row's drawn interval."""
-        measure = next(measure for measure in self.columns if measure.key == self.drawn)
-        cells = [measure.cell(row) for row in self.rows]
-        return [(c.low, c.value, c.high) if isinstance(c, Interval) else (c,) * 3 for c in cells]
-
-    def _place(self, value: float) -> float:
-        low, high = min(e[0] for e in self._ends), max(e[2] for e in self._ends)
-        return 4 + 92 * (value - low) / ((high - low) or 1)  # the dot at an end is not cut off
-
-    @cached_property
-    def bars(self) -> list[tuple[float, float, float]]:
-        """The same in percent of what all of them cover."""
-        return [(self._place(a), self._place(b), self._place(c)) for a, b, c in self._ends]
-
-    @cached_property
-    def axis(self) -> list[tuple[float, str]]:
-        """Places on this scale, and words, of some round values."""
-        low, high = min(e[0] for e in self._ends), max(e[2] for e in self._ends)
-        step = next((s for s in (50, 25, 20, 10, 5, 2, 1) if high // s - -(-low // s) >= 2), 1)
-        values = [step * i for i in range(int(-(-low // step)), int(high // step) + 1)]
-        return [(self._place(value), f"{value:g}") for value in values]
 
     @cached_property
     def code(self) -> set[str]:

@@ -62,8 +62,8 @@ class Bundle:
         check_file(path)
         self.path = path
         with opened(path, BROKEN) as (archive, members):
-            self.names = [member.filename for member in members]
-            if HEAD not in self.names:
+            names = [member.filename for member in members]
+            if HEAD not in names:
                 raise InputError(
                     f"{called(path)}: no bundle of bench report; make one with bench report bundle=FILE.zip"
                 )
@@ -73,6 +73,9 @@ class Bundle:
                     f"{called(path)}: made by touchbench {head['touchbench']} in format {head['format']}, this version "
                     f"reads format {FORMAT}; install that one"
                 )
+            self.tables: dict[str, list[str]] = {}  # of each run
+            for run_id, table in re.findall(rf"^{TABLES}/(.+)/(.+)\.parquet$", "\n".join(names), re.MULTILINE):
+                self.tables.setdefault(run_id, []).append(table)
             if damaged := archive.testzip():
                 raise ValueError(damaged)
             self.options = {str(key): str(value) for key, value in head["options"].items()}
@@ -90,17 +93,15 @@ class Bundle:
 
     def result(self, run: Mapping[str, dict[str, Any]]) -> Result:
         """A run as a result; its tables are read when they are asked for."""
-        folder = f"{TABLES}/{run['about']['run_id']}"
-        this = f"{called(self.path)}, run {run['about']['run_id']}"
+        run_id = run["about"]["run_id"]
+        held, this = self.tables.get(run_id, []), f"{called(self.path)}, run {run_id}"
 
         def read(name: str) -> pd.DataFrame | None:
-            file = f"{folder}/{file_of(name)}"
-            if file not in self.names:
+            if name not in held:
                 return None
             with opened(self.path, BROKEN) as (archive, _):
-                return read_table(io.BytesIO(archive.read(file)), name, this)
+                return read_table(io.BytesIO(archive.read(f"{TABLES}/{run_id}/{file_of(name)}")), name, this)
 
-        held = [Path(name).stem for name in self.names if name.startswith(f"{folder}/")]
         return Result(run["about"], run["metrics"], Tables({}, read, f"{this} is missing; get it again", lambda: held))
 
     def add(self, folder: Path, files: Iterable[Path]) -> None:

@@ -117,7 +117,8 @@ def cost_chart(
     front = staircase(y, cost.burden(x))
     ends = points[["low", "high"]].to_numpy(float)
     ends = np.where(np.isnan(ends), y[:, None], ends)
-    across, up = _range(np.append(x, budget or x[0]), cost.linear), _tall(np.append(ends, best[-1] if best else y[0]))
+    across = _range(np.append(x, x[0] if budget is None else budget), cost.linear)
+    up = _tall(np.append(ends, best[-1] if best else y[0]))
     left_edge, width = EDGES[0], EDGES[1] - EDGES[0]
     places = np.column_stack([left_edge + width * across.at(x), ABOVE + HEIGHT * (1 - up.at(y))])
     kept = np.flatnonzero(points["chosen"] | np.isin(np.arange(len(points)), front))

@@ -7,6 +7,7 @@ import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
@@ -33,11 +34,12 @@ UNITS = unit_headings(m for m in run_columns("csv") if not isinstance(m, Cost)) 
 UNITS |= {end: f"{end} %" for end in ("low", "high")}
 CONTEXT = ["data", "subset", "protocol", "group"]
 TESTED = ("difference", "p_holm")
-ROWS = 300  # of a table on the page; the CSV files hold all
+ROWS = 100  # of a table on the page; the CSV files hold all
 MACHINE = ("git", "cpu", "threads")
 Tested = tuple[pd.DataFrame, pd.DataFrame]  # accuracies of subjects, and statistics of the systems
 
 
+@cache
 def published() -> pd.DataFrame:
     """The numbers of the papers, one row each; ``*_key`` columns are in the words that runs are tracked with."""
     with (files("bench.reports") / "published.csv").open() as f:
@@ -55,12 +57,11 @@ def comparison(
     and statistics of groups that are known before.
     """
     rows: list[Row] = []
-    numbers = {key: list(part.itertuples()) for key, part in published().groupby(SAME)}
     for group, results in groups.items():
         tests = _tests(results, against, (before or {}).get(group))
         first = dict(zip(CONTEXT, (*results[0].context, group), strict=True))
         for name, r in zip(names(results), results, strict=True):
-            for row in views(r, numbers):
+            for row in views(r):
                 tested = row["combined"] != "majority vote" and row["unit"] == "capture"
                 rows.append({**row, **first, "name": name} | (tests.get(r.system, {}) if tested else {}))
     measures = run_columns("csv")
@@ -87,7 +88,7 @@ def _tests(results: Sequence[Result], against: str, tested: Tested | None) -> di
     return {str(row["system"]): {k: row[k] for k in TESTED} | {"against": against} for row in rows_of(rows)}
 
 
-def views(result: Result, numbers: Mapping[tuple, list]) -> Iterator[Row]:
+def views(result: Result) -> Iterator[Row]:
     """The ways to score a run: its captures, by mean probability or vote, and its windows.
 
     Yields:
@@ -107,21 +108,27 @@ def views(result: Result, numbers: Mapping[tuple, list]) -> Iterator[Row]:
             "seed": result["seed"],
             "against": "",
             # One decision a capture is its vote.
-            "published": _published(result, units if windowed else (*units, "capture vote"), numbers),
+            "published": _published(result, units if windowed else (*units, "capture vote")),
             "folds": result.folds,
             "run_id": result["run_id"],
             "note": " ".join(notes_on(result.system, str(result["data"]))),
         }
 
 
-def _published(result: Result, units: Sequence[str], numbers: Mapping[tuple, list]) -> str:
+@cache
+def _numbers() -> dict[tuple, list]:
+    """Published numbers by what they are of."""
+    return {key: list(part.itertuples()) for key, part in published().groupby(SAME)}
+
+
+def _published(result: Result, units: Sequence[str]) -> str:
     """Published numbers that may stand beside a row, each with its unit and id.
 
     Systems that depend on the batch or use conditions have none: their marked names match no published system.
     """
     if result["synthetic"] == "true":
         return ""
-    same = numbers.get((*(result[k.removesuffix("_key")] for k in SAME[:-1]), result.system), [])
+    same = _numbers().get((*(result[k.removesuffix("_key")] for k in SAME[:-1]), result.system), [])
     return "; ".join(f"{r.accuracy:g} ({r.unit_key}, {r.id})" for r in same if r.unit_key in units)
 
 

@@ -122,8 +122,11 @@ def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
 
 
 def drawn_confusions(labelled: pd.DataFrame, classes: list[str], draws: int, seed: int) -> np.ndarray:
-    """Confusions of whole subjects drawn with replacement, [draws, true, predicted]."""
-    counts = np.array([scores.confusion(part, classes) for _, part in labelled.groupby("subject", sort=True)])
+    """Confusions of whole subjects drawn with replacement, [draws, true, predicted]; the last is of abstentions."""
+    people, person = np.unique(labelled["subject"], return_inverse=True)
+    true, predicted = (pd.Index(classes).get_indexer(pd.Index(labelled[name])) for name in ("true", "predicted"))
+    counts = np.zeros((len(people), len(classes), len(classes) + 1), np.int64)
+    np.add.at(counts, (person[true >= 0], true[true >= 0], predicted[true >= 0]), 1)  # -1 without a label
     return np.einsum("ds,sij->dij", intervals.weights([len(counts)], draws, seed)[0], counts)
 
 
@@ -137,7 +140,8 @@ def macro_interval(
     if labelled["subject"].nunique() < few.INTERVAL:
         return np.nan, np.nan
     pooled = drawn_confusions(labelled, classes, draws, seed)
-    right, totals = np.einsum("dii->di", pooled), pooled.sum(axis=1 if metric == "macro_precision" else 2)
+    right = np.einsum("dii->di", pooled[..., :-1])
+    totals = pooled[..., :-1].sum(axis=1) if metric == "macro_precision" else pooled.sum(axis=2)
     low, high = intervals.percentiles((right / np.maximum(totals, 1)).mean(axis=1))
     return float(low), float(high)
 
@@ -156,6 +160,7 @@ def recall_interval(labelled: pd.DataFrame, classes: list[str], draws: int = 200
 
 
 def _recalls(confusions: np.ndarray) -> np.ndarray:
-    """Percent of each class, [..., classes]."""
+    """Percent of each class, [..., classes], of confusions with or without a column for abstentions."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        return 100 * np.einsum("...ii->...i", confusions) / confusions.sum(axis=-1)
+        right = np.einsum("...ii->...i", confusions[..., : confusions.shape[-2]])
+        return 100 * right / confusions.sum(axis=-1)

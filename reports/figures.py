@@ -58,19 +58,9 @@ def new_figure(
     figure = Figure(figsize=size)
     inner_width = (width - left - right - between[0] * (columns - 1)) / columns
     inner_height = (height - bottom - top - between[1] * (rows - 1)) / rows
-    axes = figure.subplots(
-        rows,
-        columns,
-        squeeze=False,
-        gridspec_kw={
-            "left": left / width,
-            "right": 1 - right / width,
-            "bottom": bottom / height,
-            "top": 1 - top / height,
-            "wspace": between[0] / inner_width,
-            "hspace": between[1] / inner_height,
-        },
-    )
+    axes = figure.subplots(rows, columns, squeeze=False)
+    edges = {"left": left / width, "right": 1 - right / width, "bottom": bottom / height, "top": 1 - top / height}
+    figure.subplots_adjust(**edges, wspace=between[0] / inner_width, hspace=between[1] / inner_height)
     if title:
         figure.suptitle(title.replace("$", r"\$"), y=1 - 0.08 / height, va="top")
     return figure, axes

@@ -36,8 +36,10 @@ CAPTION = (
 def history(results: Sequence[Result]) -> pd.DataFrame:
     """A row for each run of a system with several revisions, oldest first, with ``step``, empty or what differs."""
     systems: dict[tuple[str, ...], dict[str, Result]] = {}
-    for r in results:  # the newest run of a revision counts
-        systems.setdefault(tuple(str(r[name]) for name in gate.NAMES), {})[r.get("git") or "unknown"] = r
+    for r in results:  # the newest run of a revision counts, at its time
+        revisions = systems.setdefault(tuple(str(r[name]) for name in gate.NAMES), {})
+        revisions.pop(revision := r.get("git") or "unknown", None)
+        revisions[revision] = r
     limits = {name: float(options("check")[name].default) for name in ("error", "slower")}
     rows = []
     for runs in (runs for runs in systems.values() if len(runs) > 1):

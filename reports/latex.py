@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate, groupby
 from math import nan
 from statistics import mean
 from typing import Any
@@ -151,14 +152,24 @@ def _written(cells: pd.DataFrame, caption: str, label: str) -> str:
     if first > room:
         form = f"p{{{max(room, letter * longest) - 2 * beside:.0f}pt}}"
         cells.isetitem(0, r"\raggedright " + cells.iloc[:, 0].str.replace(r"\_", r"\_\allowbreak{}", regex=False))
-    about = {"column_format": form + "r" * len(others), "caption": caption, "label": label}
-    about |= {"environment": "table*" if first + sum(others) > COLUMN else "table", "position_float": "centering"}
-    text = cells.style.hide(axis="index").to_latex(hrules=True, multicol_align="c", **about)
-    spans = {head: [i for i, (other, _) in enumerate(heads, 1) if other == head] for head, _ in heads if head}
-    rules = "".join(rf"\cmidrule(lr){{{places[0]}-{places[-1]}}}" for places in spans.values())
-    if rules:
-        text = text.replace(" \\\\\n", f" \\\\\n{rules}\n", 1)
-    return text.replace("\\centering\n", f"\\centering\\{size}\\setlength{{\\tabcolsep}}{{{beside}pt}}\n", 1)
+    environment = "table*" if first + sum(others) > COLUMN else "table"
+    lines = [rf"\begin{{{environment}}}", rf"\centering\{size}\setlength{{\tabcolsep}}{{{beside}pt}}"]
+    lines += [rf"\caption{{{caption}}}", rf"\label{{{label}}}"]
+    lines += [rf"\begin{{tabular}}{{{form}{'r' * len(others)}}}", r"\toprule"]
+    if any(head for head, _ in heads):  # protocols span their columns
+        spans = [(head, len([*each])) for head, each in groupby(head for head, _ in heads)]
+        ends = [*accumulate(wide for _, wide in spans)]
+        lines.append(_line(rf"\multicolumn{{{wide}}}{{c}}{{{head}}}" if wide > 1 else head for head, wide in spans))
+        rules = (
+            rf"\cmidrule(lr){{{end - wide + 1}-{end}}}" for (head, wide), end in zip(spans, ends, strict=True) if head
+        )
+        lines.append("".join(rules))
+    lines += [_line(name for _, name in heads), r"\midrule", *map(_line, cells.to_numpy())]
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", rf"\end{{{environment}}}", ""])
+
+
+def _line(cells: Iterable[str]) -> str:
+    return " & ".join(cells) + r" \\"
 
 
 def _seen(text: str) -> str:

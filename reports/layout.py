@@ -9,17 +9,22 @@ import hashlib
 import itertools
 import re
 from base64 import b64encode
+from collections.abc import Callable
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
 from jinja2 import pass_eval_context
 from jinja2.nodes import EvalContext
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
+from bench.reports.embedded import embedded
 from bench.reports.figures import SYNTHETIC, Picture
 from bench.sentences import environment
 
 ROOM = files("bench.reports")
+UNNAMED = re.compile(r'(<svg class="mark(?![^"]* named)[^"]*".*?)<text [^>]*>[^<]*</text></svg>')  # marks of a chart
+ESCAPED = {ord(sign): f"\\{sign}" for sign in "\\`*_{}[]<>|#~"}  # in markdown
 
 
 def page(template: str | Path, title: str, script: str = "", **values: object) -> str:
@@ -27,8 +32,10 @@ def page(template: str | Path, title: str, script: str = "", **values: object) -
 
     A template of another package is a path. Only the ``script`` of this room runs: the page has its digest.
     """
-    body = Markup(_filled(template, "html", values | {"title": title}))
+    styles: dict[str, str] = {}
+    body = Markup(_filled(template, "html", values | {"title": title}, partial(inline_svg, styles=styles)))
     style, code = (Markup(ROOM.joinpath(f).read_text(encoding="utf-8")) if f else "" for f in ("page.css", script))
+    style += Markup("".join(f".{name}{{{rule}}}" for rule, name in styles.items()))
     digest = b64encode(hashlib.sha256(code.encode()).digest()).decode() if code else ""
     return _filled("page.jinja", "html", {"title": title, "body": body, "style": style, "code": code, "digest": digest})
 
@@ -44,12 +51,14 @@ def markdown(template: str, **values: object) -> str:
     return re.sub(r"\n\s*\n", "\n\n", text).strip() + "\n"
 
 
-def _filled(template: str | Path, form: str, values: dict[str, object]) -> str:
-    """A template filled in, in one of the two forms."""
+def _filled(
+    template: str | Path, form: str, values: dict[str, object], drawing: Callable[[Picture], Markup] | None = None
+) -> str:
+    """A template filled in, in one of the two forms; ``drawing`` embeds a figure."""
     env = environment(ROOM / "templates", Path(template).parent, html=form == "html")
     count = itertools.count(1)
     env.globals |= {"form": form, "next_number": lambda: next(count)}
-    env.filters |= {"anchor": slug, "md": md_escape, "code": _code, "svg": inline_svg}
+    env.filters |= {"anchor": slug, "md": md_escape, "code": _code, "svg": drawing}
     env.filters["sentence"] = _sentence
     return env.get_template(Path(template).name).render(values)
 
@@ -68,7 +77,7 @@ def slug(text: str, most: int = 48) -> str:
 
 def md_escape(text: object) -> str:
     """Text that markdown takes as it is; a bar would end a cell, a line break the table."""
-    return re.sub(r"([\\`*_{}\[\]<>|#~])", r"\\\1", " ".join(str(text).split()))
+    return " ".join(str(text).split()).translate(ESCAPED)
 
 
 def _code(text: object) -> str:
@@ -77,14 +86,14 @@ def _code(text: object) -> str:
     return f"`` {line} ``" if "`" in line else f"`{line}`"
 
 
-def inline_svg(picture: Picture) -> Markup:
-    """A drawing to embed in a page. Its width is in inches, so that the page draws all of them on one scale."""
+def inline_svg(picture: Picture, styles: dict[str, str]) -> Markup:
+    """A drawing to embed in a page, about a third as long as its file; ``styles`` gets the class of each style.
+
+    Its width is in inches, so that the page draws all of them on one scale.
+    """
     text = picture.path.read_text(encoding="utf-8")
-    if 'class="fluid"' in text[:200]:  # as wide as there is room, and with a label
-        return Markup(text)
-    width = re.search(r'<svg[^>]*? width="([\d.]+)pt"', text)
-    style = f' style="--inches: {float(width[1]) / 72:.2f}"' if width else ""
+    if 'class="fluid"' in text[:200]:  # as wide as there is room, and with a label; the script names the marks
+        return Markup(UNNAMED.sub(r"\1</svg>", text).replace(' role="img" tabindex="-1"', ""))
     first, *more = picture.caption.removesuffix(".").split(". ")
     about = ". ".join([first, *(sentence for sentence in more if SYNTHETIC in sentence)])
-    label = f'<svg role="img" aria-label="{escape(about)}."{style} '
-    return Markup(text[text.index("<svg") :].replace("<svg ", label, 1))
+    return Markup(embedded(text, f"{about}.", styles))

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from bench.measures import CODE, Measure, p_value, text
 from bench.outcomes import statistics
 from bench.outcomes.frame import by_subject
-from bench.reports.comparison import published
+from bench.reports.comparison import ROWS, published
 from bench.reports.contexts import METHODS, scarce
 from bench.reports.figures import bars, look, new_figure, plain, save, spread, width_of
 from bench.reports.part import Part, Section
@@ -41,6 +41,8 @@ PRINTED = (
     Measure("points", "points of the protocol [95 %]", form="+.1f", ends="points"),
     Measure("less", "printed less points"),
 )
+NAMES = "data subset system protocol key mixes_subjects accuracy accuracy_low accuracy_high points".split()
+NAMES += "points_low points_high p place subjects".split()  # columns of `ledger`
 Under = dict[str, pd.DataFrame]  # accuracy in percent [systems, subjects] by protocol in words
 
 
@@ -86,26 +88,28 @@ def ledger(results: Sequence[Result]) -> pd.DataFrame:
         subjects of both, with ``points_low``, ``points_high`` and ``p`` (two-sided Wilcoxon test); ``place`` of the
         system under this protocol; ``subjects``; ``mixes_subjects``. NaN where LOSO was not run.
     """
-    rows = []
-    for members in sets_of(results):
-        tables, first = under(members), named_by(members)
-        base, (data, subset, _) = base_of(members, tables), members[0].context
-        for label, table in tables.items():
-            about = {"data": data, "subset": subset, "protocol": label, "key": first[label]["protocol"]}
-            about |= {"mixes_subjects": facts_of(first[label]).mixes_subjects}
-            points = gains(table, base)
-            for place, (system, people) in enumerate(table.iterrows(), 1):
-                low, high = np.clip(statistics.interval(people.to_numpy(float)), 0, 100)
-                row = about | {"system": system, "accuracy": people.mean(), "accuracy_low": low, "accuracy_high": high}
-                row |= {"place": f"{place} of {len(table)}", "subjects": len(people)}
-                if system in points.index and len(points.columns) and table is not base:
-                    tested = statistics.paired(points.loc[system], 0 * points.loc[system])
-                    names = {"points": "difference", "points_low": "low", "points_high": "high", "p": "p"}
-                    row |= {name: tested[key] for name, key in names.items()}
-                rows.append(row)
-    names = ["data", "subset", "system", "protocol", "key", "mixes_subjects", "accuracy", "accuracy_low"]
-    names += ["accuracy_high", "points", "points_low", "points_high", "p", "place", "subjects"]
-    return pd.DataFrame(rows).reindex(columns=names)
+    parts = [_rows(members, under(members)) for members in sets_of(results)]
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=NAMES)
+
+
+def _rows(members: Sequence[Result], tables: Under) -> pd.DataFrame:
+    """The rows of one set."""
+    rows, first = [], named_by(members)
+    base, (data, subset, _) = base_of(members, tables), members[0].context
+    for label, table in tables.items():
+        about = {"data": data, "subset": subset, "protocol": label, "key": first[label]["protocol"]}
+        about |= {"mixes_subjects": facts_of(first[label]).mixes_subjects}
+        points = gains(table, base)
+        for place, (system, people) in enumerate(table.iterrows(), 1):
+            low, high = np.clip(statistics.interval(people.to_numpy(float)), 0, 100)
+            row = about | {"system": system, "accuracy": people.mean(), "accuracy_low": low, "accuracy_high": high}
+            row |= {"place": f"{place} of {len(table)}", "subjects": len(people)}
+            if system in points.index and len(points.columns) and table is not base:
+                tested = statistics.paired(points.loc[system], 0 * points.loc[system])
+                names = {"points": "difference", "points_low": "low", "points_high": "high", "p": "p"}
+                row |= {name: tested[key] for name, key in names.items()}
+            rows.append(row)
+    return pd.DataFrame(rows).reindex(columns=NAMES)
 
 
 def printed_on(data: str) -> pd.DataFrame:
@@ -115,22 +119,23 @@ def printed_on(data: str) -> pd.DataFrame:
     return papers.assign(key=papers["protocol_key"].where(papers["protocol_key"] != "other", papers["nearest_key"]))
 
 
-def explained(members: Sequence[Result]) -> pd.DataFrame:
+def explained(members: Sequence[Result], tables: Under) -> pd.DataFrame:
     """Published numbers on the captures of a set, a row each, with the points over LOSO of the nearest protocol.
 
     These are the mean of all systems of the set that were run under both, with a 95 % t-interval over people: 0 for
-    LOSO, NaN where the protocol of a number is unknown or was not run.
+    LOSO, NaN where the protocol of a number is unknown or was not run. No rows without runs under LOSO.
     """
-    tables, data = under(members), members[0]["data"]
     base, found = base_of(members, tables), {BASE: (0.0, np.nan, np.nan)}
+    if base.empty:
+        return pd.DataFrame()
     for label, r in named_by(members).items():
         if r["protocol_name"] != BASE and (points := gains(tables.get(label, pd.DataFrame()), base)).size:
             people = points.mean(axis=0).to_numpy(float)
             found.setdefault(r["protocol_name"], (float(people.mean()), *statistics.interval(people)))
     rows = []
-    for paper in printed_on(data).itertuples():
+    for paper in printed_on(members[0]["data"]).itertuples():
         key, stated = paper.key, paper.protocol_key != "other"
-        points, low, high = found.get(key, (np.nan,) * 3) if len(base) else (np.nan,) * 3
+        points, low, high = found.get(key, (np.nan,) * 3)
         nearest = f"{key}{'' if stated else ' (inferred)'}{'' if key in found else ', not run'}" if key else "unknown"
         row = {"id": paper.id, "number": f"{paper.reference}: {paper.classifier}", "printed": paper.accuracy}
         row |= {"says": paper.protocol, "nearest": nearest, "points": points, "less": paper.accuracy - points}
@@ -191,11 +196,11 @@ def slopes(rows: pd.DataFrame, title: str) -> Figure:
     figure, axes = new_figure((1.1 + each * len(names) + room, 4.2), margins=(0.7, room, 0.75, 0.4), title=title)
     ax, ends = axes[0, 0], []
     for i, system in enumerate(systems):
-        own = rows[rows["system"] == system].set_index("protocol").reindex(names).dropna(subset=["accuracy"])
-        place = np.array([names.index(name) for name in own.index]) + 0.05 * (i - (len(systems) - 1) / 2)
+        own = rows[rows["system"] == system].set_index("protocol").reindex(names)  # NaN interrupts the line
+        place = np.arange(len(names)) + 0.05 * (i - (len(systems) - 1) / 2)
         error = bars(own["accuracy"].to_numpy(), own["accuracy_low"], own["accuracy_high"])
         ax.errorbar(place, own["accuracy"], yerr=error, capsize=2, elinewidth=0.7, markersize=5, **look(i))
-        ends.append(own["accuracy"].iloc[-1])
+        ends.append(own["accuracy"].dropna().iloc[-1])
     low, high = ax.get_ylim()
     order = np.argsort(ends)
     places = spread(np.array(ends)[order], (high - low) / 17, low, high)
@@ -210,17 +215,18 @@ def slopes(rows: pd.DataFrame, title: str) -> Figure:
     return figure
 
 
-def section(results: Sequence[Result], beside: pd.DataFrame, folder: Path) -> list[Section]:
-    """The section of the page, if some captures have runs under two protocols or more.
+def section(results: Sequence[Result], beside: pd.DataFrame, folder: Path) -> tuple[list[Section], pd.DataFrame]:
+    """The section of the page, if some captures have runs under two protocols or more, and all rows of `ledger`.
 
     Args:
         results: runs on captures.
         beside: published numbers beside ours (`bench.reports.papers.against`).
         folder: folder for figures.
     """
-    parts = []
+    parts, every = [], [pd.DataFrame(columns=NAMES)]
     for i, members in enumerate(sets_of(results), 1):
-        rows, (data, subset, _) = ledger(members), members[0].context
+        tables, (data, subset, _) = under(members), members[0].context
+        every.append(rows := _rows(members, tables))
         words = data + f", {subset}" * (subset != "all")
         everywhere = rows[rows.groupby("system")["key"].transform("size") == rows["protocol"].nunique()]
         first = everywhere.loc[everywhere.groupby("protocol", sort=False)["accuracy"].idxmax()]
@@ -229,19 +235,22 @@ def section(results: Sequence[Result], beside: pd.DataFrame, folder: Path) -> li
         lines = sentences(*("bench.reports", "sentences", "ledger"), best=best, **told_of)
         caption = f"{words}: accuracy under each protocol, mean over subjects with 95 % t-intervals."
         picture = save(slopes(rows, words), folder, f"0-protocols-{i}", words, caption)
-        rows = rows.sort_values("system", kind="stable")
+        first = [*dict.fromkeys(rows["system"])][: max(1, ROWS // len(tables))]  # most accurate under one protocol
+        rows = rows[rows["system"].isin(first)].sort_values("system", kind="stable")
         remarks = [notes_on(system, data) for system in rows["system"]]
         shown = Table(COLUMNS, rows_of(rows), remarks=remarks, groups=[*rows["system"]])
         caption = f"{words}: systems under each protocol; points are paired over the subjects of both protocols."
+        caption += " protocols.csv has all systems." * (len(rows) < len(every[-1]))
         parts.append(Part(picture, shown, caption, [*lines, *scarce(members)]))
         if commands := missing(members):
             rows_left = [{"command": command} for command in commands]
             parts.append(Part(None, Table([Measure("command", form=CODE)], rows_left), f"{words}: not run yet."))
-        if len(numbers := explained(members)) and members[0]["synthetic"] != "true":
+        if len(numbers := explained(members, tables)) and members[0]["synthetic"] != "true":
             caption = (
                 f"{words}: published numbers and the points over LOSO that their protocol alone adds to our systems."
             )
             parts.append(
                 Part(None, Table(PRINTED, rows_of(numbers)), caption, told(numbers, beside, members[0]["data"]))
             )
-    return [Section("What a protocol adds", parts, "the same systems under several protocols")] if parts else []
+    sections = [Section("What a protocol adds", parts, "the same systems under several protocols")] if parts else []
+    return sections, pd.concat(every[bool(parts) :], ignore_index=True)

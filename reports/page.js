@@ -2,10 +2,10 @@
 // Makes the tables of systems sort, filter, compare and download; without it, the page shows them as they are.
 (() => {
   const state = {protocol: "", sort: "", filter: "", family: "", columns: "", pin: [], open: []};
-  const groups = [];
+  const groups = [], NEAR = 1e-4;  // points of accuracy that count as none, since scores are rounded
 
-  const make = (tag, about = {}, ...inner) => {
-    const element = document.createElement(tag);
+  const maker = space => (tag, about = {}, ...inner) => {
+    const element = document.createElementNS(space, tag);
     for (const [name, value] of Object.entries(about)) {
       if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
       else if (value !== false && value !== null) element.setAttribute(name, value === true ? "" : value);
@@ -13,19 +13,15 @@
     element.append(...inner);
     return element;
   };
-  const drawn = (tag, about) => {
-    const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
-    for (const [name, value] of Object.entries(about)) element.setAttribute(name, value);
-    return element;
-  };
+  const make = maker("http://www.w3.org/1999/xhtml"), drawn = maker("http://www.w3.org/2000/svg");
   const signed = number => (number < 0 ? "" : "+") + number.toFixed(1);
   const several = (number, noun) => `${number} ${noun}${number === 1 ? "" : "s"}`;
 
   // ---- the address -------------------------------------------------------------------------------------------------
-
   function read() {
-    if (location.hash && !location.hash.includes("=")) return;  // a place of the page
-    const given = new URLSearchParams(location.hash.slice(1));
+    const place = location.hash && !location.hash.includes("=");  // such as a footnote, or a section
+    if (place && document.documentElement.dataset.live) return;
+    const given = new URLSearchParams(place ? "" : location.hash.slice(1));
     for (const name of Object.keys(state)) state[name] = Array.isArray(state[name]) ? given.getAll(name) : given.get(name) || "";
     const tab = groups.find(group => group.key === state.protocol) || groups[0];
     tab.tab.checked = true;
@@ -43,18 +39,14 @@
   const toggled = (list, one) => list.includes(one) ? list.filter(other => other !== one) : [...list, one];
 
   // ---- the table ---------------------------------------------------------------------------------------------------
-
-  const number = text => {
-    const found = /-?\d[\d ]*\.?\d*/.exec(text);
-    return found && !/^[a-z]/i.test(text) ? parseFloat(found[0].replaceAll(" ", "")) : NaN;
-  };
+  const number = text => /^[a-z]/i.test(text) ? NaN : parseFloat((/-?\d[\d ]*\.?\d*/.exec(text) || [""])[0].replaceAll(" ", ""));
 
   function order(group, column, falls) {
     const place = group.columns.indexOf(column), sign = falls ? -1 : 1, words = column.key === "system";
     return (a, b) => {
       const [one, two] = [a, b].map(row => row.cells[place]);
-      if (words) return sign * one.localeCompare(two);
       const [x, y] = [one, two].map(number);
+      if (words || isNaN(x) && isNaN(y)) return sign * one.localeCompare(two);
       return isNaN(x) || isNaN(y) ? isNaN(x) - isNaN(y) : sign * (x - y);
     };
   }
@@ -68,17 +60,26 @@
 
   const chosenColumns = group => state.columns ? group.columns.filter(c => c.key === "system" || state.columns.split(",").includes(c.key)) : group.columns.filter(c => c.shown);
 
-  function bar([low, value, high]) {
-    const svg = drawn("svg", {class: "bar", "aria-hidden": "true"});
-    svg.append(drawn("line", {x1: `${low}%`, x2: `${high}%`, y1: "50%", y2: "50%"}), drawn("circle", {cx: `${value}%`, cy: "50%", r: 4}));
-    return make("td", {}, svg);
+  const ends = text => { const [value, low = value, high = value] = (text.match(/[\d.]+/g) || []).map(Number); return [low, value, high]; };
+
+  function scale(group) {  // of the intervals: the place of a value, and a heading with round values
+    const place = group.columns.findIndex(column => column.key === "accuracy"), values = group.rows.flatMap(row => ends(row.cells[place]));
+    const low = Math.min(...values), high = Math.max(...values);
+    group.at = value => `${(4 + 92 * (value - low) / (high - low || 1)).toFixed(1)}%`;  // a dot at an end is not cut off
+    const step = [50, 25, 20, 10, 5, 2].find(size => Math.floor(high / size) - Math.ceil(low / size) >= 2) || 1;
+    const ticks = [...Array(101).keys()].filter(value => value % step === 0 && value >= low && value <= high).map(value => [value, group.at(value)]);
+    const marks = ticks.flatMap(([value, x]) => [drawn("line", {x1: x, x2: x, y1: "85%", y2: "100%"}), drawn("text", {x, y: "70%"}, value)]);
+    group.axis = make("th", {scope: "col", class: "axis"}, drawn("svg", {class: "bar", role: "img", "aria-label": "scale of the 95 % intervals"}, ...marks));
   }
 
-  function cells(group, columns, texts, name, ends) {
+  const bar = (group, [low, value, high]) => make("td", {}, drawn("svg", {class: "bar", "aria-hidden": "true"},
+    drawn("line", {x1: group.at(low), x2: group.at(high), y1: "50%", y2: "50%"}), drawn("circle", {cx: group.at(value), cy: "50%", r: 4})));
+
+  function cells(group, columns, texts, name, intervals) {
     return columns.flatMap(column => {
       const text = texts[group.columns.indexOf(column)];
       const cell = column.key === "system" ? make("th", {scope: "row"}, ...name(text)) : make("td", {}, text);
-      return column.key === "accuracy" ? [cell, ends ? bar(ends) : make("td", {}, drawn("svg", {class: "bar"}))] : [cell];
+      return column.key === "accuracy" ? [cell, intervals ? bar(group, ends(text)) : make("td", {}, drawn("svg", {class: "bar"}))] : [cell];
     });
   }
 
@@ -90,7 +91,7 @@
       ` ${text}${row.chosen ? " (chosen)" : ""}`, ...marks,
       ...row.seeds.length ? [" ", make("button", {class: "seeds", "data-open": row.name, "aria-expanded": String(opened), onclick: () => changed({open: toggled(state.open, row.name)})}, several(row.seeds.length, "seed"))] : [],
     ];
-    const first = make("tr", {class: row.chosen ? "chosen" : null}, ...cells(group, columns, row.cells, name, row.bar));
+    const first = make("tr", {class: row.chosen ? "chosen" : null}, ...cells(group, columns, row.cells, name, true));
     first.querySelector("input").checked = pinned;
     return [first, ...opened ? row.seeds.map(texts => make("tr", {class: "seed"}, ...cells(group, columns, texts, text => [text]))) : []];
   }
@@ -128,7 +129,6 @@
   }
 
   // ---- two systems -------------------------------------------------------------------------------------------------
-
   function sums(ranks) {  // probability of each sum of ranks, if each of them counts or not with equal odds
     let odds = [1];
     for (const rank of ranks) {
@@ -140,9 +140,9 @@
   }
 
   function tested(differences) {  // Wilcoxon's signed rank test and the shifts that it does not reject
-    const moved = differences.filter(d => d !== 0), sizes = moved.map(Math.abs);
+    const moved = differences.filter(d => Math.abs(d) > NEAR), sizes = moved.map(Math.abs);
     if (differences.length < 6) return null;
-    const doubled = sizes.map(size => sizes.filter(other => other < size).length * 2 + sizes.filter(other => other === size).length + 1);
+    const doubled = sizes.map(size => sizes.filter(other => other < size - NEAR).length * 2 + sizes.filter(other => Math.abs(other - size) <= NEAR).length + 1);
     const gained = doubled.reduce((sum, rank, i) => sum + (moved[i] > 0 ? rank : 0), 0), all = doubled.reduce((a, b) => a + b, 0);
     const p = moved.length < 2 ? 1 : Math.min(1, 2 * sums(doubled).slice(0, Math.min(gained, all - gained) + 1).reduce((a, b) => a + b, 0));
     const means = differences.flatMap((a, i) => differences.slice(i).map(b => (a + b) / 2)).sort((a, b) => a - b);
@@ -159,15 +159,16 @@
     const [one, two] = state.pin.map(name => group.rows.find(row => row.name === name)).filter(Boolean).slice(-2);
     group.pair.replaceChildren();
     if (!two) return void group.pair.append(...one ? [make("p", {}, `Tick another system to compare it with ${one.name}.`)] : []);
-    const differences = one.scores.map((score, i) => Math.round((score - two.scores[i]) * 1e6) / 1e6);
+    const shared = group.people.flatMap((_, i) => one.scores[i] === null || two.scores[i] === null ? [] : [i]);
+    const differences = shared.map(i => one.scores[i] - two.scores[i]);
     const mean = differences.reduce((a, b) => a + b, 0) / differences.length, test = tested(differences);
     const p = test && (test.p < 0.001 ? "< 0.001" : `= ${test.p.toFixed(3)}`), people = several(differences.length, "subject");
     const words = test ? `95 % interval [${signed(test.low)}, ${signed(test.high)}], p ${p} (both by the paired two-sided Wilcoxon test over ${people}; one test, not corrected).` : `${people}: too few for a test.`;
-    const named = sign => group.people.filter((_, i) => sign * differences[i] > 0), gain = named(1), lose = named(-1);
-    const listed = names => names.length ? ` (${names.join(", ")})` : "";
+    const named = sign => shared.filter((_, i) => sign * differences[i] > NEAR).map(i => group.people[i]);
+    const listed = names => `${several(names.length, "subject")}${names.length ? ` (${names.join(", ")})` : ""}`;
     group.pair.append(make("h3", {}, `${one.name} and ${two.name}`),
       make("p", {"data-pair": ""}, `${one.name} is ${Math.abs(mean).toFixed(1)} points ${mean < 0 ? "less" : "more"} accurate than ${two.name}. ${words}`),
-      make("p", {}, `${several(gain.length, "subject")} more accurate with ${one.name}${listed(gain)}, ${lose.length} with ${two.name}${listed(lose)}.`),
+      make("p", {}, `${one.name} is more accurate for ${listed(named(1))}, ${two.name} for ${listed(named(-1))}.`),
       grid("Measures side by side", ["measure", one.name, two.name], group.columns.flatMap((c, i) => c.key === "system" ? [] : [[c.name, one.cells[i], two.cells[i]]])));
     if (!one.hits || !two.hits) return void group.pair.append(make("p", {}, "The page has no single captures of both systems."));
     const only = (a, b) => group.captures.filter((_, i) => a.hits[i] === "1" && b.hits[i] === "0");
@@ -184,9 +185,14 @@
   }
 
   // ---- the chart, and the beginning --------------------------------------------------------------------------------
-
   function chart(figure) {
     const marks = [...figure.querySelectorAll(".mark")], about = figure.querySelector(".about");
+    for (const mark of marks) {  // what the page leaves out of most marks
+      mark.setAttribute("role", "img");
+      mark.setAttribute("tabindex", mark === marks[0] ? "0" : "-1");
+      const name = mark.querySelector("title").textContent.replace(/: [\d.]+( \[[^\]]*\])? %, .*/, ""), end = parseFloat(mark.getAttribute("x")) > 50;
+      if (!mark.querySelector("text")) mark.append(drawn("text", {x: end ? -7 : 7, y: -8, "text-anchor": end ? "end" : "start"}, name));
+    }
     const tell = event => { const mark = event.target.closest(".mark"); if (mark) about.textContent = mark.querySelector("title").textContent; };
     for (const name of ["pointerover", "focusin", "click"]) figure.addEventListener(name, tell);
     figure.addEventListener("keydown", event => {
@@ -211,11 +217,21 @@
       make("button", {onclick: () => download(group)}, "download CSV"), make("button", {onclick: () => changed({sort: "", filter: "", family: "", columns: "", pin: [], open: []})}, "reset"), group.count);
   }
 
+  function rows(data) {  // which stand in columns
+    const of = (columns, i) => columns.map(column => column[i]);
+    return data.name.map((name, i, _, first = data.counts.slice(0, i).reduce((a, b) => a + b, 0)) => ({
+      name, family: data.family[i], chosen: data.chosen.includes(i), marks: data.marks[i], cells: of(data.cells, i), scores: of(data.scores, i),
+      hits: data.hits[i], seeds: Array.from({length: data.counts[i]}, (_, seed) => of(data.seeds, first + seed)),
+    }));
+  }
+
   async function begin(live) {
     const packed = live.querySelector("script[data-notes]"), bytes = Uint8Array.from(atob(packed.textContent.trim()), c => c.charCodeAt(0));
     const data = await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).json();
     const pane = live.closest(".pane"), table = live.querySelector("table"), pair = make("section", {class: "pair", "aria-live": "polite"});
-    const group = {...data, pane, table, pair, notes: packed.dataset.notes, head: table.tHead.rows[0], body: table.tBodies[0], axis: table.querySelector("th.axis")};
+    const group = {...data, rows: rows(data), pane, table, pair, notes: packed.dataset.notes, head: table.tHead.rows[0], body: table.tBodies[0]};
+    group.captures = data.captures.map((sum => step => sum += step)(0));  // each is stored as its distance from the last
+    scale(group);
     group.tab = document.getElementById(pane.previousElementSibling.htmlFor);
     group.tab.addEventListener("change", () => changed({protocol: group.key === groups[0].key ? "" : group.key}));
     live.prepend(tools(group));

@@ -98,6 +98,7 @@ def _write(
     over_revisions, tables["history"] = history.section(revisions or [], figures)
     if revisions is not None and over_revisions is None:
         warn("warning: history=yes: no system has complete runs of several revisions")
+    under_protocols, of_protocols = ledger.section(runs, tables["published"], figures)
     made = papers(runs, paper)
     shown_runs = runs or results
     values = {
@@ -111,7 +112,7 @@ def _write(
         "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
         "sections": [
             *sections(summaries, results, ranked, figures),
-            *ledger.section(runs, tables["published"], figures),
+            *under_protocols,
             *filter(None, [over_revisions]),
         ],
         "unmeasured": unmeasured(results, next((group.arguments for group in summaries if group.arguments), "")),
@@ -122,7 +123,7 @@ def _write(
     }
     tables = {name: table for name, table in tables.items() if (runs and name != "history") or len(table)}
     tables |= {"paper": sheet(made)} if made else {}
-    tables |= {"protocols": protocols} if len(protocols := ledger.ledger(runs)) else {}
+    tables |= {"protocols": of_protocols} if len(of_protocols) else {}
     for name, table in tables.items():
         write_sheet(table.rename(columns=UNITS) if name == "comparison" else table, folder / f"{name}.csv")
     texts = {"comparison.tex": latex(tables["comparison"]), "paper.tex": side_by_side(made)} if runs else {}
@@ -146,12 +147,12 @@ def summarised(
     models = {r.system: str(r["model_name"]) for r in alone}
     known = {*published()["system"]} - {""}
     protocols = [str(members[0]["protocol_name"]) for members in groups.values()]
-    keys = [
-        p if protocols.index(p) == i else slug(name) for i, (p, name) in enumerate(zip(protocols, groups, strict=True))
-    ]
     made = []
     for i, (label, (name, members)) in enumerate(zip(labels(groups), groups.items(), strict=True), 1):
-        group, file, charts = summary_of(name, members, alone, budgets, against), f"{i}-{slug(name)}", []
+        group, file = summary_of(name, members, alone, budgets, against), f"{i}-{slug(name)}"
+        group.label, group.key = label, protocols[i - 1]
+        if group.key in protocols[: i - 1]:
+            group.key = slug(name, most=200)
         if group.among is not None and len(group.subjects) and len(group.among.table) > 1:
             points = marks(group, models, known)
             left = len(group.among.table) - len(points)
@@ -160,10 +161,10 @@ def summarised(
                 if chart := cost_chart(name, points, costs()[key], budgets.get(key), left, best):
                     picture = Picture(f"{file}-speed-{slug(key)}", chart[1], folder)
                     picture.path.write_text(chart[0], encoding="utf-8")
-                    charts.append(Chart(costs()[key].title, picture))
-        drawn = pictures(members, group.subjects, name, folder, file)
-        group = replace(group, label=label, key=keys[i - 1], charts=charts, pictures=drawn)
-        made.append(replace(group, live=packed(group, models)))
+                    group.charts.append(Chart(costs()[key].title, picture))
+        group.pictures = pictures(members, group.subjects, name, folder, file)
+        group.live = packed(group, models)
+        made.append(group)
     return made
 
 

@@ -47,10 +47,7 @@ def against(results: Sequence[Result]) -> pd.DataFrame:
     a remark a line.
     """
     real = sorted((r for r in results if r["synthetic"] != "true"), key=lambda r: seed_number(r["seed"]))
-    here, same = {r["data"] for r in real}, [*(k.removesuffix("_key") for k in SAME[:-1]), "model_name"]
-    ours: dict[tuple, list[Result]] = {}
-    for r in real:
-        ours.setdefault(tuple(r[name] for name in same), []).append(r)
+    here, ours = {r["data"] for r in real}, _by(real, "model_name")
     rows = []
     for paper in published().itertuples():
         runs = ours.get(tuple(getattr(paper, k) for k in SAME), [])
@@ -70,17 +67,26 @@ def yours(results: Sequence[Result]) -> pd.DataFrame:
     """
     keys, rows = SAME[:-1], []
     real = sorted((r for r in results if r["synthetic"] != "true"), key=lambda r: -seed_number(r["seed"]))
+    ours = _by(real)
     numbers = published().dropna(subset="accuracy")
     for _, papers in numbers.groupby([*keys, "subset", "protocol", "unit_key"], sort=False):
         best = next(papers.nlargest(1, "accuracy").itertuples())
-        here = [r for r in real if [r[k.removesuffix("_key")] for k in keys] == [getattr(best, k) for k in keys]]
-        lowest = {r.system: r for r in here if r.complete and r.system not in {*papers["system"]}}  # the last one stays
+        here, named = ours.get(tuple(getattr(best, k) for k in keys), []), {*papers["system"]}
+        lowest = {r.system: r for r in here if r.complete and r.system not in named}  # the last one stays
         measured = [(system, m) for system, r in lowest.items() if (m := _measured(r, best))]
         shown = {c: getattr(best, c) for c in ("data", "subset", "protocol", "unit", "unit_key")}
         for system, each in sorted(measured, key=lambda pair: -pair[1]["ours"])[:YOURS]:
             about = {"reference": MINE, "classifier": system, "note": "\n".join(each["note"])}
             rows.append(shown | each | about)
     return pd.DataFrame(rows)
+
+
+def _by(results: Sequence[Result], *more: str) -> dict[tuple, list[Result]]:
+    """Results by what published numbers are on, and by more."""
+    found: dict[tuple, list[Result]] = {}
+    for r in results:
+        found.setdefault(tuple(r[name] for name in (*(k.removesuffix("_key") for k in SAME[:-1]), *more)), []).append(r)
+    return found
 
 
 def best_published(result: Result) -> tuple[str, str, float] | None:

@@ -51,9 +51,9 @@ class Chart(NamedTuple):
     picture: Picture
 
 
-@dataclass(frozen=True)
+@dataclass
 class Summary:
-    """A group of comparable runs in the report."""
+    """A group of comparable runs in the report; the page fills in ``label`` and what follows it."""
 
     name: str  # captures and protocol in words
     results: Sequence[Result]
@@ -68,7 +68,7 @@ class Summary:
     label: str = ""  # of the group's tab
     key: str = ""  # of the same in an address
     live: str = ""  # what the script of the page needs (`bench.reports.live`)
-    charts: Sequence[Chart] = ()
+    charts: list[Chart] = field(default_factory=list)
     pictures: Mapping[str, Picture] = field(default_factory=dict)  # by kind
 
     @property
@@ -182,10 +182,7 @@ class Summary:
             return None
         people, least = self.among.subjects.loc[table.index].to_numpy(float), self.subjects.loc[self.base].mean()
         places = statistics.ranks(statistics.kept_of(self.subjects, self.against))
-        ranks = {
-            i: f"{r.best}-{r.worst}".removesuffix(f"-{r.best}")
-            for i, r in zip(places.index, places.itertuples(), strict=True)
-        }
+        ranks = {r.Index: f"{r.best}-{r.worst}".removesuffix(f"-{r.best}") for r in places.itertuples()}
         alike = [*places.index[places["best"] == 1]]
         rows = []
         for i, row, scores in zip(table.index, rows_of(table), people, strict=True):
@@ -207,7 +204,7 @@ class Summary:
         ]
         bold = np.flatnonzero(table.index == chosen).tolist()
         remarks = [notes_on(str(row["system"]), self.data) for row in rows]
-        return Table(measures, rows, bold=bold, remarks=remarks, drawn="accuracy")
+        return Table(measures, rows, bold=bold, remarks=remarks)
 
     def column(self, name: str) -> Measure:
         """The column of a cost."""

@@ -59,8 +59,8 @@ class Compared:
         high: upper end of it.
         p: p-value of the two-sided paired Wilcoxon test; not corrected, since it is one test. NaN for fewer than 6
             subjects.
-        smallest: difference in points that a paired t-test (5 %) finds with a probability of 80 %, if it is the true
-            one, among so many subjects who differ as these do; NaN for fewer than 5 subjects.
+        smallest: mean difference in points above which the test rejects (p < 0.05), in either direction, where
+            differences spread over the subjects as these do; NaN for fewer than 6 subjects.
         subjects: number of them.
         gain: subjects on whom the first system is more accurate.
         lose: subjects on whom the second system is more accurate.
@@ -145,7 +145,7 @@ def compared(one: Side, other: Side) -> Compared:
         low=numbers["low"],
         high=numbers["high"],
         p=numbers["p"],
-        smallest=statistics.smallest_found(gained.to_numpy()),
+        smallest=max(numbers["difference"] - numbers["low"], numbers["high"] - numbers["difference"]),
         subjects=len(accuracy),
         gain=[*gained.index[gained > 0]],
         lose=[*gained.index[gained < 0]],

@@ -163,11 +163,6 @@ def tables(results: Sequence[Result], name: str = "predictions") -> pd.DataFrame
     return pd.concat(parts, ignore_index=True)
 
 
-def subject_accuracy(result: Result) -> pd.Series:
-    """Accuracy of the captures of each subject, in percent, as the run stored it; empty if it is not there."""
-    return pd.Series(result.people, dtype=float)
-
-
 def by_subject(results: Iterable[Result]) -> tuple[pd.DataFrame, pd.Series]:
     """Accuracy in percent [systems, subjects] of the complete results of one group, best mean first.
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import pandas as pd
 
 from bench.candidate import EARLY, Candidate, Wish
 from bench.intervals import TOLERANCE
-from bench.outcomes.frame import subject_accuracy
 from bench.outcomes.reactions import by_capture, by_decision
 from bench.result import Result
 from bench.work.stopping import standing
@@ -25,8 +23,8 @@ def plain_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
         yield Candidate("window", reactions.scores(by_decision(table, reactions)), WINDOW)
         return
     # What the run stored is the same and quick: reading the predictions of 1000 runs takes a minute.
-    stored = subject_accuracy(result) if reactions.plain else pd.Series(dtype=float)
-    scores = stored if len(stored) else reactions.scores(by_capture(result.tables["predictions"], reactions))
+    stored = result.people if reactions.plain else {}
+    scores = stored or reactions.scores(by_capture(result.tables["predictions"], reactions))
     yield Candidate("capture", scores, whole=True)
 
 

@@ -11,6 +11,7 @@ below 0.05. The other statistics stand in statistics.csv alone.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -23,7 +24,6 @@ from bench.result import MIXED
 from bench.sentences import sentences
 
 RANKED = 30  # systems that are compared in one table and diagram
-POWER = 0.8  # probability with which a difference is to be found
 PAIRED = 12  # systems whose pairs stand in one matrix
 
 
@@ -111,18 +111,6 @@ def pairs(subjects: pd.DataFrame) -> pd.DataFrame:
     return table.assign(p_holm=holm(table["p"].to_numpy())) if rows else table
 
 
-def smallest_found(differences: np.ndarray) -> float:
-    """Smallest true mean difference that a paired two-sided t-test (5 %) finds with the probability `POWER`.
-
-    For as many subjects with the same SD, from the noncentral t distribution. NaN for fewer than `bench.few.INTERVAL`.
-    """
-    n = len(differences)
-    if n < few.INTERVAL:
-        return np.nan
-    noncentrality = special.nctdtrinc(n - 1, 1 - POWER, special.stdtrit(n - 1, 0.975))
-    return float(noncentrality * differences.std(ddof=1) / np.sqrt(n))
-
-
 def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[float, float, float]:
     """Corrected t-interval and p of a mean difference over folds that share training captures.
 
@@ -152,15 +140,17 @@ def wilcoxon(differences: np.ndarray) -> float:
         return 1.0
     halves = np.rint(2 * stats.rankdata(np.abs(moved))).astype(int)  # mean ranks are halves
     gained = halves[moved > 0].sum()
-    return float(min(1, 2 * _sums(halves)[: min(gained, halves.sum() - gained) + 1].sum()))
+    return float(min(1, 2 * _sums(tuple(sorted(halves)))[: min(gained, halves.sum() - gained) + 1].sum()))
 
 
-def _sums(ranks: np.ndarray) -> np.ndarray:
+@lru_cache(maxsize=256)  # where no differences are equal, of all pairs of systems the same
+def _sums(ranks: tuple[int, ...]) -> np.ndarray:
     """Probability of each sum of ranks, from 0, if each of them counts or not with equal odds."""
-    odds = np.zeros(ranks.sum() + 1)
+    odds = np.zeros(sum(ranks) + 1)
     odds[0] = 1
     for rank in ranks:
-        odds = (odds + np.r_[np.zeros(rank), odds[:-rank]]) / 2
+        odds[rank:] += odds[:-rank].copy()
+        odds /= 2
     return odds
 
 
@@ -174,7 +164,7 @@ def shifts(differences: np.ndarray) -> tuple[float, float]:
     if n < few.TEST:
         return np.nan, np.nan
     means = np.sort(((differences[:, None] + differences) / 2)[np.triu_indices(n)])
-    rejected = int((2 * _sums(np.arange(1, n + 1)).cumsum() <= 0.05).sum())
+    rejected = int((2 * _sums(tuple(range(1, n + 1))).cumsum() <= 0.05).sum())
     return float(means[rejected - 1]), float(means[-rejected])
 
 

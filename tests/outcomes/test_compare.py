@@ -5,11 +5,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
 
 import bench
 from bench.cli import main
-from bench.outcomes import statistics
 from tests.outcomes.test_statistics import signed_rank_by_hand
 from tests.reports.store import tracked_run
 from tests.results import with_hits
@@ -69,12 +67,12 @@ def test_two_files_give_scipys_paired_statistics_and_captures_counted_by_hand(ca
     assert len(both) == 140 and (both["right"] - both["other_right"]).sum() == 15
 
 
-def test_the_smallest_difference_is_found_in_four_of_five_draws():
-    differences = np.array([4.0, -3, 8, 1, 0, 7, -2, 5])
-    smallest, sd = statistics.smallest_found(differences), differences.std(ddof=1)
-    drawn = np.random.default_rng(0).normal(smallest, sd, (40_000, 8))
-    assert (stats.ttest_1samp(drawn, 0, axis=1).pvalue < 0.05).mean() == pytest.approx(0.8, abs=0.01)
-    assert np.isnan(statistics.smallest_found(differences[:4]))
+def test_the_test_rejects_above_the_smallest_difference_and_not_below_it():
+    hits, other = np.array([18, 17, 12, 15, 9, 14, 16]), np.array([15, 17, 13, 11, 8, 10, 12])
+    spread = 5 * (hits - other - np.mean(hits - other))
+    smallest = bench.compare(predictions(hits), predictions(other)).smallest
+    above, below = ([signed_rank_by_hand(spread + sign * by * smallest) for sign in (1, -1)] for by in (1.001, 0.999))
+    assert max(above) < 0.05 <= max(below)
 
 
 def test_windows_vote_and_what_one_file_lacks_is_named():

@@ -2,6 +2,7 @@
 
 import csv
 import re
+from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ from bench.corpora.survey import Survey
 from bench.measures import costs
 from bench.reports import chart, corpus_page, figures
 from bench.reports.comparison import command
+from bench.reports.embedded import embedded
 from bench.table import write_sheet
 from tests.conftest import random_corpus
 
@@ -25,6 +27,8 @@ def test_the_chart_marks_the_choice_budgets_and_what_they_rule_out(tmp_path):
     flash, caption = chart.cost_chart("g", points, costs()["flash"], 20.5, left=3, best=("Zhou & Du", "CNN", 76.1))
     worst, plain = chart.cost_chart("g", points, costs()["worst_person"])
     assert chart.cost_chart("g", points, costs()["ram"]) is None and "Dashed" not in plain
+    zero, _ = chart.cost_chart("g", points.iloc[1:], costs()["worst_person"], 0.0)
+    assert float(re.search(r'<line x1="(.*?)%".*?b85c00', zero)[1]) == chart.EDGES[0]  # a budget of 0 is on the axis
     assert all(words in caption for words in ("Ring", "Dashed", "Dotted", "Pale", "3 less accurate", "networks", "own"))
     marks = {re.search(r">([^<]*)</text>", mark)[1]: mark for mark in re.findall('<svg class="mark.*?</svg>', flash)}
     assert len(marks) == 21 and "<title>a&lt;b: 90.0 [80.0, 99.0] %, 1 kB; v</title>" in marks["a&lt;b"]
@@ -103,6 +107,52 @@ def test_a_text_that_would_be_a_formula_is_led_by_an_apostrophe_and_numbers_stay
     with (tmp_path / "formulas.csv").open(newline="") as f:
         assert list(csv.reader(f)) == [[f"'{text}" for text in texts]] * 2
     assert (tmp_path / "harmless.csv").read_text() == harmless.to_csv(index=False)
+
+
+def corners(root):
+    """Colour and place of each point of the lines and markers of an SVG, or of its shortened form."""
+    named = {}
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+        if element.get("id"):
+            named[f"#{element.get('id')}"] = element
+    found = []
+    for element in root.iter():
+        link = next((v for k, v in element.attrib.items() if k.endswith("href")), "")
+        path = named.get(link, element)
+        if path.tag != "path" or (element.get("id") and f"#{element.get('id')}" in named):
+            continue
+        look = f"{element.get('style', '')}; {path.get('style', '')}"
+        colour = re.findall(r"(?:stroke|fill): (#\w+)", look)
+        x, y = (float(element.get(name, "0")) if link else 0.0 for name in "xy")
+        at = [0.0, 0.0]
+        for letter, rest in re.findall("([MLHVCQ])([^MLHVCQz]*)", path.get("d")):
+            numbers = [float(n) for n in rest.split()]
+            at = [numbers[0], at[1]] if letter == "H" else [at[0], numbers[0]] if letter == "V" else numbers[-2:]
+            found.append((colour[-1], at[0] + x, at[1] + y))
+    return sorted(point for point in found if point[0] != "#ffffff")
+
+
+def test_a_drawing_on_the_page_has_the_points_and_words_of_its_file(tmp_path):
+    figure, axes = figures.new_figure((5, 3), title="a <b> & $1$")
+    axes[0, 0].pcolormesh(np.arange(9.0).reshape(3, 3), cmap="Blues")
+    for marker in ("|", "o", "^"):
+        axes[0, 0].errorbar([0.5, 1.234567, 2], [1, 2, 0.3], yerr=0.25, fmt=marker, capsize=2)
+    figures.write_svg(figure, tmp_path / "c.svg")
+    text, styles = (tmp_path / "c.svg").read_text(encoding="utf-8"), {}
+    short = embedded(text, 'all "of" it', styles)
+    assert len(short) + len("".join(styles)) < len(text) / 2
+    whole, root = fromstring(text), fromstring(short)
+    for element in root.iter():  # its classes as styles again
+        element.set("style", next((style for style, name in styles.items() if name == element.get("class")), ""))
+    assert [e.text for e in root.iter("text")] == [e.text for e in whole.iter() if e.tag.endswith("}text")]
+    assert root.get("aria-label") == 'all "of" it' and root.get("viewBox") == whole.get("viewBox")
+    before, after = corners(whole), corners(root)
+    assert [point[0] for point in before] == [point[0] for point in after] and len(before) > 60
+    for colour in {point[0] for point in before}:
+        ours, theirs = (np.array([p[1:] for p in points if p[0] == colour]) for points in (after, before))
+        assert max(np.hypot(*(theirs - place).T).min() for place in ours) < 0.15
+        assert max(np.hypot(*(ours - place).T).min() for place in theirs) < 0.15
 
 
 def test_a_figure_drawn_twice_is_the_same_file(tmp_path):

@@ -24,6 +24,8 @@ def test_a_step_is_where_the_gate_would_no_longer_report_the_same():
     assert wrong == {"a": "", "b": "", "c": "worse", "d+changes": "", "e": "larger", "f": "slower"}
     assert table["before"].tolist() == ["", "a", "b", "c", "d+changes", "e"]
     assert "30 of 100 labels changed" in table["step"][2] and "time x2.05" in table["step"][5]
+    again = history([run("a", 9), run("b", 9), run("a", 9)])
+    assert again["revision"].tolist() == ["b", "a"]  # the runs that count, in their order
     slow = history([run(git, 14, relative=relative) for git, relative in zip("abcd", (1, 1.5, 1.9, 2.5), strict=True)])
     assert slow["step"].str.partition(":")[0].tolist() == ["", "", "", "slower"]
 

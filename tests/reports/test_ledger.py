@@ -4,6 +4,7 @@ import json
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
@@ -63,14 +64,14 @@ def test_only_captures_under_two_protocols_are_in_it():
     assert not len(
         ledger.ledger([*runs(one), *runs({("svm", "kfold"): HITS["svm", "kfold"]}, subset="cover == 'none'")])
     )
-    without = {key: right for key, right in HITS.items() if key[1] != "loso"}
-    table = ledger.ledger(runs(without))
-    assert len(table) == 4 and table["points"].isna().all()
+    without = runs({key: right for key, right in HITS.items() if key[1] != "loso"})
+    table = ledger.ledger(without)
+    assert len(table) == 4 and table["points"].isna().all() and ledger.explained(without, ledger.under(without)).empty
 
 
 def test_published_numbers_without_the_points_of_their_protocol():
     made = runs()
-    numbers = ledger.explained(made).set_index("id")
+    numbers = ledger.explained(made, ledger.under(made)).set_index("id")
     assert set(numbers.index) == set(published().query("data == 'haart' and accuracy.notna()")["id"])
     people = 5 * np.mean([np.subtract(HITS[s, "kfold"], HITS[s, "loso"]) for s in ("svm", "lda")], axis=0)
     ends = stats.ttest_1samp(people, 0).confidence_interval()
@@ -102,10 +103,20 @@ def test_one_command_runs_what_is_missing():
     assert ledger.missing(runs()) == ["bench run data=haart protocol=within,challenge model=svm,lda features=touch"]
 
 
+def test_a_line_is_interrupted_at_a_protocol_that_its_system_lacks():
+    rows = ledger.ledger(runs({key: right for key, right in HITS.items() if key != ("svm", "kfold")}))
+    (axes,) = ledger.slopes(rows, "").axes
+    drawn = [container.lines[0].get_ydata() for container in axes.containers]
+    means = [[5 * np.mean(HITS[system, p]) for p in ("windows", "kfold", "loso")] for system in ("svm", "lda")]
+    means[0][1] = np.nan
+    np.testing.assert_allclose([ys.astype(float) for ys in drawn], means)
+
+
 def test_the_section_and_its_picture(tmp_path):
     made = runs()
-    assert ledger.section(made[:1], against(made[:1]), tmp_path) == []
-    (section,) = ledger.section(made, against(made), tmp_path)
+    assert ledger.section(made[:1], against(made[:1]), tmp_path)[0] == []
+    (section,), rows = ledger.section(made, against(made), tmp_path)
+    pd.testing.assert_frame_equal(rows, ledger.ledger(made))
     first, command, numbers = section.parts
     assert section.heading == "What a protocol adds"
     assert "differs: svm under windows, lda under kfold, lda under loso" in " ".join(first.sentences)

@@ -85,6 +85,7 @@ def test_units_and_their_intervals():
 
 def test_intervals_of_classes_by_a_plain_loop():
     labelled, classes = scores.captures(made_up(5, skill=0.4, seed=3)), ["pat", "rub", "tap"]
+    labelled.loc[labelled["subject"] == "2", "predicted"] = ["", *labelled["predicted"][labelled["subject"] == "2"][1:]]
     parts = [part for _, part in labelled.groupby("subject", sort=True)]
     draws = []
     for times in np.random.default_rng(0).multinomial(5, np.full(5, 0.2), 20):

@@ -2,7 +2,7 @@
 
 from bench.registry import views
 from bench.reports.contexts import contexts
-from tests.results import evaluated, streamed, stressed
+from tests.results import evaluated, stressed
 
 BOTH = {"noise": 0.1, "shift": 0.234}
 
@@ -37,18 +37,3 @@ def test_groups_of_several_corpora_and_words_of_what_they_share_come_from_the_cl
     assert len(found) == 3 and [members for _, members in contexts(runs)] == [[runs[3]], [runs[1]]]
     assert ["pressed down" in words for words, _ in found] == [True, False, True]
     assert len({words for words, _ in found}) == 3 and not any("up" in words for words, _ in found)
-
-
-def test_early_decisions_by_start_and_hop(tmp_path):
-    results = []
-    for start, hop, system in (("onset", "None", "svm"), ("onset", "None", "rf"), ("middle", "125.0", "svm")):
-        numbers = {"accuracy_at_500_ms": 0.5, "adaptive_accuracy": 0.66 if system == "svm" else 0.6}
-        results.append(streamed(system, start, hop, metrics=numbers))
-    first, second = (words for words, _ in contexts(results, views()["after"].alike, "replay_accuracy"))
-    part, _ = views()["after"].section(results, tmp_path).parts
-    picture, table = part.picture, part.table
-    assert set(table.shown()["system"]) == {"rf", "svm"} and picture.path.exists() and "middle" not in first
-    assert "middle" in second and "125.0 ms" in second
-    row = table.shown().set_index("system").loc["svm"]
-    assert (row["500 ms"], row["adaptive"], row["after ms"]) == ("50.0", "66.0", "812") and "250 ms" not in row
-    assert row["computing ms p50 / p95"] == "1.0 / 2.0"

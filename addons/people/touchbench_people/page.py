@@ -10,7 +10,6 @@ import pandas as pd
 
 from bench.intervals import interval
 from bench.measures import Measure, Row, text
-from bench.outcomes.frame import subject_accuracy
 from bench.reports.contexts import scarce
 from bench.reports.part import Part, Section
 from bench.result import Result, notes_on
@@ -123,7 +122,7 @@ def curve_of(results: Sequence[Result]) -> pd.DataFrame:
         seeds[r["seed"]] = r
     people: dict[str, pd.Series] = {}
     for known, newest in by_known.items():
-        accuracies = [subject_accuracy(r) for r in newest.values()]
+        accuracies = [pd.Series(r.people, dtype=float) for r in newest.values()]
         if any(map(len, accuracies)):  # else its table is gone from the store
             people[known] = pd.concat(accuracies, axis=1).mean(axis=1)
     wide = pd.DataFrame(people).dropna()
