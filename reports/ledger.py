@@ -167,24 +167,24 @@ def told(numbers: pd.DataFrame, beside: pd.DataFrame, data: str) -> list[str]:
 
 
 def missing(members: Sequence[Result]) -> list[str]:
-    """Commands that run what some system of a set lacks: one, if all systems share all other arguments.
+    """Commands that run what some system of a set lacks: one, if all systems share command and other arguments.
 
     Wanted are the protocols of a whole ledger, of other systems of the set, and of published numbers on its captures.
     """
-    alike: dict[str, list[Result]] = {}
+    alike: dict[tuple[str, str], list[Result]] = {}
     for r in members:
         if arguments := r.get("touchbench.arguments"):
             other = {k: v for k, v in json.loads(arguments).items() if k != "model" and not k.startswith("protocol")}
-            alike.setdefault(json.dumps(other), []).append(r)
+            alike.setdefault((str(r["touchbench.command"]), json.dumps(other)), []).append(r)
     wanted = [*USUAL, *(str(r["protocol_name"]) for r in members), *printed_on(members[0]["data"])["key"]]
     names, commands = dict.fromkeys(filter(None, wanted)), []
-    for other, runs in alike.items():
+    for (command, other), runs in alike.items():
         models = dict.fromkeys(str(r["model_name"]) for r in runs)
         done = {name: {r["model_name"] for r in runs if r["protocol_name"] == name} for name in names}
         if lacking := [name for name, had in done.items() if had != {*models}]:
             words = json.loads(other)
             words = {"data": words.pop("data"), "protocol": ",".join(lacking), "model": ",".join(models)} | words
-            commands.append(typed("run", words))
+            commands.append(typed(command, words))
     return commands
 
 

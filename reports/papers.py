@@ -73,11 +73,12 @@ def yours(results: Sequence[Result]) -> pd.DataFrame:
         best = next(papers.nlargest(1, "accuracy").itertuples())
         here, named = ours.get(tuple(getattr(best, k) for k in keys), []), {*papers["system"]}
         lowest = {r.system: r for r in here if r.complete and r.system not in named}  # the last one stays
-        measured = [(system, m) for system, r in lowest.items() if (m := _measured(r, best))]
+        values = {system: value for system, r in lowest.items() if not np.isnan(value := _value(r, best.unit_key)[1])}
         shown = {c: getattr(best, c) for c in ("data", "subset", "protocol", "unit", "unit_key")}
-        for system, each in sorted(measured, key=lambda pair: -pair[1]["ours"])[:YOURS]:
-            about = {"reference": MINE, "classifier": system, "note": "\n".join(each["note"])}
-            rows.append(shown | each | about)
+        for system in sorted(values, key=lambda name: -values[name])[:YOURS]:
+            each = _measured(lowest[system], best)
+            assert each is not None
+            rows.append(shown | each | {"reference": MINE, "classifier": system, "note": "\n".join(each["note"])})
     return pd.DataFrame(rows)
 
 
@@ -120,20 +121,23 @@ def _nothing(paper: object, here: set[str], others: list[str]) -> Row:
     return {"verdict": "not run", "note": [f"Run with other parameters: {', '.join(others)}."] if others else []}
 
 
-def _measured(run: Result, paper: object) -> Row | None:
-    """Our number in a published unit with its interval over subjects, None if the run has no such unit."""
-    if paper.unit_key not in UNITS:
-        return None
-    _, prefix, metric = UNITS[paper.unit_key]
+def _value(run: Result, unit: str) -> tuple[str, float]:
+    """Prefix of the metric of a published unit, and our number in percent; NaN if the run has no such unit."""
+    _, prefix, metric = UNITS.get(unit, ("", "", ""))
     if prefix == "vote_" and not run.get("windows", 0) > 0:  # one decision a capture is its vote
         prefix = ""
-    value = 100 * run.get(f"{prefix}{metric}", np.nan)
+    return prefix, 100 * run.get(f"{prefix}{metric}", np.nan)
+
+
+def _measured(run: Result, paper: object) -> Row | None:
+    """Our number in a published unit with its interval over subjects, None if the run has no such unit."""
+    prefix, value = _value(run, paper.unit_key)
     if np.isnan(value):
         return None
     if not run.complete:
         why = [f"The run of seed {run['seed']} has only {run.folds.replace('/', ' of ')} folds."]
         return {"verdict": "not run", "note": why}
-    low, high = _interval(run, prefix, metric)
+    low, high = _interval(run, prefix, UNITS[paper.unit_key][2])
     subjects = int(run.get("subjects", 0))
     notes = [f"{few.too_few(subjects)}."] * (subjects < few.INTERVAL)
     if facts_of(run).official_split is False:

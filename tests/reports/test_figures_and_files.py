@@ -11,7 +11,6 @@ import pytest
 from bench.corpora.survey import Survey
 from bench.measures import costs
 from bench.reports import chart, corpus_page, figures
-from bench.reports.comparison import command
 from bench.reports.embedded import embedded
 from bench.table import write_sheet
 from tests.conftest import random_corpus
@@ -91,12 +90,6 @@ def test_the_page_of_a_corpus_is_whole_and_says_that_captures_are_synthetic(tmp_
     panels = [ax.images[0].get_array() for ax in kept["pressure"].axes if ax.images]
     for gesture, panel in zip(found.gestures, panels, strict=True):
         np.testing.assert_allclose(panel, np.concatenate(list(corpus[corpus.gestures == gesture])).mean(axis=0))
-
-
-def test_the_command_of_a_run_is_what_was_tracked():
-    tags = {"touchbench.command": "stress", "touchbench.arguments": '{"data": "haart", "where": "v == \'rough\'"}'}
-    assert command(tags) == """bench stress data=haart 'where=v == '"'"'rough'"'"''"""
-    assert command({"system": "svm · jung54"}) == "-"  # of Python objects
 
 
 def test_a_text_that_would_be_a_formula_is_led_by_an_apostrophe_and_numbers_stay(tmp_path):

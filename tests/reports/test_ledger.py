@@ -34,7 +34,7 @@ def runs(hits=HITS, **about):
             "protocol_label": WORDS[protocol],
             "mixes_subjects": str(protocol != "loso").lower(),
         }
-        tags |= {"touchbench.arguments": json.dumps(typed)}
+        tags |= {"touchbench.command": "run", "touchbench.arguments": json.dumps(typed)}
         made.append(evaluated(system, with_hits(right), **HAART | tags | about))
     return made
 
@@ -100,6 +100,8 @@ def test_one_command_runs_what_is_missing():
     assert ledger.missing(runs(some)) == [
         "bench run data=haart protocol=windows,within,challenge model=svm,lda features=touch"
     ]
+    (tuned,) = ledger.missing(runs({("svm", "loso"): HITS["svm", "loso"]}, **{"touchbench.command": "tune"}))
+    assert tuned.startswith("bench tune data=haart protocol=windows,kfold,")
     assert ledger.missing(runs()) == ["bench run data=haart protocol=within,challenge model=svm,lda features=touch"]
 
 
