@@ -5,7 +5,6 @@ import zipfile
 from pathlib import Path
 
 import pandas as pd
-import pytest
 
 from bench.cli import main
 from bench.outcomes.runs import every_result
@@ -13,12 +12,6 @@ from bench.reports.bundle import FORMAT, HEAD, TIME, Bundle
 from bench.store import connect
 from tests.reports.store import streamed, stressed, tracked_run
 from tests.results import made_up, with_hits
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    """Figures are made, but nothing is drawn: most of the time would go there."""
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
 
 
 def files_of(folder):

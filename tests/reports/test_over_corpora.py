@@ -41,9 +41,8 @@ def test_a_system_without_results_on_a_corpus_is_left_out():
     assert ranking({"one": ONE}) is None and ranking({"one": ONE, "two": TWO.loc[["a"]]}) is None
 
 
-def test_corpora_of_different_people_are_ranked_on_the_page(monkeypatch):
+def test_corpora_of_different_people_are_ranked_on_the_page(quick):
     """Changed, joined and generated corpora do not count, nor does another protocol."""
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
     made = []
 
     def run(data, digest, hits, **more):

@@ -39,12 +39,6 @@ ON_HAART = {"data": "haart", "synthetic": "false"}
 LOSO = ON_HAART | {"corpus_digest": "d", "protocol_label": "LOSO (10 subjects)"}
 
 
-@pytest.fixture
-def quick(monkeypatch):
-    """Figures are made, but what is drawn is nothing: most of the time would go there."""
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
-
-
 def typed(system):
     return {"touchbench.command": "run", "touchbench.arguments": f'{{"data": "haart", "model": "{system}"}}'}
 
