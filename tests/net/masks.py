@@ -5,15 +5,12 @@ Floats of data are rounded to nine digits, as other processors add in another or
 
 from __future__ import annotations
 
-import base64
 import csv
 import io
-import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 MASKED = re.compile(  # headings of columns of times, memory, identity and versions, in all formats
@@ -65,13 +62,7 @@ def lines_of(text: str, folders: tuple[Path, ...] = (), masked: re.Pattern = MAS
         for pattern, word in SAME.items():
             line = re.sub(pattern, word, line)
         lines.append(line.rstrip())
-    return _without_budgets_of_time("\n".join(lines) + "\n")
-
-
-def _without_budgets_of_time(text: str) -> str:
-    """The same without the choices for budgets of computing time, which depend on the machine."""
-    text = re.sub(r"(?m)^\| computing time \| from .*\n", "", text)
-    return re.sub(r"(?m)^(\| computing time \|\n)(\| from .*\n)+", r"\1", text)
+    return "\n".join(lines) + "\n"
 
 
 def chip_of(text: str, folders: tuple[Path, ...] = ()) -> str:
@@ -113,12 +104,12 @@ def table_of(table: pd.DataFrame, folders: tuple[Path, ...] = ()) -> str:
 
 
 class _Page(HTMLParser):
-    """Visible text by line, tables as rows of cells, data of scripts."""
+    """Visible text by line, tables as rows of cells."""
 
     def __init__(self) -> None:
         super().__init__(convert_charrefs=True)
         self.lines: list[str] = []
-        self.text, self.hidden, self.data, self.cells = "", "", None, []
+        self.text, self.hidden, self.cells = "", "", []
         self.depth = 0  # drawings within a drawing
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -126,9 +117,7 @@ class _Page(HTMLParser):
         if self.hidden:
             self.depth += tag == self.hidden
             return
-        if tag == "script" and given.get("type") == "application/json":
-            self.data = ""
-        elif tag in ("script", "style", "svg"):
+        if tag in ("script", "style", "svg"):
             self.hidden = tag
             if tag == "svg" and given.get("aria-label"):
                 self.lines.append(f"(figure: {given['aria-label']})")
@@ -148,9 +137,6 @@ class _Page(HTMLParser):
             self.depth -= 1
         elif tag == self.hidden:
             self.hidden = ""
-        elif tag == "script" and self.data is not None:
-            self.lines += data_lines(self.data)
-            self.data = None
         elif tag in ("td", "th") and self.cells:
             self.cells[-1], self.text = " ".join(self.text.split()), ""
         elif tag == "tr" and self.cells:
@@ -162,9 +148,7 @@ class _Page(HTMLParser):
             self._end()
 
     def handle_data(self, data: str) -> None:
-        if self.data is not None:
-            self.data += data
-        elif not self.hidden:
+        if not self.hidden:
             self.text += data
 
     def _end(self) -> None:
@@ -174,44 +158,8 @@ class _Page(HTMLParser):
 
 
 def page_of(html: str, folders: tuple[Path, ...] = ()) -> str:
-    """The text of a page by line, tables as in Markdown, data of its scripts."""
+    """The text of a page by line, tables as in Markdown."""
     page = _Page()
     page.feed(html)
     page._end()
     return lines_of("\n".join(page.lines), folders)
-
-
-def data_lines(text: str) -> list[str]:
-    """Data of a script in lines; costs of time masked, numbers in base64 as their count and weighted sum."""
-    data = json.loads(text)
-    costs = [c.get("key", "") if isinstance(c, dict) else c for c in data.get("costs", [])]
-    timed = {i for i, name in enumerate(costs) if name == "predict" or name.startswith("ms to compute")}
-    return [f"data {line}" for line in _walk("", _masked(data, timed))]
-
-
-def _masked(data: object, timed: set[int]) -> object:
-    if isinstance(data, dict):
-        own = {k for k in ("x", "costs") if isinstance(data.get(k), list) and len(data[k]) > max(timed, default=0)}
-        out = {k: _masked(v, timed) for k, v in data.items()}
-        for k in own:
-            if not any(isinstance(v, dict | str) for v in data[k]):
-                out[k] = ["#" if i in timed and v is not None else v for i, v in enumerate(out[k])]
-        return out
-    if isinstance(data, list):
-        return [_masked(v, timed) for v in data]
-    if isinstance(data, float):
-        return float(f"{data:.6g}")
-    if isinstance(data, str) and len(data) > 80 and re.fullmatch("[A-Za-z0-9+/=]+", data):
-        numbers = np.frombuffer(base64.b64decode(data)[: len(data) * 3 // 4 // 4 * 4], "<f4").astype(float)
-        return f"{len(numbers)} numbers, {np.nansum(numbers * np.arange(len(numbers))):.6g}"
-    return data
-
-
-def _walk(name: str, data: object) -> list[str]:
-    """A line for each dictionary without dictionaries inside, and for each other value."""
-    text = json.dumps(data, ensure_ascii=False)
-    if isinstance(data, dict) and len(text) > 300:
-        return [line for k, v in data.items() for line in _walk(f"{name}.{k}".lstrip("."), v)]
-    if isinstance(data, list) and len(text) > 300 and any(isinstance(v, dict) for v in data):
-        return [line for i, v in enumerate(data) for line in _walk(f"{name}[{i}]", v)]
-    return [f"{name}: {text}"]

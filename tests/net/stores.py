@@ -133,7 +133,9 @@ def difference(before: object, after: object) -> str:
             return ""  # which the number of rows tells
         old, new = (column.astype(object).to_numpy() for column in (before, after))
         wrong = [i for i, (a, b) in enumerate(zip(old, new, strict=True)) if difference(a, b)]
-        return f"differs in {len(wrong)} rows, row {wrong[0]}: {difference(old[wrong[0]], new[wrong[0]])}" * bool(wrong)
+        if not wrong:
+            return ""
+        return f"differs in {len(wrong)} rows, row {wrong[0]}: {difference(old[wrong[0]], new[wrong[0]])}"
     if isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
         wrong = [i for i, (a, b) in enumerate(zip(before, after, strict=True)) if repr(a) != repr(b)]
         return f"{before[wrong[0]]!r} -> {after[wrong[0]]!r}" if wrong else ""
