@@ -20,10 +20,6 @@ ALLOWED = re.compile(  # MLflow's tags and addresses, cells of CSV files, names 
     r"|the method and the precision"
 )
 REPLACED = {"single slices", "single slices under faults"}  # stored names that are printed as others
-TERMS = (
-    "corpus capture subject gesture recording taxel protocol fold system feature_set window run store unit "
-    "confidence_interval cost Pareto_front budget fault shot scene"
-).split()
 LONGEST = 25  # words of a sentence
 
 

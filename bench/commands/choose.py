@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from bench.errors import InputError
 from bench.measures import Cost, Measure, Row, costs, costs_of, text
 from bench.options import BATCH, FITTED, START, STORED, Command, Option, keys, limits_of, makers, parse, settings
 from bench.words import Values, typed
@@ -68,8 +67,6 @@ def chosen(values: Values) -> Chosen:
     from bench.outcomes.scene import read_scene
     from bench.store import connect
 
-    if dotted := [k for k in values if "." in k and not k.startswith("protocol.")]:
-        raise InputError(f"{dotted[0]}= runs a system, and bench choose reads stored runs; leave {dotted[0]}= out")
     scene = read_scene(str(values["scene"])) if "scene" in values else None
     values = {**scene.values, **values} if scene else values
     given = settings("choose", values)

@@ -37,16 +37,16 @@ def listed() -> int:
         except InputError as e:
             print(f"{name}\n  {e}")
             continue
-        gestures = corpus.gestures[~np.isin(corpus.gestures, corpus.info.get(ASIDE, []))]
         columns = ", ".join(str(c) for c in corpus.captures if c not in ("subject", "gesture"))
-        print(f"{name}\n  {_sizes(corpus, gestures)}\n  columns: {columns}\n  digest:  {corpus.digest[:16]}")
+        print(f"{name}\n  {_sizes(corpus)}\n  columns: {columns}\n  digest:  {corpus.digest[:16]}")
         print(f"  source:  {corpus.info.get('source', '')}\n  licence: {corpus.info.get('licence', '')}")
     print()
     then(f"bench data show {(imported() or ['synth'])[0]}")
     return 0
 
 
-def _sizes(corpus: Corpus, gestures: np.ndarray) -> str:
+def _sizes(corpus: Corpus) -> str:
+    gestures = corpus.gestures[~np.isin(corpus.gestures, corpus.info.get(ASIDE, []))]
     kind = "synthetic " if corpus.synthetic else ""
     return (
         f"{len(gestures)} {kind}captures, {len(set(corpus.subjects))} subjects, {len(set(gestures))} gestures, "
@@ -113,8 +113,7 @@ def read(kind: str, source: Path, values: dict[str, str]) -> int:
     if before and before.digest != corpus.digest:
         print(f"{corpus.name}: replaces {len(before)} captures, digest {before.digest[:16]}")
     aside_gestures = corpus.info.get(ASIDE, [])
-    gestures = corpus.gestures[~np.isin(corpus.gestures, aside_gestures)]
-    print(f"{corpus.name}: {_sizes(corpus, gestures)}, digest {corpus.digest[:16]}")
+    print(f"{corpus.name}: {_sizes(corpus)}, digest {corpus.digest[:16]}")
     for gesture in aside_gestures:
         if (aside := corpus.gestures == gesture).any():
             minutes = [frames.sum() / corpus.rate_hz / 60 for frames in (corpus.lengths[aside], corpus.lengths)]

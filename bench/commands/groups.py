@@ -57,12 +57,9 @@ def printed(values: Values) -> int:
 
 def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str], list[Result]]:
     """Groups for the most accurate stored system; all its seeds are used."""
-    if dotted := [k for k in values if "." in k and not k.startswith("protocol.")]:
-        raise InputError(f"{dotted[0]}= runs a system, and groups are of stored runs; leave {dotted[0]}= out")
     if alone := [k for k in values if k not in KEYS and "." not in k]:
         raise InputError(f"{alone[0]}= has no effect on groups; leave {alone[0]}= out")
-    batch = settings("choose", values)["batch"]
-    asked = asked_of({k: v for k, v in values.items() if k != "batch"})
+    batch, asked = settings("choose", values)["batch"], asked_of(values)
     every = stored(connect())
     for lacking in without_runs([every], asked):
         warn(f"warning: {lacking}: no run is stored")

@@ -70,17 +70,6 @@ def unwritable(out: Path) -> Iterator[None]:
         raise InputError(f"out={out}: {e.filename or out} cannot be written ({e.strerror or e}); choose another") from e
 
 
-def best(results: Sequence[Result], view: View) -> list[Result]:
-    """The most accurate complete results of each context in which there is something to compare."""
-    winners = []
-    for group in grouped([r for r in results if r.scored and view.score in r], view.alike).values():
-        complete = [r for r in group if r.complete and r.alone]
-        if len(complete) > 1:
-            most = max(r[view.score] for r in complete)
-            winners += [r for r in complete if r[view.score] == most]
-    return winners
-
-
 def show(results: Sequence[Result], views: Sequence[tuple[View, Sequence[Result]]]) -> int:
     """Print the chosen values of each fold, a row for each run in each view that shows it, and failures; exit code."""
     out = output()
@@ -121,10 +110,15 @@ def _title(result: Result) -> str:
 
 def runs_table(results: Sequence[Result], view: View) -> Table:
     """A table of results, the most accurate first: what they share stands above it, what differs in columns."""
-    groups = grouped(results, view.alike).values()
-    results = [r for group in groups for r in sorted(group, key=lambda r: -known_score(r, view))]
-    called = dict(zip(results, names(results), strict=True))
-    marked = best(results, view) if view.ranked else []
+    ordered: list[Result] = []
+    marked: list[Result] = []  # the most accurate complete ones of each group in which there is something to compare
+    for group in grouped(results, view.alike).values():
+        scores = {r: known(r.get(view.score)) for r in group}
+        ordered += sorted(group, key=lambda r: float("inf") if scores[r] is None else -scores[r])
+        whole = {r: score for r, score in scores.items() if score is not None and r.scored and r.complete and r.alone}
+        if view.ranked and len(whole) > 1:
+            marked += [r for r, score in whole.items() if score == max(whole.values())]
+    results, called = ordered, dict(zip(ordered, names(ordered), strict=True))
     subset = lambda r: r["subset"] + (f", {r['target']}" if r["target"] != "gesture" else "")  # noqa: E731
     context = [
         text("data", read=lambda r: r["data"] + "*" * (r["synthetic"] == "true")),
@@ -151,12 +145,6 @@ def runs_table(results: Sequence[Result], view: View) -> Table:
 def protocol_of(result: Result) -> str:
     """The protocol of a row, with a word where it mixes subjects."""
     return str(result["protocol"]) + ", subjects mixed" * (result.get("mixes_subjects") == "true")
-
-
-def known_score(result: Result, view: View) -> float:
-    """The number by which a result is ranked; minus infinity where it has none."""
-    score = known(result.get(view.score))
-    return float("-inf") if score is None else float(score)
 
 
 def choices_table(result: Result) -> Table:

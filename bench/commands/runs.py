@@ -41,7 +41,7 @@ def command(arguments: list[str]) -> int:
 
     values = parse(arguments, keys("runs"))
     given = settings("runs", values)
-    asked = asked_of({key: value for key, value in values.items() if key not in ("delete", "yes")})
+    asked = asked_of(values)
     if given["delete"] and not asked:
         raise InputError("delete=yes: select the runs to delete, such as data=haart, model=svm or run=ID")
     if given["delete"] and not given["yes"] and not sys.stdin.isatty():

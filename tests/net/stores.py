@@ -67,10 +67,10 @@ class Side:
         facts: dict[str, object] = {"status": run.info.status}
         for what in ("params", "tags"):
             facts |= {f"{what} {k}": self.text(v) for k, v in without(getattr(run.data, what)).items()}
-        for name in without(run.data.metrics):
-            if not name.startswith("fold/"):  # which its table of folds has
-                points = self.client.get_metric_history(run.info.run_id, name)
-                facts[f"number {name}"] = sorted((point.step, point.value) for point in points)
+        for metric in run.data._metric_objs:
+            if not APART.fullmatch(metric.key) and not metric.key.startswith("fold/"):  # which its table of folds has
+                points = self.client.get_metric_history(run.info.run_id, metric.key) if metric.step else ()
+                facts[f"number {metric.key}"] = sorted((p.step, p.value) for p in points) or metric.value
         with tempfile.TemporaryDirectory() as fetched:
             root = self._files(run, fetched)
             for path in sorted(path for path in root.rglob("*") if path.is_file()):

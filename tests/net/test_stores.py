@@ -58,12 +58,12 @@ def rewritten(path, change):
 
 
 DIFFERENCES = {  # changes of the second store, and the words of the one line that tells of each
-    "a number in its last digit": (lambda s, r, f: next_metric(s, r, "macro_f1"), "number macro_f1: (0, 0."),
+    "a number in its last digit": (lambda s, r, f: next_metric(s, r, "macro_f1"), "number macro_f1: 0."),
     "a number of a fold in its last digit": (
         lambda s, r, f: rewritten(f / "folds.parquet", lambda t: t.assign(accuracy=[1 / 3, np.nextafter(2 / 3, 2)])),
         "folds.parquet: column accuracy: differs in 1 rows, row 1: 0.666",
     ),
-    "a step": (lambda s, r, f: s.log(r, {"macro_f1": 0.5}, step=3), "number macro_f1: [(0, 0."),
+    "a step": (lambda s, r, f: s.log(r, {"macro_f1": 0.5}, step=3), "-> [(0, 0."),
     "a new number": (lambda s, r, f: s.log(r, {"f2": 1}), "number f2 only after"),
     "a tag": (lambda s, r, f: s.log(r, tags={"mixes_subjects": "true"}), "tags mixes_subjects: 'false' -> 'true'"),
     "a parameter": (lambda s, r, f: s.log(r, params={"model.gamma": 1}), "params model.gamma only after"),
