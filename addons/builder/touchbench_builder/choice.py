@@ -134,6 +134,9 @@ def compared(
         longest = max(longest, before - progress.left, seconds_of(plan))
     if not results:
         raise InputError(f"no system could be compared: {left_out[0]}")
+    if left_out:
+        more = f"; {len(left_out) - 1} more in the certificate" * (len(left_out) > 1)
+        progress.say(f"{len(results)} of {len(every)} systems compared; not {left_out[0]}{more}")
     progress.begin("choice")
     found = _choose(results, scene, limits)
     if found.choice.chosen is None:
