@@ -99,7 +99,9 @@ def test_of_recordings_it_learns_the_gestures_that_were_compared_and_to_watch():
     assert fitted({"data": "day"}, values, "key")[0] == run_id
 
 
-@pytest.mark.parametrize(("flash", "without"), [(40, ""), (25, choices.STREAM), (15, choices.EARLY)])
+@pytest.mark.parametrize(
+    ("flash", "without"), [(40, ""), (25, choices.STREAM), (15, f"{choices.STREAM}, {choices.EARLY}")]
+)
 def test_what_the_budgets_exclude_is_not_in_the_model_unless_the_scene_needs_it(flash, without, monkeypatch):
     """The system takes 10 kB of flash, early decisions 10 and the detector 20 more."""
 

@@ -22,6 +22,7 @@ from bench.sentences import environment
 from touchbench_builder import choice as choices
 from touchbench_builder.bounds import GESTURE_SPREAD, SPREAD, new_person
 from touchbench_builder.choice import BITS, OF_STREAMS, Choice, planned, run, trained
+from touchbench_chip.tables import check
 from touchbench_chip.write import digest, most
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def certificate(
         "without": without,
         "faults": faults,
         "stream": stream(recogniser),
+        "no_stream": _no_stream(recogniser, without),
         "watched": watched,
         "unknown": unknown(corpus),
     }
@@ -170,6 +172,16 @@ def stream(recogniser: Recogniser) -> dict[str, Any] | None:
     minutes = 60 * max((point[2] for point in watcher.points), default=0)
     soonest = 1000 * watcher.soonest / recogniser.rate_hz
     return {"background_minutes": round(minutes, 1), "soonest_ms": round(soonest), "points": points}
+
+
+def _no_stream(recogniser: Recogniser, without: str) -> str:
+    """Why a model does not watch a stream; empty if it does."""
+    if recogniser.watcher is not None:
+        return ""
+    if without:
+        return "the budgets have no room for the detector"
+    can = check(recogniser.estimator)
+    return "the captures cannot teach a detector of touches" if can else "the C of this system cannot watch a stream"
 
 
 def unknown(corpus: Corpus) -> list[str]:

@@ -51,15 +51,16 @@ REPAIRED = "stuck+dead"
 OF_STREAMS = ("max_false_alarms", "max_latency")  # budgets of a scene that the chosen system must meet in recordings
 BUILT = "touchbench.built"  # tag of a model: what it was built from
 STREAM = "the detector of touches in a stream"
-EARLY = f"{STREAM}, calibration and early decisions"
+EARLY = "calibration and early decisions"
 COSTS = ("flash_bytes", "ram_bytes", "stack_bytes", "frame_instructions", "most_instructions")  # of the linked C
 LIMITED = {"flash": "flash_bytes", "ram": "ram_bytes", "cycles": "most_instructions"}  # of these, by budget
 SMALLEST: dict[str, object] = {"model": "tree", "features": "jung28"}
 LARGEST: dict[str, object] = {"model": "reflex", "model.bits": BITS}
 LARGEST_S = 60.0  # of a fit on one core
 FAULTS = ("dead_taxels", "stuck_taxels", "noise")  # that the choice is tested under if the scene names none
-# Times the processor time of a comparison: that of a fault, of watching recordings in one fold, and of the last fit.
-FAULTED, WATCHED, LAST = 1.7, 2.0, 5.0
+# Times the processor time of a comparison: that of a fault, of watching recordings in one fold, and of the last fit,
+# which also teaches a detector of touches to systems whose C can watch a stream.
+FAULTED, WATCHED, LAST, LAST_WATCHING = 1.7, 2.0, 2.0, 5.0
 
 
 @dataclass(frozen=True)
@@ -184,7 +185,8 @@ def afterwards(plan: Plan, scene: Scene, seconds: float) -> tuple[float, float]:
     """
     plain = seconds / (1 + FAULTED * len(scene.faults.names)) if scene.faults else seconds
     tests = WATCHED * len(plan.folds) * scene_watches(scene) + FAULTED * len(FAULTS) * (not scene.faults)
-    return tests * plain, LAST * plain * plan.workers
+    last = LAST_WATCHING if check(plan.cell.untrained) else LAST
+    return tests * plain, last * plain * plan.workers
 
 
 def scene_watches(scene: Scene) -> bool:
@@ -212,7 +214,7 @@ def fitted(
     for stored in store.runs(f"tags.`{BUILT}` = '{key}'"):
         return stored.info.run_id, load(f"runs:/{stored.info.run_id}/model")
     (cell,) = cells({k: v for k, v in on.items() if k != "jobs"} | dict(values))
-    made = fit(cell, stopping=stopping, learner=Beside(cell) if watch else None)
+    made = fit(cell, stopping=stopping, learner=Beside(cell) if watch and check(cell.untrained) else None)
     store.log(made.run_id, tags={BUILT: key})
     return made.run_id, made.recogniser
 
@@ -261,20 +263,19 @@ def trained(
     run_id, recogniser = fitted(on, choice.values, key_of(choice.run_id, "built"))
     if lacking():
         return run_id, recogniser, None, ""
-    for without in ("",) if scene_watches(scene) else ("", STREAM, EARLY):
-        if without:
-            recogniser.watcher = None
-        if without == EARLY:
-            recogniser.stopping = None
+    watches = recogniser.watcher is not None
+    less = [] if scene_watches(scene) else [(False, True)] * watches + [(False, False)]
+    for watch, stopping in [(watches, True), *less]:
+        recogniser.watcher = recogniser.watcher if watch else None
+        recogniser.stopping = recogniser.stopping if stopping else None
         amounts = on_chip(recogniser)
         if any(amounts[name] > 1000 * choice.limits.get(cost, np.inf) for cost, name in LIMITED.items()):
             continue
-        if without == STREAM:  # a model that is stored as it is written
-            run_id, recogniser = fitted(on, choice.values, key_of(choice.run_id, "built", STREAM), watch=False)
-        elif without:
-            key = _key_of_linked(choice.run_id)
-            run_id, recogniser = fitted(on, choice.values, key, stopping=False, watch=False)
-        return run_id, recogniser, amounts, without
+        without = [STREAM] * (watches and not watch) + [EARLY] * (not stopping)
+        if without:  # a model that is stored as it is written
+            key = key_of(choice.run_id, "built", STREAM) if stopping else _key_of_linked(choice.run_id)
+            run_id, recogniser = fitted(on, choice.values, key, stopping=stopping, watch=False)
+        return run_id, recogniser, amounts, ", ".join(without)
     what = "with the detector that the scene needs" if scene_watches(scene) else "trained on all captures"
     kilobytes = f"{amounts['flash_bytes'] / 1000:.1f} kB of flash and {amounts['ram_bytes'] / 1000:.1f} kB of RAM"
     raise InputError(f"{choice.name} fits, but {what} it takes {kilobytes}; take a larger board or raise its budgets")
