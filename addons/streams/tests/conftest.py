@@ -3,7 +3,7 @@
 import pytest
 
 from addons.chip.tests.test_chip import costs  # noqa: F401
-from tests.reports.test_report import quick  # noqa: F401
+from tests.reports.conftest import quick  # noqa: F401
 
 
 @pytest.fixture(autouse=True)
