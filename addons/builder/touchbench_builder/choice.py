@@ -113,12 +113,12 @@ def compared(
     under = {"under": [*scene.faults.names]} if scene.faults else {}
     every = [pair for pair in systems(corpus) if not (scene_watches(scene) and pair[0] == SMALLEST)]  # its C cannot
     kept: dict[str, tuple[dict[str, Any], Plan]] = {}
-    results, left_out, longest = [], [], 0.0
+    results, left_out, longest, slowest = [], [], 0.0, 0.0
     for number, (values, work) in enumerate(every, 1):
         name, before = shown(values), progress.left
         plan, backend = planned(on | {"protocol": "loso"} | values | under)
-        need = max(longest, work * len(plan.folds) / plan.workers)
-        need += sum(afterwards(plan, scene, need))
+        seconds = max(slowest, work * len(plan.folds) / plan.workers)
+        need = max(longest, seconds) + sum(afterwards(plan, scene, seconds))
         if results and before < need and left(connect(), [plan]):
             left_out.append(f"{name}: with its tests and its last fit, it would take {about(need)}; raise seconds=")
             continue
@@ -132,7 +132,8 @@ def compared(
             continue
         results.append(result)
         kept[result.system] = values, plan
-        longest = max(longest, before - progress.left, seconds_of(plan))
+        longest = max(longest, before - progress.left)  # with the start of processes, and linking
+        slowest = max(slowest, seconds_of(plan))
     if not results:
         raise InputError(f"no system could be compared: {left_out[0]}")
     if left_out:
