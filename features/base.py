@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TypeGuard
 
 import numpy as np
 import pandas as pd
@@ -117,6 +118,21 @@ def labels(capture: np.ndarray, copy: np.ndarray) -> pd.MultiIndex:
     """Capture and copy of each row of a table; three times as fast as pandas' own way."""
     levels, codes = zip(*(np.unique(each, return_inverse=True) for each in (capture, copy)), strict=True)
     return pd.MultiIndex(levels, codes, names=["capture", "copy"], verify_integrity=False)
+
+
+def labelled(X: pd.DataFrame | np.ndarray) -> TypeGuard[pd.DataFrame]:
+    """Return True if the index of the rows is their capture and copy."""
+    return isinstance(X, pd.DataFrame) and X.index.names == ["capture", "copy"]
+
+
+def captures_of(X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    """Capture of each row, numbered from 0; each of its own if rows are not labelled."""
+    return np.unique(X.index.get_level_values("capture"), return_inverse=True)[1] if labelled(X) else np.arange(len(X))
+
+
+def undamaged(X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    """Rows without damage, bool [rows]."""
+    return np.asarray(X.index.get_level_values("copy") == 0) if labelled(X) else np.ones(len(X), dtype=bool)
 
 
 def one_of(parameter: str, value: str, values: Sequence[str]) -> None:

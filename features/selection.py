@@ -56,14 +56,7 @@ class Subset(FeatureSet):
 
 
 def select(values: np.ndarray, label: np.ndarray, subject: np.ndarray, selected: int) -> np.ndarray:
-    """Positions of the columns that SFFS keeps, in order.
-
-    Args:
-        values: table [captures, columns].
-        label: class of each capture, int [captures].
-        subject: subject of each capture [captures].
-        selected: number of columns to keep.
-    """
+    """Positions of the columns of a table [captures, columns] that SFFS keeps, in order."""
     fold = left_out(label, subject)
     if len(np.unique(label)) < 2 or len(np.unique(fold)) < 2:
         return np.arange(values.shape[1])
@@ -88,12 +81,9 @@ def left_out(label: np.ndarray, subject: np.ndarray) -> np.ndarray:
 
 
 class Discriminant:
-    """Linear discriminant analysis on any subset of columns, from the moments of all.
+    """Linear discriminant analysis on any subset of columns of a table [captures, columns], from the moments of all.
 
-    Args:
-        values: table [captures, columns].
-        label: class of each capture, int [captures].
-        train: training captures, bool [captures]; the others are classified.
+    Captures that are not of ``train`` (bool) are classified.
     """
 
     def __init__(self, values: np.ndarray, label: np.ndarray, train: np.ndarray) -> None:

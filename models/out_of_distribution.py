@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from bench.features.base import constant
+from bench.features.base import constant, undamaged
 from bench.models.classic.lda import Discriminants
 from bench.models.classic.perceptron import Perceptron
-from bench.models.feature_rows import undamaged
 from bench.models.most_probable import MostProbable
 
 UNUSUAL = 2.5  # SDs of undamaged training rows

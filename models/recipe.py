@@ -64,11 +64,7 @@ class Recipe(MostProbable):
     turns: int = 0
 
     def check(self) -> None:
-        """Refuse parameters that cannot be.
-
-        Raises:
-            InputError: one of them.
-        """
+        """Refuse parameters that cannot be."""
         if not (0 <= self.window <= LONGEST_S and 0 <= self.hop <= LONGEST_S):
             raise InputError(
                 f"model.window={self.window:g}, model.hop={self.hop:g}: give seconds from 0 to {LONGEST_S:g}"
@@ -175,12 +171,9 @@ class Recipe(MostProbable):
 
 
 def build(factory: Callable, feature_set: contract.Features | None, **parameters: object) -> contract.System:
-    """Build a system as `bench.contract.build` does, wrapped in its steps if some of the parameters need steps.
+    """Build a system as `bench.contract.build` does, wrapped in its steps if some of the parameters are of `besides`.
 
-    Args:
-        factory: a class or a function.
-        feature_set: a transformer of captures to a table; None for a system that reads captures.
-        parameters: keyword arguments, and any of `besides`; names joined by + give several values.
+    Names joined by + give several values.
     """
     defaults = besides(factory)
     options: dict[str, Any] = {k: _typed(v, defaults[k]) for k, v in parameters.items() if k in defaults}
@@ -203,13 +196,10 @@ def _behind_features(system: contract.System) -> list | None:
 
 
 def rows_of(stored: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:
-    """Rows of some stored captures, labelled as `FeatureSet.transform` does, and which one each is of.
+    """Rows of the stored captures at ``index``, labelled as `FeatureSet.transform` does, and which one each is of.
 
-    No frame is touched, so no copy is damaged again.
-
-    Args:
-        stored: rows of all captures, those of one capture together, with `bench.features.cache.PIECES`.
-        index: positions in the stored corpus.
+    Those of one capture lie together, with `bench.features.cache.PIECES`. No frame is touched, so no copy is damaged
+    again.
     """
     of, piece = (stored[name].to_numpy() for name in PIECES)
     first = np.searchsorted(of, index)

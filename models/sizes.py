@@ -20,10 +20,7 @@ NOT_LEARNT = {"classes_", "n_features_in_", "feature_names_in_", "n_classes_", "
 def sizes(estimator: contract.System, taxels: int, frames: int) -> dict[str, int]:
     """Learnt numbers, and bytes in flash and in memory, four for each number; of systems in 8 bits one for a weight.
 
-    Args:
-        estimator: fitted.
-        taxels: taxels of a frame.
-        frames: frames of the longest capture to label.
+    ``frames`` is the length of the longest capture to label.
     """
     learnt = parameter_count(estimator)
     constants = sum(map(_constants, _deciding(estimator)))

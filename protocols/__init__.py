@@ -9,8 +9,8 @@ PARTS = {
     "challenge": "bench.protocols.challenge:Challenge",
     "kfold": "bench.protocols.captures:CaptureKFold",
     "holdout": "bench.protocols.captures:Holdout",
-    "repeated_kfold": "bench.protocols.repeated_kfold:RepeatedKFold",
-    "leave_one_capture": "bench.protocols.leave_one_capture:LeaveOneCapture",
-    "within": "bench.protocols.within:Within",
+    "repeated_kfold": "bench.protocols.captures:RepeatedKFold",
+    "leave_one_capture": "bench.protocols.captures:LeaveOneCapture",
+    "within": "bench.protocols.captures:Within",
     "windows": "bench.protocols.windows:WindowKFold",
 }

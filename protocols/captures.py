@@ -4,11 +4,35 @@ On CoST this is worth about ten points of accuracy (docs/notes/systems.md, proto
 """
 
 import numpy as np
-from sklearn.model_selection import StratifiedKFold, StratifiedShuffleSplit
+from sklearn.model_selection import LeaveOneOut, StratifiedKFold, StratifiedShuffleSplit
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.protocols.subjects import Folds
+from bench.protocols.subjects import Folds, natural_order
+
+
+def stratified(X: Corpus, y: object, folds: int, seed: int | np.random.RandomState) -> Folds:
+    """Stratified folds of captures, shuffled.
+
+    Raises:
+        InputError: a class has fewer captures than there are folds, or fewer than two folds.
+    """
+    y = X.gestures if y is None else np.asarray(y)
+    rare, most = _rarest(y)
+    if folds < 2 or most < folds:
+        what = f"give 2 to {most} folds" if most > 1 else f"two are needed; {_without(rare)}"
+        raise InputError(f"protocol.folds={folds}: gesture {rare} of {X.name} has {most} captures here; {what}")
+    yield from StratifiedKFold(folds, shuffle=True, random_state=seed).split(np.zeros(len(y)), y)
+
+
+def _rarest(y: np.ndarray) -> tuple[str, int]:
+    """The class with the fewest captures, and their number."""
+    names, counts = np.unique(y.astype(str), return_counts=True)
+    return names[counts.argmin()], counts.min()
+
+
+def _without(gesture: str) -> str:
+    return f'leave it out with where="gesture != {gesture!r}"'
 
 
 class CaptureKFold:
@@ -32,25 +56,99 @@ class CaptureKFold:
         return self.folds
 
     def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
-        """Yield (train, test) capture indices, every class spread over all folds.
+        """Yield (train, test) capture indices, every class spread over all folds; `stratified` says what is refused."""
+        yield from stratified(X, y, self.folds, self.seed)
+
+
+class RepeatedKFold:
+    """K stratified folds of captures, drawn several times; subjects are mixed, and each capture is tested each time.
+
+    Args:
+        folds: number of folds.
+        repeats: number of draws.
+        seed: random seed of the shuffles.
+    """
+
+    def __init__(self, folds: int = 10, repeats: int = 5, seed: int = 0) -> None:
+        self.folds = folds
+        self.repeats = repeats
+        self.seed = seed
+
+    def label(self, corpus: Corpus) -> str:
+        """Protocol label of every row of results."""
+        return f"{self.repeats} times {self.folds}-fold, subjects mixed"
+
+    def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:
+        """Number of folds times repeats."""
+        return self.folds * self.repeats
+
+    def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
+        """Yield (train, test) capture indices; refuses no repeat, and as `stratified` does."""
+        if self.repeats < 1:
+            raise InputError(f"protocol.repeats={self.repeats}: give 1 or more")
+        shuffles = np.random.RandomState(self.seed)  # one stream for all repeats, as scikit-learn's
+        for _ in range(self.repeats):
+            yield from stratified(X, y, self.folds, shuffles)
+
+
+class Within:
+    """K stratified folds of the captures of each subject; a system is trained on captures of this subject alone.
+
+    Cang et al. 2015 printed accuracies of this protocol.
+
+    Args:
+        folds: number of folds for each subject.
+        seed: random seed of the shuffle.
+    """
+
+    def __init__(self, folds: int = 5, seed: int = 0) -> None:
+        self.folds = folds
+        self.seed = seed
+
+    def label(self, corpus: Corpus) -> str:
+        """Protocol label of every row of results."""
+        return f"{self.folds}-fold within each subject, subjects mixed: a system per subject"
+
+    def get_n_splits(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> int:
+        """Number of subjects times folds."""
+        return self.folds * len(set(X.subjects if groups is None else groups))
+
+    def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
+        """Yield (train, test) capture indices, subjects in natural order; `stratified` says what is refused."""
+        groups = np.asarray(X.subjects if groups is None else groups)
+        y = X.gestures if y is None else np.asarray(y)
+        for name in natural_order(groups):
+            own = np.flatnonzero(groups == name)
+            try:
+                for train, test in stratified(X[own], y[own], self.folds, self.seed):
+                    yield own[train], own[test]
+            except InputError as e:
+                raise InputError(f"protocol=within, subject {name}: {e}") from e
+
+
+class LeaveOneCapture:
+    """Train on all captures but one, so on others of the same subject; a fold for each capture takes long."""
+
+    def label(self, corpus: Corpus) -> str:
+        """Protocol label of every row of results."""
+        return f"leave one capture out ({len(corpus)} captures), subjects mixed"
+
+    def get_n_splits(self, X: Corpus, y: object = None, groups: object = None) -> int:
+        """Number of captures."""
+        return len(X)
+
+    def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
+        """Yield (train, test) capture indices.
 
         Raises:
-            InputError: a class has fewer captures than there are folds, or fewer than two folds.
+            InputError: a class has a single capture, which no fold could train on.
         """
         y = X.gestures if y is None else np.asarray(y)
-        names, counts = np.unique(y.astype(str), return_counts=True)
-        if self.folds < 2 or counts.min() < self.folds:
-            rare, most = names[counts.argmin()], counts.min()
-            what = (
-                f"give 2 to {most} folds"
-                if most > 1
-                else f'two are needed; leave it out with where="gesture != {rare!r}"'
-            )
-            raise InputError(
-                f"protocol.folds={self.folds}: gesture {rare} of {X.name} has {most} captures here; {what}"
-            )
-        splitter = StratifiedKFold(self.folds, shuffle=True, random_state=self.seed)
-        yield from splitter.split(np.zeros(len(y)), y)
+        rare, fewest = _rarest(y)
+        if fewest < 2:
+            one = f"gesture {rare} of {X.name} has 1 capture here"
+            raise InputError(f"protocol=leave_one_capture: {one}; {_without(rare)}")
+        yield from LeaveOneOut().split(np.zeros(len(y)))
 
 
 class Holdout:

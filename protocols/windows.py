@@ -7,7 +7,7 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import Windows
 from bench.errors import InputError
-from bench.protocols.captures import CaptureKFold
+from bench.protocols.captures import stratified
 
 Parts = list[tuple[np.ndarray, np.ndarray]]  # no further training windows, and tested ones, none of them of one capture
 Folds = Iterator[tuple[np.ndarray, np.ndarray, Parts]]
@@ -58,7 +58,7 @@ class WindowKFold:
         Raises:
             InputError: a class has fewer windows than there are folds, or fewer than two folds.
         """
-        for train, test in CaptureKFold(self.folds, self.seed).split(X, y):
+        for train, test in stratified(X, y, self.folds, self.seed):
             order = np.argsort(X.index[test], kind="stable")
             index = X.index[test][order]
             number = np.empty(len(test), dtype=int)  # of the window among those of its capture

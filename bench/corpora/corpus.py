@@ -338,12 +338,20 @@ class Corpus:
     def plot(self, capture: int = 0) -> Figure:
         """A figure of one capture by its position: its mean pressure on the grid, and the summed pressure over time."""
         self._refuse_if_blind("plot")
-        from bench.corpora.film_strip import picture
+        from matplotlib.figure import Figure
 
-        row = self.captures.iloc[capture]
+        row, frames = self.captures.iloc[capture], self[capture].astype(np.float64)
         words = ", ".join(f"{name} {row[name]}" for name in ("subject", "gesture") if name in row)
-        kind = " (synthetic)" if self.synthetic else ""
-        return picture(self[capture], self.rate_hz, f"{self.name}{kind}, capture {capture}: {words}")
+        figure = Figure(figsize=(8, 3), layout="constrained")
+        figure.suptitle(f"{self.name}{' (synthetic)' * self.synthetic}, capture {capture}: {words}", fontsize=10)
+        grid, course = figure.subplots(1, 2, width_ratios=(1, 2))
+        image = grid.imshow(frames.mean(axis=0), cmap="magma", vmin=0)
+        grid.set(title="mean pressure", xticks=[], yticks=[])
+        figure.colorbar(image, ax=grid, shrink=0.8, label="sensor value")
+        course.plot(np.arange(len(frames)) / self.rate_hz, frames.sum(axis=(1, 2)), linewidth=1)
+        course.set(title="pressure summed over the taxels", xlabel="s", ylim=(0, None))
+        course.grid(alpha=0.25)
+        return figure
 
 
 def unblinded(corpus: Corpus) -> tuple[Corpus, tuple[str, ...] | None]:

@@ -14,11 +14,7 @@ KNOWN = {"haart": "2:1"}  # seams of formats, which align=yes means; see bench d
 
 
 def cut(corpus: Corpus, kind: str, options: Mapping[str, str]) -> Corpus:
-    """A corpus of a format with the changes that were asked for, which its ``info`` lists under ``changes``.
-
-    Raises:
-        InputError: an option is no such change, or does not fit the captures.
-    """
+    """A corpus of a format with the changes that were asked for, which its ``info`` lists under ``changes``."""
     done = []
     for name, change in OPTIONS.items():
         text = options.get(name, "")

@@ -110,16 +110,7 @@ def usual_faults() -> tuple[str, ...]:
 
 
 def asked_faults(key: str, names: Sequence[object], every: Sequence[str]) -> tuple[str, ...]:
-    """The faults of some typed names, in the order in which they are known.
-
-    Args:
-        key: key of the names.
-        names: names of faults, or ``all``.
-        every: names that ``all`` stands for.
-
-    Raises:
-        InputError: there is no such fault.
-    """
+    """The faults of the typed names of a key, in the order in which they are known; ``all`` stands for ``every``."""
     asked, known = [str(name) for name in names], all_faults()
     for name in asked:
         if name not in (*known, ALL):
@@ -147,18 +138,10 @@ def as_readings(corpus: Corpus, shares: np.ndarray) -> np.ndarray:
 
 
 def damaged(corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: Fault, severity: int) -> Corpus:
-    """A corpus in memory whose captures ``test`` went through a fault.
+    """A corpus in memory whose captures ``test``, given as `as_shares`, went through a fault.
 
-    Args:
-        corpus: corpus from which the fold was cut.
-        test: positions of the captures in it.
-        shares: shares of full scale of those captures, from `as_shares`.
-        fault: fault to apply.
-        severity: 0 to 5.
-
-    Returns:
-        Frames of the type of the corpus (whole numbers are rounded), 0..full_scale. It has no digest and no folder, so
-        no cache takes it for the corpus. The other captures keep their places and columns, but have no frames.
+    It has no digest and no folder, so no cache takes it for the corpus. The other captures keep their places and
+    columns, but have no frames.
     """
     subjects, rate_hz = corpus.subjects, corpus.rate_hz
     arrays = [

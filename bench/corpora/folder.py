@@ -38,11 +38,7 @@ class Damaged(Exception):
 def reopen(
     path: Path, within: Path, digest: str, index: np.ndarray, target: str, visible: tuple[str, ...] | None
 ) -> Corpus:
-    """Map captures of a stored corpus again in another process or machine, from where it lies there.
-
-    Raises:
-        InputError: neither its folder nor that ``within`` the data folder holds this corpus.
-    """
+    """Map captures of a stored corpus again in another process or machine, from where it lies there."""
     problems = []
     for folder in dict.fromkeys((path, home() / within)):
         try:
@@ -85,9 +81,6 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
     """Store a whole corpus, whose ``digest`` may be known, as a folder, written beside its name and renamed.
 
     A folder that is there already stays if it holds the same corpus unharmed; else it is replaced.
-
-    Raises:
-        OSError: the folder cannot be written.
     """
     digest = digest or content_digest(corpus)
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -116,11 +109,7 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
 
 
 def open_folder(folder: Path, key: str = "") -> Corpus:
-    """Map a stored corpus, if it is what was stored; ``key`` is the folder's name when it was, where that matters.
-
-    Raises:
-        InputError: the folder does not hold a complete corpus, unchanged.
-    """
+    """Map a stored corpus, if it is what was stored; ``key`` is the folder's name when it was, where that matters."""
     try:
         fields, stored = _fields(folder, key)
         for name in SMALL:
@@ -210,11 +199,7 @@ def small_file(path: Path, most: int = 1 << 24) -> bytes:
 
 
 def stamp(path: Path) -> tuple[int, ...]:
-    """Attributes that change with a file: size, times (that of its entry cannot be set back) and inode.
-
-    Raises:
-        Damaged: there is no such file.
-    """
+    """Attributes that change with a file: size, times (that of its entry cannot be set back) and inode."""
     try:
         status = path.stat()
     except OSError as e:

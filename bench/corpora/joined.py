@@ -25,10 +25,6 @@ def weights(count: int, wanted: int) -> np.ndarray:
 
     Both lie evenly over the same length. Where there are to be fewer, each is the mean over its share of that length;
     where there are to be more, each lies on the line between the two values whose middles are next to its own.
-
-    Args:
-        count: values that there are.
-        wanted: values that there are to be.
     """
     if wanted < count:
         edges = np.arange(wanted + 1) * count / wanted
@@ -80,17 +76,7 @@ def brought(corpus: Corpus, rate_hz: float, grid: tuple[int, int], full_scale: f
 
 
 def refuse_the_same(target: Corpus, source: Corpus, what: str) -> None:
-    """Nobody is trained on who is tested.
-
-    Args:
-        target: captures.
-        source: other captures.
-        what: key that names them, for the error.
-
-    Raises:
-        InputError: a capture is in both; both have captures of the same recordings, which may be changed at import; or
-            both are generated from one seed, and so of the same people.
-    """
+    """Refuse two corpora with the same captures or people; ``what`` is the key that names them, for the error."""
     if pairs := shared(target, source):
         first, same = pairs[0]
         raise InputError(
@@ -119,20 +105,11 @@ def _origins(corpus: Corpus) -> list[dict[str, Any]]:
 
 
 def together(corpora: Sequence[Corpus]) -> Corpus:
-    """Captures of several corpora as one corpus, of the classes that all have.
+    """Captures of several corpora as one corpus in memory, of the classes that all have.
 
     All are brought to the lowest of their rates and, each way, to the fewest of their taxels; the full scale is that of
-    the first.
-
-    Args:
-        corpora: at least two corpora.
-
-    Returns:
-        A corpus in memory, float32, whose column ``corpus`` says where a capture comes from. Subjects are named after
-        their corpus: ``haart 1``. Conditions that only some corpora have are left out, and so is ``split``.
-
-    Raises:
-        InputError: fewer than two classes are shared, or a capture or the recordings are in two of them.
+    the first. The column ``corpus`` says where a capture comes from. Subjects are named
+    after their corpus: ``haart 1``. Conditions that only some corpora have are left out, and so is ``split``.
     """
     name = "+".join(corpus.name for corpus in corpora)
     for one, other in combinations(corpora, 2):

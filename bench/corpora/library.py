@@ -14,7 +14,6 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -35,10 +34,6 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     """Read a file of a known format and store it under the option ``name``; if that fails, what was stored stays.
 
     Options are those of the reader, as text, and changes of captures (`bench.corpora.cuts.OPTIONS`).
-
-    Raises:
-        InputError: an unknown format or option, a file that the reader refuses, another import of the same name under
-            way, or a data folder that cannot be written.
     """
     from bench.corpora import cuts
     from bench.corpora.doubts import doubts
@@ -100,17 +95,13 @@ def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
     """Open an imported corpus, several joined by ``+``, or the generated one with its parameters.
 
     Captures without a gesture are left out.
-
-    Raises:
-        InputError: there is no such corpus, it is no longer what was imported, it has no gesture, or corpora do not go
-            together (`bench.corpora.joined.together`).
     """
     if "+" in name:
         return _together(name)
     if name == "synth":
         from bench.corpora import synth
 
-        return generated(synth.generate, parameters, synth)
+        return made_once("synth", parameters, lambda: synth.generate(**parameters), synth)
     return gestures_of(stored_value(name))
 
 
@@ -132,11 +123,7 @@ def left_out(corpus: Corpus) -> str:
 
 
 def stored_value(name: str) -> Corpus:
-    """Open all that is imported under a name, also captures without a gesture.
-
-    Raises:
-        InputError: nothing was imported under this name, or it is no longer what was imported.
-    """
+    """Open all that is imported under a name, also captures without a gesture."""
     try:
         folder = _folder(name)
         corpus = open_folder(folder, folder.name)
@@ -161,11 +148,7 @@ def _folder(name: str) -> Path:
 
 
 def verify(name: str) -> dict[str, str]:
-    """Every file of an imported corpus, or of all generated ones, with its defect, ``""`` for none.
-
-    Raises:
-        InputError: there is no such corpus.
-    """
+    """Every file of an imported corpus, or of all generated ones, with its defect, ``""`` for none."""
     if "+" in name:
         raise InputError(f"bench data verify {name[:100]}: give one corpus at a time")
     if name == "synth":
@@ -213,28 +196,20 @@ def _arguments(kind: str, reader: Callable, options: dict[str, str], source: Pat
     return arguments
 
 
-def generated(make: Callable[..., Corpus], parameters: dict[str, Any], *code: ModuleType) -> Corpus:
-    """What ``make`` generates from the parameters, stored under them and the code of its modules."""
+def made_once(kind: str, about: object, make: Callable[[], Corpus], *code: ModuleType) -> Corpus:
+    """A corpus of a kind that modules make out of ``about`` (JSON); made and stored if missing or damaged."""
     source = b"".join(Path(str(module.__file__)).read_bytes() for module in code)
-    key = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode() + source).hexdigest()[:16]
-    return _made(home() / "corpora" / "synth" / key, lambda: make(**parameters))
-
-
-def made_once(kind: str, about: object, make: Callable[[], Corpus], module: ModuleType) -> Corpus:
-    """A corpus made of stored ones, stored under all that it depends on.
-
-    Args:
-        kind: folder of such corpora.
-        about: what it is made of; JSON.
-        make: makes it.
-        module: its code.
-
-    Raises:
-        InputError: it cannot be made or stored.
-    """
-    code = Path(str(module.__file__)).read_bytes()
-    key = hashlib.sha256(json.dumps(about).encode() + code).hexdigest()[:16]
-    return _made(home() / "corpora" / f".{kind}" / key, make)
+    key = hashlib.sha256(json.dumps(about, sort_keys=True).encode() + source).hexdigest()[:16]
+    folder = home() / "corpora" / kind / key
+    try:
+        return open_folder(folder, folder.name)
+    except InputError:
+        corpus = make()
+    try:
+        write_folder(corpus, folder)
+    except OSError as e:
+        raise _unwritable(folder, e) from e
+    return open_folder(folder, folder.name)
 
 
 def _together(name: str) -> Corpus:
@@ -247,24 +222,7 @@ def _together(name: str) -> Corpus:
     corpora = [stored_value(each) for each in names]
     if partly := [corpus.name for corpus in corpora if corpus.info.get(ASIDE)]:
         raise InputError(f"data={name[:100]}: {partly[0]} has captures without a gesture; give it alone")
-    return made_once("joined", [[c.digest, c.name] for c in corpora], lambda: joined.together(corpora), joined)
-
-
-def _made(folder: Path, make: Callable[[], Corpus]) -> Corpus:
-    """A stored corpus that touchbench can make itself; made and stored if missing or damaged.
-
-    Raises:
-        InputError: it cannot be made or stored.
-    """
-    try:
-        return open_folder(folder, folder.name)
-    except InputError:
-        corpus = make()
-    try:
-        write_folder(corpus, folder)
-    except OSError as e:
-        raise _unwritable(folder, e) from e
-    return open_folder(folder, folder.name)
+    return made_once(".joined", [[c.digest, c.name] for c in corpora], lambda: joined.together(corpora), joined)
 
 
 def briefly(warnings: list[str], rest: str) -> str:

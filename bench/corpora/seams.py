@@ -20,17 +20,11 @@ MOST = 300  # captures that are looked at
 
 @dataclass(frozen=True)
 class Seam:
-    """How the rows, or the columns, of a corpus fit each other.
+    """How the rows, or the columns, of a corpus fit each other."""
 
-    Attributes:
-        lines: ``rows`` or ``columns``.
-        neighbours: mean correlation of the changes of each line and the next, float [lines - 1].
-        ends: the same of the last and the first line, by frames by which the first one is later.
-    """
-
-    lines: str
-    neighbours: np.ndarray
-    ends: dict[int, float]
+    lines: str  # "rows" or "columns"
+    neighbours: np.ndarray  # mean correlation of the changes of each line and the next [lines - 1]
+    ends: dict[int, float]  # the same of the last and the first line, by frames by which the first one is later
 
     @property
     def weakest(self) -> int:

@@ -63,24 +63,14 @@ GESTURES = {
     "tap": Movement(0.564, 0.486, 0.12, 0.07, 1055, 1.4, 20, 0.2, 0.9, 0, 3.8, 2, 0, 0, 3),
     "tickle": Movement(2.491, 1.446, 0.25, 0.09, 911, 4, 25, 0, 0.4, 0.5, 4.0, 18, 0, 0.1, 14),
 }
-LOOKALIKE = {
-    "grab": "squeeze",
-    "squeeze": "grab",
-    "pat": "tap",
-    "tap": "pat",
-    "rub": "stroke",
-    "stroke": "rub",
-    "scratch": "tickle",
-    "tickle": "scratch",
-    "hit": "slap",
-    "slap": "hit",
-    "poke": "tap",
-    "press": "pinch",
-    "pinch": "poke",
-    "massage": "rub",
-}
+LOOKALIKES = (
+    "grab:squeeze squeeze:grab pat:tap tap:pat rub:stroke stroke:rub scratch:tickle tickle:scratch hit:slap slap:hit "
+    "poke:tap press:pinch pinch:poke massage:rub"
+)
+LOOKALIKE = {one: other for one, _, other in (pair.partition(":") for pair in LOOKALIKES.split())}
 # Durations and contact areas are known for each gesture, so a lookalike lends everything but these.
 PUBLISHED = ("duration", "duration_sd", "area", "area_sd", "pressure")
+LEAST = {"subjects": 1, "repetitions": 1, "rows": 1, "cols": 1, "seed": 0, "noise": 0}  # others are above 0
 VARIANT_FORCE = {"gentle": 0.72, "normal": 1.0, "rough": 1.55}
 VARIANT_AREA = {"gentle": 0.97, "normal": 1.0, "rough": 1.15}
 VARIANT_DURATION = {"gentle": 0.98, "normal": 0.97, "rough": 1.05}
@@ -120,7 +110,8 @@ def generate(
         InputError: a count below 1, a seed below 0, an unknown variant, a rate or gain that is not above 0, a noise
             below 0, or more captures than there is memory for.
     """
-    check_parameters(subjects, repetitions, variants, rows, cols, rate_hz, gain, noise, seed)
+    counts = {"subjects": subjects, "repetitions": repetitions, "rows": rows, "cols": cols, "seed": seed}
+    check_parameters(variants, **counts, rate_hz=rate_hz, gain=gain, noise=noise)
     count = float(subjects) * repetitions * len(variants) * len(GESTURES)
     seconds = count / len(GESTURES) * sum(way.duration for way in GESTURES.values())
     taxels = float(rows) * cols
@@ -151,34 +142,12 @@ def info_of(seed: int) -> dict[str, object]:
     return {"source": source, "licence": "none needed", "synthetic": True, "warnings": []}
 
 
-def check_parameters(
-    subjects: int,
-    repetitions: int,
-    variants: tuple[str, ...],
-    rows: int,
-    cols: int,
-    rate_hz: float,
-    gain: float,
-    noise: float,
-    seed: int,
-) -> None:
-    """Refuse parameters of `generate` that cannot be.
-
-    Raises:
-        InputError: one is out of range.
-    """
-    inf = float("inf")
-    for name, value, allowed, hint in (
-        ("subjects", subjects, subjects >= 1, "at least 1"),
-        ("repetitions", repetitions, repetitions >= 1, "at least 1"),
-        ("rows", rows, rows >= 1, "at least 1"),
-        ("cols", cols, cols >= 1, "at least 1"),
-        ("seed", seed, seed >= 0, "at least 0"),  # as of numpy's SeedSequence
-        ("rate_hz", rate_hz, 0 < rate_hz < inf, "a rate above 0"),
-        ("gain", gain, 0 < gain < inf, "a number above 0"),
-        ("noise", noise, 0 <= noise < inf, "0 or more"),
-    ):
-        if not allowed:
+def check_parameters(variants: tuple[str, ...], **numbers: float) -> None:
+    """Refuse parameters of `generate` that cannot be."""
+    for name, value in numbers.items():
+        least = LEAST.get(name)
+        if not (value > 0 if least is None else value >= least) or value == float("inf"):
+            hint = "a finite number above 0" if least is None else f"at least {least}"
             raise InputError(f"data.{name}={value:.12g}: give {hint}")
     if unknown := [v for v in variants if v not in VARIANTS] or (not variants and ["nothing"]):
         raise InputError(f"data.variants={unknown[0]}: give some of {'+'.join(VARIANTS)}")
@@ -321,17 +290,9 @@ def _imprint(force: np.ndarray, path: np.ndarray, area: float, way: Movement, ro
 def sensed(
     rng: np.random.Generator, pressure: np.ndarray, offset: np.ndarray, rate_hz: float, noise: float
 ) -> np.ndarray:
-    """What the fabric sensor reports: creep after load, saturation, offset, noise, 10 bits.
+    """What the fabric sensor reports, uint16 [frames, rows, cols]: creep after load, saturation, offset, noise, bits.
 
-    Args:
-        rng: random numbers of the noise.
-        pressure: in sensor values [frames, rows, cols].
-        offset: reading of an untouched taxel, in sensor values [rows, cols] or [frames, rows, cols].
-        rate_hz: frames per second.
-        noise: SD of a reading, in sensor values.
-
-    Returns:
-        uint16 [frames, rows, cols].
+    The offset is the reading of an untouched taxel [rows, cols] or [frames, rows, cols], the noise its SD.
     """
     pressure = pressure.astype(np.float32)
     decay = np.exp(-1 / (0.25 * rate_hz))

@@ -1,10 +1,13 @@
-"""Conditions on the columns of captures (``where=``): pandas evaluates those that pass an allow-list."""
+"""Conditions on the columns of captures (``where=``), which mean what they mean to pandas and can do nothing else."""
 
 from __future__ import annotations
 
 import ast
 import re
 import warnings
+from functools import reduce
+from operator import and_, eq, ge, gt, le, lt, ne, or_
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,24 +15,20 @@ import pandas as pd
 from bench.errors import InputError
 
 ALLOWED = (
-    "allowed on columns, text and numbers: == != < <= > >= in [...] and or not + - * / // % "
-    ".isin .between .str.startswith .str.endswith .str.contains"
+    "allowed on columns, text and numbers: == != < <= > >= in [...] and or not .isin .between .str.startswith "
+    ".str.endswith .str.contains"
 )
+NO_CONDITION = "this is not a condition, such as \"subject != '3'\""
 LONGEST = 10_000  # characters
 LINE = 300  # characters of a message
 # What Python and pandas read in different ways: & and |, and names of columns in backticks; not within text.
 SPECIAL = re.compile(r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|`(?P<column>[^`]+)`|(?P<word>[&|\r\n#])""")
 WORDS = {"&": " and ", "|": " or ", "\r": " ", "\n": " "}
-ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.FloorDiv, ast.Mod)
-COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+COMPARISONS = {ast.Eq: eq, ast.NotEq: ne, ast.Lt: lt, ast.LtE: le, ast.Gt: gt, ast.GtE: ge}
 
 
 def chosen(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
-    """Captures of a corpus of this name that satisfy a condition, bool [captures].
-
-    Raises:
-        InputError: it is no condition on these columns, or no capture satisfies it.
-    """
+    """Captures of a corpus of this name that satisfy a condition, bool [captures]."""
     if len(where) > LONGEST:
         raise InputError(f"where= has {len(where)} characters; give at most {LONGEST}, or a column of your own")
     try:
@@ -66,72 +65,56 @@ def _evaluated(where: str, captures: pd.DataFrame) -> pd.Series:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Python's advice is about programs
         tree = ast.parse(text, mode="eval").body
-    table = captures.assign(**quoted)
-    _kind(tree, table)
-    mask = table.eval(ast.unparse(tree), engine="python")  # what was checked, not what was written
+    mask = _mask(tree, captures.assign(**quoted))
     if not (isinstance(mask, pd.Series) and mask.dtype == bool):
-        raise SyntaxError("this is not a condition, such as \"subject != '3'\"")
+        raise SyntaxError(NO_CONDITION)
     return mask
 
 
-def _kind(node: ast.expr, table: pd.DataFrame) -> str:
-    """What an expression is: ``condition``, ``number`` or ``text``; text is searched literally."""
+def _mask(node: ast.expr, table: pd.DataFrame) -> pd.Series:
+    """The captures that satisfy a condition; text is searched literally."""
     match node:
-        case ast.Constant(value=bool() | str()):
-            return "text"
-        case ast.Constant(value=int() | float()):
-            return "number"
+        case ast.BoolOp(op=op, values=parts):
+            return reduce(and_ if isinstance(op, ast.And) else or_, (_mask(part, table) for part in parts))
+        case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=part):
+            return ~_mask(part, table)
         case ast.Name(id=name):
-            column = table[name]
-            return (
-                "condition" if column.dtype == bool else "number" if pd.api.types.is_numeric_dtype(column) else "text"
-            )
-        case ast.BoolOp(values=parts) if {_kind(part, table) for part in parts} == {"condition"}:
-            return "condition"
-        case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=part) if _kind(part, table) == "condition":
-            return "condition"
-        case ast.UnaryOp(op=ast.USub(), operand=part) if _kind(part, table) == "number":
-            return "number"
-        case ast.BinOp(op=op, left=left, right=right) if isinstance(op, ARITHMETIC):
-            if _kind(left, table) == _kind(right, table) == "number":
-                return "number"
+            if table[name].dtype == bool:
+                return table[name]
+            raise SyntaxError(NO_CONDITION)
         case ast.Compare(left=left, ops=ops, comparators=others):
-            for op, one, other in zip(ops, [left, *others], others, strict=False):
-                _check_compared(one, op, other, table)
-            return "condition"
-        case ast.Call(func=ast.Attribute(value=ast.Name() as column, attr="isin"), args=[values], keywords=[]):
-            if _kind(column, table) and _are_literals(values):
-                return "condition"
-        case ast.Call(func=ast.Attribute(value=ast.Name() as column, attr="between"), args=[_, _], keywords=[]):
-            if _kind(column, table) and _are_literals(ast.List(node.args)):
-                return "condition"
+            pairs = zip([left, *others], ops, others, strict=False)
+            return reduce(and_, (_compared(one, op, other, table) for one, op, other in pairs))
+        case ast.Call(func=ast.Attribute(value=ast.Name(id=name), attr=method), args=values, keywords=[]):
+            if method in ("isin", "between"):
+                return getattr(table[name], method)(*map(_literal, values))
         case ast.Call(
-            func=ast.Attribute(value=ast.Attribute(value=ast.Name() as column, attr="str"), attr=method),
-            args=[ast.Constant(value=str())],
+            func=ast.Attribute(value=ast.Attribute(value=ast.Name(id=name), attr="str"), attr=method),
+            args=[ast.Constant(value=str(text))],
             keywords=[],
-        ) if _kind(column, table) and method in ("startswith", "endswith", "contains"):
-            literally = [ast.keyword("regex", ast.Constant(False))] if method == "contains" else []
-            node.keywords = [ast.keyword("na", ast.Constant(False)), *literally]
-            return "condition"
+        ) if method in ("startswith", "endswith", "contains"):
+            literally = {"regex": False} if method == "contains" else {}
+            return getattr(table[name].str, method)(text, na=False, **literally)
     raise SyntaxError(f"{ast.unparse(node)[:36]!r} cannot be used")
 
 
-def _check_compared(one: ast.expr, op: ast.cmpop, other: ast.expr, table: pd.DataFrame) -> None:
-    if isinstance(op, ast.In | ast.NotIn):
-        if not _are_literals(other):
-            raise SyntaxError(f"{ast.unparse(other)[:36]!r} is not a list such as ['1', '2']")
-        _kind(one, table)
-    elif not isinstance(op, COMPARISONS):
+def _compared(one: ast.expr, op: ast.cmpop, other: ast.expr, table: pd.DataFrame) -> Any:
+    """A comparison of columns, text and numbers; equal to a list is what is in it, as pandas reads it."""
+    left, right = (table[side.id] if isinstance(side, ast.Name) else _literal(side) for side in (one, other))
+    if isinstance(op, ast.In | ast.NotIn) and not isinstance(right, list | tuple):
+        raise SyntaxError(f"{ast.unparse(other)[:36]!r} is not a list such as ['1', '2']")
+    if isinstance(left, list | tuple):
+        left, right = right, left
+    if isinstance(right, list | tuple) and isinstance(op, ast.Eq | ast.NotEq | ast.In | ast.NotIn):
+        return left.isin(right) ^ isinstance(op, ast.NotEq | ast.NotIn)
+    if type(op) not in COMPARISONS:
         raise SyntaxError("'is' cannot be used")
-    else:
-        for side in (one, other):
-            if not (isinstance(op, ast.Eq | ast.NotEq) and _are_literals(side)):
-                _kind(side, table)
+    return COMPARISONS[type(op)](left, right)
 
 
-def _are_literals(node: ast.expr) -> bool:
-    """Whether this is a list of text and numbers."""
-    inner = [e.operand if isinstance(e, ast.UnaryOp) else e for e in getattr(node, "elts", ())]
-    return isinstance(node, ast.List | ast.Tuple) and all(
-        isinstance(e, ast.Constant) and isinstance(e.value, bool | int | float | str) for e in inner
-    )
+def _literal(node: ast.expr) -> Any:
+    """Text, a number, or a list of these."""
+    try:
+        return ast.literal_eval(node)
+    except ValueError:
+        raise SyntaxError(f"{ast.unparse(node)[:36]!r} cannot be used") from None

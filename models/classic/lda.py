@@ -12,9 +12,8 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from bench.features.base import constant
+from bench.features.base import captures_of, constant, undamaged
 from bench.models.by_person import ByPerson
-from bench.models.feature_rows import captures_of, undamaged
 from bench.models.space import Range
 
 

@@ -11,8 +11,7 @@ from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from bench.features.base import constant
-from bench.models.feature_rows import undamaged
+from bench.features.base import constant, undamaged
 from bench.models.most_probable import MostProbable
 from bench.models.space import Range
 

@@ -129,21 +129,13 @@ class Optimiser:
 
 @dataclass(frozen=True)
 class Schedule:
-    """Length and step sizes of a network's training.
+    """Length and step sizes of a network's training."""
 
-    Attributes:
-        epochs: most passes over the samples.
-        batch: samples per step; with fewer than that, all of them are one batch.
-        seed: random seed of the shuffles.
-        patience: stop when the median loss of this many epochs is not 0.1 % below that of as many before them.
-        smoothing: share of a label that is spread over all classes.
-    """
-
-    epochs: int
-    batch: int
-    seed: int
-    patience: int | None = None
-    smoothing: float = 0.0
+    epochs: int  # most passes over the samples
+    batch: int  # samples per step; with fewer than that, all of them are one batch
+    seed: int  # of the shuffles
+    patience: int | None = None  # stop when the median loss of so many epochs is not 0.1 % below that of those before
+    smoothing: float = 0.0  # share of a label that is spread over all classes
 
 
 def train(
@@ -164,14 +156,11 @@ def train(
         optimiser: optimiser of the parameters of ``net``.
         schedule: epochs, batches, and when to stop.
         forward: a faster way to compute ``net(x)`` (`WindowNet.logits`).
-        judge: accuracy of the network on captures it is not trained on; the epoch with the highest, the first of equal
-            ones, is the one that is kept.
+        judge: accuracy of the network on captures it is not trained on; the first epoch with the highest is kept. The
+            loss may then become infinite.
 
     Returns:
         Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a judge.
-
-    Raises:
-        FloatingPointError: the loss is not finite any more, and no epoch was judged before.
     """
     order, history = np.random.default_rng(schedule.seed), []
     best: tuple[float, dict] | None = None  # accuracy and weights of the best epoch that was judged
@@ -260,11 +249,7 @@ def activations(net: nn.Module, one: object) -> int:
 
     Layers that can overwrite their input (ReLU, normalisation, dropout) add nothing. Hughes et al. 2017, Table VIII,
     counts in this way, without outputs of convolutions that are pooled at once. Self-attention holds queries, keys,
-    values, scores and what they give besides its output.
-
-    Args:
-        net: the network.
-        one: a batch of one sample.
+    values, scores and what they give besides its output. ``one`` is a batch of one sample.
     """
     sizes: list[int] = []
 

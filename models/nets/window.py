@@ -10,13 +10,13 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 import torch
-from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils.validation import check_is_fitted
 from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.machine import ensure
+from bench.models.most_probable import MostProbable
 from bench.models.nets.training import (
     Optimiser,
     Samples,
@@ -36,7 +36,7 @@ declared = partial(dataclass, kw_only=True, eq=False, repr=False)
 
 
 @declared
-class WindowNet(ClassifierMixin, BaseEstimator):
+class WindowNet(MostProbable):
     """Cuts captures into samples, decides on each, and labels a capture by the mean of its probabilities.
 
     A system is a subclass. Its annotated attributes are its parameters, as in a dataclass: keyword arguments of its
@@ -227,10 +227,6 @@ class WindowNet(ClassifierMixin, BaseEstimator):
         table, proba = self.decide(X)
         capture = table["capture"].to_numpy()
         return np.add.reduceat(proba, np.flatnonzero(np.diff(capture, prepend=-1))) / np.bincount(capture)[:, None]
-
-    def predict(self, X: Corpus) -> np.ndarray:
-        """Class name of each capture."""
-        return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
     @property
     def parameters_(self) -> int:

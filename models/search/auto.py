@@ -16,12 +16,11 @@ from bench.corpora.faults import usual_faults
 from bench.errors import InputError
 from bench.models.most_probable import MostProbable
 from bench.models.search import portfolio
-from bench.models.search.ensemble import Ensemble, logarithms, selected, tempered
+from bench.models.search.ensemble import Ensemble, fit_temperature, logarithms, selected, tempered
 from bench.models.search.inner_folds import by_subject, check_search, labelled_folds
 from bench.models.search.study import Study, Tried, identity, within
 from bench.models.sizes import sizes
 from bench.models.space import Trial
-from bench.models.temperature import fit_temperature
 from bench.timing import timed
 from bench.words import quantity
 
@@ -189,10 +188,7 @@ class Auto(MostProbable):
     def _picked(self, study: Study, part: Part, fitted: dict[int, dict[str, float]]) -> list[tuple[Tried, float]]:
         """Trials that decide together, and how much each counts, the heaviest first.
 
-        Args:
-            study: the trials.
-            part: the captures.
-            fitted: by its id, what a trial costs fitted to all captures; else what it cost when it was judged.
+        ``fitted`` has what trials cost fitted to all captures, by id; others cost what they did when they were judged.
         """
         costs = {id(t): t.costs for t in study.tried} | fitted
         pool = [t for t in study.tried if t.state == "complete" and within(costs[id(t)], study.limits)]
@@ -233,15 +229,7 @@ class Auto(MostProbable):
 
 
 class Part:
-    """The captures of a training part, and its inner folds.
-
-    Args:
-        X: the captures.
-        y: their class names.
-        folds: (train, test) positions; nobody is on both sides, and every capture is tested once.
-        touch: seconds of each tested capture that are seen; None for all.
-        seed: random seed of the systems.
-    """
+    """The captures of a training part, and its inner folds, of whose tested captures ``touch`` seconds are seen."""
 
     def __init__(self, X: Corpus, y: np.ndarray, folds: list, touch: float | None, seed: int) -> None:
         self.X = X

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.special import softmax
+from scipy.optimize import minimize_scalar
+from scipy.special import logsumexp, softmax
 
 from bench import contract
 from bench.corpora.corpus import Corpus
@@ -16,13 +17,7 @@ PICKS = 15  # of a selection: weights are multiples of about 1/15
 
 
 class Ensemble(MostProbable):
-    """Fitted recognisers that decide together by a weighted mean of their tempered probabilities.
-
-    Args:
-        members: recognisers of the same classes; one without probabilities gives its label 1.
-        weights: weight of each recogniser; they sum to 1.
-        temperatures: divisors of the log probabilities of each; 1 leaves them.
-    """
+    """Fitted recognisers of the same classes that decide by a weighted mean of their tempered probabilities."""
 
     def __init__(self, members: list[contract.System], weights: list[float], temperatures: list[float]) -> None:
         self.members = members
@@ -41,6 +36,21 @@ def tempered(proba: np.ndarray, temperature: float) -> np.ndarray:
     return softmax(logarithms(proba) / temperature, axis=1)
 
 
+def fit_temperature(scores: np.ndarray, codes: np.ndarray, coldest: float, hottest: float) -> float:
+    """The temperature T for which softmax(scores / T) has the lowest mean log loss (Guo et al. 2017).
+
+    Scores [captures, classes] are log probabilities, or others, of captures that training did not see. Found by Brent's
+    bounded search over log T, to about 1e-5 of it.
+    """
+
+    def loss(log: float) -> float:
+        cooled = scores / np.exp(log)
+        return float(np.mean(logsumexp(cooled, axis=1) - cooled[np.arange(len(codes)), codes]))
+
+    best = minimize_scalar(loss, bounds=(np.log(coldest), np.log(hottest)), method="bounded")
+    return float(np.exp(best.x))
+
+
 def logarithms(proba: np.ndarray) -> np.ndarray:
     """Logarithms of probabilities, none of them 0, float64."""
     return np.log(np.maximum(proba.astype(np.float64), LEAST))
@@ -51,17 +61,9 @@ def selected(
 ) -> dict[int, float]:
     """Weights of recognisers that decide together, picked one by one for the lowest log loss (Caruana et al. 2004).
 
-    The first that is allowed is picked first. One may be picked again, which gives it more weight. Subjects count
-    alike, however many captures they have. It ends when no pick makes it better, or after 15.
-
-    Args:
-        proba: tempered probabilities of each recogniser [recognisers, captures, classes], the most accurate one first.
-        codes: true class of each capture.
-        subjects: subject of each capture.
-        allowed: test that these recognisers may decide together.
-
-    Returns:
-        Weight by position; empty if none is allowed even alone.
+    Probabilities [recognisers, captures, classes] are tempered, those of the most accurate one first. The first that is
+    allowed is picked first. One may be picked again, which gives it more weight. Subjects count alike, however many
+    captures they have. It ends when no pick makes it better, or after 15. Empty if none is allowed even alone.
     """
     _, who = np.unique(subjects, return_inverse=True)
     weight = 1 / np.bincount(who)[who]

@@ -71,14 +71,7 @@ FIRST: list[Trial] = [
 
 
 class Columns(TransformerMixin, BaseEstimator):
-    """The columns of a table in which classes differ most, by an F-test.
-
-    Args:
-        share: share of columns to keep, at least one column.
-
-    Attributes:
-        kept_: their positions, in order.
-    """
+    """The share of the columns of a table, at least one, in which classes differ most by an F-test."""
 
     parameters_ = 0  # features that are not kept need not be computed: nothing is stored
 
@@ -118,14 +111,7 @@ def system(trial: Trial, seed: int) -> contract.System:
 
 
 def work(trial: Trial, X: Corpus, width: int, classes: int) -> float:
-    """Seconds that a fit of a complete trial should take on one core of 2024, by how its work grows.
-
-    Args:
-        trial: a complete one.
-        X: the captures.
-        width: columns of its feature set.
-        classes: number of classes.
-    """
+    """Seconds that a fit of a complete trial should take on one core of 2024, by how its work grows."""
     width = max(1, round(width * float(str(trial["columns"]))))
     window = float(str(trial["window"]))
     rows = len(Windows(window).rows(X) if window else X) * (1 + COPIES * bool(trial["faults"]))

@@ -62,27 +62,17 @@ class Study:
     What is drawn depends on the seed and the finished trials alone, so that a search that was interrupted goes on as if
     it had not been; a trial that was cut off is judged once more.
 
-    Args:
-        common: values of the parameters that every trial has, ``model`` first, in the order in which they are drawn.
-        spaces: parameters by model, for its trials only.
-        seed: random seed of the draws.
-        most: number of trials, infinity for as many as there is time for.
-        budget: seconds, infinity for no limit.
-        began: time of the search's beginning, of `time.perf_counter`.
-        limits: limits of costs; a trial that exceeds one is worse than any that does not.
-
-    Attributes:
-        tried: the finished trials.
+    A trial that exceeds a limit of costs is worse than any that does not.
     """
 
-    common: Space
-    spaces: dict[str, Space]
+    common: Space  # parameters that every trial has, ``model`` first, in the order in which they are drawn
+    spaces: dict[str, Space]  # parameters by model, for its trials only
     seed: int
-    most: float
-    budget: float
-    began: float
+    most: float  # number of trials, infinity for as many as there is time for
+    budget: float  # seconds, infinity for no limit
+    began: float  # of `time.perf_counter`
     limits: dict[str, float] = field(default_factory=dict)
-    tried: list[Tried] = field(default_factory=list, init=False)
+    tried: list[Tried] = field(default_factory=list, init=False)  # the finished ones
 
     def __post_init__(self) -> None:
         import optuna
@@ -99,16 +89,10 @@ class Study:
         return self.budget - (time.perf_counter() - self.began)
 
     def search(self, step: Callable[[], Tried | None], key: dict[str, object], X: Corpus, y: np.ndarray) -> None:
-        """Try one after the other, until there are as many as wanted or none comes any more.
+        """Judge one after the other by ``step``, until there are as many as wanted or it gives None.
 
-        Trials on a stored corpus are stored. Those of an earlier search come first, but no more of them than this one
-        would have made; their seconds count as spent. The file is locked against other processes.
-
-        Args:
-            step: function that judges the next trial; None ends the search.
-            key: influences on trials besides captures and labels.
-            X: the training captures.
-            y: their class names.
+        Trials on a stored corpus are stored under it and ``key``. Those of an earlier search come first, but no more of
+        them than this one would have made; their seconds count as spent. The file is locked against other processes.
         """
         with _opened(study_name(key, X, y) if X.digest else None) as file:
             for tried in _stored(file) if file else []:
@@ -128,12 +112,9 @@ class Study:
                     os.fsync(file.fileno())
 
     def drawn(self, fixed: Trial, *numbers: int, each: bool = False) -> Trial:
-        """The sampler's suggestion after the trials so far.
+        """The sampler's suggestion after the trials so far, but for ``fixed`` values.
 
-        Args:
-            fixed: values that are not left to it.
-            numbers: further numbers of the seed.
-            each: True to give each value a seed of its own, by its position.
+        With ``each``, every value has a seed of its own, by its position; ``numbers`` are further ones of a seed.
         """
         import optuna
 

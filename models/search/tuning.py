@@ -97,11 +97,7 @@ class Search(ClassifierMixin, BaseEstimator):
                 contract.check_training(model, X[train], np.asarray(y)[train])
 
     def fit(self, X: Corpus, y: np.ndarray) -> Search:
-        """Search on the captures and their class names, then fit the best recogniser to all of them.
-
-        Raises:
-            InputError: fewer than two subjects.
-        """
+        """Search on the captures and their class names, then fit the best recogniser to all of them."""
         began = time.perf_counter()
         self.check()
         tables = Tables(self.features or {}, X, y, labelled_folds(X, y, self.inner))
@@ -255,15 +251,10 @@ def _count(lists: dict[str, list]) -> int:
 def tuned(
     name: str, factory: Callable, features: dict[str, TransformerMixin] | None, shown: str, tuning: Tuning
 ) -> Search:
-    """The search of `bench tune` and `bench tune smallest=`.
+    """The search of `bench tune` and `bench tune smallest=` for a model, on its feature set or captures.
 
-    Args:
-        name: name of the model.
-        factory: factory of the model.
-        features: one feature set by name, None for a model that reads captures.
-        shown: the feature set as it is named in tables.
-        tuning: ``space`` of the model's parameters, ``smallest`` (``features`` for the smallest subset of these that
-            suffices), and further arguments of `Search`.
+    ``tuning`` has the ``space`` of its parameters, ``smallest`` (``features`` for the smallest subset of these, called
+    ``shown`` in tables, that suffices), and further arguments of `Search`.
     """
     if tuning.get("smallest") == "features":
         (all_columns,) = features.values()

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import log_loss
 
-from bench.models.search.ensemble import logarithms, selected, tempered
-from bench.models.temperature import fit_temperature
+from bench.models.search.ensemble import fit_temperature, logarithms, selected, tempered
 
 
 def drawn(seed, members=3, captures=30, classes=3):

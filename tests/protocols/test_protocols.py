@@ -13,12 +13,9 @@ from sklearn.model_selection import (
 )
 
 from bench.errors import InputError
-from bench.protocols.captures import CaptureKFold, Holdout
+from bench.protocols.captures import CaptureKFold, Holdout, LeaveOneCapture, RepeatedKFold, Within
 from bench.protocols.challenge import Challenge
-from bench.protocols.leave_one_capture import LeaveOneCapture
-from bench.protocols.repeated_kfold import RepeatedKFold
 from bench.protocols.subjects import LOSO, SubjectKFold
-from bench.protocols.within import Within
 from tests.conftest import random_corpus
 
 

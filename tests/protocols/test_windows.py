@@ -11,6 +11,7 @@ from sklearn.model_selection import StratifiedKFold
 
 from bench import scores
 from bench.circumstances.faults import Faults
+from bench.corpora.steps import Windows
 from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, planned
@@ -20,27 +21,14 @@ from tests.conftest import random_corpus
 from tests.work.fakes import Level, cell_of
 
 
-def by_hand(corpus, frames, hop):
-    """Capture and first frame of each window, by a loop."""
-    found = []
-    for capture, length in enumerate(corpus.lengths):
-        start = 0
-        while start == 0 or start + frames <= length:
-            found.append((capture, start))
-            start += hop
-    return found
-
-
 @given(seed=st.integers(0, 500), frames=st.integers(2, 12), hop=st.integers(1, 6))
 def test_windows_of_all_captures_are_dealt_as_scikit_learn_does(seed, frames, hop):
+    """Windows are those of `bench.corpora.steps.Windows`, whose test has a loop."""
     corpus = random_corpus(seed=seed, grid=(1, 2))
     protocol = WindowKFold(frames / corpus.rate_hz, hop / corpus.rate_hz, folds=3, seed=seed)
     windows = protocol.joined(corpus)
-    expected = by_hand(corpus, frames, hop)
-    assert list(zip(windows.index, windows.piece, strict=True)) == expected
-    for window, (capture, start) in zip(windows, expected, strict=True):
-        assert np.array_equal(window, corpus[capture][start : start + frames])
-    y = np.array([corpus.gestures[capture] for capture, _ in expected])
+    assert windows.steps == (Windows(frames / corpus.rate_hz, hop / corpus.rate_hz),)
+    y = corpus.gestures[windows.index]
     theirs = StratifiedKFold(3, shuffle=True, random_state=seed).split(y, y)
     for (train, test, parts), (learnt, tested) in zip(protocol.split(windows), theirs, strict=True):
         assert np.array_equal(train, learnt) and np.array_equal(test, tested)
@@ -69,8 +57,9 @@ def test_a_capture_is_scored_once_by_all_its_windows():
     folds = folds_of(Level, corpus, protocol)
     assert not [effect for fold in folds for effect in fold.batch_effects]
     table = pd.concat([fold.table for fold in folds])
+    windows = Windows(0.1, 0.05)(corpus)
     rows = sorted(zip(table["capture"], table["start"], table["frames"], strict=True))
-    assert rows == sorted((c, start, min(10, corpus.lengths[c])) for c, start in by_hand(corpus, 10, 5))
+    assert rows == sorted(zip(windows.index, windows.piece, windows.lengths, strict=True))
     labelled = scores.captures(table).set_index("capture")["predicted"]
     assert sorted(labelled.index) == list(range(len(corpus)))
     for capture, label in labelled.items():

@@ -20,7 +20,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench import contract
 from bench.errors import InputError
-from bench.models.feature_rows import captures_of
+from bench.features.base import captures_of
 from bench.models.recipe import Recipe, taken
 
 if TYPE_CHECKING:

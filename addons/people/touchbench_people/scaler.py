@@ -13,8 +13,7 @@ from sklearn.pipeline import Pipeline
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.features.base import constant
-from bench.models.feature_rows import captures_of, undamaged
+from bench.features.base import captures_of, constant, undamaged
 from bench.registry import load, parameters
 from touchbench_people.adaptation import WEIGHT, adapts, codes_of, share
 

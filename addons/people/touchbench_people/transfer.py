@@ -68,7 +68,7 @@ class Transfer(Personal):
         names = self._names()
         parts = [part for each in (corpus, source) for part in (each.digest, each.name, each.index.tolist())]
         about = [*parts, sorted(names.items())]
-        return made_once("transfer", about, lambda: skins.joined(corpus, source, names), skins)
+        return made_once(".transfer", about, lambda: skins.joined(corpus, source, names), skins)
 
     def _names(self) -> dict[str, str]:
         pairs = [pair.partition(":") for pair in self.classes.split("+") if pair]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pandas as pd
 
 from bench.corpora import synth
 from bench.corpora.corpus import Corpus, storage
-from bench.corpora.library import generated, imported, stored_value
+from bench.corpora.library import imported, made_once, stored_value
 from bench.corpora.where import chosen
 from bench.errors import InputError
 from touchbench_streams import synth_recordings
@@ -30,8 +31,9 @@ def whole(data: str, parameters: dict[str, Any] | None = None, where: str = "") 
         where: a condition on the columns of recordings.
     """
     if data == "synth":
-        made = lambda **values: captures_in(synth_recordings.generate(**values))  # noqa: E731
-        captures = generated(made, parameters or {}, synth, synth_recordings)
+        values = parameters or {}
+        made = partial(synth_recordings.generate, **values)
+        captures = made_once("synth", values, lambda: captures_in(made()), synth, synth_recordings)
     else:
         captures = stored_value(data)
     if not is_recorded(captures):

@@ -47,7 +47,8 @@ def generate(
     Raises:
         InputError: a parameter is out of range, or there is not enough memory.
     """
-    check_parameters(subjects, repetitions, variants, rows, cols, rate_hz, gain, noise, seed)
+    counts = {"subjects": subjects, "repetitions": repetitions, "rows": rows, "cols": cols, "seed": seed}
+    check_parameters(variants, **counts, rate_hz=rate_hz, gain=gain, noise=noise)
     seconds = sum(way.duration + sum(GAP_S) / 2 for way in GESTURES.values()) * len(variants) * float(repetitions)
     values = max(1.0, seconds * rate_hz) * rows * cols
     asked = f"data.subjects={subjects} data.repetitions={repetitions} data.rows={rows} data.cols={cols}"

@@ -1,9 +1,10 @@
-"""Zip archives that may be damaged or hostile: their directory is checked before anything is unpacked."""
+"""Folders and archives, which may be damaged or hostile: nothing is unpacked before its sizes are checked."""
 
 from __future__ import annotations
 
+import tarfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,15 +16,12 @@ from bench.errors import InputError
 def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipfile.ZipInfo]]]:
     """A zip archive and the files in it, without folders and additions of macOS.
 
-    Any error within the context is that of a damaged file: the message ``broken``, with a place for the reason.
-
-    Raises:
-        InputError: it cannot be read, or unpacks to far more than its size, or with bzip2 or LZMA, whose memory
-            ``zipfile`` does not bound.
+    Any error within the context is that of a damaged file: the message ``broken``, with a place for the reason. Files
+    packed with bzip2 or LZMA are refused, as ``zipfile`` does not bound their memory.
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            members = [m for m in archive.infolist() if not m.filename.endswith("/") and not by_macos(m.filename)]
+            members = [m for m in archive.infolist() if not m.filename.endswith("/") and not _by_macos(m.filename)]
             check_unpacked(sum(m.file_size for m in members), path, "pack it without compression")
             if any(m.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for m in members):
                 raise InputError(f"{called(path)}: packed with bzip2 or LZMA; pack it with deflate, the usual way")
@@ -34,7 +32,44 @@ def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipf
         raise InputError(f"{called(path)}: {broken.format(plain(e))}") from e
 
 
-def by_macos(name: str) -> bool:
+def files(path: Path, wanted: Callable[[str], object], most: int, give: str) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of the wanted files of a folder, or of a zip or tar archive, each of at most so many bytes.
+
+    ``wanted`` takes a name without its folders; ``give`` is what to give instead, for messages.
+    """
+    broken = "not a readable archive ({}); get it again"
+
+    def chosen(name: str, size: int) -> bool:
+        if _by_macos(name) or not wanted(name.rsplit("/", 1)[-1]):
+            return False
+        if size > most:
+            raise InputError(f"{called(path)}: {plain(name)} is larger than {most >> 20} MiB; get it again")
+        return True
+
+    if path.is_dir():
+        for file in path.rglob("*"):
+            if file.is_file() and chosen(name := file.relative_to(path).as_posix(), file.stat().st_size):
+                yield name, file.read_bytes()
+    elif not path.is_file():
+        raise InputError(f"{plain(path, 160)}: there is no such file or folder; give {give}")
+    elif tarfile.is_tarfile(path):
+        try:
+            with tarfile.open(path) as archive:
+                members = [m for m in archive if m.isfile() and chosen(m.name, m.size)]
+                check_unpacked(sum(m.size for m in members), path, "unpack it and give the folder")
+                for member in members:
+                    content = archive.extractfile(member)
+                    yield member.name, content.read() if content else b""
+        except (tarfile.TarError, EOFError, OSError) as e:
+            raise InputError(f"{called(path)}: {broken.format(plain(e))}") from e
+    else:
+        with opened(path, broken) as (packed, entries):
+            for entry in entries:
+                if chosen(entry.filename, entry.file_size):
+                    yield entry.filename, packed.read(entry)
+
+
+def _by_macos(name: str) -> bool:
     """Return True for a file that macOS added to an archive or a folder."""
     *folders, file = name.split("/")
     return "__MACOSX" in folders or file.startswith("._")

@@ -103,11 +103,7 @@ def read(path: Path) -> Corpus:
 
 
 def write(corpus: Corpus, path: Path) -> None:
-    """Write captures in the format of ``CoST.csv``, generated ones with a column ``synthetic`` behind ``frame``.
-
-    Raises:
-        InputError: the corpus does not fit the format, or the file cannot be written.
-    """
+    """Write captures in the format of ``CoST.csv``, generated ones with a column ``synthetic`` behind ``frame``."""
     path, captures = Path(path), corpus.captures
     if not path.name or (path.exists() and not path.is_file()):  # a device would be replaced, a pipe waited for
         raise InputError(f"{path} cannot be written (it is not a plain file); name a file")

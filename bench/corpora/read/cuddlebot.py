@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import io
 import re
-import tarfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.read.archive import by_macos, opened
+from bench.corpora.read.archive import files
 from bench.corpora.read.haart import GESTURES
-from bench.corpora.read.limits import ALWAYS, called, check_unpacked, deviations, plain, quoted
+from bench.corpora.read.limits import called, deviations, plain, quoted
 from bench.errors import InputError
 
 ROWS, COLS, FRAMES = 10, 10, 540  # a repetition is 10 s at 54 Hz
 RATE_HZ, FULL_SCALE = 54.0, 1023
 NAME = re.compile(rf"[0-9]+-([0-9]{{1,4}})(cover|none)(dynamic|static)({'|'.join(GESTURES)})\.csv")
 PUBLISHED = {"captures": 902, "files": 447, "subjects": 16}
-_BROKEN = "not a readable archive ({}); get it again"
+LARGEST = 64 << 20  # bytes of a file
 
 
 def read(path: Path) -> Corpus:
@@ -34,11 +32,14 @@ def read(path: Path) -> Corpus:
         InputError: there is no such file, or one is broken; the message names it.
     """
     rows, arrays = [], []
-    files = sorted(_files(path), key=lambda file: (int(file[0][1]), file[1]))
-    if not files:
+    give = "the folder Touch Data or an archive"
+    found = [
+        (NAME.fullmatch(name.rsplit("/", 1)[-1]), name, c) for name, c in files(path, NAME.fullmatch, LARGEST, give)
+    ]
+    if not found:
         raise InputError(f"{called(path)}: no file like 150505-2coverdynamicpat.csv in it; give the folder Touch Data")
     seen: set[str] = set()
-    for match, name, content in files:
+    for match, name, content in sorted(found, key=lambda file: (int(file[0][1]), file[1])):
         if match[0] in seen:
             raise InputError(f"{called(path)}: {match[0]} is in it twice; leave only the one that is meant")
         seen.add(match[0])
@@ -59,41 +60,8 @@ def read(path: Path) -> Corpus:
     return Corpus.from_captures(arrays, captures, RATE_HZ, full_scale=FULL_SCALE, name="cuddlebot", info=info)
 
 
-def _recording(name: str) -> re.Match | None:
-    return None if by_macos(name) else NAME.fullmatch(name.rsplit("/", 1)[-1])
-
-
-def _files(path: Path) -> Iterator[tuple[re.Match, str, bytes]]:
-    """Parts of the names, names and contents of the recordings in a folder or an archive."""
-    if path.is_dir():
-        for file in path.rglob("*.csv"):
-            if match := _recording(name := file.relative_to(path).as_posix()):
-                yield match, name, file.read_bytes()
-    elif not path.is_file():
-        raise InputError(
-            f"{plain(path, 160)}: there is no such file or folder; give the folder Touch Data or an archive"
-        )
-    elif tarfile.is_tarfile(path):
-        try:
-            with tarfile.open(path) as archive:
-                members = [(match, m) for m in archive if m.isfile() and (match := _recording(m.name))]
-                check_unpacked(sum(m.size for _, m in members), path, "unpack it and give the folder")
-                for match, member in members:
-                    file = archive.extractfile(member)
-                    yield match, member.name, file.read() if file else b""
-        except (tarfile.TarError, EOFError, OSError) as e:
-            raise InputError(f"{called(path)}: {_BROKEN.format(plain(e))}") from e
-    else:
-        with opened(path, _BROKEN) as (archive, zipped):
-            for entry in zipped:
-                if match := _recording(entry.filename):
-                    yield match, entry.filename, archive.read(entry)
-
-
 def _frames(content: bytes, name: str) -> np.ndarray:
     """Frames of a file: uint16 [frames, rows, cols], in pressure."""
-    if len(content) > ALWAYS * 4:
-        raise InputError(f"{plain(name)}: larger than {ALWAYS * 4 >> 20} MiB; get it again")
     try:
         table = pd.read_csv(io.BytesIO(content), header=None, dtype=str, keep_default_na=False)
     except (ValueError, UnicodeError) as e:  # pandas' ParserError and EmptyDataError are ValueErrors

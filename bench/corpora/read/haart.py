@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.read.archive import by_macos, opened
+from bench.corpora.read.archive import files
 from bench.corpora.read.limits import called, check_columns, deviations, plain
 from bench.corpora.read.rows import CsvTable
 from bench.errors import InputError
@@ -19,7 +19,7 @@ CELLS = [f"cell{i}" for i in range(1, 65)]
 FRAMES = 432  # the middle 8 s of 10 s at 54 Hz
 RATE_HZ = 54.0
 FULL_SCALE = 1023
-LARGEST_MEMBER = 512 << 20  # bytes
+LARGEST = 512 << 20  # bytes of a file
 PUBLISHED = {"train": 578, "test": 251}
 GESTURES = ("constant", "notouch", "pat", "rub", "scratch", "stroke", "tickle")
 PUBLISHED_GESTURES = {
@@ -27,18 +27,28 @@ PUBLISHED_GESTURES = {
     "test": dict.fromkeys(GESTURES, 36) | {"constant": 35},
 }
 PUBLISHED_SUBJECTS = 10
-_BROKEN = "not a readable zip file ({}); get it again"
 
 
 def read(path: Path) -> Corpus:
-    """Read the release as a zip file, or as a folder with its two CSV files; ``split`` is the 2015 challenge's.
+    """Read the release, an archive or a folder with its two CSV files; ``split`` is the 2015 challenge's.
 
     Raises:
         InputError: a file is missing or broken; the message names the line.
     """
     path = Path(path)
-    training, test = _members(path) if path.is_file() else _files(path)
-    parts = [_part(training, TRAINING, "train"), _part(test, TEST, "test")]
+    found: dict[str, bytes] = {}
+    for name, content in files(
+        path,
+        lambda name: name.lower() in (TRAINING, TEST.lower()),
+        LARGEST,
+        "the zip file or the folder of the release",
+    ):
+        if (file := name.lower().rsplit("/", 1)[-1]) in found:
+            raise InputError(f"{called(path)}: {plain(name)} is in it twice; leave only the one that is meant")
+        found[file] = content
+    if missing := [name for name in (TRAINING, TEST) if name.lower() not in found]:
+        raise InputError(f"{called(path)}: {missing[0]} is missing; give the release with its {TRAINING} and {TEST}")
+    parts = [_part(found[name.lower()], name, split) for name, split in ((TRAINING, "train"), (TEST, "test"))]
     frames = np.concatenate([values for _, values in parts]).reshape(-1, 8, 8)
     captures = pd.concat([rows for rows, _ in parts], ignore_index=True)
     info = {
@@ -64,38 +74,7 @@ def differences(captures: pd.DataFrame) -> list[str]:
     return deviations([*figures, ("subjects", captures["subject"].nunique(), PUBLISHED_SUBJECTS)])
 
 
-def _files(folder: Path) -> list[Path]:
-    """The two files of a folder, or of the folders in it."""
-    if not folder.is_dir():
-        raise InputError(
-            f"{plain(folder, 160)}: there is no such file or folder; give the zip file or the folder of the release"
-        )
-    files = [file for pattern in ("*", "*/*") for file in folder.glob(pattern) if file.is_file()]
-    names = [file.relative_to(folder).as_posix() for file in files]
-    return [folder / _only(names, wanted, called(folder)) for wanted in (TRAINING, TEST)]
-
-
-def _members(path: Path) -> list[bytes]:
-    """The contents of the two files of an archive."""
-    with opened(path, _BROKEN) as (archive, members):
-        names = [member.filename for member in members]
-        chosen = [_only(names, wanted, called(path)) for wanted in (TRAINING, TEST)]
-        if max(archive.getinfo(name).file_size for name in chosen) > LARGEST_MEMBER:
-            raise InputError(f"{called(path)}: a file in it is larger than {LARGEST_MEMBER >> 20} MiB; get it again")
-        return [archive.read(name) for name in chosen]
-
-
-def _only(paths: list[str], wanted: str, where: str) -> str:
-    """The file of this name, in any case."""
-    named = [path for path in paths if path.lower().split("/")[-1] == wanted.lower() and not by_macos(path)]
-    if not named:
-        raise InputError(f"{where}: {wanted} is missing; give the release with its {TRAINING} and {TEST}")
-    if len(named) > 1:
-        raise InputError(f"{where}: {wanted} is in it twice; leave only the one that is meant")
-    return named[0]
-
-
-def _part(source: Path | bytes, name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
+def _part(source: bytes, name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
     """Captures and frames of one file; frames of the training file have no number, but 432 make a capture."""
     table = CsvTable(source, name, counts=["Sequence"], whole=True)
     participant, numbered = ("ParticipantNo", []) if split == "train" else ("ParticipantID", ["Sequence"])

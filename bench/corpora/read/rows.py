@@ -6,14 +6,15 @@ Rows are read in blocks, so what is no table costs a block, whatever it would ex
 from __future__ import annotations
 
 import csv
-import io
 import json
+import mmap
+import re
 import unicodedata
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import pandas as pd
@@ -38,31 +39,23 @@ from bench.errors import InputError
 from bench.progress import warn
 
 SEPARATORS = ",;\t"  # of a CSV file
-BLOCK = 8 << 20  # bytes of a CSV file that are read at once
+BLOCK = 8 << 20  # bytes of a CSV file that are parsed at once, at least a line
 MOST_LINE = 4 << 20  # bytes
 AT_ONCE = 1 << 22  # values of a parquet file that are unpacked in one step
-_BLANK = b" \t\r\n"
-_WORDS, _COUNT, _WHOLE, _NUMBER = pa.dictionary(pa.int32(), pa.string()), pa.int64(), pa.uint16(), pa.float64()
-_KINDS = {_COUNT: "a whole number", _WHOLE: "a whole number from 0 to 65535", _NUMBER: "a number"}
+_WORDS = pa.dictionary(pa.int32(), pa.string())
+_KINDS = {"int64": "a whole number", "uint16": "a whole number from 0 to 65535", "double": "a number"}
 _TEXT = (kinds.is_string, kinds.is_large_string, kinds.is_binary, kinds.is_large_binary, kinds.is_fixed_size_binary)
 _WIDTHS = {"BOOLEAN": 1, "INT32": 4, "FLOAT": 4, "INT96": 12, "BYTE_ARRAY": 32}  # bytes of a value in memory
 
 
 @dataclass
 class Rows:
-    """Rows of a table.
+    """Rows of a table."""
 
-    Attributes:
-        labels: all columns but the channels in file order, text as categories.
-        values: sensor values [rows, channels], uint16 when all are whole and fit, else float32.
-        where: the table and the word for a row in messages: ``my.csv, line``.
-        first: number of the first row.
-    """
-
-    labels: pd.DataFrame
-    values: np.ndarray
-    where: str
-    first: int
+    labels: pd.DataFrame  # all columns but the channels in file order, text as categories
+    values: np.ndarray  # of sensors [rows, channels], uint16 when all are whole and fit, else float32
+    where: str  # the table and the word for a row in messages: "my.csv, line"
+    first: int  # number of the first row
 
     def refuse(self, row: int, reason: str) -> NoReturn:
         """End with a message about a row."""
@@ -124,18 +117,11 @@ def without_categories(captures: pd.DataFrame) -> pd.DataFrame:
 
 
 class Table:
-    """A table with one frame per row; subclasses give the rows in batches.
+    """A table with one frame per row; subclasses give the rows in batches."""
 
-    Attributes:
-        columns: names without spaces around them.
-        header: beginning of messages about columns.
-        where: the table and the word for a row in messages.
-        first: number of the first row.
-    """
-
-    columns: list[str]
-    header: str
-    where: str
+    columns: list[str]  # without spaces around them
+    header: str  # beginning of messages about columns
+    where: str  # as of `Rows`
     first = 1
 
     def batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
@@ -143,13 +129,9 @@ class Table:
         raise NotImplementedError
 
     def read(self, channels: list[str], full_scale: float, blank: str = "") -> Rows:
-        """All rows, with the values of the channels in this order; in the column ``blank`` cells may be empty.
-
-        Raises:
-            InputError: there are no rows, or a label or a value does not fit; the message names its row.
-        """
+        """All rows, with the values of the channels in this order; in the column ``blank`` cells may be empty."""
         check_conditions(len(self.columns) - len(channels), self.header)
-        labels: dict[str, list[pd.Categorical | pa.Array]] = {}
+        labels: dict[str, list[pa.Array]] = {}
         blocks, first = [], self.first
         for batch in self.batches(channels):
             columns = dict(zip(self.columns, batch.columns, strict=True))
@@ -159,32 +141,25 @@ class Table:
             block = np.stack(sensors, axis=1)
             blocks.append(block.astype(smallest(block)))
             for name, column in columns.items():
-                part = words_of(column, name, self.where, first, name == blank) if _is_text(column.type) else column
-                labels.setdefault(name, []).append(part)
+                labels.setdefault(name, []).append(column)
             first += len(batch)
         if not blocks:
             raise InputError(f"{self.where.partition(',')[0]}: there are no frames in it; give one row per frame")
-        table = pd.DataFrame({name: _joined(parts) for name, parts in labels.items()})
-        return Rows(table, np.concatenate(blocks), self.where, self.first)
+        table = {name: self._joined(pa.chunked_array(parts), name, name == blank) for name, parts in labels.items()}
+        return Rows(pd.DataFrame(table), np.concatenate(blocks), self.where, self.first)
 
-
-def _joined(parts: list) -> pd.Categorical | np.ndarray | pd.api.extensions.ExtensionArray:
-    """A column of labels from those of its batches; whole numbers stay whole where some are missing."""
-    if isinstance(parts[0], pd.Categorical):
-        return pd.api.types.union_categoricals(parts)
-    column = pa.chunked_array(parts)
-    if kinds.is_integer(column.type) and column.null_count:
-        whole = pd.UInt64Dtype() if kinds.is_unsigned_integer(column.type) else pd.Int64Dtype()
-        return column.to_pandas(types_mapper={column.type: whole}.get).array
-    return column.to_pandas().to_numpy()
+    def _joined(self, column: pa.ChunkedArray, name: str, blank: bool) -> object:
+        """A column of labels; whole numbers stay whole where some are missing."""
+        if _is_text(column.type):
+            return words_of(column.unify_dictionaries().combine_chunks(), name, self.where, self.first, blank)
+        if kinds.is_integer(column.type) and column.null_count:
+            whole = pd.UInt64Dtype() if kinds.is_unsigned_integer(column.type) else pd.Int64Dtype()
+            return column.to_pandas(types_mapper={column.type: whole}.get).array
+        return column.to_pandas().to_numpy()
 
 
 def words_of(column: pa.Array, name: str, where: str, first: int = 1, blank: bool = False) -> pd.Categorical:
-    """Labels without spaces around them, from text or bytes that should be text; ``first`` numbers the first row.
-
-    Raises:
-        InputError: a label that cannot be, or is empty unless ``blank``; the message names its row.
-    """
+    """Labels without spaces around them, from text or bytes that should be text; ``first`` numbers the first row."""
     coded = column if kinds.is_dictionary(column.type) else column.dictionary_encode()
     count = len(coded.dictionary)
     indices = coded.indices.cast(pa.int64()).fill_null(count).to_numpy()
@@ -229,8 +204,8 @@ def _check_types(schema: pa.Schema, names: list[str], numbers: set[str], label: 
 class PandasTable(Table):
     """A table in memory, which messages call ``label``."""
 
-    def __init__(self, table: pd.DataFrame, label: str) -> None:
-        self.columns, self.header, self.where = [*table], label, f"{label}, row"
+    def __init__(self, table: pd.DataFrame, label: str, row: str = "row") -> None:
+        self.columns, self.header, self.where = [*table], label, f"{label}, {row}"
         try:
             self._rows = pa.Table.from_pandas(table, preserve_index=False).combine_chunks()
         except (pa.ArrowException, TypeError, ValueError) as e:
@@ -241,14 +216,16 @@ class PandasTable(Table):
         _check_types(self._rows.schema, self.columns, {*channels, "frame"}, self.header)
         yield from (batch for batch in self._rows.to_batches() if len(batch))
 
+    def labels(self) -> pd.DataFrame:
+        """All columns."""
+        columns = zip(self.columns, self._rows.columns, strict=True)
+        return pd.DataFrame({name: self._joined(column, name, False) for name, column in columns})
+
 
 class ParquetTable(Table):
     """A parquet file, whose sizes and types are looked at before anything is unpacked.
 
     An index that pandas stored is none of its columns.
-
-    Raises:
-        InputError: it cannot be read, or unpacks to far more than its size.
     """
 
     def __init__(self, path: Path) -> None:
@@ -294,19 +271,15 @@ class ParquetTable(Table):
 
 
 class CsvTable(Table):
-    """A CSV file: read fast when it is good, explained to the line when it is not.
+    """A CSV file: text in UTF-8, a header, as many cells in every line, and blank lines only at the end.
 
-    Text in UTF-8, a header, as many cells in every line, no line breaks within cells, and blank lines only at the end.
     Cells are separated by the one of `SEPARATORS` that the header has most often.
 
     Args:
         source: path or content.
         label: name of the file in messages.
-        counts: label columns that hold whole numbers; the other label columns are text.
-        whole: True if sensor values must not have decimals.
-
-    Raises:
-        InputError: the file is missing, empty or not text.
+        counts: label columns that hold numbers; the other label columns are text.
+        whole: True if neither these nor sensor values may have decimals.
     """
 
     first = 2
@@ -314,13 +287,15 @@ class CsvTable(Table):
     def __init__(
         self, source: Path | bytes, label: str, counts: Collection[str] = ("frame",), whole: bool = False
     ) -> None:
-        self.source, self.label, self.header, self.where = source, label, f"{label}, line 1", f"{label}, line"
-        self.counts, self.kind = counts, _WHOLE if whole else _NUMBER
-        with self._opened() as file:
-            line = file.readline(MOST_LINE)
+        self.label, self.header, self.where = label, f"{label}, line 1", f"{label}, line"
+        self.counts, self.kinds = counts, (pa.int64(), pa.uint16()) if whole else (pa.float64(), pa.float64())
+        content = _content(source, label)
+        line, _, _ = bytes(content[:MOST_LINE]).partition(b"\n")
+        self._rows = content[len(line) + 1 :]
         self.separator = max(SEPARATORS, key=lambda sign: line.count(sign.encode()))
         try:
-            cells = next(self._cells(line.decode("utf-8-sig").rstrip("\r\n"), skipinitialspace=True), [])
+            text = line.decode("utf-8-sig").rstrip("\r")
+            cells = next(csv.reader([text], delimiter=self.separator, skipinitialspace=True), [])
         except (UnicodeDecodeError, csv.Error) as e:
             raise InputError(
                 f"{self.header}: not the header of a CSV file in UTF-8 ({plain(e)}); give the CSV file itself"
@@ -330,88 +305,57 @@ class CsvTable(Table):
             raise InputError(f"{self.header}: empty; begin the file with its header")
         check_names(self.columns, self.header)
 
-    def _cells(self, line: str, **how: bool) -> Iterator[list[str]]:
-        return csv.reader([line], delimiter=self.separator, **how)
-
-    def _opened(self) -> BinaryIO:
-        if isinstance(self.source, bytes):
-            return io.BytesIO(self.source)
-        check_file(self.source)
-        try:
-            return open(self.source, "rb")
-        except OSError as e:
-            raise InputError(f"{self.label}: cannot be read ({e.strerror}); check the path") from e
-
     def batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
         """Rows of a block of lines at a time."""
-        sensors = {*channels}
-        types = {n: self.kind if n in sensors else _COUNT if n in self.counts else _WORDS for n in self.columns}
-        for first, content in self._blocks():
-            try:
-                yield self._parsed(content, types)
-            except pa.ArrowException:
-                self._explain(content.split(b"\n"), first, types)
-
-    def _blocks(self) -> Iterator[tuple[int, bytes]]:
-        """Whole lines behind the header, with the number of the first, without blank lines at the end of the file."""
-        first, blank = 2, 0
-        with self._opened() as file:
-            file.readline(MOST_LINE)
-            while content := file.read(BLOCK) + file.readline(MOST_LINE):
-                lines, content = content.count(b"\n"), content.rstrip(_BLANK)
-                used = content.count(b"\n") + 1 if content else 0
-                if content and blank:
-                    raise InputError(f"{self.where} {blank}: blank, but not at the end; delete the line")
-                if content:
-                    yield first, content
-                if lines > used and not blank:
-                    blank = first + used
-                first += lines
-
-    def _parsed(self, content: bytes, types: dict[str, pa.DataType]) -> pa.RecordBatch:
-        """Rows of some lines; whole numbers may be written as 1.0, as pandas does where a cell was missing."""
+        sensors, (count, value) = {*channels}, self.kinds
+        types = {n: value if n in sensors else count if n in self.counts else _WORDS for n in self.columns}
+        line = self.first
+        if not self._rows:
+            return
         try:
-            table = self._read(content, types)
-        except pa.ArrowException:
-            numbers = {name: _NUMBER if kind == _COUNT else kind for name, kind in types.items()}
-            table = self._read(content, numbers).cast(pa.schema([*types.items()]))
-        if len(table) != content.count(b"\n") + 1:
-            raise pa.ArrowInvalid("a blank line, or a line break within a cell")
-        return table.combine_chunks().to_batches()[0]
+            for batch in pacsv.open_csv(
+                pa.BufferReader(self._rows),
+                read_options=pacsv.ReadOptions(column_names=self.columns, block_size=BLOCK, use_threads=False),
+                parse_options=pacsv.ParseOptions(delimiter=self.separator, ignore_empty_lines=False),
+                convert_options=pacsv.ConvertOptions(column_types=types, null_values=[]),
+            ):
+                yield batch
+                line += len(batch)
+        except pa.ArrowInvalid as e:
+            self._explain(str(e), line)
 
-    def _read(self, content: bytes, types: dict[str, pa.DataType]) -> pa.Table:
-        return pacsv.read_csv(
-            pa.BufferReader(b"\n%b\n" % content),  # no mark of a file's beginning is skipped, no open quote is closed
-            read_options=pacsv.ReadOptions(column_names=list(types), block_size=len(content) + 3),
-            parse_options=pacsv.ParseOptions(delimiter=self.separator),
-            convert_options=pacsv.ConvertOptions(column_types=types, null_values=[]),
-        )
-
-    def _explain(self, lines: list[bytes], first: int, types: dict[str, pa.DataType]) -> NoReturn:
-        """Say what is wrong with the first line that does not fit, which is found by halving."""
-        low, high = 0, len(lines)
-        while high - low > 1:
-            middle = (low + high) // 2
-            try:
-                self._parsed(b"\n".join(lines[low:middle]), types)
-                low = middle
-            except pa.ArrowException:
-                high = middle
-        where = f"{self.where} {first + low}"
-        try:
-            cells = next(self._cells(lines[low].decode().rstrip("\r")), [])
-        except (UnicodeDecodeError, csv.Error) as e:
-            raise InputError(f"{where}: not a line of a CSV file in UTF-8 ({plain(e)}); correct it") from e
-        if len(cells) != len(types):
-            raise InputError(
-                f"{where}: {len(cells)} fields instead of {len(types)}; the file is cut off or damaged here, get it "
-                "again or delete the line"
+    def _explain(self, error: str, line: int) -> NoReturn:
+        """Say what is wrong, from the message of Arrow, which has read until a line."""
+        line = int(match[1]) + 1 if (match := re.search(r"Row #(\d+): ", error)) else line
+        if match := re.search(r"Expected (\d+) columns, got (\d+)", error):
+            reason = (
+                f"{match[2]} fields instead of {match[1]}; the file is cut off or damaged here, get it again or "
+                "delete the line"
             )
-        for cell, (name, kind) in zip(cells, types.items(), strict=True):
-            try:
-                value = pa.scalar(cell.strip(" \t"))
-                (value.cast(_NUMBER) if kind == _COUNT else value).cast(kind)
-            except pa.ArrowException:
-                reason = f"{quoted(cell)}, not {_KINDS.get(kind, 'text')}"
-                raise InputError(f"{where}: {short(name)} is {reason}; correct the cell") from None
-        raise InputError(f"{where}: cannot be read as CSV; check quotes and line ends")
+        elif match := re.search(r"column #(\d+): .*error to (\w+): (?:invalid value '(.*)')?", error, re.DOTALL):
+            wrong = f"is {quoted(match[3])}, not {_KINDS[match[2]]}" if match[3] is not None else "is not text in UTF-8"
+            reason = f"{short(self.columns[int(match[1])])} {wrong}; correct the cell"
+        else:
+            reason = "cannot be read as CSV; check quotes and line ends"
+        raise InputError(f"{self.where} {line}: {reason}")
+
+
+def _content(source: Path | bytes, label: str) -> memoryview:
+    """A file, mapped, without blanks at its end."""
+    content: bytes | mmap.mmap = source if isinstance(source, bytes) else b""
+    if not isinstance(source, bytes):
+        check_file(source)
+        try:
+            with open(source, "rb") as file:
+                if source.stat().st_size:
+                    content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        except OSError as e:
+            raise InputError(f"{label}: cannot be read ({e.strerror}); check the path") from e
+    end = len(content)
+    while end:
+        begin = max(0, end - BLOCK)
+        kept = len(content[begin:end].rstrip(b" \t\r\n"))
+        end = begin + kept
+        if kept:
+            break
+    return memoryview(content)[:end]

@@ -42,11 +42,7 @@ def smallest(values: np.ndarray) -> np.dtype:
 
 
 def checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.ndarray:
-    """Values [rows, ...] as they are stored; messages name the file and a ``unit``, the word for a row.
-
-    Raises:
-        InputError: a value that `check` refuses.
-    """
+    """Values [rows, ...] as they are stored; messages name the file and a ``unit``, the word for a row."""
     flat = values.reshape(len(values), -1)
     step = max(1, _AT_ONCE // flat.shape[1])
     for at in range(0, len(flat), step):

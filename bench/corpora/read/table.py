@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
 from bench.corpora.corpus import Corpus, reserved
 from bench.corpora.read.archive import opened
@@ -23,7 +22,7 @@ from bench.corpora.read.limits import (
     plain,
     short,
 )
-from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Rows, Table, without_categories, words_of
+from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Rows, Table, without_categories
 from bench.corpora.read.sensor_values import checked
 from bench.errors import InputError
 from bench.scratch import replacing
@@ -60,11 +59,7 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
 
 
 def write_table(corpus: Corpus, path: Path) -> None:
-    """Write captures as the table that `read` takes: CSV, or parquet where the name ends so.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Write captures as the table that `read` takes: CSV, or parquet where the name ends so."""
     captures = corpus.captures.assign(**{SYNTHETIC: "true"} if corpus.synthetic else {})
     table = captures.loc[captures.index.repeat(corpus.lengths)].reset_index(drop=True)
     table["frame"] = np.concatenate([np.arange(length) for length in corpus.lengths])
@@ -98,9 +93,6 @@ def described(corpus: Corpus, path: Path, warned: list[str], name: str) -> Corpu
     """The captures of a file with name, source, licence and warnings, and whether any is marked as generated.
 
     A mark that is the same for all captures is taken out of the columns.
-
-    Raises:
-        InputError: a condition has a reserved name, or a mark ``synthetic`` is neither true nor false.
     """
     captures = corpus.captures
     if taken := reserved(captures):
@@ -139,9 +131,6 @@ def from_frame(
 
     Without ``frame`` rows of the same ``capture`` follow one another as frames. The column ``capture`` of the corpus is
     that of the table, or numbers from 1.
-
-    Raises:
-        InputError: a column or a value that does not fit; the message calls the table ``label``.
     """
     names = [n for n in ("capture", "frame") if n in table]
     if not names:
@@ -218,23 +207,16 @@ def channels_of(columns: list[str], grid: tuple[int, int], where: str) -> list[s
     Channels whose names differ in one number at the end (ch1, ch2, ... or cell0, cell1, ...) are taken in the order of
     that number. The numbers begin with 0 or 1 and have no gap. Channels with other names are the last columns, in file
     order.
-
-    Raises:
-        InputError: a numbered channel is missing or extra.
     """
     count = grid[0] * grid[1]
-    stem = _stem(columns, count)
+    named = {name: match for name in columns if (match := re.fullmatch(r"(.*?)([0-9]{1,9})", name, re.DOTALL))}
+    stem = _stem({name: match[1] for name, match in named.items()}, columns, count)
     if stem is None:
         return columns[-count:]
-    numbered = [(number, name) for s, number, name in map(_parts, columns) if s == stem and number is not None]
-    first = 0 if any(number == 0 for number, _ in numbered) else 1
-    by_number: dict[int, str] = {}
-    extra = []
-    for number, name in numbered:
-        if number in by_number or not first <= number < first + count:
-            extra.append(name)
-        else:
-            by_number[number] = name
+    numbers = {name: int(match[2]) for name, match in named.items() if match[1] == stem}
+    first = 0 if 0 in numbers.values() else 1
+    by_number = {n: name for name, n in reversed(numbers.items()) if first <= n < first + count}
+    extra = [name for name, n in numbers.items() if by_number.get(n) != name]
     missing = [f"{stem}{number}" for number in range(first, first + count) if number not in by_number]
     wrong = [f"{what}: {listed(names)}" for what, names in (("missing", missing), ("extra", extra)) if names]
     if wrong:
@@ -245,22 +227,15 @@ def channels_of(columns: list[str], grid: tuple[int, int], where: str) -> list[s
     return [by_number[number] for number in sorted(by_number)]
 
 
-def _stem(columns: list[str], count: int) -> str | None:
-    """The text before the numbers of the channels, None where the channels are not numbered."""
-    stems = [stem for stem, number, _ in map(_parts, columns) if number is not None]
-    if OURS in stems:
+def _stem(stems: dict[str, str], columns: list[str], count: int) -> str | None:
+    """The text before the numbers of the channels, None where they have none; ``stems`` is that of numbered columns."""
+    if OURS in stems.values():
         return OURS
-    before = {stem for stem, number, _ in map(_parts, columns[:-count]) if number is not None}
-    last = [(stem, number) for stem, number, _ in map(_parts, columns[-count:])]
-    if count > 1 and all(number is not None for _, number in last) and len({stem for stem, _ in last}) == 1:
-        return last[0][0]
-    return next((stem for stem, number in last if number is not None and stem in before), None)
-
-
-def _parts(name: str) -> tuple[str, int | None, str]:
-    """Text and number of a name such as ch12, and the name."""
-    match = re.fullmatch(r"(.*?)([0-9]{1,9})", name, re.DOTALL)
-    return (match[1], int(match[2]), name) if match else (name, None, name)
+    last = [stems.get(name) for name in columns[-count:]]
+    if count > 1 and len(set(last)) == 1:
+        return last[0]
+    before = {stems.get(name) for name in columns[:-count]}
+    return next((stem for stem in last if stem is not None and stem in before), None)
 
 
 def _arrays(path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale: float, required: list[str]) -> Corpus:
@@ -284,7 +259,7 @@ def _arrays(path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale
         shape = plain(arrays[wrong[0]].shape)
         raise InputError(f"{name}: {short(wrong[0])} has shape {shape}, captures are {len(offsets) - 1}")
     check_conditions(len(arrays), name)
-    captures = without_categories(pd.DataFrame({n: _condition(array, n, name) for n, array in arrays.items()}))
+    captures = without_categories(_conditions(arrays, name))
     values, starts = checked(frames, full_scale, name, "frame"), offsets.astype(np.int64)
     return Corpus(values, starts[:-1], np.diff(starts), captures, rate_hz, full_scale)
 
@@ -308,22 +283,15 @@ def _members(path: Path) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _condition(array: np.ndarray, column: str, name: str) -> np.ndarray | pd.Categorical:
-    """Labels or numbers of the captures in types that tables can hold."""
-    allowed, wanted = ("USiu", "text or whole numbers") if column in LABELS else ("USiufb", "text or numbers")
-    if array.dtype.kind not in allowed:
-        raise InputError(f"{name}: {short(column)} is of type {plain(array.dtype, 40)}; save it as {wanted}")
-    if array.dtype.kind in "US":
-        try:
-            words = pa.array(array.tolist())  # not NumPy's own conversion, which ends a text at its first zero
-        except (ValueError, SystemError) as e:  # numbers of no character
-            raise InputError(f"{name}: {short(column)} is not text; save it again") from e
-        return words_of(words, column, f"{name}, capture")
-    if array.dtype.kind == "b":
-        return array.view(np.uint8) != 0  # a byte that is neither 0 nor 1 is no truth value
-    if array.dtype.itemsize > 8:  # long doubles
-        double = array.astype(np.float64)
-        if not np.array_equal(double, array, equal_nan=True):
-            raise InputError(f"{name}: {short(column)} holds numbers that float64 cannot hold; round them")
-        return double
-    return array
+def _conditions(arrays: dict[str, np.ndarray], name: str) -> pd.DataFrame:
+    """Labels and numbers of the captures."""
+    columns: dict[str, object] = {}
+    for column, array in arrays.items():
+        allowed, wanted = ("USiu", "text or whole numbers") if column in LABELS else ("USiufb", "text or numbers")
+        text = array.dtype.kind in "US"
+        if array.dtype.kind not in allowed or (array.dtype.itemsize > 8 and not text):
+            raise InputError(f"{name}: {short(column)} is of type {plain(array.dtype, 40)}; save it as {wanted}")
+        truth = array.dtype.kind == "b"  # a byte that is neither 0 nor 1 is no truth value
+        # NumPy's own conversion ends a text at its first zero.
+        columns[column] = array.tolist() if text else array.view(np.uint8) != 0 if truth else array
+    return PandasTable(pd.DataFrame(columns), name, "capture").labels()
