@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.corpora.read import cost, haart, table
+from bench.corpora.read import cost, cuddlebot, haart, table
 
 HEADER = "subject,gesture,frame,place,a,b"
 GOOD = ["ann,pat,0,arm,1,2", "ann,pat,1,arm,3,4"]
@@ -17,7 +17,7 @@ def read(path, **options):
     return table.read(path, **({"rate_hz": 50.0, "grid": "1x2", "full_scale": 1e9} | options))
 
 
-READERS = {"cost": cost.read, "haart": haart.read, "table": read}
+READERS = {"cost": cost.read, "cuddlebot": cuddlebot.read, "haart": haart.read, "table": read}
 
 
 def csv(folder, *rows, header=HEADER, name="my.csv", end="\n"):

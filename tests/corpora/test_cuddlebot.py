@@ -73,10 +73,3 @@ def test_a_broken_file_is_named(name, change, fact, folder, tmp_path):
     with pytest.raises(InputError, match=fact) as error:
         read(tmp_path)
     assert "150505-2coverdynamicpat.csv" in str(error.value) and str(error.value).count("\n") == 0
-
-
-def test_what_is_no_recording_is_refused(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        read(tmp_path / "none")
-    with pytest.raises(InputError, match="no file like"):
-        read(tmp_path)

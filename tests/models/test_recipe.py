@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench import contract
-from bench.corpora.corpus import COPY, Corpus
+from bench.corpora.corpus import COPY
 from bench.corpora.steps import Faulted, Repair, Scale, Windows
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
@@ -53,30 +53,15 @@ def test_options_are_for_every_model_and_shown_as_they_are_typed():
     assert reflex.model.parameters == parameters(reflex.model.factory) and not isinstance(reflex.estimator(), Recipe)
 
 
-def naive_windows(corpus, frames, hop):
-    """Capture, start and frames of each window, by counting."""
-    found = []
-    for i, capture in enumerate(corpus):
-        found.append((i, 0, min(len(capture), frames)))
-        start = hop
-        while start + frames <= len(capture):
-            found.append((i, start, frames))
-            start += hop
-    return found
-
-
 @pytest.mark.parametrize("name", ["svm", "lda", "series"])
 def test_decisions_are_those_on_each_window_alone(name, corpus):
     train, test = corpus[corpus.subjects != "4"], corpus[corpus.subjects == "4"][::-1]
     model = fitted(SYSTEMS[name](), train, window=0.1, hop=0.07)
 
-    def cut(captures):
-        windows = naive_windows(captures, 10, 7)
-        pieces = [captures[i][start : start + frames] for i, start, frames in windows]
-        labels = captures.captures.iloc[[i for i, *_ in windows]]
-        return np.array(windows), Corpus.from_captures(pieces, labels, captures.rate_hz)
-
-    (windows, alone), (_, seen) = cut(test), cut(train)
+    cut = Windows(0.1, 0.07)  # tests/corpora/test_steps.py has a loop
+    alone, seen = cut(test), cut(train).detached()
+    windows = np.column_stack([cut.rows(test), alone.piece, alone.lengths])
+    alone = alone.detached()
     table, proba = model.decide(test)
     assert np.array_equal(table, windows) and len(windows) > len(test)
     np.testing.assert_allclose(proba, model.system_.predict_proba(alone), rtol=1e-6, atol=1e-12)

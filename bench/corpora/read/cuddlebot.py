@@ -31,7 +31,7 @@ def read(path: Path) -> Corpus:
     Raises:
         InputError: there is no such file, or one is broken; the message names it.
     """
-    rows, arrays = [], []
+    path, rows, arrays = Path(path), [], []
     give = "the folder Touch Data or an archive"
     found = [
         (NAME.fullmatch(name.rsplit("/", 1)[-1]), name, c) for name, c in files(path, NAME.fullmatch, LARGEST, give)
