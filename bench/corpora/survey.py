@@ -204,17 +204,13 @@ class Survey:
         ``quiet`` is True if so little changes that they can be equal by chance; such groups come last.
         """
         corpus = self.corpus
-        groups = sorted(identical(corpus), key=lambda group: quiet(corpus[group[0]]))
         labels = corpus.captures.drop(columns=["capture", "group", "differs", "quiet"], errors="ignore")
-        number = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
-        rows = np.array([i for group in groups for i in group], dtype=int)
-        table = labels.iloc[rows]
-        table.insert(0, "group", number + 1)
-        table.insert(1, "capture", corpus.index[rows])
-        several = table.groupby("group")[list(labels)].nunique(dropna=False).to_numpy() > 1
-        differs = np.array([", ".join(labels.columns[row]) for row in several], dtype=object)
-        still = np.array([quiet(corpus[group[0]]) for group in groups], dtype=bool)
-        table = table.assign(differs=differs[number], quiet=still[number])
+        parts = [labels[:0].assign(group=0, capture=0, differs="", quiet=False)]
+        for number, group in enumerate(sorted(identical(corpus), key=lambda group: quiet(corpus[group[0]])), 1):
+            rows, still = labels.iloc[group], quiet(corpus[group[0]])
+            differs = ", ".join(labels.columns[rows.nunique(dropna=False) > 1])
+            parts.append(rows.assign(group=number, capture=corpus.index[group], differs=differs, quiet=still))
+        table = pd.concat(parts)[["group", "capture", *labels, "differs", "quiet"]]
         return table.sort_values(["group", "capture"], kind="stable", ignore_index=True)
 
     @cached_property

@@ -53,11 +53,13 @@ ROWS = [
     ("ann,pat,1,leg,1,2", ["frame 1"]),  # another place, and frames go on
     ("\udcff,pat,1,arm,1,2", ["UTF-8"]),
     ("ann,pat,1,arm\r,1,2", []),
+    ('ann,pat,1,"arm\n",1,2', ["place", "cannot be seen"]),
     *((f"{word},pat,0,arm,1,2", ["subject"]) for word in [*UNSEEN, " ", LONG]),
 ]
 HEADERS = [
     (b"\x89PNG\xff\xfe" * 20, ["UTF-8"]),
     (HEADER.encode(), ["no frames"]),
+    (HEADER.encode() + b'\nann,pat,0,arm,1,"2', ["quote"]),
     (HEADER.replace("place", "").encode(), ["line 1", "column 4"]),
     (HEADER.replace("place", "frame").encode(), ["line 1", "frame"]),
     (HEADER.replace("gesture", "label").encode(), ["line 1", "gesture"]),

@@ -169,11 +169,12 @@ def words_of(column: pa.Array, name: str, where: str, first: int = 1, blank: boo
     contents = coded.dictionary.take(pa.array(used, mask=used == count)).cast(pa.large_binary())
     for i, content in enumerate(contents.to_pylist()):
         try:
-            word = (content or b"").decode().strip()
+            text = (content or b"").decode()
+            word = text.strip()
             if not unicodedata.is_normalized("NFC", word):
                 word = unicodedata.normalize("NFC", word)
                 warn(f"{where.partition(',')[0]}: {name} {word} is spelt in parts (NFD) and read as {word} (NFC)")
-            wrong = "" if blank and not word else flaw(word)
+            wrong = "" if blank and not word else flaw(text if {"\n", "\r"} & {*text} else word)
         except UnicodeDecodeError:
             wrong = "is not text in UTF-8; save it as text"
         if wrong:
@@ -358,4 +359,6 @@ def _content(source: Path | bytes, label: str) -> memoryview:
         end = begin + kept
         if kept:
             break
+    if content[content.rfind(b"\n", 0, end) + 1 : end].count(b'"') % 2:  # which Arrow would close
+        raise InputError(f"{label}: a quote is open in the last line; close it, or get the file again")
     return memoryview(content)[:end]
