@@ -60,7 +60,7 @@ LARGEST_S = 60.0  # of a fit on one core
 FAULTS = ("dead_taxels", "stuck_taxels", "noise")  # that the choice is tested under if the scene names none
 # Times the processor time of a comparison: that of a fault, of watching recordings in one fold, and of the last fit,
 # which also teaches a detector of touches to systems whose C can watch a stream.
-FAULTED, WATCHED, LAST, LAST_WATCHING = 1.7, 2.0, 2.0, 5.0
+FAULTED, WATCHED, LAST, LAST_WATCHING = 2.5, 2.0, 2.0, 6.0
 
 
 @dataclass(frozen=True)
