@@ -25,17 +25,15 @@ model = ["bayes", "tree"]
 model = "tree"
 seed = [0, 1]
 """
-WRONG = [  # content of a file, further words, facts that the refusal names
-    (None, "", "grids.toml: No such file"),
-    ("model = ", "", "is not TOML"),
-    ('model = "svm"\nmodel.C = 8', "", 'such as "model.C" = 8'),
-    ("model.C = 8", "", 'such as "model.C" = 8'),
-    ('[a]\nmodle = "svm"', "", "[a]: no key is called 'modle'; did you mean model"),
-    ('[a]\nmodel = "svn"', "", "[a]: model=svn: unknown; did you mean svm"),
-    ("jobs = 2", "", "no key is called 'jobs'"),
-    ("seed = 1979-05-27", "", "seed = 1979-05-27: give text, a number"),
-    ("# nothing", "", "it names nothing to run"),
-    ('model = "svm"', "seed=1", "seed= stands beside grids.toml"),
+WRONG = [  # content of a file, and what the refusal names
+    ("model = ", "is not TOML"),
+    ('model = "svm"\nmodel.C = 8', 'such as "model.C" = 8'),
+    ("model.C = 8", 'such as "model.C" = 8'),
+    ('[a]\nmodle = "svm"', "[a]: no key is called 'modle'; did you mean model"),
+    ('[a]\nmodel = "svn"', "[a]: model=svn: unknown; did you mean svm"),
+    ("jobs = 2", "no key is called 'jobs'"),
+    ("seed = 1979-05-27", "seed = 1979-05-27: give text, a number"),
+    ("# nothing", "it names nothing to run"),
 ]
 
 
@@ -46,11 +44,10 @@ def file():
     return path
 
 
-@pytest.mark.parametrize(("content", "words", "fact"), WRONG)
-def test_a_wrong_file_is_refused_in_a_line(content, words, fact, capsys):
-    if content is not None:
-        Path("grids.toml").write_text(content)
-    assert main(["run", "grids.toml", *words.split()]) == 2
+@pytest.mark.parametrize(("content", "fact"), WRONG)
+def test_a_wrong_file_is_refused_in_a_line(content, fact, capsys):
+    Path("grids.toml").write_text(content)
+    assert main(["run", "grids.toml"]) == 2
     error = capsys.readouterr().err
     assert fact in error and error.count("\n") == 1
 
