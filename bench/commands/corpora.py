@@ -20,11 +20,10 @@ from bench.corpora.survey import Survey
 from bench.errors import InputError
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
+from bench.protocols.captures import CaptureKFold
 from bench.result import several
 from bench.scratch import home
 from bench.words import SMALL
-
-FOLDS = 10  # of protocol=kfold
 
 
 def listed() -> int:
@@ -75,7 +74,7 @@ def _protocol(corpus: Corpus) -> str:
     fewest = int(np.unique(corpus.gestures, return_counts=True)[1].min())
     if len({*corpus.subjects}) > 1:
         return "loso"
-    return "" if fewest < 2 else "kfold" if fewest >= FOLDS else f"kfold protocol.folds={fewest}"
+    return "" if fewest < 2 else "kfold" if fewest >= CaptureKFold().folds else f"kfold protocol.folds={fewest}"
 
 
 def captures(name: str, parameters: Mapping[str, object], where: str = "", target: str = "gesture") -> Corpus:
