@@ -53,11 +53,8 @@ def missed_at(counts: pd.DataFrame, touches: pd.Series, hours: pd.Series) -> dic
 def _least(cube: np.ndarray, sizes: np.ndarray, drawn: np.ndarray, rate: float) -> np.ndarray:
     """The lowest share of missed touches in each drawing; NaN where no threshold keeps to the rate [drawings].
 
-    Args:
-        cube: hits, alarms and reports [thresholds, 3, people].
-        sizes: touches and hours of background [2, people].
-        drawn: how often each person is in each drawing [drawings, people].
-        rate: false alarms per hour.
+    ``cube`` has hits, alarms and reports [thresholds, 3, people]; ``sizes`` has touches and hours of background
+    [2, people]; ``drawn`` is how often each person is in each drawing [drawings, people].
     """
     hits, alarms, reports = np.moveaxis(np.einsum("tcp,dp->dtc", cube, drawn), 2, 0)
     touches, hours = sizes @ drawn.T

@@ -52,13 +52,7 @@ DRAWN += "recording as it is. Means over subjects, without intervals."
 
 
 def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Section | None:
-    """A figure for each group of comparable runs of ``bench watch``, and a sentence on each system; under faults, too.
-
-    Args:
-        results: results of ``bench watch``.
-        folder: destination folder of the figures.
-        same: parameters that comparable results share (`bench.result.shared`).
-    """
+    """A figure for each group of runs that share the parameters ``same``, a sentence on each system; faults, too."""
     parts = []
     shown = [by_detector(r) for r in results if r.get("background_minutes", 0) > 0]  # else no alarms can be counted
     for i, (context, members) in enumerate(contexts(shown, same, "end_correct"), 1):

@@ -23,13 +23,7 @@ def holds_recordings(name: str) -> bool:
 
 
 def whole(data: str, parameters: dict[str, Any] | None = None, where: str = "") -> Corpus:
-    """All captures of recordings: touches, background and doubtful stretches.
-
-    Args:
-        data: name of imported recordings, or ``synth`` for generated ones.
-        parameters: parameters of ``synth``.
-        where: a condition on the columns of recordings.
-    """
+    """All captures of imported recordings, or of ``synth``: touches, background and doubtful stretches."""
     if data == "synth":
         values = parameters or {}
         made = partial(synth_recordings.generate, **values)

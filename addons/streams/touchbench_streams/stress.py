@@ -73,11 +73,7 @@ def faulted(watcher: TickWatcher, test: Recordings, under: Sequence[str]) -> pd.
 def fault_table(table: pd.DataFrame, cases: pd.DataFrame, rate_hz: float, people: bool = False) -> pd.DataFrame:
     """Scores of touches as they are, and under each fault at each severity: `CASE`, and those of `numbers_of`.
 
-    Args:
-        table: tables of some folds.
-        cases: results of `faulted` for the same folds, with ``fold``.
-        rate_hz: frames per second.
-        people: argument of `numbers_of`.
+    ``table`` and ``cases``, results of `faulted` with ``fold``, are of the same folds.
     """
     truth = table[table["kind"].isin(["touch", "doubtful"])]
     rows = [dict(zip(CASE, (CLEAN, 0, ""), strict=True)) | numbers_of(table, rate_hz, people)]

@@ -146,11 +146,10 @@ def sweep(
     count: int,
     levels: np.ndarray,
 ) -> pd.DataFrame:
-    """Count touches found and alarms for each level of a threshold, over recordings with a fitted detector each.
+    """Touches found and alarms at each level of a threshold, over recordings with a fitted detector each.
 
-    Returns:
-        Columns ``level``, ``alarms``, ``hours`` (of background), ``found`` (share), ``hits`` and ``reports``
-        (counts; of reports, those outside of doubtful stretches).
+    Columns ``level``, ``alarms``, ``hours`` (of background), ``found`` (share), ``hits`` and ``reports`` (counts; of
+    reports, those outside of doubtful stretches).
     """
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600

@@ -41,17 +41,10 @@ def learn(
     recordings: Recordings,
     false_alarms: float,
 ) -> tuple[TickWatcher, pd.DataFrame]:
-    """Learn to watch from recordings of training subjects, each left out for the choice of the threshold.
+    """Learn to watch from recordings of training subjects, parted where doubtful stretches were.
 
-    Args:
-        detector: before training.
-        make_system: factory of the system, not fitted.
-        system: fitted to captures of the same subjects.
-        recordings: parted where doubtful stretches were.
-        false_alarms: accepted false alarms per hour of background.
-
-    Returns:
-        What watches, and a table of the thresholds that were tried (`touchbench_streams.detectors.detector.sweep`).
+    Each subject is left out for the choice of the threshold, for so many accepted false alarms per hour of background.
+    The system is fitted to captures of the same subjects. Also returns the thresholds that were tried (`sweep`).
     """
     seen = replace(recordings, corpus=taken(recordings.corpus, behind(system)[0])[0])
     count = frames_of_tick(detector.tick, seen.corpus.rate_hz)
