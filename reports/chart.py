@@ -134,6 +134,7 @@ def cost_chart(
     caption = sentences(
         *("bench.reports", "sentences", "chart"),
         kinds={*points["kind"]},
+        interval=points["low"].notna().any(),
         families={*points["family"][~points["kind"].isin(LOOKS)]},
         chosen=points["chosen"].any(),
         budget=budget is not None,

@@ -86,9 +86,9 @@ def gesture_figure(tables: dict[str, pd.DataFrame], group: str) -> tuple[Figure,
     ax.set(ylim=(len(classes) - 0.4, -0.6), xlim=(-2, 102), xlabel="correctly classified captures of the gesture, %")
     ax.grid(axis="x", alpha=0.25)
     figure.legend(loc="lower center", ncols=1, frameon=False)
-    return figure, (
-        "Correctly classified captures of each gesture, with 95 % bootstrap intervals over subjects, one seed each."
-    )
+    known = any(table["low"].notna().any() for table in tables.values())
+    ends = ", with 95 % bootstrap intervals over subjects" * known
+    return figure, f"Correctly classified captures of each gesture{ends}, one seed each."
 
 
 def draw(result: Result, folder: Path) -> None:

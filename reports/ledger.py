@@ -233,7 +233,8 @@ def section(results: Sequence[Result], beside: pd.DataFrame, folder: Path) -> tu
         told_of = {"systems": everywhere["system"].nunique(), "windows": rows["key"].str.startswith("windows").any()}
         best = dict(zip(first["key"], first["system"], strict=True))
         lines = sentences(*("bench.reports", "sentences", "ledger"), best=best, **told_of)
-        caption = f"{words}: accuracy under each protocol, mean over subjects with 95 % t-intervals."
+        known = bool(rows["accuracy_low"].notna().any())
+        caption = f"{words}: accuracy under each protocol, mean over subjects{' with 95 % t-intervals' * known}."
         picture = save(slopes(rows, words), folder, f"0-protocols-{i}", words, caption)
         first = [*dict.fromkeys(rows["system"])][: max(1, ROWS // len(tables))]  # most accurate under one protocol
         rows = rows[rows["system"].isin(first)].sort_values("system", kind="stable")

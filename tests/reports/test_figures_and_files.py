@@ -28,7 +28,10 @@ def test_the_chart_marks_the_choice_budgets_and_what_they_rule_out(tmp_path):
     assert chart.cost_chart("g", points, costs()["ram"]) is None and "Dashed" not in plain
     zero, _ = chart.cost_chart("g", points.iloc[1:], costs()["worst_person"], 0.0)
     assert float(re.search(r'<line x1="(.*?)%".*?b85c00', zero)[1]) == chart.EDGES[0]  # a budget of 0 is on the axis
-    assert all(words in caption for words in ("Ring", "Dashed", "Dotted", "Pale", "3 less accurate", "networks", "own"))
+    assert all(
+        words in caption
+        for words in ("intervals", "Ring", "Dashed", "Dotted", "Pale", "3 less accurate", "networks", "own")
+    )
     marks = {re.search(r">([^<]*)</text>", mark)[1]: mark for mark in re.findall('<svg class="mark.*?</svg>', flash)}
     assert len(marks) == 21 and "<title>a&lt;b: 90.0 [80.0, 99.0] %, 1 kB; v</title>" in marks["a&lt;b"]
     assert [name for name, mark in marks.items() if " named" in mark.split('"')[1]] == [
@@ -60,7 +63,8 @@ def test_names_of_the_front_cover_neither_each_other_nor_points():
     points = points.assign(
         chosen=False, out=False, family="features", low=np.nan, high=np.nan, flash=[1, 2, 4, 8, 900.0]
     )
-    drawing, _ = chart.cost_chart("g", points.assign(accuracy=[60, 70, 72, 80, 81.0]), costs()["flash"])
+    drawing, caption = chart.cost_chart("g", points.assign(accuracy=[60, 70, 72, 80, 81.0]), costs()["flash"])
+    assert "interval" not in caption  # of too few subjects
     boxes, spots = [], []
     found = re.findall(r'x="([\d.]+)%" y="([\d.]+)"><title>.*?<text x="(-?\d+)" y="(-?\d+)"(.*?)>', drawing)
     for x, y, right, down, anchor in found:
