@@ -32,6 +32,21 @@ def within_one_standard_error(losses: np.ndarray) -> np.ndarray:
     return mean - error <= TOLERANCE * np.maximum(1, np.maximum(np.abs(mean), error))
 
 
+def shown_less(losses: np.ndarray, margin: float) -> np.ndarray:
+    """Whether a one-sided paired t-test shows the mean loss to be less than a margin (p < 0.05), bool [systems].
+
+    The losses are [systems, subjects]; fewer than `bench.few.TEST` people show nothing.
+    """
+    from scipy.special import stdtr  # not scipy.stats, which takes half a second
+
+    people, mean = losses.shape[1], losses.mean(axis=1)
+    if people < few.TEST:
+        return np.zeros(len(losses), bool)
+    error = losses.std(axis=1, ddof=1) / np.sqrt(people)
+    t = np.divide(mean - margin, error, out=np.full(mean.shape, np.inf), where=error > 0)
+    return np.where(error > 0, stdtr(people - 1, t) < 0.05, mean < margin)
+
+
 def interval(values: np.ndarray) -> tuple[float, float]:
     """95 % interval of a mean over people, by Student's t; NaN for fewer than `bench.few.INTERVAL` people."""
     if len(values) < few.INTERVAL:

@@ -71,7 +71,12 @@ def items(key: str, value: object) -> list:
 
 def typed(command: str, arguments: Mapping[str, str]) -> str:
     """A command as it is typed."""
-    return " ".join(["bench", command, *(f"{key}={quoted(value)}" for key, value in arguments.items())])
+    return f"bench {command} {spelled(arguments)}".rstrip()
+
+
+def spelled(arguments: Mapping[str, str]) -> str:
+    """Arguments as they are typed."""
+    return " ".join(f"{key}={quoted(value)}" for key, value in arguments.items())
 
 
 def labelled(key: str, label: str) -> dict[str, str]:

@@ -11,7 +11,6 @@ from bench.measures import known
 from bench.outcomes.frame import grouped
 from bench.result import Result, Row, notes_on, seed_number, shared
 from bench.words import BUSY
-from bench.work.curves import clean_accuracy
 
 CONTEXTS = 3  # captures-and-protocol groups that are drawn
 METHODS = 10  # of a context
@@ -39,7 +38,7 @@ def contexts(
         groups.append((words, [*first.values()], any(first[r["system"]]["seed"] != r["seed"] for r in runs)))
     named = []
     for words, members, several in sorted(groups, key=lambda g: (g[1][0]["synthetic"], -len(g[1])))[:CONTEXTS]:
-        best = sorted(members, key=lambda r: -(r[score] if score else clean_accuracy(r)))[:METHODS]
+        best = sorted(members, key=lambda r: -r[score or "accuracy"])[:METHODS]
         left = len(members) - len(best)
         told = f", {left} less accurate systems left out" * bool(left)
         named.append((words + told + ", only the lowest seed of each system" * several, best))

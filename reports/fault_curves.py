@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from bench.reports.figures import look, write_svg
 from bench.reports.levels import drawn
 from bench.result import Result
-from bench.work.curves import clean_accuracy
 from bench.work.stability import learning
 
 NAME = 36  # characters of a line of a method's name
@@ -25,7 +24,7 @@ def draw(results: Sequence[Result], folder: Path) -> None:
     figures = {}
     if len(results[0].tables["faults"]):
         losses = pd.DataFrame({r.method: r.tables["margins"].set_index("fault")["loss"] for r in results}).T
-        figures["heat_map"] = heat_map(losses, [clean_accuracy(r) for r in results], ", ".join(results[0].context))
+        figures["heat_map"] = heat_map(losses, [r["accuracy"] for r in results], ", ".join(results[0].context))
         figures["severities"] = severities(results)
     if any("learning" in r.tables for r in results):
         curves = [learning(r.tables["labels"]).rename(columns={"train_subjects": "level"}) for r in results]
@@ -73,7 +72,7 @@ def severities(results: Sequence[Result]) -> Figure:
     for ax, fault in zip(axes.flat, faults, strict=False):
         for k, r in enumerate(results):
             part = r.tables["faults"].query("fault == @fault").sort_values("severity")
-            accuracy = 100 * np.append(clean_accuracy(r), part["accuracy"])
+            accuracy = 100 * np.append(r["accuracy"], part["accuracy"])
             ax.plot(np.append(0, part["severity"]), accuracy, label=r.method, **look(k), markersize=5, linewidth=1.4)
         ax.axhline(100 * results[0]["chance"], color="0.5", linewidth=0.8, linestyle=(0, (1, 2)))
         amounts = [text.partition(" ") for text in part["amount"]]

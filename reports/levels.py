@@ -15,7 +15,6 @@ from bench.reports.figures import bars, look, new_figure, plain, save
 from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.table import Table
-from bench.work.curves import clean_accuracy
 
 
 def level_section(circumstance: Any, results: Sequence[Result], folder: Path) -> Section | None:
@@ -37,7 +36,7 @@ def levels(key: str, noun: str, results: Sequence[Result]) -> Figure:
     for i, r in enumerate(results):
         for case, curve in r.tables[key].groupby("case", sort=False):
             lines.append((i, r.method if case == key else f"{r.method}, {case}", curve))
-    return drawn(noun, lines, [clean_accuracy(r) for r in results])
+    return drawn(noun, lines, [r["accuracy"] for r in results])
 
 
 def drawn(

@@ -19,8 +19,7 @@ from bench.result import Result, notes_on
 from bench.sentences import sentences
 from bench.table import Table, of_text, rows_of, write_sheet
 from bench.words import CLEAN
-from bench.work.curves import clean_accuracy, joined, unharmed
-from bench.work.stability import ALPHA, learning
+from bench.work.stability import ALPHA, joined, learning, unharmed
 
 TOP = 10  # rows of a table
 FILES = {"faults": "faults", "half_margins": "margins", "conditions": "conditions", "slices": "slices"}
@@ -174,7 +173,7 @@ def seeds(results: Sequence[Result]) -> pd.DataFrame:
         labels = [each.set_index(["fold", "capture"])["predicted"].sort_index() for each in units]
         both = pd.concat(labels, axis=1, join="inner")
         changed = int((both.nunique(axis=1) > 1).sum())
-        accuracy = np.array([clean_accuracy(r) for r in same])
+        accuracy = np.array([r["accuracy"] for r in same])
         spread = accuracy.mean(), accuracy.std(ddof=1), accuracy.min(), accuracy.max()
         rows.append([system, ", ".join(r["seed"] for r in same), *spread, len(both), changed, changed / len(both)])
     names = ["system", "seeds", "accuracy", "sd", "lowest", "highest", "captures", "changed", "share_changed"]
@@ -189,7 +188,7 @@ def ranks(results: Sequence[Result]) -> pd.DataFrame:
     """
     rows = []
     for r in results:
-        rows.append((r["system"], CLEAN, clean_accuracy(r)))
+        rows.append((r["system"], CLEAN, r["accuracy"]))
         by_fault = r.tables["faults"].groupby("fault", sort=False)["accuracy"].mean()
         rows += [(r["system"], str(fault), value) for fault, value in by_fault.items()]
     table = pd.DataFrame(rows, columns=["system", "fault", "accuracy"])

@@ -9,7 +9,7 @@ from bench import scores
 from bench.circumstances.faults import Faults
 from bench.circumstances.subjects import Subjects
 from bench.result import Result
-from bench.work.results import FoldResult, measure
+from bench.work.results import FoldResult, measured
 from bench.work.stability import sliced
 
 GESTURES = ("pat", "rub", "tap")
@@ -75,23 +75,19 @@ def evaluated(system="svm", predictions=None, failed=0, cost=1.0, kind="cell", m
     folds = [
         FoldResult(
             name,
+            predictions[predictions["fold"] == name],
             metrics={k: cost * v for k, v in sizes.items()} | {"quiet_ms": 2.0},
             predict_ms=[1.0 * cost, 2.0 * cost],
             decide_ms=[0.5 * cost],
         )
         for name in names
     ]
-    labelled = scores.captures(predictions)
-    usual = {
-        "predictions": predictions,
-        "per_subject": scores.per_subject(labelled),
-        "per_class": scores.per_class(labelled, scores.classes_of(predictions)),
-    }
-    tables = usual | dict(tables or {})
+    numbers, usual, _ = measured(folds, 50.0)
+    tables = usual | {"predictions": predictions} | dict(tables or {})
     every = len(names) + failed
     usual = {"protocol_label": f"LOSO ({predictions['subject'].nunique()} subjects)"}
     usual |= {"test_over_train": repr(1 / (every - 1)) if every > 1 else ""}
-    numbers = measure(predictions, folds, 50.0) | {"folds": len(names), "folds_failed": failed} | dict(metrics)
+    numbers |= {"folds": len(names), "folds_failed": failed} | dict(metrics)
     return result(system, kind, numbers, tables, failed, **usual | about)
 
 

@@ -134,6 +134,6 @@ def test_a_run_enters_no_other_kind_no_choice_and_no_report(tmp_path):
     assert measured == {"bench/circumstances/base.py", "bench/circumstances/faults.py"}
     views = ("base", "captures", "faults")
     assert of["reports/"] == {f"reports/views/{name}.py" for name in views}  # of what is printed
-    choice = {"candidates", "choice", "reactions", "losses"}
+    choice = {"candidates", "choice", "reactions"}
     assert not {f"bench/outcomes/{name}.py" for name in choice} & of["bench/"]
     assert not {f"bench/commands/{name}.py" for name in ("choose", "report")} & of["bench/"]

@@ -28,7 +28,7 @@ ROOMS = {
     "values": (VALUES, "ground"),
     "grammar": ("bench.described bench.options", "ground values"),  # of the command line: results do not know it
     "corpora": ("bench.corpora", "ground"),
-    "numbers": ("bench.scores bench.work.curves bench.work.stability bench.work.stopping", "ground values corpora"),
+    "numbers": ("bench.scores bench.work.stability bench.work.stopping", "ground values corpora"),
     "features": ("bench.features", "ground corpora"),
     "contract": ("bench.contract bench.models.space", "ground corpora features"),  # with the types that it names
     "models": ("bench.models", "ground corpora features contract"),

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, ClassVar
 from bench.words import LABELS as LABELS
 from bench.words import Options, typed_as
 from bench.words import option as option
-from bench.work.case import Case as Case
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from bench import contract
     from bench.corpora.corpus import Corpus
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
@@ -28,22 +28,26 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class Case:
+    """What a circumstance changes, once."""
+
+    case: str = ""  # its name, such as that of a fault; empty for the key of the circumstance
+    level: float = 0  # size of the change, to sort and draw by
+    amount: str = ""  # size of the change, in words
+    corpus: Corpus | None = None  # the captures as they are changed; None for the captures as they are
+    system: contract.System | None = None  # which labels in place of the fitted one
+    train_subjects: int | None = None  # on which that was fitted
+
+
+@dataclass(frozen=True)
 class Producer(Options):
-    """What a run measures; its options are tracked, and part of the key of the run.
+    """What a run measures; its options are tracked, and part of the key of the run."""
 
-    Attributes:
-        key: its key of ``bench run``; of a study, its command and the tag of its runs.
-        view: entry of the reading half that shows it, as ``module:Name``; imported only when something is shown.
-        tracked: names of its options as parameters of a run.
-        columns: further columns of its tables; a corpus cannot have them.
-        study: True if it does whole folds.
-    """
-
-    key: ClassVar[str]
-    study: ClassVar[bool] = False
-    view: ClassVar[str] = "bench.reports.views.base:View"
-    tracked: ClassVar[tuple[str, ...]] = ()
-    columns: ClassVar[frozenset[str]] = frozenset()
+    key: ClassVar[str]  # of ``bench run``; of a study, its command and the tag of its runs
+    study: ClassVar[bool] = False  # whether it does whole folds
+    view: ClassVar[str] = "bench.reports.views.base:View"  # what shows it; imported only when something is shown
+    tracked: ClassVar[tuple[str, ...]] = ()  # names of its options as parameters of a run
+    columns: ClassVar[frozenset[str]] = frozenset()  # further columns of its tables; a corpus cannot have them
 
     def params(self) -> dict[str, object]:
         """Its options, as they are tracked."""
@@ -67,15 +71,10 @@ class Producer(Options):
 
 @dataclass(frozen=True)
 class Circumstance(Producer):
-    """Labels the test captures again, in some cases.
+    """Labels the test captures again, in some cases."""
 
-    Attributes:
-        sliced: True if groups of captures are tested in its cases, too.
-        word: a word for one of its cases.
-    """
-
-    sliced: ClassVar[bool] = True
-    word: ClassVar[str] = "case"
+    sliced: ClassVar[bool] = True  # whether groups of captures are tested in its cases, too
+    word: ClassVar[str] = "case"  # for one of its cases
 
     def params(self) -> dict[str, object]:
         """Its options, as they are tracked."""
@@ -118,15 +117,11 @@ class Circumstance(Producer):
     def result(
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
     ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
-        """Numbers and further tables of a run.
+        """Numbers and further tables of a run from the tables of all folds: ``predictions``, and those of `fold`.
 
-        Args:
-            tables: tables of all folds: ``predictions``, and those of `fold`; ``labels`` has the captures as they are,
-                too.
-            folds: results of the folds.
-            rate_hz: frames per second.
+        ``labels`` has the captures as they are, too.
         """
-        from bench.work.curves import curve, loss
+        from bench.work.stability import curve, loss
 
         table = curve(tables[LABELS], self.key)
         numbers = {f"accuracy.{r.case}.{r.level:g}": r.accuracy for r in table.itertuples()}
@@ -163,9 +158,6 @@ class Study(Producer):
     def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """The run from the folds that went well, at least one, in the order of the protocol.
 
-        Args:
-            plan: plan of the run.
-            about: tags and parameters of the run; tags that the result adds are stored, too.
-            folds: results of the folds.
+        Its tags and parameters are ``about``; tags that the result adds are stored, too.
         """
         raise NotImplementedError

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from bench.plan.plan import Plan
     from bench.work.fitted import Fitted
-    from bench.work.replay import Replay
     from bench.work.results import FoldResult
 
 EACH = "each"
@@ -58,13 +57,6 @@ class Instants(Circumstance):
             raise InputError(f"after={','.join(map(str, times))}: each stands alone; give each, or times")
         return super().of({k: v for k, v in values.items() if k != "after"})
 
-    @property
-    def replay(self) -> Replay:
-        """Settings of the replay."""
-        from bench.work.replay import Replay
-
-        return Replay(self.hop_ms, self.start, self.after)
-
     def params(self) -> dict[str, object]:
         """Times, hop, start, and whether stopping is learned."""
         times = ", ".join(map(typed_as, self.after)) or EACH
@@ -79,7 +71,12 @@ class Instants(Circumstance):
         """Refuse a replay that cannot be, and training parts from which no threshold can be learned."""
         from bench.work.replay import unlearnable
 
-        self.replay.check(plan.corpus.rate_hz)
+        frame_ms = 1000 / plan.corpus.rate_hz
+        least = f"one frame takes {frame_ms:.4g} ms; give at least that"
+        if self.after and min(self.after) < frame_ms:
+            raise InputError(f"after={min(self.after):g}ms: {least}")
+        if self.hop_ms is not None and not frame_ms <= self.hop_ms < float("inf"):
+            raise InputError(f"hop_ms={self.hop_ms:g}: {least}, or leave it out")
         for fold in plan.folds if self.stopping else ():
             if why := unlearnable(plan.cell.untrained, plan.corpus[fold.train]):
                 raise InputError(
@@ -106,7 +103,7 @@ class Instants(Circumstance):
         """Labels at every instant; calibration and threshold see training captures alone."""
         from bench.work.replay import replay_fold
 
-        return replay_fold(self.replay, at, self.stopping)
+        return replay_fold(self, at)
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Accuracy of whole captures, and of stopping at the learned threshold."""

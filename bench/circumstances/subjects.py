@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -10,8 +11,10 @@ from bench.circumstances.base import LABELS, Case, Circumstance, option
 from bench.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
 
+    from bench.corpora.corpus import Corpus
     from bench.plan.plan import Plan
     from bench.work.fitted import Fitted
     from bench.work.results import FoldResult
@@ -39,7 +42,6 @@ class Subjects(Circumstance):
         """Refuse numbers of training subjects that a fold has not, or that the system cannot learn from."""
         from bench import contract
         from bench.corpora.corpus import untrained
-        from bench.work.subset import subset
 
         estimator, corpus = plan.cell.untrained, plan.corpus
         for fold in plan.folds:
@@ -65,8 +67,6 @@ class Subjects(Circumstance):
 
     def cases(self, at: Fitted) -> Iterator[Case]:
         """A system fitted on each number of training subjects."""
-        from bench.work.subset import subset
-
         for count in self.train_subjects:
             part = subset(at.corpus, at.fold.train, at.fold.test, count, at.cell.seed or 0)
             yield Case(level=count, system=at.refitted(part), train_subjects=count)
@@ -80,3 +80,17 @@ class Subjects(Circumstance):
         curve = learning(tables[LABELS])
         numbers = {f"accuracy.train_subjects.{r.train_subjects:g}": r.accuracy for r in curve.itertuples()}
         return numbers, {"learning": curve}
+
+
+def subset(corpus: Corpus, train: np.ndarray, test: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Positions of the training captures of ``count`` training subjects.
+
+    The subjects come in one random order per seed and test subjects, so that fewer are among more, and every system
+    learns from the same ones.
+    """
+    import numpy as np
+
+    subjects = sorted(set(corpus.subjects[train]))
+    drawn = hashlib.sha256(repr((seed, sorted(set(corpus.subjects[test])))).encode()).digest()
+    order = np.random.default_rng(int.from_bytes(drawn[:16], "little")).permutation(len(subjects))
+    return train[np.isin(corpus.subjects[train], [subjects[i] for i in order[:count]])]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from bench.errors import InputError
 from bench.options import KEYS, keys, values_of
 from bench.progress import about
 from bench.result import several
-from bench.words import text_of, typed
+from bench.words import spelled, text_of
 
 if TYPE_CHECKING:
     from bench.plan.plan import Plan
@@ -67,10 +67,10 @@ def foreseen(plans: Sequence[Plan]) -> int:
     from bench.measures import Measure, text
     from bench.store import connect
     from bench.table import Table
-    from bench.work.left import expected, left
+    from bench.work.loop import expected, lookup
 
     store = connect()
-    todo = left(store, plans)
+    _, todo = lookup(store, plans)
     times = {id(one.plan): (one.folds, time) for one, time in zip(todo, expected(store, todo), strict=True)}
     arguments = [plan.cell.arguments() for plan in plans]
     shared = dict(set.intersection(*(set(one.items()) for one in arguments))) if len(plans) > 1 else {}
@@ -79,21 +79,16 @@ def foreseen(plans: Sequence[Plan]) -> int:
         missing, time = times.get(id(plan), (0, None))
         rows.append(
             {
-                "run": _words({key: value for key, value in own.items() if key not in shared}),
+                "run": spelled({key: value for key, value in own.items() if key not in shared}),
                 "stored": f"{len(plan.folds) - missing} of {len(plan.folds)}",
                 "time": about(time) if time is not None else "unknown" if missing else None,
             }
         )
-    title = _words({key: value for key, value in arguments[0].items() if key in shared})
+    title = spelled({key: value for key, value in arguments[0].items() if key in shared})
     columns = [text("run"), Measure("stored", "stored folds"), Measure("time")]
     Table(columns, rows, title or "Time from similar stored runs").print(output())
     say(_summary(len(plans), [time for _, time in times.values()]))
     return 0
-
-
-def _words(arguments: Mapping[str, str]) -> str:
-    """Arguments as they are typed."""
-    return typed("", arguments).removeprefix("bench  ")
 
 
 def _summary(runs: int, seconds: Sequence[float | None]) -> str:

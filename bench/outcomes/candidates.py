@@ -13,12 +13,13 @@ import pandas as pd
 from bench.candidate import Candidate, Losses, Wish
 from bench.errors import InputError
 from bench.measures import Interval, costs, costs_of
+from bench.outcomes.frame import selecting
 from bench.outcomes.reactions import Reactions
 from bench.outcomes.runs import COLUMNS, NothingTracked, plain, selected
 from bench.registry import circumstance_views, run_views
 from bench.result import CONDITIONS, Result, alike, facts_of, seed_number, several
 from bench.sentences import sentences
-from bench.words import quoted, typed
+from bench.words import spelled, typed
 
 TAGS = {  # columns of a candidate that repeat a tag of its last run
     "command": "touchbench.command",
@@ -64,21 +65,16 @@ class People:
 class Candidates:
     """The candidates of a store, on the same captures under the same protocol.
 
-    Attributes:
-        table: one row per candidate (``system``, ``unit``, ``accuracy``, the score in percent as a mean over subjects,
-            every cost of `bench.measures.costs_of` in its unit, NaN where it is unknown, ``linked``, True for linked
-            bytes, with code, ``cpu`` and the keys of `TAGS`).
-        subjects: scores in percent [candidates, subjects].
-        people: contribution of each person to scores and costs, in the order of these two.
-        first: a run of the candidates.
-        notes: excluded runs with reasons, in sentences.
+    The table has a row per candidate: ``system``, ``unit``, ``accuracy`` (the score in percent as a mean over
+    subjects), every cost of `bench.measures.costs_of` in its unit, NaN where it is unknown, ``linked`` (True for linked
+    bytes, with code), ``cpu`` and the keys of `TAGS`.
     """
 
     table: pd.DataFrame
-    subjects: pd.DataFrame
-    people: People
-    first: Result
-    notes: list[str]
+    subjects: pd.DataFrame  # scores in percent [candidates, subjects]
+    people: People  # what each person contributes to scores and costs, in the order of these two
+    first: Result  # a run of the candidates
+    notes: list[str]  # excluded runs with reasons, in sentences
 
     @property
     def context(self) -> str:
@@ -162,13 +158,14 @@ def _amounts(numbers: Mapping[str, float], way: Candidate, study: str) -> dict[s
     """
     fixed = {name: cost for name, cost in costs_of(study).items() if cost.among is None}
     others = {fixed[name].source: numbers.get(stored) for name, stored in way.stored.items() if name in fixed}
-    cells = {name: cost.cell({**numbers, **others}) for name, cost in fixed.items()}
+    own = {**numbers, **others}
+    cells = {name: cost.cell(own) for name, cost in fixed.items()}
     return {name: c.value if isinstance(c, Interval) else c for name, c in cells.items()} | dict(way.costs)
 
 
 def _over_seeds(ways: Sequence[Way], numbers: Iterable[Mapping[str, Any] | pd.Series]) -> pd.DataFrame:
     """Numbers of each candidate by name, means over its seeds, from those of every seed [candidates, names]."""
-    rows = pd.DataFrame([dict(each) for each in numbers], dtype=float)
+    rows = pd.DataFrame([dict(each.items()) for each in numbers], dtype=float)
     return rows.groupby(np.repeat(range(len(ways)), [*map(len, ways)])).mean()
 
 
@@ -193,16 +190,17 @@ def _losses(
     NaN where no complete result is of all faults, and for windows and early decisions. Seeds are averaged.
     """
     lost = np.full((len(table), len(losses.circumstances), len(subjects)), np.nan)
+    whole = table[table["whole"]].groupby("system").groups
+    of_system = {str(system): rows.to_numpy() for system, rows in whole.items()}
     for circumstance in circumstance_views():
-        by_system: dict[str, dict[str, list[Result]]] = {}
+        by_seed: dict[str, dict[str, list[Result]]] = {system: {} for system in of_system}
         for r in results:
-            if circumstance.holds(r) and r.complete and r.comparable == context.comparable:
-                by_system.setdefault(r.system, {}).setdefault(r["seed"], []).append(r)
-        for system, seeds in by_system.items():
-            rows = (table["system"] == system) & table["whole"]
-            parts = [circumstance.lost(each, losses, reactions) for each in seeds.values()] if rows.any() else []
+            if circumstance.holds(r) and r.complete and r.comparable == context.comparable and r.system in by_seed:
+                by_seed[r.system].setdefault(r["seed"], []).append(r)
+        for system, seeds in by_seed.items():
+            parts = [circumstance.lost(each, losses, reactions) for each in seeds.values()]
             if known := [part.reindex(columns=subjects).to_numpy() for part in parts if part is not None]:
-                lost[rows.to_numpy()] = np.mean(known, axis=0)
+                lost[of_system[system]] = np.mean(known, axis=0)
     return lost
 
 
@@ -238,9 +236,9 @@ def eligible(
     notes: list[str] = []
     if complete and "protocol_label" not in asked:
         complete, notes = _newest(complete)
-    same, systems = {r.comparable for r in complete}, {r["system"] for r in complete}
+    same = {r.comparable for r in complete}
     here = [r for r in kept if not r.complete and (r.comparable in same or not complete)]
-    if failed := {r["system"] for r in here} - systems:
+    if failed := {r["system"] for r in here} - {r["system"] for r in complete}:
         notes += sentences("bench.outcomes", "choice", "failed", names=sorted(failed))
     if not batch and (names := sorted({r["system"] for r in complete if not r.alone})):
         complete = [r for r in complete if r["system"] not in names]
@@ -261,7 +259,8 @@ def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
 
     Parameters that results of a kind share are those of the newest of this kind.
     """
-    arguments = list(dict.fromkeys(_arguments(results)))
+    apart = [*{r.comparable: r for r in results}.values()]
+    arguments = [*dict.fromkeys(spelled(selecting(r, apart)) for r in apart)]
     if len(arguments) > 1:
         raise InputError(
             f"runs on different captures or protocols cannot be compared; name one of: {'; '.join(arguments[:4])}"
@@ -278,21 +277,3 @@ def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
     told |= {"versions": [*dict.fromkeys(str(r["corpus_digest"])[:8] for r in others)]}
     notes = sentences("bench.outcomes", "choice", "older", **told) if others else []
     return [r for r in results if r in kept], notes
-
-
-def _arguments(results: Sequence[Result]) -> list[str]:
-    """Arguments of `bench choose` that select the captures and the protocol of each result."""
-    values: dict[tuple[str, str], set[str]] = {}  # of each parameter of each protocol
-    for r in results:
-        for name in r.about:
-            if name.startswith("protocol."):
-                values.setdefault((r["protocol_name"], name), set()).add(r[name])
-    several_of = [key for key, each in values.items() if len(each) > 1]
-    texts = []
-    for r in results:
-        selecting = {"data": str(r["data"]), "where": str(r["subset"])}
-        selecting |= {"protocol": str(r["protocol"]).partition("[")[0]}
-        selecting |= {"target": str(r["target"])} if r["target"] != "gesture" else {}
-        selecting |= {name: str(r[name]) for of, name in several_of if of == r["protocol_name"] and name in r}
-        texts.append(" ".join(f"{key}={quoted(value)}" for key, value in selecting.items()))
-    return texts

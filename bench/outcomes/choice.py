@@ -6,7 +6,7 @@ Its sentences stand in ``templates/choice.jinja``.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ import pandas as pd
 from bench import few
 from bench.candidate import Losses, Wish
 from bench.errors import InputError
-from bench.intervals import TOLERANCE, interval, mean_and_error, within_one_standard_error
+from bench.intervals import TOLERANCE, interval, mean_and_error, shown_less, within_one_standard_error
 from bench.measures import costs, costs_of
 from bench.outcomes.candidates import Candidates, candidates, missing, repeated
 from bench.outcomes.runs import NothingTracked, selected, without_runs
@@ -76,11 +76,8 @@ def pick(
     nothing.
 
     A candidate whose cost ``by`` is unknown is neither chosen nor the best, one whose cost with a budget is unknown
-    does not fit.
-
-    Returns:
-        Numbers of the chosen and of the best candidate, None where none fits, and which candidates that fit are not
-        below the best, bool [candidates].
+    does not fit. It gives the numbers of the chosen and of the best candidate, None where none fits, and which
+    candidates that fit are not below the best, bool [candidates].
     """
     fits = np.ones(len(table), bool)
     for name, budget in budgets.items():
@@ -91,23 +88,10 @@ def pick(
     if not can.any():
         return None, None, np.zeros(len(scores), bool)
     best = int(np.lexsort((burden, -np.where(can, means, -np.inf)))[0])
-    near = fits & _not_below(scores[best] - scores, margin)
+    lost = scores[best] - scores
+    near = fits & (within_one_standard_error(lost) if margin is None else shown_less(lost, margin))
     near[best] = True
     return int(np.lexsort((-means, np.where(can & near, burden, np.inf)))[0]), best, near
-
-
-def _not_below(losses: np.ndarray, margin: float | None) -> np.ndarray:
-    """Which mean losses over people are within one standard error or, with a margin, shown to be less."""
-    if margin is None:
-        return within_one_standard_error(losses)
-    people, mean = losses.shape[1], losses.mean(axis=1)
-    if people < few.TEST:
-        return np.zeros(len(losses), bool)
-    error = losses.std(axis=1, ddof=1) / np.sqrt(people)
-    from scipy.special import stdtr  # not scipy.stats, which takes half a second
-
-    t = np.divide(mean - margin, error, out=np.full(mean.shape, np.inf), where=error > 0)
-    return np.where(error > 0, stdtr(people - 1, t) < 0.05, mean < margin)
 
 
 def decide(
@@ -134,13 +118,10 @@ def decide(
     accuracy = table["accuracy"].round(9)
     table = table.assign(verdict=verdicts, loss=lost[:, 0], error=lost[:, 1], accuracy=accuracy, burden=burden)
     unranked = table[fits & np.isnan(burden)].sort_values("accuracy", ascending=False).index
-    order, better = table.sort_values("burden"), []
-    if chosen is not None:
-        order = table.sort_values(["burden", "accuracy"], ascending=[True, False])
-        dearer = order[fits[order.index] & (order["burden"] > burden[chosen])]
-        better = [*dearer.index[dearer["accuracy"] > accuracy[chosen]]]
+    order = table.sort_values(["burden", "accuracy"], ascending=[True, False])
+    better: Any = [] if chosen is None else fits & (burden > burden[chosen]) & (accuracy > accuracy[chosen])
+    costlier = next((int(i) for i in order.index if chosen is not None and better[i]), None)
     limits = [_limit(table, scores, by, budgets, name, best) for name in budgets]
-    costlier = next(map(int, better), None)
     return Choice(order.drop(columns="burden"), chosen, best, costlier, [*map(int, unranked)], limits)
 
 
@@ -176,10 +157,8 @@ def expected(
     """Score in percent of each person with the system that is chosen without this person; NaN where none is.
 
     Scores, losses under faults, worst people and rates of events are computed again from the people that are left.
-    Latency and decision time are medians of all people and do not change.
-
-    Returns:
-        None where nothing is chosen, or for fewer than `bench.few.INTERVAL` people, or one candidate.
+    Latency and decision time are medians of all people and do not change. None where nothing is chosen, for fewer than
+    `bench.few.INTERVAL` people, or for one candidate.
     """
     scores = among.people.scores
     if chosen is None or scores.shape[1] < few.INTERVAL or len(scores) < 2:
@@ -197,7 +176,7 @@ def without_each(
         yield pick(among.table.assign(**people.costs({by, *budgets})), people.scores, by, budgets, margin)[0]
 
 
-# Sentences.
+# Sentences
 
 
 def points(mean: float, error: float = np.nan) -> str:
@@ -256,38 +235,24 @@ def expectation(scores: np.ndarray | None, among: Candidates, chosen: int | None
     )
 
 
-# The choice of ``bench choose``.
+# The choice of ``bench choose``
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """A choice and its candidates.
-
-    Attributes:
-        choice: result of `decide`.
-        among: the candidates.
-        by: the cost to minimise.
-        budgets: budget of each cost.
-        margin: points that do not matter, or None.
-        clock: clock of the target in MHz, or None.
-        scene: reactions and faults of the scene.
-        expected: score of each person that was left out; None if nothing fits or there are too few people.
-        lacking: commands that measure what is not stored, by what they measure, in words.
-        notes: sentences on the board of the scene.
-        why: True to print all sentences.
-    """
+    """A choice and its candidates."""
 
     choice: Choice
     among: Candidates
-    by: str
-    budgets: dict[str, float]
-    margin: float | None
-    clock: float | None = None
-    scene: Scene = Scene()
-    expected: np.ndarray | None = None
-    lacking: Mapping[str, list[str]] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-    why: bool = False
+    by: str  # the cost to minimise
+    budgets: dict[str, float]  # of each cost
+    margin: float | None  # points that do not matter
+    clock: float | None  # of the target in MHz
+    scene: Scene  # reactions and faults
+    expected: np.ndarray | None  # score of each person that was left out; None if nothing fits or for too few people
+    lacking: Mapping[str, list[str]]  # commands that measure what is not stored, by what they measure, in words
+    notes: list[str]  # sentences on the board of the scene
+    why: bool  # whether all sentences are printed
 
     @property
     def system(self) -> str | None:
@@ -313,11 +278,8 @@ class Chosen:
         """The choice, its reason and what to expect, or the binding budgets and a remedy; all with ``why``."""
         brief, every = self._brief()[:BRIEF], self._every()
         more = 0 if self.why else sum(line not in brief for line in every)
-        command = (
-            None
-            if self.choice.chosen is not None
-            else f"{_command(self.study)} data={self.among.first['data']} {SMALL}"
-        )
+        small = f"{self._view.key} data={self.among.first['data']} {SMALL}"
+        command = small if self.choice.chosen is None else None
         return [*(every if self.why else brief), *said("rest", more=more, command=command)]
 
     def _brief(self) -> list[str]:
@@ -409,11 +371,6 @@ def choose(
     return Chosen(choice, among, by, limits, margin, clock, scene, others, lacking, [*notes], why)
 
 
-def _command(study: str) -> str:
-    """The command that makes runs of a study, or on captures."""
-    return next(view.key for tag, view in run_views().items() if (tag if view.apart else "") == study)
-
-
 def _unmeasured(results: Sequence[Any], asked: Mapping[str, list[str]], study: str, scene: Scene) -> str:
     """What is wrong with a scene and what measures it, of the stored runs on captures; empty without any."""
     kept, kinds = selected(results, {"target": ["gesture"], **asked}), run_views()
@@ -425,8 +382,8 @@ def _unmeasured(results: Sequence[Any], asked: Mapping[str, list[str]], study: s
         scene.reactions.of({*runs[-1].tables["predictions"]["true"]})
     except InputError as e:
         faults = [str(e)]
-    measure = dict.fromkeys(typed(_command(study), repeated(r["touchbench.arguments"])) for r in runs)
-    return "; ".join([*faults, f"no run of bench {_command(study)} is stored; make one with: {next(iter(measure))}"])
+    measure = typed(kinds[study].key, repeated(runs[0]["touchbench.arguments"]))
+    return "; ".join([*faults, f"no run of bench {kinds[study].key} is stored; make one with: {measure}"])
 
 
 def _check_study(study: str, by: str, unit: str, limits: Mapping[str, float], clock: float | None) -> None:
@@ -436,7 +393,5 @@ def _check_study(study: str, by: str, unit: str, limits: Mapping[str, float], cl
     wrong = [f"by={by}"] * (by in unknown) + [f"{costs()[k].budget}=" for k in unknown if k in limits]
     wrong += [f"unit={unit}"] * (unit == "window") + ["clock="] * (clock is not None)
     if wrong:
-        command = _command(study)
-        raise InputError(
-            f"{wrong[0]}: runs of bench {command}, which {given}= compares, have no such value; leave it out"
-        )
+        runs = f"runs of bench {run_views()[study].key}, which {given}= compares"
+        raise InputError(f"{wrong[0]}: {runs}, have no such value; leave it out")

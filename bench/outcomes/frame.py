@@ -20,23 +20,9 @@ PARTS = ("model", "features", "protocol", "data")  # whose parameters are ``<par
 SHARES = ("accuracy", "subject_sd", "macro_")  # in names of numbers that are shown in percent
 FIRST = {"accuracy": "accuracy", "low": "accuracy_low", "high": "accuracy_high", "subject_sd": "subject_sd"}  # of a run
 SHOWN = ("accuracy", "low", "high", "subject_sd", "loss")  # of a case, in percent
-TOLD = (  # beginnings of tags and parameters that other columns tell, or that tell no reader anything
-    *(
-        "touchbench.",
-        "version.",
-        "mlflow.",
-        "run_id",
-        "status",
-        "started",
-        "artifacts",
-        "git",
-        "threads",
-        "cpu",
-        "simd",
-    ),
-    *("unit", "synthetic", "mixes_subjects", "test_over_train", "official_split", "model", "features", "system"),
-    *("data", "subset", "where", "target", "protocol"),
-)
+# Beginnings of tags and parameters that other columns tell, or that tell no reader anything.
+TOLD = "touchbench. version. mlflow. run_id status started artifacts git threads cpu simd unit synthetic data subset "
+TOLD += "mixes_subjects test_over_train official_split model features system where target protocol"
 WORDS = {"seed": "seed {}", "corpus_digest": "corpus {:.8}", "touchbench.changes": "{}", "run_id": "run {:.8}"}
 
 
@@ -79,7 +65,8 @@ def _telling(rows: Sequence[Row], context: bool) -> list[str]:
     """The tags and parameters in which rows differ, as many as tell them apart; their ids if nothing else does."""
     about = [r.about if isinstance(r, Result) else r for r in rows]
     every = [key for key in dict.fromkeys(key for r in about for key in r) if not key.endswith(("_name", "_file"))]
-    usual = [key for key in every if not key.startswith(TOLD) or key.partition(".")[0] in PARTS and "." in key]
+    told = tuple(TOLD.split())
+    usual = [key for key in every if not key.startswith(told) or key.partition(".")[0] in PARTS and "." in key]
     where = ["data", "subset", "target", "protocol"] if context else []
     kept: dict[tuple[int, ...], str] = {}  # by how they part the rows
     for key in dict.fromkeys([*where, "seed", "touchbench.changes", *usual, "corpus_digest"]):
@@ -103,13 +90,10 @@ def frame(results: Sequence[Result], cases: bool = False) -> pd.DataFrame:
 
     Shares are in percent. ``accuracy`` is the mean over subjects with its 95 % t-interval (``low``, ``high``) and SD
     (``subject_sd``), ``pooled_accuracy`` is over captures. ``complete`` is False where a fold failed, ``alone`` False
-    where labels depend on other test captures.
-
-    Args:
-        results: results of any kinds.
-        cases: True for a row for each case of the circumstances of each run, such as a fault at one severity.
+    where labels depend on other test captures. With ``cases``, a row for each case of the circumstances of each run,
+    such as a fault at one severity.
     """
-    from bench.work.curves import curve
+    from bench.work.stability import curve
 
     rows = []
     for name, r in zip(names(results), results, strict=True):
@@ -143,15 +127,7 @@ def _numbers(r: Result) -> dict[str, Any]:
 
 
 def tables(results: Sequence[Result], name: str = "predictions") -> pd.DataFrame:
-    """A table of some runs as one, each row with the ``name`` of its run and its ``run_id``.
-
-    Args:
-        results: results.
-        name: ``predictions``, ``per_subject``, ``labels`` or another table of a run.
-
-    Raises:
-        InputError: no run has it.
-    """
+    """A table of some runs as one, such as ``labels``; each row has the ``name`` of its run and its ``run_id``."""
     parts = []
     for called, r in zip(names(results, context=True), results, strict=True):
         if (table := r.tables.get(name)) is not None:
@@ -164,15 +140,9 @@ def tables(results: Sequence[Result], name: str = "predictions") -> pd.DataFrame
 
 
 def by_subject(results: Iterable[Result]) -> tuple[pd.DataFrame, pd.Series]:
-    """Accuracy in percent [systems, subjects] of the complete results of one group, best mean first.
+    """Accuracy in percent [systems, subjects] of the complete results of one group, best mean first; seeds of each row.
 
-    Systems that were not tested on all subjects of the group are left out.
-
-    Args:
-        results: results of one group; those that depend on the batch are not comparable.
-
-    Returns:
-        The table, and the number of seeds behind each row.
+    Systems that were not tested on all subjects of the group are left out. Results must not depend on the batch.
     """
     complete = [r for r in results if r.complete]
     table = pd.DataFrame([r.people for r in complete], index=pd.Index([r.system for r in complete], name="system"))
@@ -182,17 +152,16 @@ def by_subject(results: Iterable[Result]) -> tuple[pd.DataFrame, pd.Series]:
     return means.loc[order], table.groupby(level=0).size().loc[order]
 
 
+def selecting(run: Result, among: Iterable[Result]) -> dict[str, str]:
+    """Arguments of `bench choose` that select the captures and the protocol of a run among others."""
+    words = {"data": str(run["data"]), "where": str(run["subset"])}  # which may be one of several
+    words |= {"target": run["target"]} if run["target"] != "gesture" else {}
+    words |= labelled("protocol", str(run["protocol"]))
+    same = [r for r in among if r["protocol_name"] == run["protocol_name"]]
+    own = {name: str(value) for name, value in run.about.items() if name.startswith("protocol.")}
+    return words | {name: v for name, v in own.items() if len({str(r[name]) for r in same if name in r}) > 1}
+
+
 def choosing(results: Sequence[Result], **more: str) -> str:
     """The command that chooses among stored runs on the captures and under the protocol of the first result."""
-    words: dict[str, str] = {}
-    if results:
-        first = results[0]
-        words = {"data": first["data"], "where": first["subset"]}  # which may be one of several
-        words |= {"target": first["target"]} if first["target"] != "gesture" else {}
-        words |= labelled("protocol", str(first["protocol"]))
-        words |= {
-            k: str(v)
-            for k, v in first.about.items()
-            if k.startswith("protocol.") and len({str(r.get(k)) for r in results}) > 1
-        }
-    return typed("choose", words | more)
+    return typed("choose", (selecting(results[0], results) if results else {}) | more)

@@ -74,15 +74,15 @@ def compare(
     ``history`` has the stored runs of a system up to a current one, oldest first, each with its revision.
     """
     pairs = [(then, counterpart(then, current)) for then in baseline]
-    questions = sum(1 + held(then, now) for then, now in pairs if now)
+    level = error / 100 / max(1, sum(1 + (not free(then, now)) for then, now in pairs if now))  # of each question
     verdicts = []
     for then, now in pairs:
-        verdict = (
-            judge(then, now, level := error / 100 / questions, slower) if now else _missing(then, current, failed or {})
-        )
-        if now and verdict.wrong and (words := since(then, history(now), level, slower)):
-            verdict = verdict._replace(details=f"{verdict.details}, {words}")
-        verdicts.append(verdict)
+        if now is None:
+            verdicts.append(_missing(then, current, failed or {}))
+            continue
+        verdict = judge(then, now, level, slower)
+        words = since(then, history(now), level, slower) if verdict.wrong else ""
+        verdicts.append(verdict._replace(details=f"{verdict.details}, {words}") if words else verdict)
     return verdicts
 
 
@@ -102,9 +102,8 @@ def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict
     """Hold one run against that of the baseline."""
     both = then.labels.merge(now.labels, on=["fold", "capture"], how="outer", suffixes=("", "_now"), indicator="side")
     if (both["side"] != "both").any() or (both["true"] != both["true_now"]).any():
-        return Verdict(
-            named(then), ("other captures",), "the run tests other captures than the baseline; update the baseline"
-        )
+        other = "the run tests other captures than the baseline; update the baseline"
+        return Verdict(named(then), ("other captures",), other)
     hit_then, hit_now = (both[label] == both["true"] for label in ("predicted", "predicted_now"))
     difference = hit_now.astype(int) - hit_then.astype(int)
     units, kind = units_of(both.assign(difference=difference), level)
@@ -113,7 +112,8 @@ def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict
     if p < level:
         wrong.append("worse" if difference.sum() < 0 else "better")
     changed = int((both["predicted"] != both["predicted_now"]).sum())
-    if not wrong and held(then, now) and binom.sf(changed - 1, len(both), CHANGES) < level:
+    may = free(then, now)
+    if not wrong and not may and binom.sf(changed - 1, len(both), CHANGES) < level:
         wrong.append("changed")
     details = []
     for cost, label, alarm, most in (("relative", "time", "slower", slower), ("flash", "flash", "larger", LARGER)):
@@ -127,27 +127,17 @@ def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict
     line = (
         f"pooled {100 * hit_then.mean():.1f} -> {100 * hit_now.mean():.1f} %, {percent * difference.sum():+.1f} "
         f"[{percent * low:+.1f}, {percent * high:+.1f}], p {p:.2g} ({len(units)} {kind}), "
-        f"{changed} of {len(both)} labels changed{_free(then, now)}, {', '.join(details)}"
+        f"{changed} of {len(both)} labels changed{f' (allowed with {may})' if may else ''}, {', '.join(details)}"
     )
     return Verdict(named(then), tuple(wrong), line)
 
 
-def held(then: Measured, now: Measured) -> bool:
-    """Return True if unchanged code must give the same labels."""
-    seed = then.names["seed"]
-    return seed == now.names["seed"] and (seed == "none" or then.environment == now.environment)
-
-
-def _free(then: Measured, now: Measured) -> str:
-    """Why the labels may change."""
-    if held(then, now):
-        return ""
+def free(then: Measured, now: Measured) -> str:
+    """With what the labels of unchanged code may change; empty if they must be the same."""
     seed = now.names["seed"]
-    return (
-        f" (allowed with seed {seed})"
-        if seed != then.names["seed"]
-        else " (allowed with other processors, threads or versions)"
-    )
+    if seed != then.names["seed"]:
+        return f"seed {seed}"
+    return "" if seed == "none" or then.environment == now.environment else "other processors, threads or versions"
 
 
 def units_of(tested: pd.DataFrame, level: float) -> tuple[np.ndarray, str]:
@@ -198,15 +188,13 @@ def drawn(values: np.ndarray, draws: int) -> tuple[np.ndarray, np.ndarray]:
 def counterpart(then: Measured, current: list[Measured]) -> Measured | None:
     """The run to hold against that of the baseline; one with another seed only of a random system."""
     same = [now for now in current if all(now.names[k] == then.names[k] for k in NAMES if k != "seed")]
-    exact = [now for now in same if now.names["seed"] == then.names["seed"]]
-    fitting = exact or same
+    fitting = [now for now in same if now.names["seed"] == then.names["seed"]] or same
     return fitting[-1] if fitting else None
 
 
 def _missing(then: Measured, current: list[Measured], failed: Mapping[tuple, str]) -> Verdict:
-    reason = failed.get(tuple(then.names[k] for k in SAME))
     details = f"no complete current run; make one with: bench run {then.run}"
-    if reason:
+    if reason := failed.get(tuple(then.names[k] for k in SAME)):
         details = f"its folds fail: {reason}"
     if any(all(now.names[k] == then.names[k] for k in SAME) for now in current):
         details = f"the run tests other captures than the baseline (digest {then.names['corpus_digest'][:16]})"

@@ -1,16 +1,23 @@
-"""Reactions of a robot to gestures, and what it costs to take one reaction for another."""
+"""Reactions of a robot to gestures, costs of mistakes, and the scores that a choice takes from them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 
+from bench.candidate import EARLY, Candidate, Losses, Wish
 from bench.errors import InputError, nearest
+from bench.intervals import TOLERANCE
+from bench.result import Result
 from bench.scores import PREFIX, classes_of
+from bench.words import CLEAN
+from bench.work.stability import unharmed
+from bench.work.stopping import standing
 
+WINDOW = {"predict": "decide_ms_p50", "decision": "observed_ms"}  # what the costs of single windows read
 NOTHING = "nothing"  # the reaction of a robot that does nothing
 
 
@@ -21,18 +28,12 @@ class Reactions:
     The robot takes the reaction with the lowest expected cost. The probability of a reaction is the sum over its
     gestures. With the default costs, it therefore takes the most probable reaction. Where a system abstains, it does
     nothing.
-
-    Attributes:
-        groups: gestures of each reaction; the robot does not react to gestures of ``nothing``.
-        ignored: True if gestures of no group belong to ``nothing``, and not each to a reaction of its own.
-        costs: cost of taking the reaction of the first key for that of the second, where it is not 1.
-        silence: cost of doing nothing where a reaction was meant.
     """
 
-    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    ignored: bool = False
-    costs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    silence: float = 1.0
+    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)  # of gestures; to ``nothing`` it does not react
+    ignored: bool = False  # whether gestures of no group belong to ``nothing``, and not each to a reaction of its own
+    costs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # of the first for the second, if not 1
+    silence: float = 1.0  # cost of doing nothing where a reaction was meant
 
     @property
     def plain(self) -> bool:
@@ -109,3 +110,55 @@ def by_decision(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame
     classes = classes_of(predictions)
     proba = predictions[[PREFIX + c for c in classes]].set_axis(classes, axis=1)
     return predictions[["subject", "true"]].assign(taken=reactions.decided(proba))
+
+
+def plain_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
+    """The system in Python on whole captures, or on windows if these are wished."""
+    reactions = wish.reactions
+    if wish.windows:
+        table = result.tables["predictions"]
+        yield Candidate("window", reactions.scores(by_decision(table, reactions)), WINDOW)
+        return
+    # What the run stored is the same and quick: reading the predictions of 1000 runs takes a minute.
+    stored = result.people if reactions.plain else {}
+    scores = stored or reactions.scores(by_capture(result.tables["predictions"], reactions))
+    yield Candidate("capture", scores, whole=True)
+
+
+def early_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
+    """A replayed system after the last time that is soon enough, or after each; none where no time was asked for."""
+    if wish.most is None:
+        return
+    table, instants = result.tables["replay"], result.tables["instants"]["ms"].tolist()
+    decided = [*zip(instants, np.sort(table["instant"].unique()), strict=True)]  # ms, frames
+    if np.isfinite(wish.most):  # the last that is soon enough, else the first
+        decided = [one for one in decided if one[0] <= wish.most * (1 + TOLERANCE)][-1:] or decided[:1]
+    for ms, frames in decided:
+        scores = wish.reactions.scores(by_decision(standing(table, frames), wish.reactions))
+        hop, stored = str(result["stream.hop_ms"]), {"predict": "replay_ms_p50"}
+        apart = (f"every {hop} ms",) if hop != "None" else ()
+        yield Candidate(f"first {ms:.0f} ms", scores, stored, {"decision": ms}, apart, mark=EARLY)
+
+
+def points_lost(results: Sequence[Result], asked: Losses, reactions: Reactions, key: str) -> pd.DataFrame | None:
+    """Points lost [circumstances, subjects] in some runs of one system; None if a fault is not in any of them.
+
+    These runs store labels, so the reaction is that to the most probable gesture, also of clean captures.
+    """
+    tested = [(r, {*str(r.get("faults", "")).split(", ")}) for r in sorted(results, key=lambda r: r["started"])]
+    if not {*asked.names} <= {name for _, names in tested for name in names}:
+        return None  # without reading any table
+    lost: dict[tuple[str, int], pd.Series] = {}
+    for result, names in tested:
+        if not names & {*asked.names}:
+            continue
+        table = result.tables["labels"]
+        under = (table["circumstance"] == key) & table["case"].isin(asked.names) & (table["level"] <= asked.severity)
+        rows = pd.concat([unharmed(table), table[under]], ignore_index=True)
+        keys = [rows["case"], rows["level"], rows["subject"].astype(str)]
+        mean = 100 * pd.Series(reactions.mistakes(rows)).groupby(keys).mean().unstack()
+        for fault, severity in {*mean.index} & {*asked.circumstances}:
+            lost[fault, severity] = mean.loc[(fault, severity)] - mean.loc[(CLEAN, 0)]
+    if not {*asked.circumstances} <= {*lost}:
+        return None
+    return pd.DataFrame({key: lost[key] for key in asked.circumstances}).T

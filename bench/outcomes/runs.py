@@ -40,11 +40,13 @@ def every_result(store: Store, asked: Mapping[str, Sequence[object]] | None = No
     runs = store.of_kind(*scores, data=data[0]) if len(data) == 1 else []
     results = [store.result(run) for run in runs or store.of_kind(*scores)]
     scored = [r for r in results if scores[r.kind] in r.metrics]
-    newest = {
-        tuple(str(r.get(name)) for name in (*SAME, *tracked)): r
-        for r in sorted(scored, key=lambda r: (r.complete, r["started"]))
-    }
-    return sorted(newest.values(), key=lambda r: r["started"])
+    return _last(sorted(scored, key=lambda r: (r.complete, r["started"])), (*SAME, *tracked))
+
+
+def _last(results: Iterable[Result], names: Sequence[str]) -> list[Result]:
+    """The last result of each that share what these names stand for, oldest first."""
+    last = {tuple(str(r.get(name)) for name in names): r for r in results}
+    return sorted(last.values(), key=lambda r: r["started"])
 
 
 def stored(store: Store) -> list[Result]:
@@ -75,11 +77,8 @@ def plain(results: Iterable[Result]) -> list[Result]:
     Whatever a circumstance changes, the labels of the captures as they are stay the same.
     """
     tracked = [name for view in views().values() for name in view.tracked]
-    best: dict[tuple[str, ...], Result] = {}
     rank = lambda r: (r.complete, -sum(name in r.about for name in tracked), r["started"])  # noqa: E731
-    for r in sorted(results, key=rank):
-        best[r.kind, *(str(r.get(name)) for name in SAME)] = r
-    return sorted(best.values(), key=lambda r: r["started"])
+    return _last(sorted(results, key=rank), (OF_RUN[0], *SAME))
 
 
 def asked_of(values: Values) -> dict[str, list]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,42 +28,28 @@ if TYPE_CHECKING:
     from bench.source import Code
 
 HOW = ("inner", "trials", "seconds")  # of a search, as it is typed
-NUMBERS = "bench.work.evaluation"  # the module of the loop that makes numbers
-Made = TypeVar("Made")  # what a part is when it is built
 
 
 @dataclass(frozen=True)
-class Part(Generic[Made]):
-    """A protocol, feature set or model, with every parameter it takes.
+class Part:
+    """A protocol, feature set or model, with every parameter it takes."""
 
-    Attributes:
-        room: a group of entry points, or a package that lists its parts.
-        name: registered name or ``file.py:Name``; for an object, its displayed text.
-        parameters: parameters by name.
-        instance: object from Python, if there is one.
-        module: module name of its file, different for each state of the file; empty for other parts.
-    """
-
-    room: str
-    name: str
+    room: str  # a group of entry points, or a package that lists its parts
+    name: str  # registered name or ``file.py:Name``; for an object, its displayed text
     parameters: dict[str, object] = field(default_factory=dict, hash=False)
-    instance: Made | None = field(default=None, hash=False)
-    module: str = field(default="", hash=False, repr=False)
+    instance: Any = field(default=None, hash=False)  # object from Python, if there is one
+    module: str = field(default="", hash=False, repr=False)  # name of its file's module, another for each state of it
 
     @property
-    def factory(self) -> Callable[..., Made]:
+    def factory(self) -> Callable:
         """The class or function behind the name; its file must be what it was when the command began."""
         factory = load(self.room, self.name)
         if self.module and factory.__module__ != self.module:
             raise InputError(f"{self.name}: the file was changed while it was in use; start the command again")
         return factory
 
-    def make(self) -> Made:
-        """Build one that takes nothing from the harness: a protocol or a feature set.
-
-        Raises:
-            InputError: it needs an argument, and is no function from captures to rows.
-        """
+    def make(self) -> Any:
+        """Build one that takes nothing from the harness: a protocol or a feature set."""
         if self.instance is not None:
             return contract.copied(self.instance)
         if needed := required(self.factory):
@@ -76,9 +62,8 @@ class Part(Generic[Made]):
         """Parameters that are not the default; that of ``seed`` may be another one, and of a model is the run's."""
         if self.instance is not None:
             return _arguments(self.instance) if self.name == type(self.instance).__name__ else {}
-        usual = parameters(self.factory)
         own = self.parameters.get("seed", seed) if self.room == "models" else seed
-        usual |= {} if own is None else {"seed": own}
+        usual = parameters(self.factory) | ({} if own is None else {"seed": own})
         return {k: v for k, v in self.parameters.items() if k not in usual or v != usual[k]}
 
     @property
@@ -125,23 +110,18 @@ class Cell:
 
     What is built of it and kept (`untrained`, `splitter`) stays in this process: a class of the user's file cannot be
     unpickled in another one.
-
-    Attributes:
-        circumstances: those in which the test captures are labelled again, in the order of the registry; each a
-            `bench.circumstances.base.Circumstance`.
-        study: maker of the folds of runs on other data than single captures; a `bench.circumstances.base.Study`.
     """
 
     data: str
     data_parameters: dict[str, object]
     where: str
     target: str
-    protocol: Part[Splitter]
-    features: Part[contract.Features] | None
-    model: Part[contract.System]
+    protocol: Part
+    features: Part | None
+    model: Part
     tuning: Tuning | None = None
-    circumstances: tuple[Any, ...] = ()
-    study: Any = None
+    circumstances: tuple[Any, ...] = ()  # `bench.circumstances.base.Circumstance`, in the order of the registry
+    study: Any = None  # a `bench.circumstances.base.Study`, which does the folds of runs on other data
 
     def __getstate__(self) -> dict[str, object]:
         return {f.name: getattr(self, f.name) for f in fields(self)}
@@ -164,9 +144,7 @@ class Cell:
     @property
     def command(self) -> str:
         """The command that makes its run."""
-        if self.study:
-            return self.study.key
-        return "tune" if self.tuning else "run"
+        return self.study.key if self.study else "tune" if self.tuning else "run"
 
     @cached_property
     def untrained(self) -> contract.System:
@@ -195,9 +173,9 @@ class Cell:
     @property
     def seed(self) -> int | None:
         """Seed of the search, of the model, or else of the feature set; None without randomness."""
-        parts = [part.parameters for part in (self.model, self.features) if part]
-        seeds = [self.tuning.get("seed")] if self.tuning else [p["seed"] for p in parts if "seed" in p]
-        return seeds[0] if seeds and isinstance(seeds[0], int) else None
+        parts = [self.tuning] if self.tuning else [part.parameters for part in (self.model, self.features) if part]
+        seed = next((each["seed"] for each in parts if "seed" in each), None)
+        return seed if isinstance(seed, int) else None
 
     @property
     def _features_seed(self) -> int | None:
@@ -233,9 +211,8 @@ class Cell:
             from bench.corpora.faults import all_faults
 
             made = [all_faults()[name] for name in trained]
-        code = [NUMBERS, *(c for one in (*self.parts, *self.producers) for c in one.code()), *(f.damage for f in made)]
-        if self.tuning:
-            code.append("bench.models.search.tuning")
+        code = [*(c for one in (*self.parts, *self.producers) for c in one.code()), *(f.damage for f in made)]
+        code += ["bench.work.evaluation", *(["bench.models.search.tuning"] if self.tuning else [])]
         return {
             "target": self.target,
             "tuning": repr(self.tuning),
@@ -296,11 +273,7 @@ def _described(tuning: Tuning) -> str:
 
 
 def cells(values: Values) -> list[Cell]:
-    """The cross product of all listed values, without repetitions.
-
-    Raises:
-        InputError: an unknown part, parameter or value, or a combination that means nothing.
-    """
+    """The cross product of all listed values, without repetitions."""
     chosen = {key: items(key, values.get(key, default)) for key, default in DEFAULTS.items()}
     feature_sets = chosen["features"]
     takes = [_takes_features(model) for model in chosen["model"]]
@@ -309,23 +282,25 @@ def cells(values: Values) -> list[Cell]:
         raise InputError(
             f"features={values['features']} has no effect: {models} uses no feature set; leave features= out"
         )
-    seeds = [convert("seed", s, 0) for s in chosen["seed"]]
+    systems = [
+        (model, seed, features)
+        for model, takes_features in zip(chosen["model"], takes, strict=True)
+        for seed in (convert("seed", s, 0) for s in chosen["seed"])
+        for features in (feature_sets if takes_features else [None])
+    ]
     distinct: dict[str, Cell] = {}
-    for data, where, target, protocol, (model, takes_features), seed in itertools.product(
-        *(chosen[key] for key in ("data", "where", "target", "protocol")),
-        zip(chosen["model"], takes, strict=True),
-        seeds,
-    ):
-        for features in feature_sets if takes_features else [None]:
-            for data_parameters, *parts in itertools.product(
-                corpus_variants(values, data, chosen["data"]),
-                variants(values, "protocol", protocol, chosen["protocol"]),
-                variants(values, "features", features, feature_sets, seed) if features is not None else [None],
-                variants(values, "model", model, chosen["model"], seed),
-            ):
-                cell = Cell(data, data_parameters, where, target, *parts)
-                distinct.setdefault(f"{cell!r} {[*map(id, cell.objects)]}", cell)
-    return list(distinct.values())
+    above = (chosen[key] for key in ("data", "where", "target", "protocol"))
+    for data, where, target, protocol, (model, seed, features) in itertools.product(*above, systems):
+        parts: list[Any]
+        for data_parameters, *parts in itertools.product(
+            corpus_variants(values, data, chosen["data"]),
+            variants(values, "protocol", protocol, chosen["protocol"]),
+            variants(values, "features", features, feature_sets, seed) if features is not None else [None],
+            variants(values, "model", model, chosen["model"], seed),
+        ):
+            cell = Cell(data, data_parameters, where, target, *parts)
+            distinct.setdefault(f"{cell!r} {[*map(id, cell.objects)]}", cell)
+    return [*distinct.values()]
 
 
 def _takes_features(model: object) -> bool:
@@ -333,12 +308,10 @@ def _takes_features(model: object) -> bool:
     if not isinstance(model, str):
         return contract.reads_tables(model)
     factory = load("models", model)
-    if without_default := required(factory):
-        if len(without_default) > 1:
-            several = ", ".join(without_default)
-            raise InputError(f"model={model}: {several} have no default; only the feature set may have none")
-        return True
-    return contract.reads_tables(factory)
+    if len(needed := required(factory)) > 1:
+        several = ", ".join(needed)
+        raise InputError(f"model={model}: {several} have no default; only the feature set may have none")
+    return bool(needed) or contract.reads_tables(factory)
 
 
 def variants(
@@ -366,12 +339,10 @@ def variants(
     defaults = _defaults(key, factory) if dotted else usual
     if seed is not None and "seed" in usual:
         usual["seed"] = seed
-    made = []
-    for chosen in _combinations(key, {p: text for p, text in dotted.items() if p in defaults}, defaults):
-        # A step that any model can have is a parameter of one that has it, and not of the others.
-        taken = {p: v for p, v in chosen.items() if p in usual or v != defaults[p]}
-        made.append(Part[Any](room, part, usual | taken, module=module))
-    return made
+    each = _combinations(key, {p: text for p, text in dotted.items() if p in defaults}, defaults)
+    # A step that any model can have is a parameter of one that has it, and not of the others.
+    taken = ({p: v for p, v in chosen.items() if p in usual or v != defaults[p]} for chosen in each)
+    return [Part(room, part, usual | own, module=module) for own in taken]
 
 
 def _dotted(values: Values, key: str) -> dict[str, object]:
@@ -417,6 +388,5 @@ def corpus_variants(values: Values, data: str, siblings: list[str]) -> list[dict
         raise InputError("data= takes the name of a corpus, such as data='synth'; see bench data")
     if data != "synth":
         return [{}]
-    defaults = _of_generator()
-    _refuse_unknown("data=synth", dotted, defaults)
+    _refuse_unknown("data=synth", dotted, defaults := _of_generator())
     return [defaults | chosen for chosen in _combinations("data", dotted, defaults)]

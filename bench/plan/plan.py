@@ -6,6 +6,7 @@ import hashlib
 import itertools
 import json
 import os
+import re
 import warnings
 from collections.abc import Iterable, Sequence
 from copy import copy
@@ -21,26 +22,18 @@ from bench.corpora.corpus import Corpus, untrained
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import UNTAUGHT, open_corpus
 from bench.errors import InputError
-from bench.plan import splits
 from bench.plan.cells import Cell
 from bench.words import quoted
 
 
 @dataclass(eq=False)
 class Fold:
-    """A split of the captures of a corpus, by position.
+    """A split of the captures of a corpus, by position."""
 
-    Attributes:
-        name: the tested subject, or a number.
-        train: positions of the training captures, int32 [captures].
-        test: positions of the test captures, int32 [captures].
-        pairs: further captures that a system learns from, and captures tested after it, of a protocol that has such.
-    """
-
-    name: str
-    train: np.ndarray
-    test: np.ndarray
-    pairs: Sequence[tuple[np.ndarray, np.ndarray]] = ()
+    name: str  # the tested subject, or a number
+    train: np.ndarray  # positions of the training captures, int32 [captures]
+    test: np.ndarray  # positions of the test captures, int32 [captures]
+    pairs: Sequence[tuple[np.ndarray, np.ndarray]] = ()  # of some protocols: further training captures, tested after
 
 
 @dataclass(frozen=True)
@@ -48,20 +41,13 @@ class Plan:
     """The content of one run.
 
     Cached properties depend on corpus, folds and protocol, not on the system: `of` shares them.
-
-    Attributes:
-        cell: the system and how it is tested.
-        corpus: the captures.
-        folds: all of them, in the order of the protocol.
-        workers: processes.
-        threads: threads of each process.
     """
 
-    cell: Cell
+    cell: Cell  # the system and how it is tested
     corpus: Corpus
-    folds: tuple[Fold, ...]
-    workers: int
-    threads: int
+    folds: tuple[Fold, ...]  # all of them, in the order of the protocol
+    workers: int  # processes
+    threads: int  # of each process
 
     @cached_property
     def mixes_subjects(self) -> bool:
@@ -76,9 +62,12 @@ class Plan:
 
     @cached_property
     def label(self) -> str:
-        """Protocol label of every row of results."""
+        """The protocol in words, distinct for runs on other splits: it names a seed that is not the default."""
         part = self.cell.protocol
-        return splits.label(self.cell.splitter, self.corpus, self.mixes_subjects, str(part), part.changed().get("seed"))
+        if (own := getattr(self.cell.splitter, "label", None)) is None:
+            return str(part) + ", subjects mixed" * self.mixes_subjects
+        words, seed = own(self.corpus), part.changed().get("seed")
+        return words if seed is None or re.search(rf"\bseed {seed}\b", words) else f"{words}, seed {seed}"
 
     @cached_property
     def facts(self) -> dict[str, str]:
@@ -128,14 +117,13 @@ def planned(cells: list[Cell], jobs: int | None) -> list[Plan]:
     """A plan for each cell; all that can be checked is checked before the first fold starts.
 
     Cells on the same captures with the same protocol share corpus, folds, and what is computed from them.
-
-    Raises:
-        InputError: something in the cells or the data cannot be used.
     """
     plans: list[Plan] = []
     first: dict[tuple, Plan] = {}
     for cell in cells:
-        estimator, key = checked(cell), _captures_and_protocol(cell)
+        estimator, part = checked(cell), cell.protocol
+        of_data = cell.data, repr(cell.data_parameters), cell.where, cell.target, cell.kind
+        key = *of_data, repr(part), part.module, id(part.instance)
         new = key not in first
         corpus = corpus_of(cell) if new else first[key].corpus
         contract.check_conditions(estimator, corpus)
@@ -152,12 +140,6 @@ def planned(cells: list[Cell], jobs: int | None) -> list[Plan]:
             for fold in plans[-1].folds:
                 contract.check_training(estimator, corpus[fold.train], gestures[fold.train])
     return plans
-
-
-def _captures_and_protocol(cell: Cell) -> tuple:
-    """What the captures and folds of a cell depend on."""
-    part, of_data = cell.protocol, (cell.data, repr(cell.data_parameters), cell.where, cell.target, cell.kind)
-    return *of_data, repr(part), part.module, id(part.instance)
 
 
 def refuse_repeats(plan: Plan) -> None:
@@ -203,32 +185,26 @@ def captures_of(data: str, parameters: dict[str, object], where: str, target: st
 
 
 def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
-    """All folds of a protocol, named after the tested subject where there is just one.
-
-    Raises:
-        InputError: the protocol cannot split this corpus, or a fold tests a class that it does not train.
-    """
+    """All folds of a protocol, named after the tested subject where there is just one; none tests an unknown class."""
     gestures, subjects = corpus.gestures, corpus.subjects
     with warnings.catch_warnings():  # of a splitter that needs no subjects
         warnings.filterwarnings("ignore", "The groups parameter is ignored by")
         split: Iterable[Any] = cell.splitter.split(corpus, gestures, subjects)
         folds = [Fold("", _positions(train), _positions(test), *pairs) for train, test, *pairs in split]
+    numbers, tested = [f"fold{i + 1:02d}" for i in range(len(folds))], [pd.unique(subjects[f.test]) for f in folds]
     mixed = mixes_subjects(corpus, folds)
-    if untaught := corpus.info.get(UNTAUGHT, []):
-        taught = ~np.isin(gestures, untaught)
-        folds = [Fold("", fold.train[taught[fold.train]], fold.test, fold.pairs) for fold in folds]
-    for i, fold in enumerate(folds, 1):
-        tested = pd.unique(subjects[fold.test])
-        fold.name = tested[0] if len(tested) == 1 and not mixed else f"fold{i:02d}"
+    alone = [who[0] if len(who) == 1 and not mixed else n for n, who in zip(numbers, tested, strict=True)]
+    distinct = len({*alone}) == len(folds)  # random splits may test the same subject twice
+    untaught = corpus.info.get(UNTAUGHT, [])
+    taught = ~np.isin(gestures, untaught)
+    for fold, name in zip(folds, alone if distinct else numbers, strict=True):
+        fold.name, fold.train = name, fold.train[taught[fold.train]]
         if lacking := [label for label in untrained(gestures, fold.train, fold.test) if label not in untaught]:
             leave = "" if "+" in corpus.target else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
             raise InputError(
                 f"protocol={cell.protocol}: fold {fold.name} tests {corpus.target} {lacking[0]} but has no training "
                 f"capture of it; {leave}choose another protocol"
             )
-    if len({fold.name for fold in folds}) < len(folds):  # random splits may test the same subject twice
-        for i, fold in enumerate(folds, 1):
-            fold.name = f"fold{i:02d}"
     return folds
 
 
@@ -239,23 +215,15 @@ def _positions(side: np.ndarray) -> np.ndarray:
 
 def mixes_subjects(corpus: Corpus, folds: list[Fold] | tuple[Fold, ...]) -> bool:
     """Return True if a fold trains and tests captures of the same subject."""
-    codes, names = pd.factorize(corpus.subjects, use_na_sentinel=False)
-    for fold in folds:
-        trained = np.zeros(len(names), bool)
-        trained[codes[fold.train]] = True
-        if trained[codes[fold.test]].any():
-            return True
-    return False
+    codes = pd.factorize(corpus.subjects, use_na_sentinel=False)[0]
+    return any(np.isin(codes[fold.test], codes[fold.train]).any() for fold in folds)
 
 
 def shared_ratio(folds: tuple[Fold, ...]) -> float | None:
     """Tested by training captures over all folds, None where no two folds share training captures."""
-    seen = np.zeros(max((int(fold.train.max(initial=-1)) for fold in folds), default=-1) + 1, bool)
-    for fold in folds:
-        if seen[fold.train].any():
-            return sum(len(fold.test) for fold in folds) / sum(len(fold.train) for fold in folds)
-        seen[fold.train] = True
-    return None
+    counts = np.bincount(np.concatenate([np.zeros(0, int), *(np.unique(fold.train) for fold in folds)]))
+    shared = counts.max(initial=0) > 1
+    return sum(len(fold.test) for fold in folds) / sum(len(fold.train) for fold in folds) if shared else None
 
 
 def usable_cores() -> int:

@@ -17,7 +17,6 @@ Whether subjects are mixed, and how many captures are tested by those trained on
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from typing import NamedTuple, Protocol
 
@@ -34,25 +33,10 @@ class Splitter(Protocol):
         """Training and test captures of each fold, by position."""
 
 
-def label(protocol: Splitter, corpus: Corpus, mixes_subjects: bool, name: str, seed: object = None) -> str:
-    """The protocol in words, distinct for runs on other splits: it names a seed that is not the default."""
-    if own := getattr(protocol, "label", None):
-        words = own(corpus)
-        return words if seed is None or re.search(rf"\bseed {seed}\b", words) else f"{words}, seed {seed}"
-    return name + (", subjects mixed" if mixes_subjects else "")
-
-
 class Tested(NamedTuple):
-    """A fitted system and the captures of a fold that it predicts.
+    """A fitted system and the captures of a fold that it predicts."""
 
-    Attributes:
-        name: name of the fold, or of a part of it.
-        estimator: fitted.
-        tested: positions of the captures.
-        metrics: costs of fitting.
-    """
-
-    name: str
+    name: str  # of the fold, or of a part of it
     estimator: contract.System
-    tested: np.ndarray
-    metrics: dict[str, float]
+    tested: np.ndarray  # positions of the captures
+    metrics: dict[str, float]  # costs of fitting

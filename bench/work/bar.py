@@ -24,10 +24,8 @@ ALWAYS = 1e9  # seconds that rich looks back to estimate the time left
 class Bar(Progress):
     """A bar for each run, one after the other; in a notebook too, where it needs ipywidgets.
 
-    Args:
-        runs: number of runs of the command.
-        stored: number of these that are stored already.
-        todo: missing folds of each other run, and the seconds that they are expected to take, None if unknown.
+    ``todo`` has the missing folds of each of the runs that are not ``stored``, and the seconds that they are expected
+    to take, None if unknown.
     """
 
     def __init__(self, runs: int, stored: int = 0, todo: Sequence[tuple[int, float | None]] = ()) -> None:
@@ -58,13 +56,15 @@ class Bar(Progress):
         self.begun += 1
         self.title, self.missing = title, [*missing]
         self.now = self.todo.pop(0) if self.todo else (len(missing), None)
-        self.add_task(title, total=folds, completed=folds - len(missing), now=self._now())
-        self.update(self.run.id, description=self._named(self.left))
+        self.add_task(title, total=folds, completed=folds - len(missing), now="")
+        self._refresh(self.left)
 
-    def _named(self, left: float | None = None) -> str:
-        """The run, its number among several, and the time left for all of these."""
+    def _refresh(self, left: float | None, done: int = 0) -> None:
+        """Show the run, its number among several, the time left for all of these, and the first fold under way."""
         time = f", {about(left)} left" if left and left >= 1 else ""
-        return f"run {self.begun} of {self.runs}{time}: {self.title}" if self.runs > 1 else self.title
+        words = f"run {self.begun} of {self.runs}{time}: {self.title}" if self.runs > 1 else self.title
+        now = named(self.missing[0]) if self.missing else ""
+        self.update(self.run.id, advance=done, description=words, now=now)
 
     @property
     def left(self) -> float | None:
@@ -81,21 +81,15 @@ class Bar(Progress):
             return None
         return sum(count * paces[0] if time is None else time for count, time in waiting)
 
-    def _now(self) -> str:
-        """The fold that is under way, or the first of several."""
-        return named(self.missing[0]) if self.missing else ""
-
     def end_fold(self, result: FoldResult) -> None:
         """Count a fold that is stored; where no bar is seen before the end (a log), print a line."""
         run = self.run
         self.missing.remove(result.name)
-        self.update(run.id, advance=1, now=self._now())
-        self.update(run.id, description=self._named(self.left))
-        if result.error:
-            self.console.print(f"{named(result.name)} failed: {result.reason}", style="red", markup=False)
-        for name, error in result.failed.items():
-            words = f"{named(result.name)}, {name}= failed: {reason_of(error)}"
-            self.console.print(words, style="red", markup=False, soft_wrap=True)
+        self._refresh(self.left, 1)
+        lines = [f"{named(result.name)} failed: {result.reason}"] if result.error else []
+        lines += [f"{named(result.name)}, {key}= failed: {reason_of(error)}" for key, error in result.failed.items()]
+        for line in lines:
+            self.console.print(line, style="red", markup=False, soft_wrap=True)
         if not self.console.is_terminal:
             how = "failed" if result.error else "done"
             left = f", {span(run.time_remaining)} left" if run.time_remaining and self.runs == 1 else ""
@@ -106,7 +100,8 @@ class Bar(Progress):
     def end(self) -> None:
         """Print the bar of a run that has ended for good."""
         self.done, self.seconds = self.done + self.now[0] - len(self.missing), self.seconds + (self.run.elapsed or 0.0)
-        self.update(self.run.id, now="", description=self._named())
+        self.missing.clear()
+        self._refresh(None)
         self.console.print(self.make_tasks_table([self.run]))
         self.remove_task(self.run.id)
 

@@ -11,7 +11,6 @@ from bench import contract, scores
 from bench.plan.splits import Tested
 from bench.result import Result
 from bench.words import LABELS
-from bench.work import fold as fold_of
 from bench.work.fold import batch_effects, check_agreement, computing, decisions, fitted, footprint, latency
 from bench.work.results import FoldResult, costs, failure, measured, tables_of
 
@@ -47,9 +46,7 @@ def folded(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         for name, table in done.tables.items():
             before = [result.tables[name]] if name in result.tables else []
             result.tables[name] = pd.concat([*before, table], ignore_index=True)
-    for circumstance in cell.circumstances:
-        if circumstance.key not in result.failed:
-            result.scored |= circumstance.fold_metrics(result, corpus.rate_hz)
+        result.scored |= circumstance.fold_metrics(result, corpus.rate_hz)
     result.scored |= scores.accuracies(result.table) | costs([result])
     return result
 
@@ -67,31 +64,21 @@ def systems(cell: Cell, corpus: Corpus, fold: Fold) -> Iterable[Tested]:
 def evaluated(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> tuple[contract.System, FoldResult]:
     """The fitted system of a fold, the last of several; predictions of the test captures, and their costs."""
     parts, effects = [], []
-    share = -(-fold_of.AGAIN // len(fold.pairs)) if fold.pairs else None
     with computing(threads):
         for one in systems(cell, corpus, fold):
             parts.append(decisions(one.estimator, corpus, one.name, one.tested))
-            effects += batch_effects(one.estimator, corpus, one.tested, parts[-1], share)
+            effects += batch_effects(one.estimator, corpus, one.tested, parts[-1], len(fold.pairs) or 1)
         if not effects:  # of other predictions in each batch
             check_agreement(one.estimator, corpus, one.tested, parts[-1])
         estimator, metrics, predictions = one.estimator, one.metrics, pd.concat(parts, ignore_index=True)
     with computing(1):
-        spent = latency(estimator, corpus[fold.test], int(predictions["frames"].max()))
-    predict_ms, decide_ms, walls, pace = spent
+        predict_ms, decide_ms, walls, pace = latency(estimator, corpus[fold.test], int(predictions["frames"].max()))
     metrics |= footprint(estimator, corpus) | pace
     if (searched := contract.search_seconds(estimator)) is not None:
         metrics["search_seconds"] = searched
+    told = contract.history(estimator), contract.chosen(estimator), contract.trials(estimator)
     return estimator, FoldResult(
-        fold.name,
-        predictions,
-        metrics,
-        predict_ms,
-        decide_ms,
-        contract.history(estimator),
-        contract.chosen(estimator),
-        contract.trials(estimator),
-        effects,
-        times=walls,
+        fold.name, predictions, metrics, predict_ms, decide_ms, *told, batch_effects=effects, times=walls
     )
 
 
@@ -108,8 +95,7 @@ def run_of(plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Res
     more: dict[str, float] = {}
     whole = [c for c in plan.cell.circumstances if not any(c.key in fold.failed for fold in folds)]
     if whole:
-        from bench.work.curves import unharmed
-        from bench.work.stability import sliced
+        from bench.work.stability import sliced, unharmed
 
         every = {"predictions": tables["predictions"], **stored}
         for circumstance in whole:

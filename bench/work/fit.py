@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench import contract
+from bench.circumstances.instants import Instants
 from bench.corpora.library import ASIDE
 from bench.database import only_one, store_uri
 from bench.errors import InputError
@@ -20,7 +21,7 @@ from bench.progress import console, warn
 from bench.scratch import made_whole, new_folder
 from bench.store import connect, reached
 from bench.work.fold import computing, fitted, footprint, forget_peak, latency
-from bench.work.replay import Replay, Stopping, learned, unlearnable
+from bench.work.replay import Stopping, learned, unlearnable
 from bench.work.results import FoldResult, costs
 from bench.work.tracking import params_of, tags_of
 from bench.work.workers import fill_cache
@@ -34,23 +35,14 @@ EXAMPLE_FRAMES = 3
 
 @dataclass(frozen=True)
 class Fitted:
-    """A system that was trained on all captures.
-
-    Attributes:
-        cell: cell of the trained system.
-        recogniser: fitted system with the required format of its frames.
-        uri: address of the saved model in the store.
-        run_id: id of its run.
-        captures: number of training captures of gestures; a stream's background is not among them.
-        told: sentence on what else is saved; empty without.
-    """
+    """A system that was trained on all captures."""
 
     cell: Cell
-    recogniser: Recogniser
-    uri: str
+    recogniser: Recogniser  # the fitted system with the required format of its frames
+    uri: str  # of the saved model in the store
     run_id: str
-    captures: int
-    told: str = ""
+    captures: int  # of gestures; a stream's background is not among them
+    told: str = ""  # sentence on what else is saved
 
     def __str__(self) -> str:
         kind = "synthetic " if self.recogniser.synthetic else ""
@@ -101,11 +93,11 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
     by_value()
     how = f" {learner.params}" if learner else ""
     key = hashlib.sha256(f"{plan.key} fit{how}".encode()).hexdigest()[:20]
-    tags = tags_of(cell, corpus) | {"touchbench.kind": "fit", "touchbench.cell": key}
+    tags = tags_of(plan) | {"touchbench.kind": "fit", "touchbench.cell": key}
     with only_one(key):
         for cut_off in store.runs(f"tags.`touchbench.cell` = '{key}' and attributes.status = 'RUNNING'"):
             store.delete(cut_off.info.run_id)
-        params = params_of(cell, corpus, threads) | this_machine()._asdict() | {"captures": len(corpus)}
+        params = params_of(plan) | this_machine()._asdict() | {"captures": len(corpus)}
         params |= {} if more is None else learner.params
         run_id = store.create(f"fit {cell.system()} | {cell.data} | all captures", tags, params).info.run_id
         store.log(run_id, metrics)
@@ -116,9 +108,8 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
             if out is not None:  # last, so that what is killed before can be repeated: the folder is not there yet
                 with made_whole(out) as beside:
                     mlflow.pyfunc.save_model(str(beside), **model)
-    told = "" if more is None else learner.sentence
     gestures = int((~np.isin(corpus.gestures, corpus.info.get(ASIDE, []))).sum())
-    return Fitted(cell, recogniser, saved.model_uri, run_id, gestures, told)
+    return Fitted(cell, recogniser, saved.model_uri, run_id, gestures, "" if more is None else learner.sentence)
 
 
 def _more(learner: Any, cell: Cell, estimator: contract.System, corpus: Corpus) -> Any:
@@ -143,4 +134,4 @@ def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
     if why:
         warn(f"warning: the model has no calibration and no stopping threshold: {why}")
         return None
-    return learned(cell.estimator, corpus, np.arange(len(corpus)), Replay())[0]
+    return learned(cell.estimator, corpus, np.arange(len(corpus)), Instants())[0]

@@ -132,17 +132,17 @@ def batch_effects(
     corpus: Corpus,
     test: np.ndarray,
     predictions: pd.DataFrame | None = None,
-    most: int | None = None,
+    parts: int = 1,
 ) -> list[str]:
     """Test captures whose prediction depends on the captures that are predicted together with them.
 
     Some test captures are copied out of the corpus, so that no cache knows them, and predicted together in reverse
     order, without the others, and some of them alone. Their windows and labels must be those of the fold, their
-    probabilities within 0.001.
+    probabilities within 0.001. A fold has several ``parts``, which share the work.
     """
     if predictions is None:
         predictions = decisions(estimator, corpus, "", test)
-    chosen, names = some_of(test, most or AGAIN)[::-1], _names(estimator)
+    chosen, names = some_of(test, -(-AGAIN // parts))[::-1], _names(estimator)
     alone = {*some_of(chosen, ALONE).tolist()}
     together = _decided(estimator, corpus[chosen].detached())
     expected = Decided.from_table(predictions, predictions[[f"p_{name}" for name in names]].to_numpy())
@@ -245,7 +245,7 @@ def latency(
     it); both by the wall clock, by name; and ``predict_relative``, the mean time of a whole capture as a multiple of
     the reference workload's, with `paced`.
     """
-    chosen = np.unique(np.linspace(0, len(tested) - 1, min(TIMED_CAPTURES, len(tested))).astype(int))
+    chosen = some_of(np.arange(len(tested)), TIMED_CAPTURES)
     whole = [contract.blinded(estimator, tested[i : i + 1].detached()) for i in chosen]
     first = [one.changed(lengths=np.minimum(one.lengths, frames)) for one in whole]
     for one in (whole * WARM_UP)[:WARM_UP]:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from bench import contract
 from bench.corpora.corpus import reserved
@@ -19,9 +23,15 @@ from bench.registry import imported
 from bench.result import Result, several
 from bench.store import Store, connect
 from bench.work.bar import Bar
-from bench.work.left import expected, left
-from bench.work.tracking import tracked
+from bench.work.tracking import FOLDS, finished, is_whole, tracked, whole
 from bench.work.workers import Here, Processes
+
+if TYPE_CHECKING:
+    from mlflow.entities import Run
+
+
+NEWEST = 20  # runs among which one like another is looked for: a store may have thousands
+FREE = ("seed", "protocol")  # arguments in which runs that take about as long may differ, as in parameters of parts
 
 
 class Interrupted(KeyboardInterrupt):
@@ -51,7 +61,7 @@ def columns_of(cell: Cell) -> frozenset[str]:
     """Further columns of the tables of labels of its runs."""
     if not cell.producers:
         return frozenset()
-    from bench.work.curves import COLUMNS
+    from bench.work.stability import COLUMNS
 
     return frozenset().union(COLUMNS if cell.circumstances else (), *(one.columns for one in cell.producers))
 
@@ -59,10 +69,7 @@ def columns_of(cell: Cell) -> frozenset[str]:
 def execute(plans: Sequence[Plan], backend: Backend = HERE, grid: str = "") -> list[Result]:
     """Run missing folds, plan after plan; a run that is finished is read from the store.
 
-    Args:
-        plans: what to run.
-        backend: where folds are done.
-        grid: digest of the file that names the runs, to track with them; empty without one.
+    ``grid`` is the digest of the file that names the runs, which is tracked with them.
     """
     try:
         with _workers(plans, backend) as workers:
@@ -71,14 +78,20 @@ def execute(plans: Sequence[Plan], backend: Backend = HERE, grid: str = "") -> l
             for line in dict.fromkeys(line for plan in plans for line in warnings(plan)):
                 warn(line)
             store = connect(writes=True)
-            runs = [*{plan.key: plan for plan in plans}.values()]
-            todo = left(store, runs)
-            if stored := len(runs) - len(todo):
-                console.print(f"{stored} of {several(len(runs), 'run')} already stored", highlight=False)
+            stored, todo = lookup(store, plans)
+            runs = len(stored) + len(todo)
+            if stored:
+                console.print(f"{len(stored)} of {several(runs, 'run')} already stored", highlight=False)
             seconds = expected(store, todo) if len(todo) > 1 else [None] * len(todo)
             times = [(one.folds, time) for one, time in zip(todo, seconds, strict=True) if one.folds]
-            with Bar(len(runs), stored, times) as bar:
-                return [_run(store, plan, workers, bar, grid) for plan in plans]
+            results = {key: whole(store, run, grid) for key, run in stored.items()}
+            with Bar(runs, len(stored), times) as bar:
+                for plan, _ in todo:
+                    results[plan.key] = _run(store, plan, workers, bar, grid)
+            for plan in plans:
+                if why := results[plan.key].get("touchbench.batch_effect"):
+                    warn(f"warning: {plan.cell.system()}: {why}")
+            return [results[plan.key] for plan in plans]
     except KeyboardInterrupt as e:
         raise Interrupted(
             "interrupted; every finished fold is stored, and the same command continues from there"
@@ -96,11 +109,15 @@ def _workers(plans: Sequence[Plan], backend: Backend) -> Here:
 
 def _run(store: Store, plan: Plan, workers: Here, bar: Bar, grid: str) -> Result:
     """Find or make the run of a plan, have its missing folds done, and measure it."""
-    key, cell = plan.key, plan.cell
-    with only_one(key):
-        run = tracked(store, plan, key, grid)
+    with only_one(plan.key):
+        stored = store.find(plan.key, plan.cell.kind)
+        if stored and is_whole(stored):  # by another process, or by a command that was cut off at the very end
+            if store.names(stored.info.run_id, stored.info.artifact_uri, FOLDS):
+                store.drop(stored.info.artifact_uri, FOLDS)
+            return whole(store, stored, grid)
+        run = tracked(store, plan, stored, grid)
         if missing := run.missing:
-            bar.begin(cell.title(), len(plan.folds), [fold.name for fold in missing])
+            bar.begin(plan.cell.title(), len(plan.folds), [fold.name for fold in missing])
         try:
             for done in workers.folds(plan, missing) if missing else ():
                 run.add(done)
@@ -109,8 +126,6 @@ def _run(store: Store, plan: Plan, workers: Here, bar: Bar, grid: str) -> Result
             store.mark(run.made.run_id, "KILLED")  # stored folds stay and are found again
             raise
         result = run.close()
-        if why := result.get("touchbench.batch_effect"):
-            warn(f"warning: {cell.system()}: {why}")
         if missing:
             bar.end()
         return result
@@ -142,3 +157,54 @@ def warnings(plan: Plan) -> list[str]:
             f"of {cell.model.short}; they are padded"
         )
     return [*lines, *(line for one in cell.producers for line in one.warnings(plan))]
+
+
+class Left(NamedTuple):
+    """A run that is not stored whole, and the number of its missing folds."""
+
+    plan: Plan
+    folds: int
+
+
+def lookup(store: Store, plans: Iterable[Plan]) -> tuple[dict[str, Run], list[Left]]:
+    """The runs that are stored whole, by their key, and the others."""
+    stored, todo = {}, []
+    for plan in {plan.key: plan for plan in plans}.values():
+        run = store.find(plan.key, plan.cell.kind)
+        if run and is_whole(run) and not store.names(run.info.run_id, run.info.artifact_uri, FOLDS):
+            stored[plan.key] = run
+        else:
+            todo.append(Left(plan, len(plan.folds) - (len(finished(store, run)) if run else 0)))
+    return stored, todo
+
+
+def expected(store: Store, todo: Iterable[Left]) -> list[float | None]:
+    """Seconds that the missing folds of each run take with its workers; None where no run like it has a fold."""
+    seconds = []
+    for plan, folds in todo:
+        cell = plan.cell  # objects cannot be typed
+        each = None if cell.objects else _of_a_fold(store, cell.kind, cell.arguments())
+        seconds.append(each and each * folds / max(1, min(plan.workers, folds)))
+    return seconds
+
+
+def _of_a_fold(store: Store, kind: str, arguments: Mapping[str, str]) -> float | None:
+    """Mean seconds of a fold of the stored run with most arguments in common, or itself; the newest of several."""
+    names = {key: arguments[key] for key in ("data", "model", "features") if key in arguments}
+    like = []
+    for run in store.newest(kind, NEWEST, **names):
+        theirs = json.loads(run.data.tags.get("touchbench.arguments", "{}"))
+        if _fixed(theirs) == _fixed(arguments):
+            like.append((len(arguments.items() & theirs.items()), run))
+    for _, run in sorted(like, key=lambda one: -one[0]):
+        if (table := store.result(run).tables.get(FOLDS)) is not None:
+            done = [*table["seconds"][table["status"] == "FINISHED"]]
+        else:  # it was cut off
+            done = [result.seconds for result in finished(store, run).values()]
+        if done:
+            return float(np.mean(done))
+    return None
+
+
+def _fixed(arguments: Mapping[str, str]) -> dict[str, str]:
+    return {key: value for key, value in arguments.items() if "." not in key and key not in FREE}

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -21,16 +21,17 @@ from sklearn.linear_model import Ridge
 
 from bench import contract
 from bench.corpora.corpus import Corpus, storage, untrained
-from bench.errors import InputError
 from bench.models.search.inner_folds import inner_folds
 from bench.scores import PREFIX, classes_of, windows
 from bench.timing import Times, timed
-from bench.work.fold import TIMED_CAPTURES, batch_effects, computing, decisions
+from bench.work.fold import TIMED_CAPTURES, batch_effects, computing, decisions, some_of
 from bench.work.results import FoldResult
 from bench.work.stopping import learn_stopping
 
 if TYPE_CHECKING:
     from bench.work.fitted import Fitted
+
+    Instants = Any  # `bench.circumstances.instants.Instants`: the settings of a replay
 
 FIRST_MS = 62.5
 GROWTH = 2**0.5  # of what has been seen, from one instant to the next
@@ -45,53 +46,29 @@ STATE = (
 TIMED_INSTANTS = 8
 
 
-@dataclass(frozen=True)
-class Replay:
-    """Settings of a replay.
+def begun(corpus: Corpus, start: str) -> Corpus:
+    """The captures from where a replay begins: at their ``onset``, or in the ``middle``."""
+    if start == "onset":
+        return corpus
+    skipped = corpus.lengths // 2
+    return uncached(corpus, storage(corpus)[1] + skipped, corpus.lengths - skipped)
 
-    Args:
-        hop_ms: milliseconds from one decision to the next; None decides whenever 1.41 times as much has been seen,
-            from 62.5 ms on.
-        start: ``onset``, or ``middle``: the first half of each capture is not seen.
-        times: milliseconds of touch seen at each decision; empty for the series of ``hop_ms``.
+
+def instants_of(how: Instants, longest: int, rate_hz: float) -> np.ndarray:
+    """Frames seen at each decision, rising to ``longest``, int64 [instants].
+
+    Without times and a hop, it decides whenever 1.41 times as much has been seen, from 62.5 ms on.
     """
-
-    hop_ms: float | None = None
-    start: str = "onset"
-    times: tuple[float, ...] = ()
-
-    def check(self, rate_hz: float) -> None:
-        """Refuse systems that cannot be replayed."""
-        if self.start not in ("onset", "middle"):
-            raise InputError(f"start={self.start}: give onset or middle")
-        if self.times and min(self.times) < 1000 / rate_hz:
-            raise InputError(
-                f"after={min(self.times):g}ms: one frame takes {1000 / rate_hz:.4g} ms; give at least that"
-            )
-        if self.hop_ms is not None and not 1000 / rate_hz <= self.hop_ms < np.inf:
-            raise InputError(
-                f"hop_ms={self.hop_ms:g}: one frame takes {1000 / rate_hz:.4g} ms; give at least that, or leave it out"
-            )
-
-    def begun(self, corpus: Corpus) -> Corpus:
-        """The captures from where the replay begins."""
-        if self.start == "onset":
-            return corpus
-        skipped = corpus.lengths // 2
-        return uncached(corpus, storage(corpus)[1] + skipped, corpus.lengths - skipped)
-
-    def instants(self, longest: int, rate_hz: float) -> np.ndarray:
-        """Frames seen at each decision, rising to ``longest``, int64 [instants]."""
-        per_ms = rate_hz / 1000
-        if self.times:
-            ms = np.sort(self.times)
-        elif self.hop_ms is not None:
-            ms = self.hop_ms * np.arange(1, int(longest / per_ms / self.hop_ms) + 2)
-        else:
-            octaves = max(0.0, np.log2(longest / per_ms / FIRST_MS))
-            ms = FIRST_MS * GROWTH ** np.arange(np.ceil(octaves / np.log2(GROWTH)) + 1)
-        seen = np.floor(ms * per_ms + 1e-6).astype(np.int64)
-        return np.unique(np.append(seen[(seen > 0) & (seen < longest)], longest))
+    per_ms = rate_hz / 1000
+    if how.after:
+        ms = np.sort(how.after)
+    elif how.hop_ms is not None:
+        ms = how.hop_ms * np.arange(1, int(longest / per_ms / how.hop_ms) + 2)
+    else:
+        octaves = max(0.0, np.log2(longest / per_ms / FIRST_MS))
+        ms = FIRST_MS * GROWTH ** np.arange(np.ceil(octaves / np.log2(GROWTH)) + 1)
+    seen = np.floor(ms * per_ms + 1e-6).astype(np.int64)
+    return np.unique(np.append(seen[(seen > 0) & (seen < longest)], longest))
 
 
 def uncached(corpus: Corpus, starts: np.ndarray, lengths: np.ndarray) -> Corpus:
@@ -106,33 +83,31 @@ def prefix(corpus: Corpus, frames: int) -> Corpus:
     return uncached(corpus, storage(corpus)[1], np.minimum(corpus.lengths, frames))
 
 
-def replay_fold(replay: Replay, at: Fitted, stopping: bool) -> FoldResult:
+def replay_fold(how: Instants, at: Fitted) -> FoldResult:
     """Replay the test captures of a fold through its system, and time decisions.
 
-    Its table ``replay`` is the replay table; with ``stopping`` there are ``rules``, what was learned on training
-    subjects, and ``thresholds``, what each threshold gives there. Calibration and threshold see only these.
+    Its table ``replay`` is the replay table; where stopping is learned, ``rules`` has what was learned on training
+    subjects, and ``thresholds`` what each threshold gives there. Calibration and threshold see only these.
     """
     corpus, fold, system = at.corpus, at.fold, at.system
-    begun = replay.begun(corpus)
-    instants = replay.instants(int(begun.lengths.max()), corpus.rate_hz)
+    touch = begun(corpus, how.start)
+    instants = instants_of(how, int(touch.lengths.max()), corpus.rate_hz)
     tables = {}
     with computing(at.threads):
-        table = replayed(system, begun, fold.name, fold.test, instants)
-        early = prefix(begun, int(instants[len(instants) // 2]))
+        table = replayed(system, touch, fold.name, fold.test, instants)
+        early = prefix(touch, int(instants[len(instants) // 2]))
         effects = batch_effects(system, early, fold.test)
-        if stopping:
-            rule, series = learned(at.cell.estimator, corpus, fold.train, replay)
+        if how.stopping:
+            rule, series = learned(at.cell.estimator, corpus, fold.train, how)
             table = weighed(table, rule.calibration, rule.waiting, corpus.rate_hz)
             row: dict[str, object] = {"fold": fold.name, "threshold": rule.threshold}
             row |= {f"temperature_{k}": v for k, v in asdict(rule.calibration).items()}
             row |= {f"waiting_{name}": weight for name, weight in zip(STATE, rule.waiting.weights, strict=True)}
             tables = {"rules": pd.DataFrame([row]), "thresholds": series.assign(fold=fold.name)}
     with computing(1):
-        spent = decision_latency(system, begun[fold.test], instants)
-    hop = system_hop(system, at.train)
-    metrics = {"system_hop_ms": 1000 / corpus.rate_hz * hop} if hop else {}
+        spent = decision_latency(system, touch[fold.test], instants)
     times = {"replay_ms": spent.ms, "replay_wall_ms": spent.wall_ms}
-    return FoldResult(fold.name, metrics=metrics, tables={"replay": table} | tables, times=times, batch_effects=effects)
+    return FoldResult(fold.name, tables={"replay": table} | tables, times=times, batch_effects=effects)
 
 
 def replayed(
@@ -166,18 +141,12 @@ class Calibration:
     Probabilities become softmax(log p / T), where log T goes in a straight line over log milliseconds from the first
     instant to the last. One temperature for all instants would trust early decisions too much, and one for each would
     rest on few captures at late instants.
-
-    Args:
-        first_ms: milliseconds seen at the first instant; before it T stays the same.
-        last_ms: milliseconds at the last instant, after which T stays the same.
-        first: temperature at the first instant.
-        last: temperature at the last instant.
     """
 
-    first_ms: float
-    last_ms: float
-    first: float
-    last: float
+    first_ms: float  # seen at the first instant, before which T stays the same
+    last_ms: float  # at the last instant, after which T stays the same
+    first: float  # temperature at the first instant
+    last: float  # at the last instant
 
     @classmethod
     def fit(cls, proba: np.ndarray, true: np.ndarray, ms: np.ndarray) -> Calibration:
@@ -217,12 +186,9 @@ class Waiting:
 
     A capture that would be labelled no better at its end can be decided on at once, however unsure its label is: two
     gestures that look the same look the same for ever. So it is not confidence that says when to stop.
-
-    Args:
-        weights: weights of the variables of a decision, in the order of `STATE`.
     """
 
-    weights: tuple[float, ...]
+    weights: tuple[float, ...]  # of the variables of a decision, in the order of `STATE`
 
     @classmethod
     def fit(cls, table: pd.DataFrame, rate_hz: float) -> Waiting:
@@ -265,17 +231,11 @@ def weighed(table: pd.DataFrame, calibration: Calibration, waiting: Waiting, rat
 
 @dataclass(frozen=True)
 class Stopping:
-    """The stopping rule learned from training subjects.
+    """The stopping rule learned from training subjects."""
 
-    Attributes:
-        calibration: calibration of probabilities.
-        waiting: expected gain from the rest of a capture.
-        threshold: least settledness of a final label; infinite if no saving was found.
-    """
-
-    calibration: Calibration
-    waiting: Waiting
-    threshold: float
+    calibration: Calibration  # of probabilities
+    waiting: Waiting  # expected gain from the rest of a capture
+    threshold: float  # least settledness of a final label; infinite if no saving was found
 
     @property
     def saves(self) -> bool:
@@ -298,19 +258,19 @@ def unlearnable(estimator: contract.System, corpus: Corpus) -> str:
 
 
 def learned(
-    untrained: Callable[[], contract.System], corpus: Corpus, train: np.ndarray, replay: Replay
+    untrained: Callable[[], contract.System], corpus: Corpus, train: np.ndarray, how: Instants
 ) -> tuple[Stopping, pd.DataFrame]:
     """Learn the stopping rule from the training part; also return the result of each threshold there.
 
     Each of its subjects is replayed by a system that was not trained on it. No other capture is looked at.
     """
     part = corpus[train]
-    begun = replay.begun(part)
-    instants = replay.instants(int(begun.lengths.max()), corpus.rate_hz)
+    touch = begun(part, how.start)
+    instants = instants_of(how, int(touch.lengths.max()), corpus.rate_hz)
     tables = []
     for number, (inner, judged) in enumerate(inner_folds(part.subjects.astype(str), INNER)):
         estimator = untrained().fit(part[inner], part.gestures[inner])
-        tables.append(replayed(estimator, begun, str(number), judged, instants))
+        tables.append(replayed(estimator, touch, str(number), judged, instants))
     table = pd.concat(tables, ignore_index=True)
     true = np.searchsorted(classes_of(table), table["true"].to_numpy(dtype=str))
     calibration = Calibration.fit(_probabilities(table), true, _milliseconds_seen(table, corpus.rate_hz))
@@ -322,24 +282,17 @@ def learned(
     return Stopping(calibration, Waiting.fit(table, corpus.rate_hz), threshold), series
 
 
-def decision_latency(estimator: contract.System, begun: Corpus, instants: np.ndarray) -> Times:
+def decision_latency(estimator: contract.System, touch: Corpus, instants: np.ndarray) -> Times:
     """Times from raw frames to a decision: one at a time, warm, over the instants of single captures.
 
     A system that decides on windows sees its newest one, as it has decided on those before.
     """
-    chosen = np.unique(np.linspace(0, len(begun) - 1, min(TIMED_CAPTURES, len(begun))).astype(int))
-    seen = instants[np.unique(np.linspace(0, len(instants) - 1, TIMED_INSTANTS).astype(int))]
+    chosen = some_of(np.arange(len(touch)), TIMED_CAPTURES)
+    seen = some_of(instants, TIMED_INSTANTS)
     each = []
     for i in chosen:
-        for frames in np.unique(np.minimum(seen, begun.lengths[i])):  # its end is a decision, too
+        for frames in np.unique(np.minimum(seen, touch.lengths[i])):  # its end is a decision, too
             first = frames - contract.frames_at_once(estimator, int(frames))
-            newest = uncached(begun[i : i + 1], storage(begun)[1][i : i + 1] + first, np.array([frames - first]))
+            newest = uncached(touch[i : i + 1], storage(touch)[1][i : i + 1] + first, np.array([frames - first]))
             each.append(partial(estimator.predict, contract.blinded(estimator, newest.detached())))
     return timed(each)
-
-
-def system_hop(estimator: contract.System, captures: Corpus) -> float | None:
-    """Frames from one decision of a system to the next, None for one decision per input of any length."""
-    longest = int(captures.lengths.argmax())
-    starts = np.unique(contract.decide(estimator, captures[longest : longest + 1])[0]["start"])
-    return float(np.median(np.diff(starts))) if len(starts) > 1 else None

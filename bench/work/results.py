@@ -24,43 +24,24 @@ COMBINED: dict[str, Combine] = dict.fromkeys(("reference_ms", "quiet_ms", "slowd
 
 @dataclass
 class FoldResult:
-    """The result of a fold; ``error`` is a traceback, or empty if it succeeded.
-
-    Attributes:
-        name: name of the fold.
-        predictions: one row per decision, with the columns that its kind of run describes.
-        metrics: numbers of this fold.
-        predict_ms: milliseconds from raw frames to the label, one per timed capture.
-        decide_ms: the same for no more of a capture than one decision needs.
-        history: numbers by epoch.
-        chosen: values chosen on the training part, by name.
-        trials: compared trials, a row each.
-        batch_effects: sentences on captures whose prediction depends on those predicted together with them.
-        error: error of a fold that failed.
-        failed: traceback of each circumstance that failed, by its key; the fold has the rest.
-        tables: further tables by name, such as the labels in circumstances.
-        times: further milliseconds by name, one per timed decision.
-        scored: tracked values of the fold, as its kind of run measures them.
-        seconds: seconds of the whole fold.
-        machine: the machine that did it; None if that is unknown.
-    """
+    """The result of a fold."""
 
     name: str
-    predictions: pd.DataFrame | None = None
+    predictions: pd.DataFrame | None = None  # one row per decision, with the columns that its kind of run describes
     metrics: dict[str, float] = field(default_factory=dict)
-    predict_ms: list[float] = field(default_factory=list)
-    decide_ms: list[float] = field(default_factory=list)
-    history: list[dict[str, float]] = field(default_factory=list)
-    chosen: dict[str, object] = field(default_factory=dict)
-    trials: pd.DataFrame | None = None
-    batch_effects: list[str] = field(default_factory=list)
-    error: str = ""
-    failed: dict[str, str] = field(default_factory=dict)
-    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
-    times: dict[str, list[float]] = field(default_factory=dict)
-    scored: dict[str, float] = field(default_factory=dict)
-    seconds: float = 0.0
-    machine: Machine | None = None
+    predict_ms: list[float] = field(default_factory=list)  # from raw frames to the label, one per timed capture
+    decide_ms: list[float] = field(default_factory=list)  # the same for no more of a capture than one decision needs
+    history: list[dict[str, float]] = field(default_factory=list)  # numbers by epoch
+    chosen: dict[str, object] = field(default_factory=dict)  # values chosen on the training part, by name
+    trials: pd.DataFrame | None = None  # that were compared, a row each
+    batch_effects: list[str] = field(default_factory=list)  # captures whose prediction depends on others, in sentences
+    error: str = ""  # traceback of a fold that failed
+    failed: dict[str, str] = field(default_factory=dict)  # traceback of each circumstance that failed, by its key
+    tables: dict[str, pd.DataFrame] = field(default_factory=dict)  # further ones, such as the labels in circumstances
+    times: dict[str, list[float]] = field(default_factory=dict)  # further milliseconds, one per timed decision
+    scored: dict[str, float] = field(default_factory=dict)  # tracked values, as its kind of run measures them
+    seconds: float = 0.0  # of the whole fold
+    machine: Machine | None = None  # that did it; None if that is unknown
 
     @property
     def reason(self) -> str:
@@ -104,7 +85,11 @@ def tables_of(results: Sequence[FoldResult]) -> dict[str, pd.DataFrame]:
 def measured(
     folds: list[FoldResult], rate_hz: float, spent: Iterable[str] = ()
 ) -> tuple[dict[str, float], dict[str, pd.DataFrame], str]:
-    """Scores and costs of a run; its predictions, confusions, subjects and classes; the unit of its decisions."""
+    """Scores and costs of a run; its predictions, confusions, subjects and classes; the unit of its decisions.
+
+    ``decision_ms`` is the touch that the label of a whole capture sees plus its computing time, ``window_decision_ms``
+    the same of a single window where there are windows; both are medians.
+    """
     predictions = table_of(folds)
     labelled, classes = scores.captures(predictions), scores.classes_of(predictions)
     counts = scores.confusion(labelled, classes)
@@ -114,43 +99,29 @@ def measured(
         "per_subject": scores.per_subject(labelled),
         "per_class": scores.per_class(labelled, classes),
     }
-    unit = "window" if len(predictions) > len(labelled) else "capture"
-    return measure(predictions, folds, rate_hz, spent), tables, unit
-
-
-def measure(
-    predictions: pd.DataFrame, results: list[FoldResult], rate_hz: float, spent: Iterable[str] = ()
-) -> dict[str, float]:
-    """Scores and costs of a run.
-
-    ``decision_ms`` is the touch that the label of a whole capture sees plus its computing time, ``window_decision_ms``
-    the same of a single window where there are windows; both are medians.
-    """
-    numbers = scores.summary(predictions, rate_hz) | costs(results, spent)
+    numbers = scores.summary(predictions, rate_hz) | costs(folds, spent)
     numbers["decision_ms"] = numbers["capture_ms"] + numbers["predict_ms_p50"]
-    if "windows" in numbers:
+    if windows := "windows" in numbers:
         numbers["window_decision_ms"] = numbers["observed_ms"] + numbers["decide_ms_p50"]
-    return numbers
+    return numbers, tables, "window" if windows else "capture"
 
 
 def costs(results: list[FoldResult], spent: Iterable[str] = ()) -> dict[str, float]:
     """Numbers of a run from those of its folds (`COMBINED`); milliseconds are quantiles over all timed captures.
 
-    All times but those with wall in their name are of the quiet machine (`bench.timing`).
-
-    Args:
-        results: results of the folds.
-        spent: names of seconds in circumstances, of which the run has the mean.
+    All times but those with wall in their name are of the quiet machine (`bench.timing`). ``spent`` names seconds in
+    circumstances, of which the run has the mean.
     """
-    seconds = {name for r in results for name in r.metrics if name.endswith("_seconds")}
+    every: dict[str, list[float]] = {}  # a fold may have one that another has not
+    times: dict[str, list[float]] = {}
+    for r in results:
+        for name, value in r.metrics.items():
+            every.setdefault(name, []).append(value)
+        for name, ms in {"predict_ms": r.predict_ms, "decide_ms": r.decide_ms, **r.times}.items():
+            times.setdefault(name, []).extend(ms)
+    seconds = {name for name in every if name.endswith("_seconds")}
     combined = COMBINED | dict.fromkeys({*spent, *seconds}, np.mean)
-    names = dict.fromkeys(name for r in results for name in r.metrics)  # a fold may have one that another has not
-    numbers = {
-        name: float(combined.get(name, max)([r.metrics[name] for r in results if name in r.metrics])) for name in names
-    }
-    timed = [{"predict_ms": r.predict_ms, "decide_ms": r.decide_ms} | r.times for r in results]
-    for name in dict.fromkeys(name for each in timed for name in each):
-        spent = np.concatenate([each.get(name, []) for each in timed])
-        if len(spent):
-            numbers |= {f"{name}_p{p}": float(np.quantile(spent, p / 100)) for p in (50, 95, 99)}
+    numbers = {name: float(combined.get(name, max)(values)) for name, values in every.items()}
+    for name, ms in times.items():
+        numbers |= {f"{name}_p{p}": float(np.quantile(ms, p / 100)) for p in (50, 95, 99) if ms}
     return numbers

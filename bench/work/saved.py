@@ -52,42 +52,27 @@ PACKAGES = ("features", "models", "protocols")  # of the code that goes with a m
 
 
 class Recogniser(PythonModel):
-    """A fitted system with the required format of its frames.
+    """A fitted system with the required format of its frames; the frames that it was fitted to are not kept.
 
     Args:
         estimator: fitted to a `Corpus`.
-        corpus: the captures that it was fitted to; their frames are not kept.
+        corpus: the captures that it was fitted to.
         stopping: calibration and stopping rule; None if its captures could not teach them.
         watcher: a part that has learned beside the system, from `bench.work.fit.fit`; None for nothing.
-
-    Attributes:
-        classes: class names, sorted.
-        grid: (rows, cols) of the sensor.
-        rate_hz: frames per second.
-        full_scale: largest value of a channel.
-        longest: frames of the longest training capture.
-        synthetic: True if it was trained on generated captures.
-        step: its readings are multiples of this number; 0 if of none.
-        usual: range of what captures look like as a whole, [2, 7], from `bench.work.unlike.usual`.
     """
 
     format = ""  # of a model that another version has saved
-    step = 0.0  # of a model that was saved before there was any
-    watcher: Any = None  # of a model that was saved before there were any
 
     def __init__(
         self, estimator: System, corpus: Corpus, stopping: Stopping | None = None, watcher: Any = None
     ) -> None:
-        self.format = FORMAT
-        self.estimator = estimator
-        self.stopping = stopping
-        self.watcher = watcher
-        self.classes = [str(c) for c in np.unique(corpus.gestures.astype(str))]
+        self.format, self.estimator, self.stopping, self.watcher = FORMAT, estimator, stopping, watcher
+        self.classes = np.unique(corpus.gestures.astype(str)).tolist()
         rows, cols = corpus.grid
         self.grid = int(rows), int(cols)
         self.rate_hz = float(corpus.rate_hz)
-        self.full_scale = float(corpus.full_scale)
-        self.longest = int(corpus.lengths.max())
+        self.full_scale = float(corpus.full_scale)  # largest value of a channel
+        self.longest = int(corpus.lengths.max())  # frames of the longest training capture
         self.synthetic = corpus.synthetic
         self.step = step_of(corpus)
         self.usual = usual(corpus)

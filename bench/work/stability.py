@@ -1,22 +1,31 @@
-"""Where recognisers fail: groups of captures, faults, fewer training subjects. Every function is pure.
+"""Accuracy in each case of a circumstance, and where recognisers fail. Every function is pure.
 
-The table of a run is described in `bench.work.curves`; here it also has ``hit``, whether the label is right. A
-*unit* is one tested capture of one fold. A *slice* is a part of the units (of one subject, class, condition or length),
-all units in one case of a circumstance, such as a fault at one severity, or what two of these have in common.
+The table ``labels`` of a run has a row per tested capture and case: ``fold``, ``capture``, ``length`` (frames, as it
+is), ``circumstance`` (its key; empty for the captures as they are), ``case`` (such as the name of a fault), ``level``
+(how much of it), ``amount`` (that in words), ``train_subjects`` (how many subjects the system was fitted on), ``true``,
+``predicted``, ``p_true`` (probability of the true class), and the columns of the corpus's captures (``subject`` and
+conditions). Here it also has ``hit``, whether the label is right.
+
+A *unit* is one tested capture of one fold. A *slice* is a part of the units (of one subject, class, condition or
+length), all units in one case of a circumstance, such as a fault at one severity, or what two of these have in common.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from bench import few, scores
-from bench.work.curves import COLUMNS, curve, unharmed
 
+if TYPE_CHECKING:
+    from bench.result import Result
+
+COLUMNS = frozenset("length circumstance case level amount train_subjects predicted p_true hit".split())
+CAPTURE = ["fold", "capture"]
 NOT_CONDITIONS = {*scores.RESERVED, *COLUMNS, "split"}
 ALPHA = 0.05
 SINGLE, PAIRS = "single slices", "pairs"
@@ -25,6 +34,56 @@ EXACT_SUBJECTS = 16
 FAMILIES = 4  # of slices, each with its own correction of p
 FLIPS = 2**EXACT_SUBJECTS
 LENGTH_BINS = 5
+
+
+def unharmed(labels: pd.DataFrame) -> pd.DataFrame:
+    """The captures as they are, labelled by the systems that were fitted on all training subjects of their fold."""
+    return labels[labels["circumstance"] == ""].reset_index(drop=True)
+
+
+def curve(labels: pd.DataFrame, key: str) -> pd.DataFrame:
+    """Accuracy by case and level of a circumstance, a row each.
+
+    Columns: ``case``, ``level``, ``amount``, ``captures``, ``subjects``, ``accuracy`` (mean over subjects) with its
+    95 % t-interval (``low``, ``high``) and SD (``subject_sd``), ``loss`` (clean accuracy minus this), and how many
+    captures went from a right label to a wrong one (``broken``) and back (``mended``). Where a system abstains in a
+    case, ``abstained`` is the share of the captures on which it does.
+    """
+    hits = labels.assign(hit=labels["true"] == labels["predicted"])
+    clean = unharmed(hits).set_index(CAPTURE)["hit"]
+    rows = []
+    for (case, level), part in hits[hits["circumstance"] == key].groupby(["case", "level"], sort=False):
+        before = clean.loc[pd.MultiIndex.from_frame(part[CAPTURE])].to_numpy()
+        now = part["hit"].to_numpy()
+        scored = scores.over_people(part)
+        usual = pd.Series(before).groupby(part["subject"].to_numpy()).mean().mean()
+        about = {"case": case, "level": level, "amount": part["amount"].iloc[0]}
+        about |= {"captures": len(part), "subjects": part["subject"].nunique()}
+        changed = {"broken": int((before & ~now).sum()), "mended": int((~before & now).sum())}
+        shares = {"loss": usual - scored["accuracy"], "abstained": (part["predicted"] == scores.ABSTAINED).mean()}
+        rows.append(about | scored | shares | changed)
+    names = ["case", "level", "amount", "captures", "subjects", "accuracy", "low", "high", "subject_sd"]
+    table = pd.DataFrame(rows, columns=[*names, "loss", "broken", "mended", "abstained"])
+    return table if table["abstained"].any() else table.drop(columns="abstained")
+
+
+def loss(table: pd.DataFrame) -> dict[str, float]:
+    """Mean loss over the levels of each case."""
+    return {str(case): float(part.mean()) for case, part in table.groupby("case", sort=False)["loss"]}
+
+
+def joined(results: Sequence[Result], name: str, make: Callable[[Result], pd.DataFrame] | None = None) -> pd.DataFrame:
+    """A table of the results that have it, below each other, with data, subset, protocol, system and seed."""
+    parts = []
+    for r in results:
+        about = dict(zip(("data", "subset", "protocol"), r.context, strict=True)) | {
+            "system": r.system,
+            "seed": r["seed"],
+        }
+        if (table := make(r) if make else r.tables.get(name)) is None:
+            continue
+        parts.append(table.assign(**about)[[*about, *table.columns]])
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 
 
 def sliced(
@@ -131,26 +190,14 @@ def conditions(units: pd.DataFrame, target: str) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=names)
 
 
-def as_they_are(labels: pd.DataFrame) -> pd.DataFrame:
-    """Labels of captures as they are, by systems that were fitted on all training subjects or on fewer."""
-    most = labels.groupby("fold")["train_subjects"].transform("max")
-    return labels[(labels["circumstance"] == "") | (labels["train_subjects"] < most)]
-
-
-def trained_on(clean: pd.DataFrame) -> pd.Series:
-    """Number of training subjects behind each label; whole training sets of different size count as their mean."""
-    numbers, most = (
-        each.astype(float)
-        for each in (clean["train_subjects"], clean.groupby("fold")["train_subjects"].transform("max"))
-    )
-    return numbers.where(numbers < most, most[numbers == most].mean())
-
-
-def learning(table: pd.DataFrame) -> pd.DataFrame:
+def learning(labels: pd.DataFrame) -> pd.DataFrame:
     """Clean accuracy by the number of training subjects; the last row is the method itself (a mean if folds differ)."""
-    table = as_they_are(table).assign(hit=lambda rows: rows["true"] == rows["predicted"])
+    numbers = labels["train_subjects"].astype(float)
+    most = numbers.groupby(labels["fold"]).transform("max")
+    clean = (labels["circumstance"] == "") | (numbers < most)
+    numbers = numbers.where(numbers < most, most[clean & (numbers == most)].mean()).round(1)
     rows = []
-    for number, part in table.groupby(trained_on(table).round(1)):
+    for number, part in labels[clean].groupby(numbers[clean]):
         rows.append({"train_subjects": number, "captures": len(part)} | scores.over_people(part))
     return pd.DataFrame(rows, columns=["train_subjects", "captures", "accuracy", "low", "high", "subject_sd"])
 
@@ -172,14 +219,13 @@ def slices(table: pd.DataFrame, words: Mapping[str, str], target: str) -> pd.Dat
     does not look at labels. ``failing`` is p_corrected of at most 0.05. Runs with fewer than `bench.few.TEST` subjects
     have no p.
     """
-    keys = ["fold", "capture"]
     units = unharmed(table)
     right_under = [units["hit"].to_numpy(float)]
     cases: list[tuple[str, Any, str, str]] = [("", 0, "", "")]
-    order = pd.MultiIndex.from_frame(units[keys])
+    order = pd.MultiIndex.from_frame(units[CAPTURE])
     changed = table[table["circumstance"].isin([*words])]
     for (key, case, level), part in changed.groupby(["circumstance", "case", "level"], sort=False):
-        right_under.append(part.set_index(keys)["hit"].reindex(order).to_numpy(float))
+        right_under.append(part.set_index(CAPTURE)["hit"].reindex(order).to_numpy(float))
         cases.append((str(case), level, part["amount"].iloc[0], words[str(key)]))
     hits = np.column_stack(right_under)  # [units, faults]
     codes, _ = pd.factorize(units["subject"])

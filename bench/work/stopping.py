@@ -98,7 +98,7 @@ def after(table: pd.DataFrame, times: Iterable[float], rate_hz: float) -> dict[f
 
 
 def standing_labels(table: pd.DataFrame, times: Iterable[float], key: str, rate_hz: float) -> pd.DataFrame:
-    """The label that stands after each time, in the columns of ``labels`` (`bench.work.curves`)."""
+    """The label that stands after each time, in the columns of ``labels`` (`bench.work.stability`)."""
     parts = []
     for ms in times:
         rows = standing(table, int(ms * rate_hz / 1000 + 1e-6))[["fold", "capture", "subject", "true", "predicted"]]

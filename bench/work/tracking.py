@@ -22,7 +22,6 @@ import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.machine import Machine
 from bench.plan.cells import Cell
@@ -42,8 +41,9 @@ FOLDS = "folds"  # folder of a run with its folds, until they are its tables
 GRIDS = "touchbench.grids"  # tag: digests of the files of grids that name the run; its key does not cover them
 
 
-def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
+def tags_of(plan: Plan) -> dict[str, str]:
     """Tags that identify a run's data and system in tables."""
+    cell, corpus = plan.cell, plan.corpus
     conditions = ",".join(contract.conditions(cell.untrained))
     given = {"touchbench.conditions": conditions, "touchbench.changes": str(corpus.info.get("changes", ""))}
     return {name: text for name, text in given.items() if text} | {
@@ -58,10 +58,11 @@ def tags_of(cell: Cell, corpus: Corpus) -> dict[str, str]:
     }
 
 
-def params_of(cell: Cell, corpus: Corpus, threads: int) -> dict[str, object]:
-    """Every parameter that a run depends on, and the versions."""
+def params_of(plan: Plan) -> dict[str, str]:
+    """Every parameter that a run depends on, and the versions; of the protocol, if there is one."""
+    cell = plan.cell
     params: dict[str, object] = {"data": cell.data, "where": cell.where or "all", "target": cell.target}
-    params |= {"corpus_digest": corpus.digest} | {f"data.{k}": v for k, v in cell.data_parameters.items()}
+    params |= {"corpus_digest": plan.corpus.digest} | {f"data.{k}": v for k, v in cell.data_parameters.items()}
     for name, part in (("features", cell.features), ("model", cell.model)):
         if part:
             params |= {name: part.name} | {f"{name}.{k}": v for k, v in part.parameters.items()}
@@ -69,41 +70,32 @@ def params_of(cell: Cell, corpus: Corpus, threads: int) -> dict[str, object]:
             content = Path(part.name.rpartition(":")[0]).read_bytes()
             params[f"{name}_file"] = hashlib.sha256(content).hexdigest()
     params |= {f"tuning.{k}": v for k, v in (cell.tuning or {}).items()}
-    params |= {"threads": threads, "git": git_revision()}
-    return params | {f"version.{k}": v for k, v in versions(cell.model.packages()).items()}
+    params |= {"threads": plan.threads, "git": git_revision()}
+    params |= {f"version.{k}": v for k, v in versions(cell.model.packages()).items()}
+    if plan.folds:
+        split = cell.protocol.parameters | cell.protocol.changed()
+        params |= {"protocol": cell.protocol.name} | {f"protocol.{k}": v for k, v in split.items()}
+    for one in cell.producers:
+        params |= one.params()
+    return {name: str(value) for name, value in params.items()}
 
 
 @dataclass(eq=False)
 class TrackedRun:
-    """The run of a plan in the store.
-
-    Attributes:
-        store: store of the run.
-        plan: plan of the run.
-        made: what the store knows of the run.
-        params: parameters of the run.
-        tags: tags of the run.
-        whole: the result of a run that an earlier command finished.
-        done: finished folds by name, as they were stored.
-        errors: failure of each fold that failed, as a whole or in a circumstance, by both in words.
-        reasons: the same by fold name, in a line.
-    """
+    """The run of a plan in the store."""
 
     store: Store
     plan: Plan
-    made: RunInfo
+    made: RunInfo  # what the store knows of the run
     params: dict[str, str]
     tags: dict[str, str]
-    whole: Result | None = None
-    done: dict[str, FoldResult] = field(default_factory=dict)
-    errors: dict[str, Failure] = field(default_factory=dict)
-    reasons: dict[str, str] = field(default_factory=dict)
+    done: dict[str, FoldResult] = field(default_factory=dict)  # finished folds by name, as they were stored
+    errors: dict[str, Failure] = field(default_factory=dict)  # by fold that failed, or circumstances in it, in words
+    reasons: dict[str, str] = field(default_factory=dict)  # the same by fold name, in a line
 
     @property
     def missing(self) -> list[Fold]:
         """Folds that were neither stored before nor done by now, in the order of the protocol."""
-        if self.whole:
-            return []
         return [fold for fold in self.plan.folds if fold.name not in self.done and fold.name not in self.errors]
 
     def add(self, result: FoldResult) -> None:
@@ -133,8 +125,6 @@ class TrackedRun:
 
     def close(self) -> Result:
         """Measure the run from its folds, and end it; the result reads its tables from the store."""
-        if self.whole:
-            return self.whole
         run_id, artifacts, folds = self.made.run_id, self.made.artifact_uri, self.plan.folds
         results = [self.done[fold.name] for fold in folds if fold.name in self.done]
         self.tags |= _batch_effects(results) | self._machines()
@@ -196,39 +186,37 @@ def finished(store: Store, run: Run) -> dict[str, FoldResult]:
     return done
 
 
-def tracked(store: Store, plan: Plan, key: str, grid: str = "") -> TrackedRun:
-    """The run of a key with the folds that it has, which goes on from there; a new one if there is none."""
+def whole(store: Store, run: Run, grid: str = "") -> Result:
+    """The result of a run that is stored whole."""
+    if grid:
+        store.log(run.info.run_id, tags=_grids(run, grid))
+    return store.result(run)
+
+
+def tracked(store: Store, plan: Plan, run: Run | None, grid: str = "") -> TrackedRun:
+    """The run of a plan with the folds that it has, which goes on from there; a new one if there is none."""
     cell = plan.cell
-    tags = tags_of(cell, plan.corpus) | plan.facts
-    tags |= {"protocol": str(cell.protocol), "protocol_label": plan.label}
-    tags |= {"touchbench.kind": cell.kind, "touchbench.cell": key, "touchbench.command": cell.command}
+    tags = tags_of(plan) | plan.facts | {"protocol": str(cell.protocol), "protocol_label": plan.label}
+    tags |= {"touchbench.kind": cell.kind, "touchbench.cell": plan.key, "touchbench.command": cell.command}
     if not cell.objects:  # an object cannot be typed
         tags["touchbench.arguments"] = json.dumps(cell.arguments())
-    run = store.find(key, cell.kind)
+    tags |= _grids(run, grid) if grid else {}
     if run and not run.data.params:
         store.delete(run.info.run_id)  # cut off while it was made
         run = None
-    if grid:
-        known = run.data.tags.get(GRIDS, "").split(", ") if run else []
-        tags[GRIDS] = ", ".join(dict.fromkeys([*filter(None, known), grid]))
     if run is None:
-        params, about = _params(plan), {"mlflow.note.content": _note(plan), "mlflow.source.name": "bench"}
-        made = store.create(_name(cell), about | tags, params).info
+        params = params_of(plan)
+        made = store.create(_name(cell), {"mlflow.source.name": "bench"} | tags, params).info
         return TrackedRun(store, plan, made, params, tags)
-    found = TrackedRun(store, plan, run.info, dict(run.data.params), tags)
-    run_id, artifacts = run.info.run_id, run.info.artifact_uri
-    if grid:
-        store.log(run_id, tags={GRIDS: tags[GRIDS]})
-    if is_whole(run):
-        found.whole = store.result(run)
-        if store.names(run_id, artifacts, FOLDS):  # its command was cut off at the very end
-            store.drop(artifacts, FOLDS)
-        return found
     tags |= {FAILED: ""} if FAILED in run.data.tags else {}
-    found.done = finished(store, run)
-    if found.missing:
-        store.mark(run_id, "RUNNING")
-    return found
+    store.mark(run.info.run_id, "RUNNING")
+    return TrackedRun(store, plan, run.info, dict(run.data.params), tags, finished(store, run))
+
+
+def _grids(run: Run | None, grid: str) -> dict[str, str]:
+    """The tag with the digests of the files that name a run, one of which is new."""
+    known = run.data.tags.get(GRIDS, "").split(", ") if run else []
+    return {GRIDS: ", ".join(dict.fromkeys([*filter(None, known), grid]))}
 
 
 def _name(cell: Cell) -> str:
@@ -236,24 +224,6 @@ def _name(cell: Cell) -> str:
     words = [f"{cell.command} {cell.title()}", cell.where, cell.target if cell.target != "gesture" else ""]
     words += [f"{key}={value}" for one in cell.producers for key, value in one.arguments().items()]
     return " | ".join(filter(None, [*words, "" if cell.seed is None else f"seed {cell.seed}"]))
-
-
-def _params(plan: Plan) -> dict[str, str]:
-    """Parameters of a new run."""
-    protocol = plan.cell.protocol
-    params = params_of(plan.cell, plan.corpus, plan.threads) | {"protocol": protocol.name}
-    params |= {f"protocol.{k}": v for k, v in (protocol.parameters | protocol.changed()).items()}
-    for one in plan.cell.producers:
-        params |= one.params()
-    return {name: str(value) for name, value in params.items()}
-
-
-def _note(plan: Plan) -> str:
-    """What a run is of, for MLflow's page."""
-    cell, corpus = plan.cell, plan.corpus
-    kind, where = "synthetic " if corpus.synthetic else "", f", {cell.where}" if cell.where else ""
-    captures = f"{len(corpus)} captures, {len(set(corpus.subjects))} subjects"
-    return f"{cell.system()} on {kind}corpus {cell.data} ({captures}{where}), {plan.label}"
 
 
 def _uniform(result: FoldResult) -> FoldResult:

@@ -118,7 +118,7 @@ class View:
 
     def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """CSV files of the report, by name: the curves of all systems."""
-        from bench.work.curves import joined
+        from bench.work.stability import joined
 
         return {self.key: joined(results, self.key)} if results else {}
 

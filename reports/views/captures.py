@@ -91,7 +91,7 @@ class Captures(View):
 
     def candidates(self, result: Result, wish: Wish) -> Iterator[Candidate]:
         """The system in Python, on whole captures or on windows, and in each circumstance of the run."""
-        from bench.outcomes.scored import plain_candidates
+        from bench.outcomes.reactions import plain_candidates
 
         if wish.plain:
             yield from _without(plain_candidates(result, wish), result, None)

@@ -139,13 +139,13 @@ class Faults(View):
 
     def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """Accuracy under each fault."""
-        from bench.work.curves import joined
+        from bench.work.stability import joined
 
         return {"faults": joined(results, "faults")} if results else {}
 
     def lost(self, results: Sequence[Result], asked: Losses, reactions: Any) -> pd.DataFrame | None:
         """Points lost under each fault at each severity [cases, subjects], in some runs of one system."""
-        from bench.outcomes.losses import points_lost
+        from bench.outcomes.reactions import points_lost
 
         return points_lost(results, asked, reactions, self.key)
 

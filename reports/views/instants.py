@@ -49,7 +49,6 @@ class Instants(View):
         Measure("adaptive_ms", "at mean ms", form=".0f"),
         Measure("decide_ms", "computing ms", tuple(f"replay_ms_p{p}" for p in (50, 95, 99)), spare=14),
         Measure("decisions_per_second", "decisions per s", form=".0f", spare=15),
-        Measure("system_hop_ms", "system hop ms", form=".0f", spare=17),
     )
     costs: ClassVar[tuple[Cost, ...]] = (
         Cost(
@@ -135,6 +134,6 @@ class Instants(View):
 
     def candidates(self, result: Result, wish: Wish) -> Iterator[Candidate]:
         """The system after each time that is soon enough."""
-        from bench.outcomes.scored import early_candidates
+        from bench.outcomes.reactions import early_candidates
 
         return early_candidates(result, wish)

@@ -33,6 +33,6 @@ class Subjects(View):
 
     def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """The curves of all systems."""
-        from bench.work.curves import joined
+        from bench.work.stability import joined
 
         return {"learning": joined(results, "learning")} if results else {}

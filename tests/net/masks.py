@@ -14,7 +14,7 @@ from pathlib import Path
 import pandas as pd
 
 MASKED = re.compile(  # headings of columns of times, memory, identity and versions, in all formats
-    "((predict|decision|decide|replay|reference|window_decision|(touch \\+ )?computing|system hop)(_wall)?[ _]ms|fit s)"
+    "((predict|decision|decide|replay|reference|window_decision|(touch \\+ )?computing)(_wall)?[ _]ms|fit s)"
     "([ _].*)?|slowdown|quiet_ms|(.*_)?seconds|fit s"
     "|decisions[ _]per[ _]s(econd)?|predict_relative|predict|peak_rss_bytes|started|artifacts"
     "|touchbench[.]cell|run|run_id|git|cpu|simd|CPU, threads|threads|version[.].*"

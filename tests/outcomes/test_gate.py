@@ -13,7 +13,7 @@ from scipy.stats import binom
 
 from bench.errors import InputError
 from bench.options import options
-from bench.outcomes.gate import Measured, compare, drawn, held, interval, p_value, read, text, units_of
+from bench.outcomes.gate import Measured, compare, drawn, free, interval, p_value, read, text, units_of
 from bench.work.results import FoldResult, costs
 
 NAMES = {
@@ -111,11 +111,11 @@ def test_a_random_system_is_held_to_its_labels_only_where_it_must_repeat_them():
     then = measured([1, 0] * 60, seed="0")
     other = measured([0, 1] * 20 + [1, 0] * 40, seed="1")
     assert words(then, replace(other, names=then.names)) == ("changed",)
-    assert words(then, other) == () and not held(then, other)
+    assert words(then, other) == () and free(then, other) == "seed 1"
     assert "40 of 120 labels changed (allowed with seed 1)" in compare([then], [other], **LIMITS)[0].line
     assert words(then, replace(other, names=then.names, environment=HERE | {"cpu": "y"})) == ()
     none = measured([1, 0] * 60)
-    assert held(none, replace(none, environment={}))
+    assert not free(none, replace(none, environment={}))
 
 
 def test_verdicts_on_cost():

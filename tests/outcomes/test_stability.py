@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 from scipy.stats import binomtest
 
-from bench.work.curves import curve, unharmed
-from bench.work.stability import chance_of, half_margins, sliced, slices
+from bench.work.stability import chance_of, curve, half_margins, sliced, slices, unharmed
 from tests.results import under_stress
 
 WORDS = {"under": "fault"}

@@ -96,7 +96,3 @@ def test_an_unusable_store_or_data_folder_is_refused_before_anything_runs(tmp_pa
     assert main(run) == 2
     error = capsys.readouterr().err
     assert "TOUCHBENCH_HOME" in error and error.count("\n") == 1
-
-
-def test_a_value_may_hold_equals_signs():
-    assert parse(["where=subject != '3'"], KEYS) == {"where": "subject != '3'"}

@@ -62,7 +62,7 @@ def line(text):
         ("bench.circumstances.faults", line, {"stress"}),
         ("bench.corpora.faults", code, {"stress"}),
         ("bench.work.replay", code, {"stream"}),
-        ("bench.work.subset", code, {"curve"}),
+        ("bench.circumstances.subjects", code, {"curve"}),
         ("bench.models.rocket", code, set()),
         ("bench.models.search.tuning", code, set()),  # svm is not searched
         ("bench.work.loop", code, set()),

@@ -12,7 +12,7 @@ import bench
 from bench import scores
 from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
-from bench.circumstances.subjects import Subjects
+from bench.circumstances.subjects import Subjects, subset
 from bench.cli import main
 from bench.corpora.faults import FAULTS, as_shares, damaged
 from bench.errors import InputError
@@ -21,10 +21,9 @@ from bench.plan.cells import cells
 from bench.plan.plan import Fold
 from bench.registry import views
 from bench.store import connect
-from bench.work.curves import COLUMNS, unharmed
 from bench.work.evaluation import folded, run_of
 from bench.work.loop import prepared
-from bench.work.subset import subset
+from bench.work.stability import COLUMNS, unharmed
 from tests.conftest import SMALL, random_corpus, with_other_values
 from tests.work.fakes import Level, cell_of
 

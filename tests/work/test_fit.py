@@ -13,12 +13,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench.circumstances.instants import Instants
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
 from bench.plan.cells import cells
 from bench.work.fit import fit
-from bench.work.replay import STATE, Calibration, Replay, Stopping, Waiting, learned
+from bench.work.replay import STATE, Calibration, Stopping, Waiting, learned
 from bench.work.saved import Recogniser, load, quiet, step_of
 from tests.conftest import random_corpus, runs
 from tests.work.fakes import Level
@@ -54,7 +55,7 @@ def shipped(tmp_path_factory, empty_store):
         (run,) = runs("fit")[1]
     corpus = open_corpus(cell.data, cell.data_parameters).select(cell.where)
     estimator = cell.estimator().fit(corpus, corpus.gestures)
-    stopping, _ = learned(cell.estimator, corpus, np.arange(len(corpus)), Replay())
+    stopping, _ = learned(cell.estimator, corpus, np.arange(len(corpus)), Instants())
     return SimpleNamespace(
         folder=folder, fitted=fitted, run=run, cell=cell, corpus=corpus, estimator=estimator, stopping=stopping
     )

@@ -21,13 +21,13 @@ from bench.work.evaluation import folded, run_of
 from bench.work.replay import (
     STATE,
     Calibration,
-    Replay,
     Waiting,
+    begun,
     decision_latency,
+    instants_of,
     learned,
     prefix,
     replayed,
-    system_hop,
     unlearnable,
     weighed,
 )
@@ -90,12 +90,12 @@ def test_a_prefix_is_the_first_frames(lengths, frames):
     arrays = [np.random.default_rng(i).integers(0, 9, (n, 2, 2)) for i, n in enumerate(lengths)]
     corpus = Corpus.from_captures(arrays, pd.DataFrame({"subject": ["1"] * len(lengths), "gesture": "a"}), 50.0)
     corpus = corpus[::-1]
-    cut, begun = prefix(corpus, frames), Replay(start="middle").begun(corpus)
-    for first, rest, capture in zip(cut, begun, arrays[::-1], strict=True):
+    cut, half = prefix(corpus, frames), begun(corpus, "middle")
+    for first, rest, capture in zip(cut, half, arrays[::-1], strict=True):
         assert np.array_equal(first, capture[:frames])
         assert np.array_equal(rest, capture[len(capture) // 2 :]) and len(rest)
     assert storage(cut)[0] is storage(corpus)[0]
-    assert Replay().begun(corpus) is corpus
+    assert begun(corpus, "onset") is corpus
 
 
 @given(st.integers(1, 2000), st.floats(1, 500), st.one_of(st.none(), st.floats(1, 5000)))
@@ -107,7 +107,7 @@ def test_instants_rise_to_the_longest_capture(longest, rate, hop_ms):
         ms = now * hop_ms if hop_ms else 62.5 * 2 ** ((now - 1) / 2)
         times.append(int(np.floor(ms * rate / 1000 + 1e-6)))
     naive = sorted({n for n in times if 0 < n < longest} | {longest})
-    assert Replay(hop_ms).instants(longest, rate).tolist() == naive
+    assert instants_of(Instants((), hop_ms), longest, rate).tolist() == naive
 
 
 def test_features_of_prefixes_are_not_those_kept_for_whole_captures(tmp_path):
@@ -143,7 +143,7 @@ def test_a_replay_decides_on_every_prefix_once(lengths, system):
     np.testing.assert_allclose(table[columns].to_numpy(dtype=float), naive, rtol=1e-5)
 
 
-def test_decisions_are_timed_one_by_one_and_the_hop_is_that_of_the_system():
+def test_decisions_are_timed_one_by_one():
     corpus = coded_corpus()
     seen = []
 
@@ -152,11 +152,9 @@ def test_decisions_are_timed_one_by_one_and_the_hop_is_that_of_the_system():
             seen.append(X.lengths.tolist())
             return super().predict(X)
 
-    assert list(Replay(60_000.0).instants(300, 100.0)) == [300]  # no capture reaches the first instant
+    assert list(instants_of(Instants((), 60_000.0), 300, 100.0)) == [300]  # no capture reaches the first instant
     spent = decision_latency(Timed().fit(corpus, corpus.gestures), corpus[:3], np.array([4, 300]))
     assert seen == [[4], [10], [3], [4], [7]] and len(spent.ms) == 5 and min(spent.ms) > 0
-    assert system_hop(Thirds().fit(corpus, corpus.gestures), corpus) == 3
-    assert system_hop(Rising().fit(corpus, corpus.gestures), corpus) is None
 
 
 def test_a_temperature_is_recovered():
@@ -285,7 +283,7 @@ def test_no_test_subject_has_a_say_in_calibration_and_threshold(leveled):
     for name in ("rules", "thresholds"):
         assert first.tables[name].equals(other.tables[name])
     assert not first.tables["replay"].equals(other.tables["replay"])
-    stopping, _ = learned(Level, with_other_values(corpus, fold.train[::2]), fold.train, Replay(100.0))
+    stopping, _ = learned(Level, with_other_values(corpus, fold.train[::2]), fold.train, Instants((), 100.0))
     assert first.tables["rules"]["temperature_first"].item() != stopping.calibration.first
 
 
@@ -302,7 +300,7 @@ def test_training_subjects_are_judged_by_systems_that_were_not_trained_on_them()
             pairs.append((self.subjects_, set(unblinded(X)[0].subjects)))
             return super().predict_proba(X)
 
-    learned(Watched, corpus, np.flatnonzero(corpus.subjects != "3"), Replay(30.0))
+    learned(Watched, corpus, np.flatnonzero(corpus.subjects != "3"), Instants((), 30.0))
     assert pairs and all(not trained & judged and "3" not in trained | judged for trained, judged in pairs)
 
 

@@ -28,8 +28,7 @@ from bench.progress import about, span
 from bench.scores import captures
 from bench.store import connect
 from bench.work.fit import fit
-from bench.work.left import Left, expected, left
-from bench.work.loop import execute
+from bench.work.loop import Left, execute, expected, lookup
 from bench.work.saved import Recogniser, load
 from touchbench_chip.measure import ROOMY, lacking, measured, measured_watching
 from touchbench_chip.tables import check
@@ -119,7 +118,7 @@ def compared(
         plan, backend = planned(on | {"protocol": "loso"} | values | under)
         seconds = max(slowest, work * len(plan.folds) / plan.workers)
         need = max(longest, seconds) + sum(afterwards(plan, scene, seconds))
-        if results and before < need and left(connect(), [plan]):
+        if results and before < need and lookup(connect(), [plan])[1]:
             left_out.append(f"{name}: with its tests and its last fit, it would take {about(need)}; raise seconds=")
             continue
         progress.say(f"system {number} of {len(every)}: {name}; {span(before)} left")

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from bench.circumstances.instants import Instants
 from bench.corpora.synth import generate
 from bench.features.jung28 import Jung28
 from bench.features.touch import TouchFeatures
@@ -26,7 +27,7 @@ from bench.models.nets.hughes2017 import Hughes2017CNN
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
 from bench.models.sizes import sizes
-from bench.work.replay import Replay, learned
+from bench.work.replay import learned
 from bench.work.saved import Recogniser
 from touchbench_chip.tables import chip_of
 from touchbench_chip.write import files_of
@@ -187,7 +188,7 @@ def fitted(model, corpus, stopping=False):
     """A saved system, as `bench fit` makes one; the network inside reflex learns for a shorter time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.models.out_of_distribution.Perceptron", partial(Perceptron, updates=300))
-        taught = learned(lambda: model, corpus, np.arange(len(corpus)), Replay())[0] if stopping else None
+        taught = learned(lambda: model, corpus, np.arange(len(corpus)), Instants())[0] if stopping else None
         return Recogniser(model.fit(corpus, corpus.gestures), corpus, taught)
 
 

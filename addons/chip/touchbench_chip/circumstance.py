@@ -78,7 +78,7 @@ class InC(Circumstance):
         return [self.bits, digest(), toolchain(), *watching]
 
     @property
-    def part(self) -> Part[Any]:
+    def part(self) -> Part:
         """The detector, with all parameters."""
         return watching(self.detector).part
 

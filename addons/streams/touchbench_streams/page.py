@@ -18,7 +18,7 @@ from bench.result import Result, notes_on
 from bench.sentences import sentences
 from bench.table import Table, rows_of
 from bench.words import CLEAN
-from bench.work.curves import joined
+from bench.work.stability import joined
 from touchbench_streams.events import DOUBTFUL, FALSE_ALARM, matched
 from touchbench_streams.stress import FAULTS
 from touchbench_streams.view import Continuous

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from bench.plan.plan import Fold, Plan
     from bench.source import Code
     from bench.work.results import FoldResult
-    from touchbench_streams.detectors.detector import Detector
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ class Continuous(Study):
         return faults_of(items("under", typed))
 
     @property
-    def part(self) -> Part[Detector]:
+    def part(self) -> Part:
         """Its detector, with all parameters."""
         from touchbench_streams.detectors import detectors
 

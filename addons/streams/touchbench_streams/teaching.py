@@ -18,7 +18,6 @@ from bench.words import Values, quantity
 from touchbench_streams import FALSE_ALARMS
 from touchbench_streams.composer import check_background, pieces
 from touchbench_streams.detectors import detectors
-from touchbench_streams.detectors.detector import Detector
 from touchbench_streams.detectors.ticks import TickWatcher, learn
 from touchbench_streams.fold import recordings_of, too_short, usual
 from touchbench_streams.recordings import certain, is_recorded, recorded
@@ -46,7 +45,7 @@ class Watching:
         self.false_alarms = quantity("false_alarms", values.get("false_alarms", FALSE_ALARMS))
 
     @staticmethod
-    def parts(values: Values) -> list[Part[Detector]]:
+    def parts(values: Values) -> list[Part]:
         """The detectors that typed values name, with their parameters; the usual one where they name none."""
         of_detector = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
         return detectors(of_detector)

@@ -10,7 +10,6 @@ from touchbench_streams import DETECTOR
 
 if TYPE_CHECKING:
     from bench.plan.cells import Part
-    from touchbench_streams.detectors.detector import Detector
 
 PARTS = {
     "frames": "touchbench_streams.detectors.frames:Frames",
@@ -18,7 +17,7 @@ PARTS = {
 }
 
 
-def detectors(values: Values) -> list[Part[Detector]]:
+def detectors(values: Values) -> list[Part]:
     """The detectors that ``detector=`` names, the usual one without it, with every combination of their parameters."""
     from bench.plan.cells import variants
 
