@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench import contract
-from bench.circumstances.instants import Instants
 from bench.corpora.library import ASIDE
 from bench.database import only_one, store_uri
 from bench.errors import InputError
@@ -134,4 +133,4 @@ def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
     if why:
         warn(f"warning: the model has no calibration and no stopping threshold: {why}")
         return None
-    return learned(cell.estimator, corpus, np.arange(len(corpus)), Instants())[0]
+    return learned(cell.estimator, corpus, np.arange(len(corpus)))[0]

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,6 +45,7 @@ STATE = (
     *("same", "same_time"),
 )
 TIMED_INSTANTS = 8
+USUAL = SimpleNamespace(after=(), hop_ms=None, start="onset")  # settings of the replay that a saved system learns from
 
 
 def begun(corpus: Corpus, start: str) -> Corpus:
@@ -258,7 +260,7 @@ def unlearnable(estimator: contract.System, corpus: Corpus) -> str:
 
 
 def learned(
-    untrained: Callable[[], contract.System], corpus: Corpus, train: np.ndarray, how: Instants
+    untrained: Callable[[], contract.System], corpus: Corpus, train: np.ndarray, how: Instants = USUAL
 ) -> tuple[Stopping, pd.DataFrame]:
     """Learn the stopping rule from the training part; also return the result of each threshold there.
 

@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.circumstances.instants import Instants
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
@@ -55,7 +54,7 @@ def shipped(tmp_path_factory, empty_store):
         (run,) = runs("fit")[1]
     corpus = open_corpus(cell.data, cell.data_parameters).select(cell.where)
     estimator = cell.estimator().fit(corpus, corpus.gestures)
-    stopping, _ = learned(cell.estimator, corpus, np.arange(len(corpus)), Instants())
+    stopping, _ = learned(cell.estimator, corpus, np.arange(len(corpus)))
     return SimpleNamespace(
         folder=folder, fitted=fitted, run=run, cell=cell, corpus=corpus, estimator=estimator, stopping=stopping
     )

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from bench.circumstances.instants import Instants
 from bench.corpora.synth import generate
 from bench.features.jung28 import Jung28
 from bench.features.touch import TouchFeatures
@@ -188,7 +187,7 @@ def fitted(model, corpus, stopping=False):
     """A saved system, as `bench fit` makes one; the network inside reflex learns for a shorter time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.models.out_of_distribution.Perceptron", partial(Perceptron, updates=300))
-        taught = learned(lambda: model, corpus, np.arange(len(corpus)), Instants())[0] if stopping else None
+        taught = learned(lambda: model, corpus, np.arange(len(corpus)))[0] if stopping else None
         return Recogniser(model.fit(corpus, corpus.gestures), corpus, taught)
 
 
