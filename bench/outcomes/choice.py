@@ -118,9 +118,11 @@ def decide(
     accuracy = table["accuracy"].round(9)
     table = table.assign(verdict=verdicts, loss=lost[:, 0], error=lost[:, 1], accuracy=accuracy, burden=burden)
     unranked = table[fits & np.isnan(burden)].sort_values("accuracy", ascending=False).index
-    order = table.sort_values(["burden", "accuracy"], ascending=[True, False])
-    better: Any = [] if chosen is None else fits & (burden > burden[chosen]) & (accuracy > accuracy[chosen])
-    costlier = next((int(i) for i in order.index if chosen is not None and better[i]), None)
+    order, costlier = table.sort_values("burden"), None
+    if chosen is not None:
+        order = table.sort_values(["burden", "accuracy"], ascending=[True, False])
+        better = fits & (burden > burden[chosen]) & (accuracy > accuracy[chosen])
+        costlier = next((int(i) for i in order.index if better[i]), None)
     limits = [_limit(table, scores, by, budgets, name, best) for name in budgets]
     return Choice(order.drop(columns="burden"), chosen, best, costlier, [*map(int, unranked)], limits)
 

@@ -30,6 +30,11 @@ class Fitted:
     threads: int  # for computing
 
     @property
+    def train(self) -> Corpus:
+        """The training captures."""
+        return self.corpus[self.fold.train]
+
+    @property
     def train_subjects(self) -> int:
         """Number of subjects of the training captures."""
         return len(set(self.corpus.subjects[self.fold.train]))

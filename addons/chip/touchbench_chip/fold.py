@@ -64,7 +64,7 @@ def fold(at: Fitted, bits: int, detector: str) -> FoldResult:
     The table ``c`` has a row per capture: the columns of the predictions, with probabilities of the C, and the label of
     Python (``python``).
     """
-    train, test = at.corpus[at.fold.train], at.corpus[at.fold.test]
+    train, test = at.train, at.corpus[at.fold.test]
     table = scores.captures(at.predictions).rename(columns={"predicted": "python"})
     table = table.assign(start=0, frames=test.lengths)
     recogniser = Recogniser(at.system, train, UNTAUGHT)
