@@ -10,7 +10,6 @@ from bench.measures import OF_SYSTEMS, OUTPUTS, Cost, Measure, Row, p_value, per
 
 FIT = "training in a fold, mean over folds, without features and search, on the quiet machine"
 PREDICT = "one capture from raw frames to label, on one thread of the quiet machine: median; `_p95`, `_p99`: quantiles"
-DECISION = "median touch of a capture and its computing time together"
 
 
 def run_columns(output: str = "") -> list[Measure]:
@@ -56,14 +55,13 @@ def run_columns(output: str = "") -> list[Measure]:
         Measure("decide_wall_ms_p50", shows=(), meaning=wall),
         *(cost for cost in OF_SYSTEMS if cost.shows),
         Measure("predict", "predict ms p50 / p95", ("predict_ms_p50", "predict_ms_p95"), ".2f", spare=1, shows=page),
-        Measure("decision_ms", "touch + computing ms", form=".0f", spare=1, shows=("page", "csv"), meaning=DECISION),
-        Measure("capture_ms", shows=(), meaning="median touch of a capture, which `max_decision=` limits"),
+        Measure("capture_ms", shows=csv, meaning="median touch of a capture, which `max_decision=` limits"),
         Measure("observed_ms", shows=(), meaning="median touch of a window, or of a capture without windows"),
         Measure("parameters", form=whole, spare=1, shows=("page", "csv"), meaning="learnt numbers"),
         Measure("peak_rss_bytes", shows=csv, meaning="most memory of the worker during a fold"),
         Measure("captures", form=".0f", shows=csv, meaning="labelled captures, each in each of its test folds"),
         Measure("windows", shows=(), meaning="labelled windows, if there are more than captures"),
-        Measure("subjects", "n", form=whole, shows=("page", "csv"), meaning="tested subjects"),
+        Measure("subjects", form=whole, shows=("page", "csv"), meaning="tested subjects"),
         text("published", "published %", spare=1, shows=("page", "csv"), unit="%"),
         text("folds", shows=("page", "csv")),
         *(text(name, shows=csv) for name in ("run_id", "group", "note", "subset", "data", "protocol")),

@@ -164,12 +164,12 @@
     const mean = differences.reduce((a, b) => a + b, 0) / differences.length, test = tested(differences);
     const p = test && (test.p < 0.001 ? "< 0.001" : `= ${test.p.toFixed(3)}`), people = several(differences.length, "subject");
     const words = test ? `95 % interval [${signed(test.low)}, ${signed(test.high)}], p ${p} (both by the paired two-sided Wilcoxon test over ${people}; one test, not corrected).` : `${people}: too few for a test.`;
-    const named = sign => shared.filter((_, i) => sign * differences[i] > NEAR).map(i => group.people[i]);
+    const named = sign => shared.filter((_, i) => sign * differences[i] > NEAR).map(i => group.people[i]).sort((a, b) => a.localeCompare(b, undefined, {numeric: true}));
     const listed = names => `${several(names.length, "subject")}${names.length ? ` (${names.join(", ")})` : ""}`;
     group.pair.append(make("h3", {}, `${one.name} and ${two.name}`),
       make("p", {"data-pair": ""}, `${one.name} is ${Math.abs(mean).toFixed(1)} points ${mean < 0 ? "less" : "more"} accurate than ${two.name}. ${words}`),
       make("p", {}, `${one.name} is more accurate for ${listed(named(1))}, ${two.name} for ${listed(named(-1))}.`),
-      grid("Measures side by side", ["measure", one.name, two.name], group.columns.flatMap((c, i) => c.key === "system" ? [] : [[c.name, one.cells[i], two.cells[i]]])));
+      grid("Measures side by side", ["measure", one.name, two.name], group.columns.flatMap((c, i) => c.key === "system" ? [] : [[c.name, one.cells[i] || "-", two.cells[i] || "-"]])));
     if (!one.hits || !two.hits) return void group.pair.append(make("p", {}, "The page has no single captures of both systems."));
     const only = (a, b) => group.captures.filter((_, i) => a.hits[i] === "1" && b.hits[i] === "0");
     const [first, second] = [only(one, two), only(two, one)];

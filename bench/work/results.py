@@ -100,10 +100,7 @@ def measured(
         "per_class": scores.per_class(labelled, classes),
     }
     numbers = scores.summary(predictions, rate_hz) | costs(folds, spent)
-    numbers["decision_ms"] = numbers["capture_ms"] + numbers["predict_ms_p50"]
-    if windows := "windows" in numbers:
-        numbers["window_decision_ms"] = numbers["observed_ms"] + numbers["decide_ms_p50"]
-    return numbers, tables, "window" if windows else "capture"
+    return numbers, tables, "window" if "windows" in numbers else "capture"
 
 
 def costs(results: list[FoldResult], spent: Iterable[str] = ()) -> dict[str, float]:

@@ -25,7 +25,7 @@ SAME_RUN = ("touchbench.kind", "system", "data", "protocol_label", "subset", "ta
 NOT_OPTIONS = ("data", "features", "model", "protocol", "tuning", "version")  # parts whose parameters are in the system
 APART = re.compile(  # numbers, parameters, tags and columns that differ from run to run
     r"(.*_)?seconds|.*_ms_p\d+|predict_ms|decide_ms|slowdown|quiet_ms"
-    r"|(window_)?decision_ms|decisions_per_second|reference_ms|predict_relative|peak_rss_bytes"
+    r"|decisions_per_second|reference_ms|predict_relative|peak_rss_bytes"
     r"|front"  # trials that no other beats in accuracy and time
     r"|version\..*|touchbench\.format|chip\.toolchain|git|cpu|simd|threads|touchbench\.cell|mlflow\.(user|source\..*|log-model.*)"
 )

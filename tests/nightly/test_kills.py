@@ -44,7 +44,7 @@ COMMANDS = {
 }
 # What a clock or the memory of the process gives differs between any two runs.
 MEASURED = re.compile(
-    r"(decide_ms|predict_ms)(_p\d+)?|(window_)?decision_ms|reference_ms|predict_relative|decisions_per_second"
+    r"(decide_ms|predict_ms)(_p\d+)?|reference_ms|predict_relative|decisions_per_second"
     r"|peak_rss_bytes|seconds|\w+_seconds|front"
 )
 

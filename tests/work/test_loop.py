@@ -155,7 +155,7 @@ def test_a_run_is_tracked_whole():
     assert svm.data.params["model.C"] == "512.0" and svm.data.params["features"] == "jung54"
     assert {"corpus_digest", "threads", "cpu", "version.scikit-learn", "protocol"} <= set(svm.data.params)
     metrics = "accuracy subject_sd pooled_accuracy macro_f1 macro_recall macro_precision fit_seconds "
-    metrics += "predict_ms_p50 predict_ms_p95 decision_ms parameters flash_bytes ram_bytes peak_rss_bytes"
+    metrics += "predict_ms_p50 predict_ms_p95 parameters flash_bytes ram_bytes peak_rss_bytes"
     assert {*metrics.split()} <= set(svm.data.metrics) & set(cnn.data.metrics)
     assert {"window_accuracy", "vote_accuracy"} <= set(cnn.data.metrics)
     table = predictions(store, svm)
