@@ -27,7 +27,7 @@ from touchbench_chip.write import digest, most
 
 if TYPE_CHECKING:
     from bench.work.saved import Recogniser
-    from touchbench_builder.way import Progress
+    from touchbench_builder.progress import Progress
 
 LOST = 10.0  # points of accuracy: a system survives a fault that costs less
 SESSIONS = ("session", "day", "sitting", "date", "visit")  # columns that tell days apart

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from bench.plan.cells import Cell
     from bench.plan.plan import Plan
     from bench.result import Result
-    from touchbench_builder.way import Progress
+    from touchbench_builder.progress import Progress
     from touchbench_streams.detectors.ticks import TickWatcher
 
 BITS = 8  # of a weight in C; Python rounds to as many where it can

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -22,35 +21,14 @@ from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
 from bench.options import keys, limits_of, parse_words, settings
 from bench.outcomes.scene import Scene, boards, read_scene
-from bench.progress import console, span, warn
+from bench.progress import warn
 from bench.words import quoted
+from touchbench_builder.progress import Progress
 from touchbench_streams.recent import saturated
 
 FULL = 0.25  # share of saturated frames beyond which readings tell too little of touch
 FULL_WARNED = 0.01  # from which on a certificate names it
-STEPS = 6
 FILE = ("grid", "rate_hz", "full_scale")  # keys that tell about a file
-
-
-class Progress:
-    """Lines of the steps, with the time left."""
-
-    def __init__(self, seconds: float) -> None:
-        self.seconds, self.began, self.step = seconds, time.monotonic(), 0
-
-    @property
-    def left(self) -> float:
-        """Seconds left of those that were given."""
-        return self.seconds - (time.monotonic() - self.began)
-
-    def say(self, line: str) -> None:
-        """Print a line on the side."""
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-
-    def begin(self, what: str) -> None:
-        """Begin the next step."""
-        self.step += 1
-        self.say(f"step {self.step} of {STEPS}, after {span(self.seconds - self.left)}: {what}")
 
 
 def build(arguments: list[str]) -> int:
