@@ -189,14 +189,14 @@ def expected(store: Store, todo: Iterable[Left]) -> list[float | None]:
 
 
 def _of_a_fold(store: Store, kind: str, arguments: Mapping[str, str]) -> float | None:
-    """Mean seconds of a fold of the stored run with most arguments in common, or itself; the newest of several."""
+    """Mean seconds of a fold of the stored run in which fewest arguments differ, or itself; the newest of several."""
     names = {key: arguments[key] for key in ("data", "model", "features") if key in arguments}
     like = []
     for run in store.newest(kind, NEWEST, **names):
         theirs = json.loads(run.data.tags.get("touchbench.arguments", "{}"))
         if _fixed(theirs) == _fixed(arguments):
-            like.append((len(arguments.items() & theirs.items()), run))
-    for _, run in sorted(like, key=lambda one: -one[0]):
+            like.append((len(arguments.items() ^ theirs.items()), run))
+    for _, run in sorted(like, key=lambda one: one[0]):
         if (table := store.result(run).tables.get(FOLDS)) is not None:
             done = [*table["seconds"][table["status"] == "FINISHED"]]
         else:  # it was cut off
