@@ -53,5 +53,5 @@ class Candidate:
     mark: str = ""  # name of its look in charts; empty for none
     linked: bool = False  # True if its bytes are linked, with code
     whole: bool = False  # True if losses in a circumstance are also its losses
-    # keys of ``bench fit`` that save it as it was measured, besides those of its run
+    # keys of ``bench fit`` that save it as it was measured, besides the keys of its run
     shipped: Mapping[str, str] = field(default_factory=dict)

@@ -32,7 +32,7 @@ class Command:
     examples: str = ""  # lines that can be typed
     usage: str = "[key=value ...]"  # arguments behind its name; a line for each form
     options: tuple[Option, ...] = ()  # its keys; packages and circumstances add others
-    budgets: str = ""  # budgets that are keys, too: ``all``, or those of ``captures``
+    budgets: str = ""  # budgets that are keys, too: ``all``, or only budgets of ``captures``
     module: str = ""  # module of a package's command, with a function of its name that takes the arguments
     # lines to type next after other commands, with ``{}`` for the saved model, of a package's command
     follows: Mapping[str, str] = field(default_factory=dict)

@@ -100,7 +100,7 @@ def timed_once(
 ) -> tuple[Given, Times, float]:
     """Do a longer piece of work, with workloads before and after it; what it gives, its times, processor milliseconds.
 
-    ``counted`` gives the seconds that count of those of the wall clock and of the processor.
+    ``counted`` selects the seconds that count, from the wall clock and the processor.
     """
     references = [spent(reference) for _ in range(WARM_UP + AROUND)][WARM_UP:]
     given: list[Given] = []

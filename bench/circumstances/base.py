@@ -117,7 +117,7 @@ class Circumstance(Producer):
     def result(
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
     ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
-        """Numbers and further tables of a run from the tables of all folds: ``predictions``, and those of `fold`.
+        """Numbers and further tables of a run from the tables of all folds: ``predictions``, and what `fold` returns.
 
         ``labels`` has the captures as they are, too.
         """

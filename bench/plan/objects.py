@@ -15,7 +15,7 @@ from bench.contract import is_code, parts_of
 
 
 def settings(part: object) -> str:
-    """Parameters of an object in full, those of estimators inside it included; a splitter's attributes."""
+    """Parameters of an object and of estimators inside it, in full; of a splitter, its attributes."""
     values = part.get_params() if isinstance(part, BaseEstimator) else vars(part)
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
         return repr({k: f"{v.__module__}.{v.__qualname__}" if is_code(v) else v for k, v in values.items()})

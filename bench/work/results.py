@@ -107,7 +107,7 @@ def costs(results: list[FoldResult], spent: Iterable[str] = ()) -> dict[str, flo
     """Numbers of a run from those of its folds (`COMBINED`); milliseconds are quantiles over all timed captures.
 
     All times but those with wall in their name are of the quiet machine (`bench.timing`). ``spent`` names seconds in
-    circumstances, of which the run has the mean.
+    circumstances: the run has their mean.
     """
     every: dict[str, list[float]] = {}  # a fold may have one that another has not
     times: dict[str, list[float]] = {}

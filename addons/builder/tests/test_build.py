@@ -14,6 +14,7 @@ from bench.corpora.read.table import write_table
 from bench.errors import InputError
 from bench.store import connect
 from tests.conftest import predictions, random_corpus, runs
+from touchbench_builder import certificate
 from touchbench_builder.folder import labelled
 from touchbench_builder.way import _imported
 
@@ -197,6 +198,10 @@ def test_the_c_is_linked_for_a_board_and_passes_its_test_in_an_emulator(capsys):
     facts = json.loads(Path("robot/certificate.json").read_text())
     assert 1000 < facts["chip"]["flash_bytes"] < 1000 * facts["chip"]["board"]["flash_kb"] == 1048576
     assert facts["chip"]["processor_share"] == pytest.approx(facts["chip"]["frame_instructions"] * 100 / 64e6, abs=1e-4)
+    facts["chip"]["most_instructions"] = 3_000_000  # 46.9 ms at 64 MHz, in which four frames come at 100 Hz
+    assert "46.9 ms; a frame comes every 10.0 ms, so 4 must wait in a queue |" in certificate.page(facts)
+    facts["chip"]["most_instructions"] = 600_000
+    assert "| 9.4 ms; a frame comes every 10.0 ms |" in certificate.page(facts)
     assert said("make", "-s", "emulated") == (0, "3 of 3 captures as in Python\n")
     assert main([*BUILD, "max_flash=1kB", "replace=yes"]) == 2
     line = capsys.readouterr().err.splitlines()[-1]

@@ -240,7 +240,7 @@ def _key_of_linked(run_id: str) -> str:
 
 
 def on_chip(recogniser: Recogniser) -> dict[str, float]:
-    """`COSTS` of a model in C on a Cortex-M4F; of one that watches a stream, those of watching."""
+    """`COSTS` of a model in C on a Cortex-M4F. A model that watches a stream costs what `touch_watch` costs."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for file, text in files_of(recogniser, BITS, "a system of bench build").items():

@@ -34,7 +34,7 @@ class Levels:
         return self.steps(frame[None])[0]
 
     def steps(self, frames: np.ndarray) -> np.ndarray:
-        """Those of the next frames [ticks, rows, cols], as if they came one by one.
+        """Signals of the next frames [ticks, rows, cols], as if they came one by one.
 
         Levels (mean, excess, its highest, the same two of its change), area, cosine to the tick before, centroid, what
         taxels share, and of what readings are above each slow mean: their mean, how far the highest exceed it, SD.
@@ -95,8 +95,8 @@ def features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.n
     """What the classifier sees of each tick, from the signals of this tick and those before it [ticks, features].
 
     The first tick of a stream is its own baseline, and nothing has moved yet. Its levels, without the mean, are set to
-    those of an idle sensor; else the next ticks would look like a rise. Logarithms are taken after offsets are added
-    to each level and to the size of each change.
+    the levels of an idle sensor; else the next ticks would look like a rise. Logarithms are taken after offsets are
+    added to each level and to the size of each change.
     """
     levels = signals[:, :LEVELS].copy()
     levels[0, 1:] = idle[1:]
