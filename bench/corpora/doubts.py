@@ -1,18 +1,25 @@
-"""What captures contradict in what was said of them: grid, rate, full scale, labels. A line each, with what to do."""
+"""What captures contradict in what was said of them: grid, rate, full scale, labels, seams; a line each.
+
+Neighbouring taxels change together from one frame to the next. A seam is where they do not, although the last line
+changes together with the first: frames were probably cut at the wrong place.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from bench.corpora.corpus import Corpus
 
-MOST = 100  # captures whose readings are looked at
+MOST, CUT = 100, 300  # captures whose readings are looked at, and those that are searched for seams
 FITS = 1.1  # times the correlation of neighbours, from which another grid is likelier
 LEAST = 0.1  # correlation of neighbours, below which a sensor is too noisy to tell
 RARE = 10  # times fewer captures than usual: such a gesture may be another one, misspelt
 FRAMES = 100  # fewer of them tell nothing about neighbours
+LAGS = (0, 1, -1)  # frames
+LOW, HIGH = 0.5, 0.75  # shares of the usual correlation of neighbours: below one they are cut, above the other they fit
 BRIEF, LONG = 0.1, 30.0  # seconds of a usual touch
 
 
@@ -89,3 +96,64 @@ def _fit(together: np.ndarray, rows: int, cols: int) -> float:
     pairs = [together[taxel[:, :-1], taxel[:, 1:]].ravel(), together[taxel[:-1], taxel[1:]].ravel()]
     known = np.concatenate(pairs)
     return float(known[np.isfinite(known)].mean()) if np.isfinite(known).any() else 0.0
+
+
+class Seam(NamedTuple):
+    """How the rows, or the columns, of a corpus fit each other, by the correlation of their changes."""
+
+    lines: str  # "rows" or "columns"
+    usual: float  # median over each line and the next
+    weakest: int  # the line after the weakest of these pairs
+    weak: float  # correlation of that pair
+    lag: int  # frames by which the first line is later, where it fits the last line best
+    fit: float  # correlation of these two
+
+    @property
+    def found(self) -> bool:
+        """True if frames look cut: one pair does not fit, and the last and the first line do."""
+        return self.usual >= LEAST and self.weak < LOW * self.usual and self.fit > HIGH * self.usual
+
+    def __str__(self) -> str:
+        line, pair = self.lines.removesuffix("s"), f"{self.lines} {self.weakest - 1} and {self.weakest}"
+        when = {0: "the same frame", 1: "the next frame", -1: "the previous frame"}[self.lag]
+        text = (
+            f"Changes of adjacent {self.lines} correlate with {self.usual:.2f} (median), of {pair} with "
+            f"{self.weak:.2f}, of the last {line} and the first of {when} with {self.fit:.2f}"
+        )
+        remedy = f"; import with align={self.weakest}:{self.lag} to put them together" if self.lines == "rows" else ""
+        return f"{text}: frames look cut between {pair}{remedy}" if self.found else text
+
+
+def seams(corpus: Corpus) -> list[Seam]:
+    """How rows and columns fit each other, in at most `CUT` captures; of fewer than four of them, nothing."""
+    result = []
+    some = [corpus[i].astype(np.float32) for i in range(0, len(corpus), -(-len(corpus) // CUT))]
+    for axis, lines in ((1, "rows"), (2, "columns")):
+        pairs = [_pairs(np.moveaxis(frames, axis, 1)) for frames in some if len(frames) > 3]
+        if corpus.grid[axis - 1] < 4 or not pairs:
+            continue
+        sums, counts = np.sum(pairs, axis=0)
+        neighbours, ends = np.split(sums / np.maximum(counts, 1), [-1], axis=1)
+        weakest, lag = int(neighbours[0].argmin()), int(ends.argmax())
+        fit = float(ends[lag, 0])
+        usual = float(np.median(neighbours[0]))
+        result.append(Seam(lines, usual, weakest + 1, float(neighbours[0, weakest]), LAGS[lag], fit))
+    return result
+
+
+def _pairs(frames: np.ndarray) -> np.ndarray:
+    """Correlations of the changes of taxels [frames, lines, taxels] and their neighbours in the next line.
+
+    Sums over the taxels, and numbers of pairs that change [2, lags, lines]; the last line's neighbour is the first.
+    """
+    changes = np.diff(frames, axis=0)
+    following, count = np.roll(changes, -1, axis=1), len(changes)
+    parts = []
+    for lag in LAGS:
+        one = changes[max(-lag, 0) : count - max(lag, 0)]
+        other = following[max(lag, 0) : count - max(-lag, 0)]
+        one, other = one - one.mean(axis=0), other - other.mean(axis=0)
+        both = np.sqrt((one**2).sum(axis=0) * (other**2).sum(axis=0))
+        ratio = np.divide((one * other).sum(axis=0), both, out=np.zeros_like(both), where=both > 0)
+        parts.append((ratio.sum(axis=1), (both > 0).sum(axis=1)))
+    return np.swapaxes(parts, 0, 1)

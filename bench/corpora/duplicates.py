@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from hashlib import blake2b
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 
 CHANGES = 8  # readings that change in a capture, below which two captures can be equal by chance
-NAMED = 3  # groups that a warning names
 
 
 def identical(captures: Sequence[np.ndarray] | Corpus, full_scales: Sequence[float] | None = None) -> list[list[int]]:
@@ -21,30 +20,16 @@ def identical(captures: Sequence[np.ndarray] | Corpus, full_scales: Sequence[flo
     first captures.
     """
 
-    def scale(i: int) -> float:
-        return 1.0 if full_scales is None else full_scales[i]
+    def alike(positions: Iterable[int], whole: bool) -> list[list[int]]:
+        groups: dict[Hashable, list[int]] = {}
+        for i in positions:
+            some = captures[i] if whole else captures[i][len(captures[i]) // 2 :][:1]
+            values = (some / (full_scales[i] if full_scales else 1.0) + 0).astype(np.float32)  # a zero has no sign
+            key = captures[i].shape, blake2b(values.tobytes(), digest_size=16).digest()
+            groups.setdefault(key, []).append(i)
+        return [group for group in groups.values() if len(group) > 1]
 
-    def middle(i: int) -> Hashable:
-        frames = captures[i]
-        at = len(frames) // 2
-        return frames.shape, _digest(frames[at : at + 1], scale(i))
-
-    likely = _groups(range(len(captures)), middle)
-    return sorted(group for part in likely for group in _groups(part, lambda i: _digest(captures[i], scale(i))))
-
-
-def _digest(frames: np.ndarray, full_scale: float) -> bytes:
-    """Hash of readings as float32, whatever their type; of zeros without their sign."""
-    values = (frames / full_scale + 0).astype(np.float32)
-    return blake2b(values.tobytes(), digest_size=16).digest()
-
-
-def _groups(positions: Sequence[int], key: Callable[[int], Hashable]) -> list[list[int]]:
-    """Positions of equal keys, without those that are alone."""
-    groups: dict[Hashable, list[int]] = {}
-    for i in positions:
-        groups.setdefault(key(i), []).append(i)
-    return [group for group in groups.values() if len(group) > 1]
+    return sorted(group for likely in alike(range(len(captures)), False) for group in alike(likely, True))
 
 
 def quiet(frames: np.ndarray) -> bool:
@@ -112,17 +97,3 @@ def without(corpus: Corpus, position: int) -> str:
             parts.append(f"{column} != {value!r}")
             like = fewer
     return " or ".join(parts)
-
-
-def warning(corpus: Corpus) -> list[str]:
-    """A sentence on the captures of a corpus that are one recording, or nothing."""
-    groups = repeated(corpus)
-    if not groups:
-        return []
-    shown = [" = ".join(named(corpus, i) for i in group[:NAMED]) for group in groups[:NAMED]]
-    more = [f"{len(groups) - NAMED} more groups"] if len(groups) > NAMED else []
-    people = sum(len(set(corpus.subjects[group])) > 1 for group in groups)
-    return [
-        f"{sum(map(len, groups))} captures have the same frames as another one (groups: {len(groups)}, of several "
-        f"subjects: {people}): {', '.join(shown + more)}"
-    ]

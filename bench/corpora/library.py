@@ -18,7 +18,6 @@ from types import ModuleType
 import numpy as np
 from filelock import FileLock, Timeout
 
-from bench.corpora import duplicates
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import Damaged, content_digest, open_folder, small_file, verified, write_folder
 from bench.errors import InputError, nearest, plain
@@ -37,6 +36,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     """
     from bench.corpora import cuts
     from bench.corpora.doubts import doubts
+    from bench.corpora.survey import Survey
 
     reader = load("corpora", kind)
     changes = {key: options[key] for key in cuts.OPTIONS if key in options}
@@ -63,7 +63,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
                 corpus = cuts.cut(corpus, kind, changes)
                 corpus = corpus.changed(info=corpus.info | {"unchanged": unchanged})
             touches = corpus[np.flatnonzero(~np.isin(corpus.gestures, corpus.info.get(ASIDE, [])))]
-            warnings = [*duplicates.warning(corpus), *doubts(touches), *corpus.info.get("warnings", [])]
+            warnings = [*Survey(corpus).repeated(), *doubts(touches), *corpus.info.get("warnings", [])]
             corpus = corpus.changed(name=name, info=corpus.info | {"format": kind, "warnings": warnings})
             digest = content_digest(corpus)
             stored = folder / digest[:16]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,8 +10,9 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.doubts import Seam, seams
 from bench.corpora.duplicates import CHANGES, identical, quiet
-from bench.corpora.seams import Seam, seams
+from bench.corpora.steps import around
 from bench.errors import InputError
 
 ODD = 3.0  # times more, or less, than the taxels around it: such a taxel is suspicious
@@ -50,14 +50,11 @@ class Survey:
     def factors(self) -> list[str]:
         """Columns that ``counts`` crosses: subject, gesture, and columns of text that repeat, without ``split``."""
         captures, factors = self.corpus.captures, ["subject", "gesture"]
-        combinations = captures["subject"].nunique() * captures["gesture"].nunique()
-        for column in captures.columns.drop([*factors, "split", "captures", "corpus"], errors="ignore"):
-            values = captures[column]
-            if pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values):
-                continue
-            several = values.nunique(dropna=False)
+        combinations = captures[factors].nunique().prod()
+        texts = captures.drop(columns=[*factors, "split", "captures", "corpus"], errors="ignore")
+        for column, several in texts.select_dtypes(exclude="number").nunique(dropna=False).items():
             if several > 1 and combinations * several <= CROSSED * len(captures):
-                factors.append(column)
+                factors.append(str(column))
                 combinations *= several
         return factors
 
@@ -66,9 +63,11 @@ class Survey:
         """Number of ``captures`` of each combination of the factors, whether recorded or not."""
         words = self.corpus.captures[self.factors].astype(object)
         words = words.where(words.notna(), "").astype(str)
-        levels: list[Any] = [sorted(set(words[f]), key=_counted) for f in self.factors]
+        levels: list[Any] = [  # subject 10 behind subject 9
+            sorted(set(words[f]), key=lambda name: (len(name) if name.isdigit() else 0, name)) for f in self.factors
+        ]
         every: Any = pd.MultiIndex.from_product(levels, names=self.factors)
-        return words.groupby(self.factors).size().reindex(every, fill_value=0).rename("captures").reset_index()
+        return words.value_counts().reindex(every, fill_value=0).rename("captures").reset_index()
 
     @cached_property
     def usual(self) -> int:
@@ -93,26 +92,20 @@ class Survey:
     @cached_property
     def durations(self) -> pd.DataFrame:
         """Captures, subjects, and median, shortest and longest seconds of each gesture."""
-        groups = pd.DataFrame({"subject": self.corpus.subjects, "s": self._seconds}).groupby(self._code)
-        durations = groups.agg(
-            captures=("s", "size"),
-            subjects=("subject", "nunique"),
-            median=("s", "median"),
-            shortest=("s", "min"),
-            longest=("s", "max"),
-        )
-        durations.insert(0, "gesture", self.gestures)
-        return durations
+        names = np.array(self.gestures, dtype=object)[self._code]
+        of = pd.DataFrame({"gesture": names, "subject": self.corpus.subjects, "s": self._seconds}).groupby("gesture")
+        seconds = of["s"].agg(captures="size", median="median", shortest="min", longest="max")
+        seconds.insert(1, "subjects", of["subject"].nunique())
+        return seconds.reset_index()
 
-    @cached_property
-    def _frames(self) -> np.ndarray:
-        """Frames of each gesture."""
-        return np.bincount(self._code, self.corpus.lengths, len(self.gestures))
+    def _by_gesture(self, values: np.ndarray) -> Any:
+        return pd.DataFrame(values).groupby(self._code)
 
     @cached_property
     def means(self) -> np.ndarray:
         """Mean pressure of each gesture, each frame counted once, float64 [gestures, rows, cols]."""
-        return (self._read.sums / self._frames[:, None]).reshape(-1, *self.corpus.grid)
+        frames = np.bincount(self._code, self.corpus.lengths)
+        return (self._by_gesture(self._read[2]).sum().to_numpy() / frames[:, None]).reshape(-1, *self.corpus.grid)
 
     @cached_property
     def pressure(self) -> pd.DataFrame:
@@ -120,27 +113,25 @@ class Survey:
 
         ``still`` are captures in which nothing varies.
         """
-        read, code = self._read, self._code
-        return pd.DataFrame(
-            {
-                "gesture": self.gestures,
-                "lowest": pd.Series(read.lowest.min(axis=1)).groupby(code).min(),
-                "mean": self.means.mean(axis=(1, 2)),
-                "highest": pd.Series(read.highest.max(axis=1)).groupby(code).max(),
-                "full_scale": 100 * read.full.sum(axis=1) / (self._frames * self.means[0].size),
-                "still": pd.Series(read.still.all(axis=1)).groupby(code).sum(),
-            }
-        )
+        lowest, highest, _, full, _ = self._read
+        readings = np.bincount(self._code, self.corpus.lengths) * lowest.shape[1]
+        table = {
+            "gesture": self.gestures,
+            "lowest": self._by_gesture(lowest.min(axis=1)).min()[0],
+            "mean": self.means.mean(axis=(1, 2)),
+            "highest": self._by_gesture(highest.max(axis=1)).max()[0],
+            "full_scale": 100 * self._by_gesture(full.sum(axis=1)).sum()[0] / readings,
+            "still": self._by_gesture((lowest == highest).all(axis=1)).sum()[0],
+        }
+        return pd.DataFrame(table)
 
     @cached_property
     def typical(self) -> dict[str, int]:
         """Capture nearest to the middle in duration, mean and highest pressure, by gesture."""
-        highest = self._read.highest.max(axis=1)
-        course = pd.DataFrame({"s": self._seconds, "mean": self._read.level, "highest": highest})
-        ranks = course.groupby(self._code).rank(pct=True)
-        size = np.bincount(self._code)[self._code]
-        away = (ranks.sub((1 + 1 / size) / 2, axis=0)).abs().sum(axis=1)
-        nearest = away.groupby(self._code).idxmin()
+        mean = self._read[2].sum(axis=1) / self.corpus.lengths
+        ranks = self._by_gesture(np.stack([self._seconds, mean, self._read[1].max(axis=1)], axis=1)).rank()
+        middle = (1 + np.bincount(self._code)[self._code]) / 2
+        nearest = ranks.sub(middle, axis=0).abs().sum(axis=1).groupby(self._code).idxmin()
         return {g: int(self.corpus.index[i]) for g, i in zip(self.gestures, nearest, strict=True)}
 
     @cached_property
@@ -151,41 +142,31 @@ class Survey:
         the median SD of the up to eight taxels around it that do vary; ``still`` is the percent of captures in which it
         does not vary while all of those around it do.
         """
-        read, corpus = self._read, self.corpus
-        frames = int(corpus.lengths.sum())
-        lowest, highest = read.lowest.min(axis=0), read.highest.max(axis=0)
-        sd = np.sqrt(read.within / frames)
-        several = corpus.lengths > 1  # a single frame shows no change
-        never = read.still[several].all(axis=0) if several.any() else lowest == highest
-        moving = _near((~read.still).reshape(-1, *corpus.grid), True)
-        alone = read.still & np.logical_and.reduce(moving).reshape(read.still.shape) & (corpus.grid != (1, 1))
-        still = 100 * alone[several].sum(axis=0) / max(1, several.sum())
+        (lowest, highest, sums, full, squares), grid = self._read, self.corpus.grid
+        constant, several = lowest == highest, self.corpus.lengths > 1  # a single frame shows no change
+        frames = self.corpus.lengths.sum()
+        row, col = np.indices(grid).reshape(2, -1)
+        table = pd.DataFrame({"row": row, "col": col, "lowest": lowest.min(axis=0), "mean": sums.sum(axis=0) / frames})
+        table = table.assign(highest=highest.max(axis=0), full_scale=100 * full.sum(axis=0) / frames)
+        table["sd"] = sd = np.sqrt(squares.sum(axis=0) / frames)
+        never = constant[several].all(axis=0) if several.any() else table["lowest"] == table["highest"]
+        edged = np.pad(np.where(never, np.nan, sd).reshape(grid), 1, constant_values=np.nan)
+        near = np.delete(np.lib.stride_tricks.sliding_window_view(edged, (3, 3)).reshape(-1, 9), 4, axis=1)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # nan where nothing around varies, and comparisons with it are false
-            around = np.nanmedian(_near(np.where(never, np.nan, sd).reshape(1, *corpus.grid), np.nan), axis=0).ravel()
-            verdicts = {
-                "always at full scale": lowest >= corpus.full_scale,
-                "never varies": lowest == highest,
-                "never varies within a capture": never,
-                "often constant while its neighbours vary": still > ALONE,
-                LESS: ODD * sd < around,
-                "varies far more than its neighbours": sd > ODD * around,
-            }
-        row, col = np.indices(corpus.grid).reshape(2, -1)
-        return pd.DataFrame(
-            {
-                "row": row,
-                "col": col,
-                "lowest": lowest,
-                "mean": read.sums.sum(axis=0) / frames,
-                "highest": highest,
-                "full_scale": 100 * read.full.sum(axis=0) / frames,
-                "sd": sd,
-                "around": around,
-                "still": still,
-                "verdict": np.select([*verdicts.values()], [*verdicts], ""),
-            }
-        )
+            table["around"] = median = np.nanmedian(near, axis=1)
+        beside = around(constant.reshape(-1, *grid).astype(np.uint8)).reshape(constant.shape)
+        alone = constant & (beside == 0) & (grid != (1, 1))
+        table["still"] = 100 * alone[several].sum(axis=0) / max(1, several.sum())
+        verdicts = {
+            "always at full scale": table["lowest"] >= self.corpus.full_scale,
+            "never varies": table["lowest"] == table["highest"],
+            "never varies within a capture": never,
+            "often constant while its neighbours vary": table["still"] > ALONE,
+            LESS: ODD * sd < median,
+            "varies far more than its neighbours": sd > ODD * median,
+        }
+        return table.assign(verdict=np.select([*verdicts.values()], [*verdicts], ""))
 
     @property
     def odd_taxels(self) -> pd.DataFrame:
@@ -214,20 +195,15 @@ class Survey:
         return table.sort_values(["group", "capture"], kind="stable", ignore_index=True)
 
     @cached_property
-    def _read(self) -> _Readings:
-        """All readings, from one capture at a time."""
-        corpus, taxels = self.corpus, self.corpus.grid[0] * self.corpus.grid[1]
-        lowest, highest = (np.empty((len(corpus), taxels), corpus.frames.dtype) for _ in range(2))
-        level, within = np.empty(len(corpus)), np.zeros(taxels)
-        sums, full = np.zeros((len(self.gestures), taxels)), np.zeros((len(self.gestures), taxels), np.int64)
-        for i, (capture, code) in enumerate(zip(corpus, self._code, strict=True)):
-            frames = capture.reshape(len(capture), taxels)
-            lowest[i], highest[i] = frames.min(axis=0), frames.max(axis=0)
-            level[i] = frames.mean(dtype=np.float64)
-            within += len(frames) * frames.var(axis=0, dtype=np.float64)
-            sums[code] += frames.sum(axis=0, dtype=np.float64)
-            full[code] += (frames >= corpus.full_scale).sum(axis=0)
-        return _Readings(lowest, highest, lowest == highest, level, sums, full, within)
+    def _read(self) -> list[np.ndarray]:
+        """Of each capture and taxel: lowest and highest reading, sum, frames at full scale, squares around the mean."""
+        parts = []
+        for capture in self.corpus:
+            frames = capture.reshape(len(capture), -1)
+            squares = len(frames) * frames.var(axis=0, dtype=np.float64)
+            full = (frames >= self.corpus.full_scale).sum(axis=0)
+            parts.append((frames.min(axis=0), frames.max(axis=0), frames.sum(axis=0, dtype=np.float64), full, squares))
+        return [np.stack(values) for values in zip(*parts, strict=True)]
 
     def __str__(self) -> str:
         target = self.corpus.target
@@ -252,13 +228,14 @@ class Survey:
         factors = ", ".join(self.factors[:-1]) + f" and {self.factors[-1]}"
         summary = (
             f"Gaps: of {len(counts)} combinations of {factors}, {len(counts) - absent.sum() - other.sum()} have "
-            f"{_number(usual, 'capture')}, {other.sum()} have another number, {absent.sum()} have none"
+            f"{_number(usual)}, {other.sum()} have another number, {absent.sum()} have none"
         )
         # A gesture that a subject never did is one gap, not one for each condition.
         pairs = counts.groupby(["subject", "gesture"], sort=False)["captures"].transform("sum") == 0
-        missing = counts[pairs].drop_duplicates(["subject", "gesture"])[["subject", "gesture", "captures"]]
-        rest = counts[(absent | other) & ~pairs]
-        lines = [_labels(row) for row in [*missing.to_dict("records"), *rest.to_dict("records")]]
+        missing = counts[pairs].drop_duplicates(["subject", "gesture"])[["subject", "gesture"]]
+        rows = [*missing.to_dict("records"), *counts[(absent | other) & ~pairs].to_dict("records")]
+        numbers = [row.pop("captures", 0) for row in rows]
+        lines = [f"{_labels(row)}: {_number(n) if n else 'none'}" for row, n in zip(rows, numbers, strict=True)]
         return [summary, *_first(lines, len(lines))]
 
     def taxel_lines(self) -> list[str]:
@@ -280,68 +257,39 @@ class Survey:
         """Duplicate captures: a sentence, and the first examples."""
         if not len(self.duplicates):
             return ["Duplicates: none; no two captures have the same frames"]
+        firsts = self.duplicates.drop_duplicates("group")
         lines = []
         for _, part in self.duplicates[self.duplicates["group"] <= NAMED].groupby("group"):
-            first, *others = part.drop(columns=["group", "differs", "quiet"]).to_dict("records")
-            shown = ["capture", *part["differs"].iloc[0].split(", ")]
-            lines.append(" = ".join([_labels(first), *(_labels(row, shown) for row in others[:NAMED])]))
-            lines[-1] += f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
-        firsts = self.duplicates.drop_duplicates("group")
-        differs = [set(names.split(", ")) for names in firsts["differs"]]
-        other = sum(bool({"subject", "gesture"} & names) for names in differs)
+            rows = part.drop(columns=["group", "differs", "quiet"]).to_dict("records")
+            lines.append(" = ".join(map(_labels, rows[:2])) + (f" and {len(rows) - 2} more" if len(rows) > 2 else ""))
+        people = firsts["differs"].str.contains(r"\bsubject\b")
         summary = (
             f"Duplicates: {len(self.duplicates)} captures have the same frames as another one, in {len(firsts)} "
-            f"groups; {other} of them under several subjects or gestures"
+            f"groups; {people.sum()} of them under several subjects"
         )
-        copied = zip(differs, firsts["quiet"], strict=True)
-        if refused := sum("subject" in names and not still for names, still in copied):
-            summary += f"; protocols that separate subjects refuse {refused}"
         if firsts["quiet"].any():
             summary += f"; {firsts['quiet'].sum()} may be equal by chance: fewer than {CHANGES} readings change"
         return [summary, *_first(lines, len(firsts))]
+
+    def repeated(self) -> list[str]:
+        """A warning where one recording is in the corpus twice; nothing where captures can be equal by chance."""
+        return [] if self.duplicates["quiet"].all() else [". ".join(map(str.strip, self.duplicate_lines()[:2]))]
 
 
 def _text(table: pd.DataFrame) -> str:
     return table.to_string(index=False, float_format=lambda v: f"{v:.4g}")
 
 
-def _number(n: int, word: str) -> str:
-    return f"{n} {word}{'' if n == 1 else 's'}"
+def _number(captures: int) -> str:
+    return f"{captures} capture{'' if captures == 1 else 's'}"
 
 
-def _labels(row: dict, columns: list[str] | None = None) -> str:
-    """A row of a table in words; a count comes last."""
-    words = [f"{k} {v}" for k, v in row.items() if k != "captures" and (columns is None or k in columns)]
-    count = f": {_number(row['captures'], 'capture') if row['captures'] else 'none'}" if "captures" in row else ""
-    return ", ".join(words) + count
+def _labels(row: dict) -> str:
+    """A row of a table in words."""
+    return ", ".join(f"{name} {value}" for name, value in row.items())
 
 
 def _first(lines: list[str], total: int) -> list[str]:
     """Those that are printed, indented, and how many there are besides."""
     more = [f"... and {total - NAMED} more"] if total > NAMED else []
     return [f"  {line}" for line in [*lines[:NAMED], *more]]
-
-
-@dataclass(frozen=True)
-class _Readings:
-    """What is read off the frames: by capture and taxel, by capture, by gesture and taxel, by taxel."""
-
-    lowest: np.ndarray  # [captures, taxels]
-    highest: np.ndarray
-    still: np.ndarray  # whether a taxel has one value throughout a capture
-    level: np.ndarray  # mean of a capture [captures]
-    sums: np.ndarray  # [gestures, taxels]
-    full: np.ndarray  # frames at full scale
-    within: np.ndarray  # squared differences from the mean of the taxel in the capture, summed [taxels]
-
-
-def _counted(name: str) -> tuple[int, str]:
-    """Sorts subject 10 behind subject 9."""
-    return (len(name) if name.isdigit() else 0, name)
-
-
-def _near(values: np.ndarray, beyond: float) -> list[np.ndarray]:
-    """The values on each of the eight sides of every taxel, each [captures, rows, cols]; ``beyond`` off the edge."""
-    _, rows, cols = values.shape
-    edged = np.pad(values, ((0, 0), (1, 1), (1, 1)), constant_values=beyond)
-    return [edged[:, i : i + rows, j : j + cols] for i, j in np.ndindex(3, 3) if (i, j) != (1, 1)]

@@ -17,7 +17,7 @@ from bench.errors import InputError
 from bench.models.most_probable import MostProbable
 from bench.models.search import portfolio
 from bench.models.search.ensemble import Ensemble, fit_temperature, logarithms, selected, tempered
-from bench.models.search.inner_folds import by_subject, check_search, labelled_folds
+from bench.models.search.inner_folds import check_search, labelled_folds
 from bench.models.search.study import Study, Tried, identity, within
 from bench.models.sizes import sizes
 from bench.models.space import Trial
@@ -168,7 +168,7 @@ class Auto(MostProbable):
                 tried.fit_seconds = seconds * len(part.y) / len(train)
                 proba = part.probabilities(system, test)
                 tried.proba[test] = proba
-                tried.subjects |= by_subject(proba.argmax(axis=1) == part.codes[test], part.subjects[test])
+                tried.judge(proba.argmax(axis=1) == part.codes[test], part.subjects[test])
                 tried.costs = part.bytes(system)
                 if not within(tried.costs, study.limits):
                     tried.state = "large"

@@ -53,11 +53,6 @@ def check_search(inner: str, trials: int | None, seconds: float, endless: bool) 
         raise InputError("this search has no end: give a number of trials, or a budget in seconds")
 
 
-def by_subject(hit: np.ndarray, subjects: np.ndarray) -> dict[str, float]:
-    """Accuracy of each subject, from which captures were right."""
-    return {str(s): float(hit[subjects == s].mean()) for s in np.unique(subjects)}
-
-
 class Tables:
     """Inputs of fitting and judging in each inner fold: tables of features, or captures."""
 

@@ -1,10 +1,9 @@
-"""The engine of `bench tune` and `auto`: trials drawn by Optuna, judged, and stored in the data folder, to resume."""
+"""The engine of `bench tune` and `auto`: inner folds, and trials drawn by Optuna, judged, and stored to be resumed."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 import pickle
 import time
 import warnings
@@ -12,14 +11,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from typing import BinaryIO
+from pathlib import Path
 
 import numpy as np
 from filelock import FileLock
 
 from bench.corpora.corpus import Corpus
 from bench.models.space import Range, Space, Trial, distribution, suggested
-from bench.scratch import home
+from bench.scratch import home, replacing
 from bench.source import source_digest, versions
 
 WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial is not followed further
@@ -43,6 +42,10 @@ class Tried:
     def accuracy(self) -> float:
         """Mean over subjects; not a number where none was judged."""
         return float(np.mean([*self.subjects.values()])) if self.subjects else float("nan")
+
+    def judge(self, hit: np.ndarray, subjects: np.ndarray) -> None:
+        """Add subjects, from which of their captures were right."""
+        self.subjects |= {str(s): float(hit[subjects == s].mean()) for s in np.unique(subjects)}
 
     def row(self) -> dict[str, object]:
         """Its row in a table of trials."""
@@ -92,24 +95,22 @@ class Study:
         """Judge one after the other by ``step``, until there are as many as wanted or it gives None.
 
         Trials on a stored corpus are stored under it and ``key``. Those of an earlier search come first, but no more of
-        them than this one would have made; their seconds count as spent. The file is locked against other processes.
+        them than this one would have made; their seconds count as spent. The folder is locked against other processes.
         """
-        with _opened(study_name(key, X, y) if X.digest else None) as file:
-            for tried in _stored(file) if file else []:
+        with _held(home() / "studies" / study_name(key, X, y) if X.digest else None) as folder:
+            for file in sorted(folder.glob("[0-9]*.pickle")) if folder else []:
                 if len(self.tried) < self.most and sum(t.seconds for t in self.tried) < self.budget:
-                    self._add(tried)
-                    self.began -= tried.seconds
+                    self._add(pickle.loads(file.read_bytes()))
+                    self.began -= self.tried[-1].seconds
             while len(self.tried) < self.most:
                 began = time.perf_counter()
-                tried = step()
-                if tried is None:
+                if (tried := step()) is None:
                     return
                 tried.seconds = time.perf_counter() - began
                 self._add(tried)
-                if file:
-                    pickle.dump(tried, file)
-                    file.flush()
-                    os.fsync(file.fileno())
+                if folder:
+                    with replacing(folder / f"{len(self.tried):06}.pickle") as beside:
+                        beside.write_bytes(pickle.dumps(tried))
 
     def drawn(self, fixed: Trial, *numbers: int, each: bool = False) -> Trial:
         """The sampler's suggestion after the trials so far, but for ``fixed`` values.
@@ -163,46 +164,28 @@ class Study:
 
 
 @contextmanager
-def _opened(name: str | None) -> Iterator[BinaryIO | None]:
-    """The file of a study, held against other processes; None where nothing is stored."""
-    path = home() / "studies" / f"{name}.pickle"
+def _held(folder: Path | None) -> Iterator[Path | None]:
+    """The folder of a study, held against other processes; None where nothing can be stored, which costs resuming."""
     with ExitStack() as held:
-        file = None
         try:
-            if name:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                held.enter_context(FileLock(path.with_suffix(".lock")))
-                file = held.enter_context(path.open("a+b"))
-        except OSError:  # a folder that cannot be written only costs the resuming
-            pass
-        yield file
-
-
-def _stored(file: BinaryIO) -> Iterator[Tried]:
-    """The trials in a file; one that was cut off when a process was killed is removed."""
-    file.seek(0)
-    end = 0
-    while True:
-        try:
-            tried = pickle.load(file)
-        except (EOFError, pickle.UnpicklingError):
-            file.truncate(end)
-            return
-        end = file.tell()
-        yield tried
+            if folder:
+                folder.mkdir(parents=True, exist_ok=True)
+                held.enter_context(FileLock(folder.with_suffix(".lock")))
+        except OSError:
+            folder = None
+        yield folder
 
 
 def study_name(what: dict[str, object], X: Corpus, y: np.ndarray) -> str:
     """Hash of the captures with their steps, the labels, the search space and library versions."""
     code = source_digest(*(part for step in X.steps for part in step.code())) if X.steps else ""
-    parts = {
-        "captures": [X.digest, hashlib.sha256(X.index.tobytes()).hexdigest()],
-        "steps": [repr(X.steps), code, X.piece.tolist()],
-        "labels": hashlib.sha256("\n".join(map(str, y)).encode()).hexdigest(),
-        "what": what,
-        "versions": versions(),
-    }
-    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:32]
+    labels = "\n".join(map(str, y)).encode()
+    captures = [
+        X.digest,
+        *(hashlib.sha256(part).hexdigest() for part in (X.index.tobytes(), X.piece.tobytes(), labels)),
+    ]
+    about = [captures, repr(X.steps), code, what, versions()]
+    return hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()[:32]
 
 
 def identity(part: Callable) -> list:

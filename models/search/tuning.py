@@ -6,6 +6,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -18,7 +19,7 @@ from bench.corpora.corpus import Corpus
 from bench.features.selection import COUNTS, Subset
 from bench.intervals import within_one_standard_error
 from bench.models.recipe import besides, build
-from bench.models.search.inner_folds import Tables, by_subject, check_search, labelled_folds
+from bench.models.search.inner_folds import Tables, check_search, labelled_folds
 from bench.models.search.study import Study, Tried, identity
 from bench.models.space import Range, Space, Trial, Tuning
 from bench.registry import parameters
@@ -26,22 +27,22 @@ from bench.registry import parameters
 COMBINATIONS = 1000  # at most so many are checked one by one before anything is run
 
 
+@dataclass(eq=False, repr=False)
 class Search(ClassifierMixin, BaseEstimator):
     """The recogniser with the best parameters, judged by subjects that were left out of its training part.
 
     A combination is scored by the mean accuracy of the left-out training subjects. After each inner fold it is given
     up if a Wilcoxon signed-rank test over the subjects seen so far finds it worse than the best one (p < 0.1). The best
     one, of equal ones the one that takes the earliest values of each list, is then fitted to the whole training part.
-    Where there are several models or feature sets, each is tried with each other once before the search goes deeper.
 
     The study of a stored corpus is kept in the data folder under everything that it depends on; a search that was
     interrupted goes on where it stopped and chooses as if it had not been.
 
     Args:
-        models: factories by name; called with one value of each parameter of its space and, if they take them, with
-            ``features`` and ``seed``.
-        spaces: values of each parameter, by model: a list, or a `Range`.
-        features: feature sets to choose from by name; empty for models that read raw frames.
+        models: the factory, by its name; called with one value of each parameter of its space and, if it takes them,
+            with ``features`` and ``seed``.
+        spaces: values of each parameter, by the name of the model: a list, or a `Range`.
+        features: feature sets to choose from by name; empty for a model that reads raw frames.
         inner: number of groups into which the training subjects are dealt, or ``loso``.
         trials: combinations to try; None for all of them, which needs lists only. Fewer than all are drawn by a
             tree-structured Parzen estimator.
@@ -61,29 +62,18 @@ class Search(ClassifierMixin, BaseEstimator):
 
     searches = True
 
-    def __init__(
-        self,
-        models: dict[str, Callable],
-        spaces: dict[str, Space],
-        features: dict[str, TransformerMixin] | None = None,
-        inner: str = "3",
-        trials: int | None = None,
-        seconds: float = float("inf"),
-        objective: str = "accuracy",
-        seed: int = 0,
-    ) -> None:
-        self.models = models
-        self.spaces = spaces
-        self.features = features
-        self.inner = inner
-        self.trials = trials
-        self.seconds = seconds
-        self.objective = objective
-        self.seed = seed
+    models: dict[str, Callable]
+    spaces: dict[str, Space]
+    features: dict[str, TransformerMixin] | None = None
+    inner: str = "3"
+    trials: int | None = None
+    seconds: float = math.inf
+    objective: str = "accuracy"
+    seed: int = 0
 
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run."""
-        check_search(self.inner, self.trials, self.seconds, endless=self._grid() is None)
+        check_search(self.inner, self.trials, self.seconds, endless=self._every() == math.inf)
         for part in (self.features or {}).values():
             contract.check(part)
 
@@ -101,8 +91,7 @@ class Search(ClassifierMixin, BaseEstimator):
         began = time.perf_counter()
         self.check()
         tables = Tables(self.features or {}, X, y, labelled_folds(X, y, self.inner))
-        spaces = {model: self._space(model) for model in self.models}
-        study = Study(self._common(), spaces, self.seed, self._size(), self.seconds, began)
+        study = Study(self._values(), {self._name: {}}, self.seed, self._size(), self.seconds, began)
         study.search(lambda: self._step(study, tables), self.study_key(), X, y)
         self.search_seconds_ = sum(t.seconds for t in study.tried)
         self.trials_ = pd.DataFrame([t.row() for t in study.tried])
@@ -131,65 +120,56 @@ class Search(ClassifierMixin, BaseEstimator):
 
     def study_key(self) -> dict[str, object]:
         """Influences on trials besides captures and labels; not their number, so that a study can grow."""
+        features = (self.features or {}).items()
         return {
             "models": {name: identity(model) for name, model in self.models.items()},
             "spaces": repr(self.spaces),
-            "features": {
-                name: [identity(type(f)), sorted(map(repr, f.get_params().items()))]
-                for name, f in (self.features or {}).items()
-            },
+            "features": {n: [identity(type(f)), sorted(map(repr, f.get_params().items()))] for n, f in features},
             "search": [identity(Search), self.inner, self.objective, self.seed, self._is_exhaustive()],
         }
 
-    def _common(self) -> dict[str, list]:
-        """Values of what every combination has."""
-        return {"model": list(self.models)} | ({"features": list(self.features)} if self.features else {})
+    @property
+    def _name(self) -> str:
+        (name,) = self.models
+        return name
 
-    def _space(self, model: str) -> Space:
-        """Values of the parameters of one model."""
-        return {f"{model}.{name}": values for name, values in self.spaces[model].items()}
+    def _values(self) -> Space:
+        """Values of everything, in the order in which it is drawn."""
+        features = {"features": list(self.features)} if self.features else {}
+        space = {f"{self._name}.{name}": values for name, values in self.spaces[self._name].items()}
+        return {"model": [self._name], **features, **space}
 
-    def _grid(self) -> dict[str, list] | None:
-        """Values of everything where there is one model and all of them are lists."""
-        space = self._space(next(iter(self.spaces)))
-        if len(self.spaces) > 1 or any(isinstance(values, Range) for values in space.values()):
-            return None
-        return self._common() | {name: list(values) for name, values in space.items()}
+    def _every(self) -> float:
+        """Number of combinations, endless with a range."""
+        return math.prod(math.inf if isinstance(values, Range) else len(values) for values in self._values().values())
 
     def _size(self) -> float:
         """Number of combinations to try."""
-        every = _count(grid) if (grid := self._grid()) else math.inf
-        return every if self.trials is None else min(self.trials, every)
+        return min(self.trials or math.inf, self._every())
 
     def _is_exhaustive(self) -> bool:
-        grid = self._grid()
-        return grid is not None and self._size() == _count(grid)
+        return self._size() == self._every() < math.inf
 
     def _listed(self) -> Iterator[Trial]:
-        """Combinations of listed values of each model, or of too many each value alone; ranges at their defaults."""
-        for model in self.models:
-            lists = {name: values for name, values in self._space(model).items() if not isinstance(values, Range)}
-            first = {"model": model} | {name: values[0] for name, values in lists.items()}
-            if _count(lists) <= COMBINATIONS:
-                yield from (
-                    first | dict(zip(lists, values, strict=True)) for values in itertools.product(*lists.values())
-                )
-            else:
-                yield from (first | {name: value} for name, values in lists.items() for value in values)
+        """Combinations of listed values, or of too many each value alone; ranges at their defaults."""
+        values = {name: v for name, v in self._values().items() if name != "features" and not isinstance(v, Range)}
+        first = {name: listed[0] for name, listed in values.items()}
+        if math.prod(map(len, values.values())) <= COMBINATIONS:
+            yield from (dict(zip(values, point, strict=True)) for point in itertools.product(*values.values()))
+        else:
+            yield from (first | {name: value} for name, listed in values.items() for value in listed)
 
     def _first(self, number: int) -> Trial:
-        """What is not left to the sampler: the points of a grid, or each model with each feature set once.
+        """The points of a grid, which are not left to the sampler.
 
         The seed shuffles them, as a good one early makes giving up quicker. (Optuna's own grid sampler cannot go on
         after an interruption.)
         """
-        lists = self._grid() if self._is_exhaustive() else self._common()
-        sizes = [len(values) for values in lists.values()]
-        count = math.prod(sizes)
-        if number >= count or count == 1:
+        if not self._is_exhaustive():
             return {}
-        position = np.unravel_index(np.random.default_rng(self.seed).permutation(count)[number], sizes)
-        return {name: values[i] for (name, values), i in zip(lists.items(), position, strict=True)}
+        sizes = [len(values) for values in self._values().values()]
+        position = np.unravel_index(np.random.default_rng(self.seed).permutation(math.prod(sizes))[number], sizes)
+        return {name: values[i] for (name, values), i in zip(self._values().items(), position, strict=True)}
 
     def _step(self, study: Study, tables: Tables) -> Tried | None:
         """Judge the next combination; None where there is no time, but for the first."""
@@ -203,7 +183,7 @@ class Search(ClassifierMixin, BaseEstimator):
             model = self._made(tried.trial, features)
             model.fit(tables.part(name, fold, 0), tables.y[train])
             hit = model.predict(contract.blinded(model, tables.part(name, fold, 1))) == tables.y[test]
-            tried.subjects |= by_subject(hit, tables.X.subjects.astype(str)[test])
+            tried.judge(hit, tables.X.subjects.astype(str)[test])
             if self.objective == "accuracy" and fold + 1 < len(tables.folds) and study.worse(tried):
                 tried.state = "pruned"
                 break
@@ -211,13 +191,14 @@ class Search(ClassifierMixin, BaseEstimator):
 
     def _has_steps(self, trial: Trial) -> bool:
         """Whether a trial's captures go through steps (`bench.models.recipe`) before its features are computed."""
-        usual = besides(self.models[trial["model"]])
-        return any(trial.get(f"{trial['model']}.{k}", v) not in (v, "") for k, v in usual.items())
+        usual = besides(self.models[self._name])
+        return any(trial.get(f"{self._name}.{k}", v) not in (v, "") for k, v in usual.items())
 
     def _made(self, trial: Trial, features: object) -> ClassifierMixin:
-        factory = self.models[trial["model"]]
+        factory = self.models[self._name]
         values = {"seed": self.seed} if "seed" in parameters(factory) else {}
-        values |= {k.partition(".")[2]: v for k, v in trial.items() if k.startswith(f"{trial['model']}.")}
+        prefix = f"{self._name}."
+        values |= {k.removeprefix(prefix): v for k, v in trial.items() if k.startswith(prefix)}
         return build(factory, features, **values)
 
     def _features(self, trial: Trial) -> TransformerMixin | None:
@@ -225,27 +206,21 @@ class Search(ClassifierMixin, BaseEstimator):
 
     def _ranked(self, tried: list[Tried]) -> list[int]:
         """Positions of the complete trials, the one to take first; the order in which they were made has no say."""
+        place = [self._position(t.trial) for t in tried]
         complete = [i for i, t in enumerate(tried) if t.state == "complete"]
-        ranked = sorted(complete, key=lambda i: (-round(tried[i].accuracy, 9), self._position(tried[i].trial)))
+        ranked = sorted(complete, key=lambda i: (-round(tried[i].accuracy, 9), place[i]))
         if self.objective == "accuracy":
             return ranked
         best = tried[ranked[0]].subjects
         losses = {i: np.array([best[s] - tried[i].subjects[s] for s in sorted(best)]) for i in ranked}
-        near = [i for i in ranked if within_one_standard_error(losses[i])]
-        return sorted(near, key=lambda i: self._position(tried[i].trial))
+        return sorted((i for i in ranked if within_one_standard_error(losses[i])), key=place.__getitem__)
 
     def _position(self, trial: Trial) -> tuple:
         """Where a combination stands if every list is read from its first value."""
-        lists = self._common() | self._space(str(trial["model"]))
         return tuple(
             trial[name] if isinstance(values, Range) else list(values).index(trial[name])
-            for name, values in lists.items()
+            for name, values in self._values().items()
         )
-
-
-def _count(lists: dict[str, list]) -> int:
-    """Number of combinations."""
-    return math.prod(len(values) for values in lists.values())
 
 
 def tuned(

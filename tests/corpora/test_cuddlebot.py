@@ -57,8 +57,8 @@ def test_an_import_with_changes_has_a_name_of_its_own(folder, tmp_path, monkeypa
 @pytest.mark.parametrize(
     ("name", "change", "fact"),
     [
-        ("02/150505-2coverdynamicpat.csv", lambda text: text.replace("\n", "\n1024", 1), "whole number from 0 to 1023"),
-        ("02/150505-2coverdynamicpat.csv", lambda text: "1,2\n3,4\n", "2 columns instead of 10"),
+        ("02/150505-2coverdynamicpat.csv", lambda text: text.replace("\n", "\n1024", 1), "not a whole number"),
+        ("02/150505-2coverdynamicpat.csv", lambda text: "1,2\n3,4\n", "2 fields instead of 10"),
         ("03/150505-2coverdynamicpat.csv", lambda text: text, "in it twice"),
     ],
 )

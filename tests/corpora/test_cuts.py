@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from bench.corpora import synth
 from bench.corpora.corpus import Corpus
 from bench.corpora.cuts import aligned, cut
-from bench.corpora.seams import seams
+from bench.corpora.doubts import seams
 from bench.errors import InputError
 
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.duplicates import identical, seen_before, warning
+from bench.corpora.duplicates import identical, seen_before
 from bench.corpora.survey import Survey
 from tests.conftest import random_corpus
 
@@ -53,8 +53,8 @@ def test_what_is_tested_after_training_is_that_of_a_loop(seed):
 
 def test_an_import_warns_of_them_and_a_survey_lists_them():
     corpus = copied(random_corpus(longest=20), [(10, 1), (30, 1), (5, 4)])
-    (line,) = warning(corpus)
-    assert "\n" not in line and line.startswith("5 captures") and warning(random_corpus()) == []
-    table = Survey(corpus).duplicates
+    survey, table = Survey(corpus), Survey(corpus).duplicates
+    (line,) = survey.repeated()
+    assert "\n" not in line and line.startswith("Duplicates: 5 captures") and Survey(random_corpus()).repeated() == []
     assert table[["group", "capture"]].to_numpy().tolist() == [[1, 1], [1, 10], [1, 30], [2, 4], [2, 5]]
     assert Survey(corpus[np.array([30, 9, 1])]).duplicates["capture"].tolist() == [1, 30]  # of the whole corpus

@@ -133,8 +133,8 @@ def surveyed(corpus: Corpus) -> list[str]:
     survey = Survey(corpus)
     lines = [*doubts(corpus), *map(str, corpus.info.get("warnings", []))]
     lines += [text for text in map(str, survey.seams) if "cut" in text]
-    for odd, told in ((survey.odd_taxels, survey.taxel_lines()), (survey.duplicates, survey.duplicate_lines())):
-        lines += [". ".join(map(str.strip, told[:2]))] if len(odd) else []  # with the first example
+    lines += [". ".join(map(str.strip, survey.taxel_lines()[:2]))] if len(survey.odd_taxels) else []  # an example
+    lines += survey.repeated()
     missing = pd.crosstab(corpus.subjects.astype(str), corpus.gestures.astype(str)) == 0
     for subject, gesture in missing.stack()[lambda each: each].index[:3]:
         lines.append(f"subject {subject} has no capture of {gesture}")

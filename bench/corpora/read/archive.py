@@ -35,38 +35,42 @@ def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipf
 def files(path: Path, wanted: Callable[[str], object], most: int, give: str) -> Iterator[tuple[str, bytes]]:
     """Names and contents of the wanted files of a folder, or of a zip or tar archive, each of at most so many bytes.
 
-    ``wanted`` takes a name without its folders; ``give`` is what to give instead, for messages.
+    Names are without folders, in small letters; ``give`` is what to give instead, for messages.
     """
-    broken = "not a readable archive ({}); get it again"
+    broken, seen = "not a readable archive ({}); get it again", set()
 
-    def chosen(name: str, size: int) -> bool:
-        if _by_macos(name) or not wanted(name.rsplit("/", 1)[-1]):
-            return False
+    def chosen(name: str, size: int) -> str:
+        file = name.rsplit("/", 1)[-1].lower()
+        if _by_macos(name) or not wanted(file):
+            return ""
         if size > most:
             raise InputError(f"{called(path)}: {plain(name)} is larger than {most >> 20} MiB; get it again")
-        return True
+        if file in seen:
+            raise InputError(f"{called(path)}: {plain(name)} is in it twice; leave only the one that is meant")
+        seen.add(file)
+        return file
 
     if path.is_dir():
         for file in path.rglob("*"):
-            if file.is_file() and chosen(name := file.relative_to(path).as_posix(), file.stat().st_size):
+            if file.is_file() and (name := chosen(file.relative_to(path).as_posix(), file.stat().st_size)):
                 yield name, file.read_bytes()
     elif not path.is_file():
         raise InputError(f"{plain(path, 160)}: there is no such file or folder; give {give}")
     elif tarfile.is_tarfile(path):
         try:
             with tarfile.open(path) as archive:
-                members = [m for m in archive if m.isfile() and chosen(m.name, m.size)]
-                check_unpacked(sum(m.size for m in members), path, "unpack it and give the folder")
-                for member in members:
+                members = [(name, m) for m in archive if m.isfile() and (name := chosen(m.name, m.size))]
+                check_unpacked(sum(m.size for _, m in members), path, "unpack it and give the folder")
+                for name, member in members:
                     content = archive.extractfile(member)
-                    yield member.name, content.read() if content else b""
+                    yield name, content.read() if content else b""
         except (tarfile.TarError, EOFError, OSError) as e:
             raise InputError(f"{called(path)}: {broken.format(plain(e))}") from e
     else:
         with opened(path, broken) as (packed, entries):
             for entry in entries:
-                if chosen(entry.filename, entry.file_size):
-                    yield entry.filename, packed.read(entry)
+                if name := chosen(entry.filename, entry.file_size):
+                    yield name, packed.read(entry)
 
 
 def _by_macos(name: str) -> bool:

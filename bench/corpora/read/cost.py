@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.read.limits import SYNTHETIC, called, check_columns, deviations, plain, quoted
+from bench.corpora.read.limits import SYNTHETIC, called, check_columns, deviations, information, quoted
 from bench.corpora.read.rows import CsvTable
 from bench.corpora.synth import FULL_SCALE, VARIANTS
 from bench.errors import InputError
@@ -25,12 +25,17 @@ RATE_HZ = 135.0
 
 # Of 31 x 3 x 14 x 6 = 7812 captures seven were removed before publication (Jung et al. 2017, section 3.3).
 PUBLISHED_MD5 = "c6035f76d1e13f81168dd79586dcb742"
-PUBLISHED_CAPTURES = 7805
 PUBLISHED_SUBJECTS = 31
-PUBLISHED_VARIANTS = {"gentle": 2601, "normal": 2602, "rough": 2602}
 PUBLISHED_GESTURES = {g: 558 for g in GESTURES} | dict.fromkeys(("massage", "pat", "rub", "squeeze", "tickle"), 557)
-PUBLISHED_GESTURES["stroke"] = 556
-PUBLISHED_LENGTHS = (10, 1747)
+PUBLISHED = {
+    "captures": 7805,
+    "subjects": PUBLISHED_SUBJECTS,
+    "variant": {"gentle": 2601, "normal": 2602, "rough": 2602},
+    "gesture": PUBLISHED_GESTURES | {"stroke": 556},
+    "frames of the shortest capture": 10,
+    "frames of the longest capture": 1747,
+    "MD5 of the file": PUBLISHED_MD5,
+}
 
 # Which subjects the challenge trained on was not published, but the lengths of their captures identify them: frames of
 # a subject's 12 gentle and normal captures of a gesture, for the 21 training subjects.
@@ -67,20 +72,19 @@ def read(path: Path) -> Corpus:
         rows.check(SYNTHETIC, labels[SYNTHETIC] == 1, "1, as this format marks all or none")
     for column, codes in (("variant", len(VARIANTS)), ("gesture", len(GESTURES))):
         rows.check(column, labels[column].between(1, codes), f"one of 1 to {codes}")
-    starts = rows.starts(LABELS[:3], labels["frame"].to_numpy(), 1)
-    first = labels.iloc[starts]
+    first, starts, lengths = rows.captures(LABELS[:3], labels["frame"].to_numpy(), 1)
     captures = pd.DataFrame(
         {
-            "subject": first["subject"].astype(str).to_numpy(),
-            "variant": np.asarray(VARIANTS, dtype=object)[first["variant"].to_numpy() - 1],
-            "gesture": np.asarray(GESTURES, dtype=object)[first["gesture"].to_numpy() - 1],
+            "subject": first["subject"].astype(str),
+            "variant": np.asarray(VARIANTS, dtype=object)[first["variant"] - 1],
+            "gesture": np.asarray(GESTURES, dtype=object)[first["gesture"] - 1],
         }
     )
     captures["repetition"] = captures.groupby(["subject", "variant", "gesture"]).cumcount() + 1
-    lengths = np.diff(starts, append=len(labels))
     with open(path, "rb") as file:
         md5 = hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
-    warnings = differences(captures, lengths, md5)
+    extremes = dict(zip([*PUBLISHED][4:], (lengths.min(), lengths.max(), md5), strict=True))
+    warnings = deviations(captures, PUBLISHED, extremes)
     if training := training_subjects(captures, lengths):
         split = np.where(captures["subject"].isin(training), "train", "test")
         captures["split"] = np.where(captures["variant"] == "rough", "", split)
@@ -90,12 +94,8 @@ def read(path: Path) -> Corpus:
             "seeded random 21 / 10 splits instead and says so in every row"
         )
     published = "; 4TU, doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29"
-    info = {
-        "source": plain(path.name, 200) + ("; generated, in the layout of CoST" if made else published),
-        "licence": "none needed" if made else "CC BY-NC-SA 4.0",
-        "synthetic": made,
-        "warnings": warnings,
-    }
+    source, licence = ("; generated, in the layout of CoST", "none needed") if made else (published, "CC BY-NC-SA 4.0")
+    info = information(path, source, licence, warnings, made)
     frames = rows.values.reshape(-1, 8, 8)
     for block in np.array_split(frames, max(1, len(frames) // 65536)):
         block[:] = block[:, ::-1].copy()
@@ -107,55 +107,37 @@ def write(corpus: Corpus, path: Path) -> None:
     path, captures = Path(path), corpus.captures
     if not path.name or (path.exists() and not path.is_file()):  # a device would be replaced, a pipe waited for
         raise InputError(f"{path} cannot be written (it is not a plain file); name a file")
-    if corpus.grid != (8, 8) or corpus.frames.dtype != np.uint16:
-        rows, cols = corpus.grid
-        raise InputError(
-            f"{corpus.name}: CoST's format holds 8x8 frames of whole numbers, these are {rows}x{cols} of "
-            f"{corpus.frames.dtype}"
-        )
-    if (highest := max((int(capture.max()) for capture in corpus), default=0)) > FULL_SCALE:
-        raise InputError(f"{corpus.name}: CoST's format holds values up to {FULL_SCALE}, the highest here is {highest}")
-    if "variant" not in captures or not captures["variant"].isin(VARIANTS).all():
-        raise InputError(f"{corpus.name}: CoST's format needs a column variant of {', '.join(VARIANTS)}")
-    if unknown := sorted(set(corpus.gestures) - set(GESTURES)):
-        raise InputError(f"{corpus.name}: gesture {unknown[0]!r} has no code in CoST's format")
-    if unfit := sorted(s for s in set(map(str, corpus.subjects)) if not re.fullmatch(r"0|[1-9]\d{0,8}", s, re.ASCII)):
-        raise InputError(
-            f"{corpus.name}: CoST's format needs subjects that are whole numbers of up to 9 digits, not {unfit[0]!r}"
-        )
-    variants, gestures = captures["variant"].map(VARIANTS.index), captures["gesture"].map(GESTURES.index)
-    codes = np.stack([captures["subject"].astype(int), variants.astype(int) + 1, gestures.astype(int) + 1], axis=1)
+    whole = corpus.grid == (8, 8) and corpus.frames.dtype == np.uint16
+    held = {
+        f"8x8 frames of whole numbers up to {FULL_SCALE}": whole and all(one.max() <= FULL_SCALE for one in corpus),
+        f"a column variant of {', '.join(VARIANTS)}": "variant" in captures
+        and captures["variant"].isin(VARIANTS).all(),
+        f"the gestures {', '.join(GESTURES)}": np.isin(corpus.gestures, GESTURES).all(),
+        "subjects that are whole numbers of up to 9 digits": all(
+            re.fullmatch(r"0|[1-9]\d{0,8}", str(subject), re.ASCII) for subject in set(corpus.subjects)
+        ),
+    }
+    for needed, is_there in held.items():
+        if not is_there:
+            raise InputError(
+                f"{corpus.name}: CoST's format needs {needed}; give format=table, which holds any captures"
+            )
+    codes = [
+        captures["subject"],
+        captures["variant"].map(VARIANTS.index) + 1,
+        captures["gesture"].map(GESTURES.index) + 1,
+    ]
     columns = [*LABELS, *([SYNTHETIC] if corpus.synthetic else []), *CHANNELS]
     try:
         with replacing(path) as beside, open(beside, "wb") as f:
             f.write(", ".join(columns).encode() + b"\n")
-            for i in range(0, len(corpus), 256):
-                some = corpus[i : i + 256]
-                frame = np.concatenate([np.arange(1, n + 1, dtype=np.int32) for n in some.lengths])
-                values = np.concatenate(list(some))[:, ::-1].reshape(-1, 64)
-                mark = np.ones((len(frame), len(columns) - len(LABELS + CHANNELS)), np.int32)
-                labels = np.repeat(codes[i : i + 256].astype(np.int32), some.lengths, axis=0)
-                rows = np.column_stack([labels, frame, mark, values])
-                table = pa.Table.from_arrays([pa.array(column) for column in rows.T.copy()], names=columns)
+            for frames, *labels in zip(corpus, *codes, strict=True):
+                rows = [np.full(len(frames), int(label)) for label in labels] + [np.arange(1, len(frames) + 1)]
+                rows += [np.ones(len(frames), int)] if corpus.synthetic else []
+                table = pa.table([*rows, *frames[:, ::-1].reshape(-1, 64).T], names=columns)
                 pacsv.write_csv(table, f, pacsv.WriteOptions(include_header=False))
     except OSError as e:
         raise InputError(f"{path} cannot be written ({e.strerror}); choose another place") from e
-
-
-def differences(captures: pd.DataFrame, lengths: np.ndarray, md5: str) -> list[str]:
-    """Differences from the published corpus, one sentence per figure."""
-    counts = captures["variant"].value_counts(), captures["gesture"].value_counts()
-    return deviations(
-        [
-            ("captures", len(captures), PUBLISHED_CAPTURES),
-            ("subjects", captures["subject"].nunique(), PUBLISHED_SUBJECTS),
-            *((f"captures of variant {v}", counts[0].get(v, 0), n) for v, n in PUBLISHED_VARIANTS.items()),
-            *((f"captures of gesture {g}", counts[1].get(g, 0), n) for g, n in PUBLISHED_GESTURES.items()),
-            ("frames of the shortest capture", lengths.min(), PUBLISHED_LENGTHS[0]),
-            ("frames of the longest capture", lengths.max(), PUBLISHED_LENGTHS[1]),
-            ("MD5 of the file", md5, PUBLISHED_MD5),
-        ]
-    )
 
 
 def training_subjects(captures: pd.DataFrame, lengths: np.ndarray) -> set[str]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable
 from pathlib import Path
+
+import pandas as pd
 
 from bench.errors import InputError, plain, short
 
@@ -68,9 +69,29 @@ def check_columns(columns: list[str], required: list[str], where: str) -> None:
         raise InputError(f"{where}: no column {listed(missing)}; the columns begin with {first}")
 
 
-def deviations(figures: Iterable[tuple[str, object, object]]) -> list[str]:
-    """A sentence on every figure of a corpus that differs from the published one, given as (name, here, published)."""
-    return [f"{name}: {here} here, {published} published" for name, here, published in figures if here != published]
+def deviations(captures: pd.DataFrame, published: dict, here: dict | None = None, part: str = "") -> list[str]:
+    """A sentence on every figure that differs from the published one.
+
+    Published are numbers, and numbers of captures by column and value; ``here`` has those that captures do not tell.
+    """
+    figures = {"captures": len(captures), "subjects": captures["subject"].nunique()} | (here or {})
+    expected: dict[str, object] = {}
+    for name, number in published.items():
+        if isinstance(number, dict):
+            counts = captures[name].value_counts()
+            figures |= {f"captures of {name} {value}": counts.get(value, 0) for value in number}
+            expected |= {f"captures of {name} {value}": count for value, count in number.items()}
+        else:
+            expected[name] = number
+    return [f"{part}{k}: {figures[k]} here, {n} published" for k, n in expected.items() if figures[k] != n]
+
+
+def information(
+    path: Path, source: str, licence: str, warnings: list[str], synthetic: bool = False
+) -> dict[str, object]:
+    """The ``info`` of a corpus that was read from a file."""
+    name = plain(path.name, 200) + source
+    return {"source": name, "licence": licence, "synthetic": synthetic, "warnings": warnings}
 
 
 def check_conditions(count: int, where: str) -> None:

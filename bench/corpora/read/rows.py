@@ -80,22 +80,22 @@ class Rows:
             self.refuse(wrong[0], f"frame is {numbers[wrong[0]]}, not a whole number; correct it")
         return numbers.astype(np.int64)
 
-    def starts(self, same: list[str], frame: np.ndarray, origin: int) -> np.ndarray:
-        """Rows at which captures begin, where the frame is ``origin``; elsewhere it goes up by one.
+    def captures(self, same: list[str], frame: np.ndarray, origin: int) -> tuple[pd.DataFrame, np.ndarray, np.ndarray]:
+        """Labels, first row and length of each capture, which begins where the frame is ``origin``.
 
-        The columns ``same`` stay the same within a capture.
+        Elsewhere the frame goes up by one, and the columns ``same`` stay the same.
         """
         changed = np.logical_or.reduce([changes(self.labels[name]) for name in same] + [np.arange(len(frame)) == 0])
         starts = frame == origin
         wrong = np.flatnonzero(~starts & (changed | (np.diff(frame, prepend=origin - 1) != 1)))
         if len(wrong):
             row = wrong[0]
-            if changed[row]:
-                self.refuse(
-                    row, f"a capture starts at frame {frame[row]} instead of {origin}; restore its first frames"
-                )
-            self.refuse_step(row, frame)
-        return np.flatnonzero(starts)
+            if not changed[row]:
+                self.refuse_step(row, frame)
+            self.refuse(row, f"a capture starts at frame {frame[row]} instead of {origin}; restore its first frames")
+        first = np.flatnonzero(starts)
+        captures = without_categories(self.labels.iloc[first].reset_index(drop=True))
+        return captures, first, np.diff(first, append=len(frame))
 
     def refuse_step(self, row: int, frame: np.ndarray) -> NoReturn:
         """End with a message about a frame that does not follow the one before."""
@@ -327,7 +327,7 @@ class CsvTable(Table):
 
     def _explain(self, error: str, line: int) -> NoReturn:
         """Say what is wrong, from the message of Arrow, which has read until a line."""
-        line = int(match[1]) + 1 if (match := re.search(r"Row #(\d+): ", error)) else line
+        line = int(match[1]) + self.first - 1 if (match := re.search(r"Row #(\d+): ", error)) else line
         if match := re.search(r"Expected (\d+) columns, got (\d+)", error):
             reason = (
                 f"{match[2]} fields instead of {match[1]}; the file is cut off or damaged here, get it again or "

@@ -19,22 +19,6 @@ def highest_of(full_scale: float) -> float:
     return max(full_scale, float(np.float32(full_scale)))
 
 
-def _unfit(values: np.ndarray, highest: float) -> np.ndarray:
-    """Values outside 0 to ``highest``, and whole numbers that float32 would change."""
-    if values.dtype == np.float16:  # which holds no number as large as EXACT
-        values = values.astype(np.float32)
-    wrong = ~((values >= 0) & (values <= np.float64(highest)))  # a NaN is neither
-    large = (values > EXACT) & ~wrong
-    if large.any():
-        some = values[large]
-        if some.dtype.kind == "f":
-            wrong[large] = (some == np.floor(some)) & (some.astype(np.float32) != some)
-        else:  # 24 bits from the highest to the lowest that is set
-            bits = some.astype(np.uint64)
-            wrong[large] = bits // (bits & (~bits + np.uint64(1))) >= EXACT
-    return wrong
-
-
 def smallest(values: np.ndarray) -> np.dtype:
     """uint16 when all values, which are within 0 and the full scale, are whole and fit, else float32."""
     integers = values.dtype.kind in "iu" or bool((values == np.floor(values)).all())
@@ -56,7 +40,9 @@ def check(values: np.ndarray, full_scale: float, where: str, first: int = 1, nam
     In messages ``where`` is the file and the word for a row, ``first`` the number of the first one; columns without
     names are channels from 1.
     """
-    wrong = _unfit(values, highest_of(full_scale))
+    wrong = ~((values >= 0) & (values <= np.float64(highest_of(full_scale))))  # a NaN is neither
+    large = (values > np.float64(EXACT)) & ~wrong
+    wrong[large] = [value == int(value) and float(np.float32(value)) != value for value in values[large].tolist()]
     if wrong.any():
         i, j = np.argwhere(wrong)[0]
         value = values[i, j]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from bench.corpora.read.limits import (
     check_conditions,
     check_file,
     check_names,
+    information,
     listed,
     plain,
     short,
@@ -112,7 +114,7 @@ def described(corpus: Corpus, path: Path, warned: list[str], name: str) -> Corpu
         synthetic = bool((marks == "true").any())
         if marks.nunique() == 1:
             del captures[SYNTHETIC]
-    info = {"source": plain(path.name, 200), "licence": "the user's own", "synthetic": synthetic, "warnings": warned}
+    info = information(path, "", "the user's own", warned, synthetic)
     return corpus.changed(captures=captures, name=name, info=info)
 
 
@@ -195,23 +197,21 @@ def _cut(rows: Rows, size: tuple[int, int], rate_hz: float, full_scale: float) -
     frame = rows.frame_numbers()
     if (origin := int(frame[0])) not in (0, 1):
         rows.refuse(0, f"a capture starts at frame {origin} instead of 0 or 1; restore its frames")
-    starts = rows.starts([*rows.labels], frame, origin)
-    captures = without_categories(rows.labels.iloc[starts].reset_index(drop=True))
-    lengths = np.diff(starts, append=len(frame))
+    captures, starts, lengths = rows.captures([*rows.labels], frame, origin)
     return Corpus(rows.values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
 
 
 def channels_of(columns: list[str], grid: tuple[int, int], where: str) -> list[str]:
     """The columns of the channels, row by row.
 
-    Channels whose names differ in one number at the end (ch1, ch2, ... or cell0, cell1, ...) are taken in the order of
-    that number. The numbers begin with 0 or 1 and have no gap. Channels with other names are the last columns, in file
-    order.
+    Where names that differ in one number at the end (ch1, ch2, ... or cell0, cell1, ...) are more than half as many as
+    there are taxels, they are the channels, in the order of that number. The numbers begin with 0 or 1 and have no gap.
+    Channels with other names are the last columns, in file order.
     """
     count = grid[0] * grid[1]
     named = {name: match for name in columns if (match := re.fullmatch(r"(.*?)([0-9]{1,9})", name, re.DOTALL))}
-    stem = _stem({name: match[1] for name, match in named.items()}, columns, count)
-    if stem is None:
+    ((stem, most),) = Counter(match[1] for match in named.values()).most_common(1) or [("", 0)]
+    if 2 * most <= count or (count == 1 and stem != OURS):
         return columns[-count:]
     numbers = {name: int(match[2]) for name, match in named.items() if match[1] == stem}
     first = 0 if 0 in numbers.values() else 1
@@ -225,17 +225,6 @@ def channels_of(columns: list[str], grid: tuple[int, int], where: str) -> list[s
             f"{short(stem)}{first + count - 1}; {', '.join(wrong)}; correct the columns or the grid"
         )
     return [by_number[number] for number in sorted(by_number)]
-
-
-def _stem(stems: dict[str, str], columns: list[str], count: int) -> str | None:
-    """The text before the numbers of the channels, None where they have none; ``stems`` is that of numbered columns."""
-    if OURS in stems.values():
-        return OURS
-    last = [stems.get(name) for name in columns[-count:]]
-    if count > 1 and len(set(last)) == 1:
-        return last[0]
-    before = {stems.get(name) for name in columns[:-count]}
-    return next((stem for stem in last if stem is not None and stem in before), None)
 
 
 def _arrays(path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale: float, required: list[str]) -> Corpus:
