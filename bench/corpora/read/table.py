@@ -204,14 +204,17 @@ def _cut(rows: Rows, size: tuple[int, int], rate_hz: float, full_scale: float) -
 def channels_of(columns: list[str], grid: tuple[int, int], where: str) -> list[str]:
     """The columns of the channels, row by row.
 
-    Where names that differ in one number at the end (ch1, ch2, ... or cell0, cell1, ...) are more than half as many as
-    there are taxels, they are the channels, in the order of that number. The numbers begin with 0 or 1 and have no gap.
-    Channels with other names are the last columns, in file order.
+    Channels whose names differ in one number at the end (ch1, ch2, ... or cell0, cell1, ...) are taken in the order of
+    that number, if most of the last columns are such. The numbers begin with 0 or 1 and have no gap. Channels with
+    other names are the last columns, in file order.
     """
     count = grid[0] * grid[1]
     named = {name: match for name in columns if (match := re.fullmatch(r"(.*?)([0-9]{1,9})", name, re.DOTALL))}
-    ((stem, most),) = Counter(match[1] for match in named.values()).most_common(1) or [("", 0)]
-    if 2 * most <= count or (count == 1 and stem != OURS):
+    last = Counter(named[name][1] for name in columns[-count:] if name in named)
+    stem, most = (last.most_common(1) or [("", 0)])[0]
+    if any(match[1] == OURS for match in named.values()):
+        stem = OURS
+    elif 2 * most <= count or count == 1:
         return columns[-count:]
     numbers = {name: int(match[2]) for name, match in named.items() if match[1] == stem}
     first = 0 if 0 in numbers.values() else 1
