@@ -58,10 +58,7 @@ def stress(**values: object) -> pd.DataFrame:
 
 
 def plans(**values: object) -> list[Plan]:
-    """The plans of `run`: captures, folds and an untrained system for every combination of the values.
-
-    Args:
-        values: keys of `run`.
+    """The plans of `run`, which takes the same values: captures, folds and an untrained system for every combination.
 
     Returns:
         Plans with ``corpus``, ``folds`` (``name``, positions ``train`` and ``test``) and ``cell.estimator()``.
@@ -75,15 +72,12 @@ def plans(**values: object) -> list[Plan]:
 
 
 def tune(**values: object) -> pd.DataFrame:
-    """Search parameters inside each training part; a row per run.
+    """Search parameters inside each training part; the columns of `run`.
 
     Args:
         values: keys of `run`; values of ``model__X`` to try; ``trials`` (combinations in each fold, default 50),
             ``seconds`` (of searching in a fold) and ``inner`` (groups of training subjects that judge, default 3, or
             ``loso``). ``smallest`` (a parameter, or ``features``) looks for its smallest value that suffices.
-
-    Returns:
-        The columns of `run`.
     """
     from bench.commands.tune import searched
     from bench.options import keys, values_of
@@ -143,11 +137,11 @@ def look(
     """Survey a corpus, as ``bench data show`` does; the result prints as the same sentences.
 
     Args:
-        data: an imported corpus, or ``synth``.
-        where: captures to look at, a condition on their columns.
+        data: as for `corpus`.
+        where: as for `corpus`.
         out: folder for figures and a page that holds them; None draws nothing.
-        target: columns that make the class to predict, such as ``variant``; its classes are counted.
-        parameters: parameters of ``synth``.
+        target: as for `corpus`; its classes are counted.
+        parameters: as for `corpus`.
 
     Returns:
         Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
@@ -213,18 +207,13 @@ def compare(system: object, other: object, **values: object) -> Compared:
     Args:
         system: a table or the path of a CSV or parquet file with the columns ``id``, ``subject``, ``truth`` and
             ``prediction`` (several rows of an id vote); or a stored system: its name as in tables, such as
-            ``"svm · jung54"``, its values as `run` takes them, such as ``{"model": "svm", "features": "jung28"}``, or
-            the id of a run. With ``data``, ``where``, ``target`` or ``protocol`` among the values, only matching runs
-            are searched. Seeds are averaged. The id of a capture of a stored run is its place in the corpus
-            (`corpus`, attribute ``index``).
+            ``"svm · jung54"``, its values as `run` takes them, or the id of a run. Seeds are averaged. The id of a
+            capture of a stored run is its place in the corpus (`corpus`, attribute ``index``).
         other: what to compare it with, given in one of the same ways.
         values: the runs of stored systems, as `runs` selects them.
 
     Returns:
-        ``difference`` (first less second, mean over subjects, in points), its 95 % interval (``low``, ``high``) and
-        ``p``, both by the two-sided Wilcoxon test, ``smallest`` (the difference above which this test rejects),
-        ``subjects`` (their number), ``gain`` and ``lose`` (the subjects on whom the first or the second is more
-        accurate), and the tables ``accuracy`` [subjects, 2], ``captures`` and ``gestures``.
+        The difference and its test, and tables of subjects, captures and gestures.
     """
     from bench.commands.compare import paired
 

@@ -58,21 +58,6 @@ def seed_number(seed: str) -> int:
     return int(seed) if seed.lstrip("-").isdecimal() else 0
 
 
-class Facts(NamedTuple):
-    """Properties of a protocol that statistics need."""
-
-    mixes_subjects: bool  # a fold has captures of one subject on both sides
-    test_over_train: float | None  # tested by training captures, None if folds share no training captures
-    official_split: bool | None  # the folds are the published ones; None if none were published
-
-
-def facts_of(run: Row) -> Facts:
-    """The facts of a run as they were tracked."""
-    ratio = run["test_over_train"]
-    official = {"true": True, "false": False}.get(run["official_split"])
-    return Facts(run["mixes_subjects"] == "true", float(ratio) if ratio else None, official)
-
-
 def several(number: int, noun: str) -> str:
     """A number with its noun, in the plural unless it is 1."""
     return f"{number} {noun}{'s' if number != 1 else ''}"
@@ -84,37 +69,29 @@ class Tables(Mapping[str, "pd.DataFrame"]):
     def __init__(
         self,
         kept: Mapping[str, pd.DataFrame],
-        read: Callable[[str], pd.DataFrame | None] = lambda name: None,  # None where there is none of its name
+        # a table, or some of its columns, None where there is none of its name
+        read: Callable[..., Any] = lambda name, columns=(): None,
         missing: str = "this run is missing; run it again",  # behind ``<table> of``
         names: Callable[[], Iterable[str]] = tuple,  # of the tables that are not in memory
-        read_columns: Callable[[str, Sequence[str]], list[np.ndarray] | None] | None = None,
     ) -> None:
-        self._kept, self._read, self.missing, self._names = dict(kept), read, missing, names
-        self._read_columns = read_columns
+        self._kept, self._read, self._names, self.missing = dict(kept), read, names, missing
 
     def __getitem__(self, name: str) -> pd.DataFrame:
         """A table; an `InputError` where it is not there."""
-        table = self.get(name)
-        if table is None:
+        if (table := self.get(name)) is None:
             raise InputError(f"{name} of {self.missing}")
         return table
 
     def get(self, name: str, default: Any = None) -> Any:
         """A table, or the default where there is none of its name."""
-        if name in self._kept:
-            return self._kept[name]
-        table = self._read(name)
-        if table is None:
-            return default
-        if len(table) <= SMALL:  # a command may read the predictions of a thousand runs
-            self._kept[name] = table
-        return table
+        table = self._kept.get(name)
+        if table is None and (table := self._read(name)) is not None and len(table) <= SMALL:
+            self._kept[name] = table  # a command may read the predictions of a thousand runs, which are not kept
+        return default if table is None else table
 
     def columns(self, name: str, columns: Sequence[str]) -> list[np.ndarray] | None:
         """Some columns of a table, without the others; None where there is none of its name."""
-        if self._read_columns and name not in self._kept:
-            return self._read_columns(name, columns)
-        table = self.get(name)
+        table = self._kept[name] if name in self._kept else self._read(name, columns)
         return None if table is None else [table[each].to_numpy() for each in columns]
 
     def __contains__(self, name: object) -> bool:
@@ -158,11 +135,10 @@ class Result(Mapping[str, Any]):
         return self.metrics[name] if name in self.metrics else self.about[name]
 
     def __iter__(self) -> Iterator[str]:
-        yield from self.about
-        yield from (name for name in self.metrics if name not in self.about)
+        return iter(self.about | self.metrics)
 
     def __len__(self) -> int:
-        return len(self.about.keys() | self.metrics.keys())
+        return len(self.about | self.metrics)
 
     @cached_property
     def people(self) -> dict[str, float]:
@@ -207,6 +183,11 @@ class Result(Mapping[str, Any]):
     def comparable(self) -> tuple[str, ...]:
         """Values that two results share if they may be compared."""
         return alike(self.about)
+
+    @property
+    def mixed(self) -> bool:
+        """True if a fold has captures of one subject on both sides."""
+        return self.about.get("mixes_subjects") == "true"
 
     @property
     def scored(self) -> bool:

@@ -25,11 +25,9 @@ from bench.progress import warn
 from bench.registry import KEYS
 from bench.result import Result, Tables
 from bench.scratch import sweep
-from bench.tables import AGAIN, file_of, read_columns, read_table
+from bench.tables import AGAIN, file_of, read_table
 
 if TYPE_CHECKING:
-    import numpy as np
-    import pandas as pd
     from mlflow import MlflowClient
     from mlflow.entities import Run, RunInfo
     from mlflow.store.artifact.artifact_repo import ArtifactRepository
@@ -139,21 +137,15 @@ class Store:
         """The tables of a run, of these names or of all that there are; each is read when it is asked for."""
         this = f"{system} (run {run_id})"
 
-        def read(name: str) -> pd.DataFrame | None:
+        def read(name: str, columns: Sequence[str] = ()) -> Any:
             path = self.path(run_id, artifacts, file_of(name))
-            return None if path is None else read_table(path, name, this)
-
-        def read_some(name: str, columns: Sequence[str]) -> list[np.ndarray] | None:
-            path = self.path(run_id, artifacts, file_of(name))
-            return None if path is None else read_columns(path, name, columns, this)
+            return None if path is None else read_table(path, name, this, columns)
 
         def listed() -> Sequence[str]:
-            if names is not None:
-                return names
-            files = map(PurePosixPath, self.names(run_id, artifacts))
-            return [file.stem for file in files if file.name == file_of(file.stem)]
+            files = map(PurePosixPath, self.names(run_id, artifacts) if names is None else ())
+            return names or [file.stem for file in files if file.name == file_of(file.stem)]
 
-        return Tables({}, read, f"{this} is missing in the store; {AGAIN}", listed, read_some)
+        return Tables({}, read, f"{this} is missing in the store; {AGAIN}", listed)
 
     @reached()
     def path(self, run_id: str, artifacts: str, name: str) -> Path | None:

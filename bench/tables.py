@@ -1,25 +1,16 @@
-"""The tables that are stored with a run: one writer and one reader, so that types survive.
-
-All are parquet, which is what is read back. Some are beside it as CSV, too, for people who look at MLflow's page, which
-shows no parquet.
-"""
+"""The tables that are stored with a run as parquet: one writer and one reader, so that types survive."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import Any, BinaryIO
 
-import numpy as np
 import pandas as pd
 
 from bench.errors import InputError
 
-if TYPE_CHECKING:
-    from pyarrow.parquet import ParquetFile
-
-FOR_PEOPLE = ("confusion", "per_class", "chosen", "trials")  # as CSV, too
+FOR_PEOPLE = ("confusion", "per_class", "chosen", "trials")  # as CSV, too: MLflow's page shows no parquet
 AGAIN = "restore it, or delete the run in bench ui and run it again"  # what to do without a table
 
 
@@ -33,27 +24,15 @@ def write_table(table: pd.DataFrame, path: Path | BinaryIO) -> None:
     uniform(table).to_parquet(path, index=False)
 
 
-def read_table(file: Path | BinaryIO, name: str, of: str = "this run") -> pd.DataFrame:
-    """A stored table of a run; an `InputError` where the file is damaged."""
-    with _opened(file, name, of) as opened:
-        return opened.read(use_threads=False, use_pandas_metadata=True).to_pandas(use_threads=False)
-
-
-def read_columns(file: Path, name: str, columns: Sequence[str], of: str) -> list[np.ndarray]:
-    """Some columns of a stored table, as `read_table` has them; making a DataFrame of them takes five times as long."""
-    with _opened(file, name, of) as opened:
-        table = opened.read([*columns], use_threads=False)
-        return [table.column(each).to_numpy() for each in columns]
-
-
-@contextmanager
-def _opened(file: Path | BinaryIO, name: str, of: str) -> Iterator[ParquetFile]:
-    """The file of a table; an `InputError` where it is damaged."""
+def read_table(file: Path | BinaryIO, name: str, of: str = "this run", columns: Sequence[str] = ()) -> Any:
+    """A stored table of a run, or some columns by name, of which a DataFrame would take five times as long."""
     try:
         from pyarrow import parquet
 
         with parquet.ParquetFile(file) as opened:  # pandas takes twice as long
-            yield opened
+            if columns:
+                return opened.read([*columns], use_threads=False)
+            return opened.read(use_threads=False, use_pandas_metadata=True).to_pandas(use_threads=False)
     except Exception as e:  # pandas and pyarrow raise a dozen types for damaged files
         raise InputError(f"{name} of {of} cannot be read, {file} is damaged; {AGAIN}") from e
 

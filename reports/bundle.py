@@ -9,13 +9,11 @@ import io
 import json
 import re
 import zipfile
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
-
-import pandas as pd
 
 from bench.corpora.read.archive import opened
 from bench.corpora.read.limits import called, check_file
@@ -96,11 +94,11 @@ class Bundle:
         run_id = run["about"]["run_id"]
         held, this = self.tables.get(run_id, []), f"{called(self.path)}, run {run_id}"
 
-        def read(name: str) -> pd.DataFrame | None:
+        def read(name: str, columns: Sequence[str] = ()) -> Any:
             if name not in held:
                 return None
             with opened(self.path, BROKEN) as (archive, _):
-                return read_table(io.BytesIO(archive.read(f"{TABLES}/{run_id}/{file_of(name)}")), name, this)
+                return read_table(io.BytesIO(archive.read(f"{TABLES}/{run_id}/{file_of(name)}")), name, this, columns)
 
         return Result(run["about"], run["metrics"], Tables({}, read, f"{this} is missing; get it again", lambda: held))
 

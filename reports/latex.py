@@ -20,7 +20,7 @@ from bench.errors import InputError, nearest
 from bench.measures import Cost, Interval, Measure, percent, text
 from bench.outcomes.frame import by_subject
 from bench.reports.contexts import busy
-from bench.result import MARK, MIXED, MIXED_MARK, Result, facts_of, notes_on
+from bench.result import MARK, MIXED, MIXED_MARK, Result, notes_on
 from bench.sentences import sentences
 from bench.table import Table, rows_of
 
@@ -243,7 +243,7 @@ def papers(runs: Sequence[Result], asked: Sequence[str]) -> list[Paper]:
 def _paper(data: tuple[str, str], protocols: Mapping[str, list[Result]], asked: Sequence[str]) -> Paper:
     """The table of results on the same captures, by protocol."""
     people = {name: by_subject(results)[0] for name, results in protocols.items()}
-    mixed = {name for name, results in protocols.items() if any(facts_of(r).mixes_subjects for r in results)}
+    mixed = {name for name, results in protocols.items() if any(r.mixed for r in results)}
     ordered = sorted(protocols, key=lambda name: (name in mixed, -people[name].shape[1], name))
     brief = {name: re.split(r"[,(]", name)[0].strip() for name in protocols}
     heads = brief if len({*brief.values()}) == len(brief) else {name: name for name in protocols}

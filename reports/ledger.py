@@ -18,7 +18,7 @@ from bench.reports.comparison import ROWS, published
 from bench.reports.contexts import METHODS, scarce
 from bench.reports.figures import bars, look, new_figure, plain, save, spread, width_of
 from bench.reports.part import Part, Section
-from bench.result import COMPARABLE, Result, facts_of, notes_on
+from bench.result import COMPARABLE, Result, notes_on
 from bench.sentences import sentences
 from bench.table import Table, rows_of
 from bench.words import typed
@@ -98,7 +98,7 @@ def _rows(members: Sequence[Result], tables: Under) -> pd.DataFrame:
     base, (data, subset, _) = base_of(members, tables), members[0].context
     for label, table in tables.items():
         about = {"data": data, "subset": subset, "protocol": label, "key": first[label]["protocol"]}
-        about |= {"mixes_subjects": facts_of(first[label]).mixes_subjects}
+        about |= {"mixes_subjects": first[label].mixed}
         points = gains(table, base)
         for place, (system, people) in enumerate(table.iterrows(), 1):
             low, high = np.clip(statistics.interval(people.to_numpy(float)), 0, 100)

@@ -23,7 +23,7 @@ from bench.outcomes.frame import by_subject
 from bench.outcomes.scene import EVERY
 from bench.registry import circumstance_views, names
 from bench.reports.figures import Picture
-from bench.result import COMPARABLE, MIXED, Result, facts_of, notes_on
+from bench.result import COMPARABLE, MIXED, Result, notes_on
 from bench.scores import captures
 from bench.sentences import sentences
 from bench.table import Table, rows_of
@@ -79,7 +79,7 @@ class Summary:
     @property
     def mixed(self) -> bool:
         """True if a fold has captures of one subject on both sides."""
-        return any(facts_of(r).mixes_subjects for r in self.results)
+        return any(r.mixed for r in self.results)
 
     @property
     def arguments(self) -> str:
@@ -242,7 +242,7 @@ def largest_groups(groups: Mapping[str, Sequence[Result]]) -> tuple[dict[str, Se
 
     def order(name: str) -> tuple:
         results = groups[name]
-        mixed = any(facts_of(r).mixes_subjects for r in results)
+        mixed = any(r.mixed for r in results)
         synthetic = max(r["synthetic"] for r in results)
         subjects = max(r.get("subjects", 0) for r in results)
         return synthetic, mixed, -subjects, -len({r.system for r in results}), name
@@ -310,7 +310,8 @@ def tested(results: Sequence[Result], against: str = "") -> tuple[pd.DataFrame, 
         return subjects, pd.DataFrame()
     kept = statistics.kept_of(subjects, against)
     complete = [r for r in results if r.complete and r.system in kept.index]
-    ratio, by_fold = facts_of(next(r for r in results if r.complete)).test_over_train, None
+    shared, by_fold = next(r for r in results if r.complete)["test_over_train"], None
+    ratio = float(shared) if shared else None  # None where folds share no training captures
     if ratio is not None and set(fold_accuracy(complete[0])) != set(kept.columns):  # folds that are not subjects
         table = pd.DataFrame([fold_accuracy(r) for r in complete], index=[r.system for r in complete])
         by_fold = table.groupby(level=0).mean().reindex(kept.index)

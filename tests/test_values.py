@@ -14,7 +14,7 @@ from bench.measures import CODE, Cost, Interval, Measure, costs, in_thousands, p
 from bench.result import SMALL, Failure, Result, Tables
 from bench.scores import over_people
 from bench.table import Table, of_text, write_sheet
-from bench.tables import file_of, read_columns, read_table, uniform, write_table
+from bench.tables import file_of, read_table, uniform, write_table
 
 ROW = {"share": 0.8125, "share_low": 0.75, "share_high": 0.9, "bytes": 90064, "p50": 1.5, "p95": None, "name": "a"}
 
@@ -138,7 +138,7 @@ def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
     about |= {"protocol_label": "LOSO", "touchbench.kind": "cell", "status": "FAILED", "accuracy": "text"}
     asked = []
 
-    def read(name):
+    def read(name, columns=()):
         asked.append(name)
         return pd.DataFrame({"n": range({"small": 3, "large": SMALL + 1}.get(name, 0))}) if name != "none" else None
 
@@ -173,8 +173,9 @@ def test_stored_text_stays_text(tmp_path_factory, labels):
     write_table(table, folder / file_of("touches"))
     assert file_of("touches") == "touches.parquet"
     pd.testing.assert_frame_equal(read_table(folder / file_of("touches"), "touches"), table, check_dtype=False)
-    share, label = read_columns(folder / file_of("touches"), "touches", ["share", "label"], "this run")
-    assert share.tolist() == [0.1 + 0.2] * len(labels) and label.tolist() == labels[::-1]
+    columns = read_table(folder / file_of("touches"), "touches", columns=["share", "label"])
+    assert columns["share"].to_pylist() == [0.1 + 0.2] * len(labels)
+    assert columns["label"].to_pylist() == labels[::-1]
 
 
 def test_a_column_is_stored_as_numbers_or_as_text(tmp_path):

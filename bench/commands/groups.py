@@ -16,7 +16,7 @@ from bench.outcomes.frame import choosing
 from bench.outcomes.groups import Grouping, groupings, reactions
 from bench.outcomes.runs import asked_of, stored, without_runs
 from bench.progress import warn
-from bench.result import MIXED, Result, facts_of
+from bench.result import MIXED, Result
 from bench.store import connect
 from bench.table import Table, rows_of
 from bench.words import Values
@@ -68,7 +68,7 @@ def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str], list[Result]]
     for r in results:
         by_system.setdefault(r["system"], []).append(r)
     seeds = max(sorted(by_system.items()), key=lambda each: mean(r["accuracy"] for r in each[1]))[1]
-    if facts_of(seeds[-1]).mixes_subjects:
+    if seeds[-1].mixed:
         notes = [*notes, MIXED]
     tables = [r.tables["predictions"].assign(seed=r["seed"]) for r in seeds]
     title = f"{', '.join(seeds[-1].context)}; {seeds[-1].system}"

@@ -28,6 +28,11 @@ if TYPE_CHECKING:
 COMMAND = re.compile(r"\bbench ([a-z]+)")  # in a line to type
 NAMED = 3  # folds or systems that a line names
 WIDTH = 100  # columns of a file or a log, which has no width of its own
+CONTEXT = (  # columns of tables of runs
+    text("data", read=lambda r: r["data"] + "*" * (r["synthetic"] == "true")),
+    text("subset", read=lambda r: r["subset"] + f", {r['target']}" * (r["target"] != "gesture"), spare=1),
+    text("protocol", read=lambda r: r["protocol"] + ", subjects mixed" * r.mixed),
+)
 
 
 def output() -> Console:
@@ -119,13 +124,7 @@ def runs_table(results: Sequence[Result], view: View) -> Table:
         if view.ranked and len(whole) > 1:
             marked += [r for r, score in whole.items() if score == max(whole.values())]
     results, called = ordered, dict(zip(ordered, names(ordered), strict=True))
-    subset = lambda r: r["subset"] + (f", {r['target']}" if r["target"] != "gesture" else "")  # noqa: E731
-    context = [
-        text("data", read=lambda r: r["data"] + "*" * (r["synthetic"] == "true")),
-        text("subset", read=subset, spare=1),
-        text("protocol", read=protocol_of),
-    ]
-    differing = [measure for measure in context if len({measure.of(r) for r in results}) > 1]
+    differing = [measure for measure in CONTEXT if len({measure.of(r) for r in results}) > 1]
     system = text("system", read=lambda r: called[r] + " (best)" * (r in marked))
     folds = Measure("folds", read=lambda r: r.folds)
     measures = view.shows(results)
@@ -140,11 +139,6 @@ def runs_table(results: Sequence[Result], view: View) -> Table:
         title += "".join(f"; {too_few(people)}" for people in few)
     bold = [i for i, r in enumerate(results) if r in marked]
     return Table([system, *differing, *measures, folds], results, title, bold)
-
-
-def protocol_of(result: Result) -> str:
-    """The protocol of a row, with a word where it mixes subjects."""
-    return str(result["protocol"]) + ", subjects mixed" * (result.get("mixes_subjects") == "true")
 
 
 def choices_table(result: Result) -> Table:

@@ -72,7 +72,7 @@ def _agreed(question: str) -> bool:
 
 def table_of(results: list[Result]) -> Table:
     """A row for each run."""
-    from bench.commands.printing import protocol_of
+    from bench.commands.printing import CONTEXT
     from bench.outcomes.frame import names
     from bench.table import Table
 
@@ -80,9 +80,7 @@ def table_of(results: list[Result]) -> Table:
     columns = [
         text("run", read=lambda r: f"{r['run_id']:.8}"),
         text("system", read=lambda r: called[r]),
-        text("data", read=lambda r: r["data"] + "*" * (r["synthetic"] == "true")),
-        text("subset", read=lambda r: r["subset"], spare=3),
-        text("protocol", read=protocol_of),
+        *CONTEXT,
         percent("accuracy", "accuracy %", ends="accuracy", spare=1),
         text("state", read=_state),
         text("started", read=lambda r: f"{datetime.fromtimestamp(r['started'] / 1000):%Y-%m-%d %H:%M}", spare=2),

@@ -17,7 +17,7 @@ from bench.outcomes.frame import selecting
 from bench.outcomes.reactions import Reactions
 from bench.outcomes.runs import COLUMNS, NothingTracked, plain, selected
 from bench.registry import circumstance_views, run_views
-from bench.result import CONDITIONS, Result, alike, facts_of, seed_number, several
+from bench.result import CONDITIONS, Result, alike, seed_number, several
 from bench.sentences import sentences
 from bench.words import spelled, typed
 
@@ -84,7 +84,7 @@ class Candidates:
     @property
     def mixed(self) -> bool:
         """True if training and test captures share subjects."""
-        return facts_of(self.first).mixes_subjects
+        return self.first.mixed
 
 
 def candidates(
@@ -109,13 +109,18 @@ def candidates(
     ways = _ways(chosen, wish, kinds)
     if not ways:
         raise _nothing(command, asked, notes)
+    number = np.repeat(range(len(ways)), [*map(len, ways)])  # of the candidate of each seed
+    each = [(way, r, lent[str(r["system"])]) for seeds in ways for way, r in seeds]
+
+    def over_seeds(numbers: Iterable[Mapping[str, Any] | pd.Series]) -> pd.DataFrame:
+        return pd.DataFrame([dict(one.items()) for one in numbers], dtype=float).groupby(number).mean()
+
     table = pd.DataFrame([_about(seeds, lent[str(seeds[0][1]["system"])]) for seeds in ways])
     same = table.duplicated(["system", "unit"], keep=False)  # such as early decisions with two hops
     apart = pd.Series([", ".join(seeds[0][0].apart) for seeds in ways])
     table.loc[same & (apart != ""), "unit"] += ", " + apart
-    each = [one for seeds in ways for one in seeds]
-    subjects = _over_seeds(ways, (way.scores for way, _ in each))
-    amounts = _over_seeds(ways, (_amounts(r.metrics | lent[str(r["system"])], way, study) for way, r in each))
+    subjects = over_seeds(way.scores for way, *_ in each)
+    amounts = over_seeds(_amounts(r.metrics | others, way, study) for way, r, others in each)
     table = pd.concat([table.assign(accuracy=subjects.mean(axis=1)), amounts], axis=1)
     for name in map(str, amounts):
         if clock is not None and (slower := costs()[name].at_clock) in table:
@@ -123,7 +128,10 @@ def candidates(
     lost = np.empty((len(table), 0, subjects.shape[1]))
     if losses is not None:
         lost = _losses(results, chosen[0], table, [*subjects], losses, wish.reactions)
-    people = People(subjects.to_numpy(float), lost, _counts(ways, [*subjects]))
+    counts = [over_seeds(kind) for kind in zip(*(way.counts for way, *_ in each), strict=True)]
+    order = [*subjects, *sorted({str(name) for part in counts for name in part} - {*subjects})]
+    counted = np.array([part.reindex(columns=order) for part in counts]).reshape(-1, len(ways), len(order))
+    people = People(subjects.to_numpy(float), lost, counted)
     return Candidates(table.assign(**people.costs(costs_of(study))), subjects, people, chosen[0], notes)
 
 
@@ -157,24 +165,9 @@ def _amounts(numbers: Mapping[str, float], way: Candidate, study: str) -> dict[s
     The time of a decision is the touch that it needs: computing time on this machine is another cost.
     """
     fixed = {name: cost for name, cost in costs_of(study).items() if cost.among is None}
-    others = {fixed[name].source: numbers.get(stored) for name, stored in way.stored.items() if name in fixed}
-    own = {**numbers, **others}
+    own = {**numbers, **{fixed[name].source: numbers.get(at) for name, at in way.stored.items() if name in fixed}}
     cells = {name: cost.cell(own) for name, cost in fixed.items()}
     return {name: c.value if isinstance(c, Interval) else c for name, c in cells.items()} | dict(way.costs)
-
-
-def _over_seeds(ways: Sequence[Way], numbers: Iterable[Mapping[str, Any] | pd.Series]) -> pd.DataFrame:
-    """Numbers of each candidate by name, means over its seeds, from those of every seed [candidates, names]."""
-    rows = pd.DataFrame([dict(each.items()) for each in numbers], dtype=float)
-    return rows.groupby(np.repeat(range(len(ways)), [*map(len, ways)])).mean()
-
-
-def _counts(ways: Sequence[Way], subjects: list[str]) -> np.ndarray:
-    """What is counted of each person [kinds of counts, candidates, people]; those without a score come last."""
-    every = zip(*(way.counts for seeds in ways for way, _ in seeds), strict=True)
-    parts = [_over_seeds(ways, kind) for kind in every]
-    order = [*subjects, *sorted({str(name) for part in parts for name in part} - {*subjects})]
-    return np.array([part.reindex(columns=order) for part in parts]).reshape(-1, len(ways), len(order))
 
 
 def _losses(
@@ -191,16 +184,15 @@ def _losses(
     """
     lost = np.full((len(table), len(losses.circumstances), len(subjects)), np.nan)
     whole = table[table["whole"]].groupby("system").groups
-    of_system = {str(system): rows.to_numpy() for system, rows in whole.items()}
     for circumstance in circumstance_views():
-        by_seed: dict[str, dict[str, list[Result]]] = {system: {} for system in of_system}
+        by_seed: dict[str, dict[str, list[Result]]] = {str(system): {} for system in whole}
         for r in results:
             if circumstance.holds(r) and r.complete and r.comparable == context.comparable and r.system in by_seed:
                 by_seed[r.system].setdefault(r["seed"], []).append(r)
         for system, seeds in by_seed.items():
             parts = [circumstance.lost(each, losses, reactions) for each in seeds.values()]
             if known := [part.reindex(columns=subjects).to_numpy() for part in parts if part is not None]:
-                lost[of_system[system]] = np.mean(known, axis=0)
+                lost[whole[system].to_numpy()] = np.mean(known, axis=0)
     return lost
 
 
@@ -266,13 +258,11 @@ def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
             f"runs on different captures or protocols cannot be compared; name one of: {'; '.join(arguments[:4])}"
         )
     kinds, by_age = run_views(), sorted(results, key=lambda r: r["started"])
-    newest = by_age[-1]
-    on_same = alike(newest, ["protocol"])
-    shares = {r: alike(r, kinds[r.kind].alike) for r in by_age if alike(r, ["protocol"]) == on_same}
-    last = {r.kind: shared for r, shared in shares.items()}
-    kept = {r for r, shared in shares.items() if shared == last[r.kind]}
+    same = [r for r in by_age if alike(r, ["protocol"]) == alike(by_age[-1], ["protocol"])]
+    last = {r.kind: alike(r, kinds[r.kind].alike) for r in same}
+    kept = {r for r in same if alike(r, kinds[r.kind].alike) == last[r.kind]}
     others = [r for r in results if r not in kept]
-    told = {"others": len(others), "data": newest["data"]}
+    told = {"others": len(others), "data": by_age[-1]["data"]}
     told |= {"apart": [*dict.fromkeys(filter(None, (kinds[r.kind].other for r in others)))]}
     told |= {"versions": [*dict.fromkeys(str(r["corpus_digest"])[:8] for r in others)]}
     notes = sentences("bench.outcomes", "choice", "older", **told) if others else []

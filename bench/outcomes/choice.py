@@ -45,12 +45,10 @@ class Budget(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """The result of a choice.
+    """The result of a choice."""
 
-    ``table`` has the candidates with ``loss`` (mean over subjects of best minus own accuracy, in points), ``error``
-    (its standard error) and ``verdict``, cheapest first; those with unknown cost come last.
-    """
-
+    # the candidates with ``loss`` (mean over subjects of best minus own accuracy, in points), ``error`` (its standard
+    # error) and ``verdict``, cheapest first; those with unknown cost come last
     table: pd.DataFrame
     chosen: int | None  # index in it, None if no candidate fits the budgets
     best: int | None  # the most accurate one that fits them
@@ -98,26 +96,22 @@ def decide(
     table: pd.DataFrame, subjects: pd.DataFrame, by: str, budgets: Mapping[str, float], margin: float | None
 ) -> Choice:
     """Take the cheapest candidate whose score is not below that of the best (`pick`), and say so of each."""
-    scores, cost = subjects.to_numpy(float), costs()[by]
+    scores, unknown = subjects.to_numpy(float), f"{costs()[by].title} unknown"
     chosen, best, near = pick(table, scores, by, budgets, margin)
     verdicts = [_excess(row, budgets) for row in rows_of(table)]
-    fits, burden = np.array([not verdict for verdict in verdicts]), cost.burden(table[by].to_numpy(float))
-    lost = np.full((len(table), 2), np.nan)
+    fits, burden = np.array([not verdict for verdict in verdicts]), costs()[by].burden(table[by].to_numpy(float))
+    known, lost = ~np.isnan(burden), np.full((len(table), 2), np.nan)
     for i in np.flatnonzero(fits):
-        known = not np.isnan(burden[i])
-        if best is None or chosen is None:
-            verdicts[i] = "" if known else f"{cost.title} unknown"
-            continue
-        lost[i] = mean_and_error(scores[best] - scores[i])
-        verdict = "the best" if i == best else "near the best" if near[i] else "below the best"
-        if not known:
-            verdict += f", {cost.title} unknown"
-        elif near[i]:
-            verdict += ", costlier" if burden[i] > burden[chosen] else ", equally cheap"
-        verdicts[i] = "chosen" if i == chosen else verdict
+        words = [] if known[i] else [unknown]
+        if best is not None:
+            lost[i] = mean_and_error(scores[best] - scores[i])
+            if near[i] and known[i]:
+                words = ["costlier" if burden[i] > burden[chosen] else "equally cheap"]
+            words.insert(0, "the best" if i == best else "near the best" if near[i] else "below the best")
+        verdicts[i] = "chosen" if i == chosen else ", ".join(words)
     accuracy = table["accuracy"].round(9)
     table = table.assign(verdict=verdicts, loss=lost[:, 0], error=lost[:, 1], accuracy=accuracy, burden=burden)
-    unranked = table[fits & np.isnan(burden)].sort_values("accuracy", ascending=False).index
+    unranked = table[fits & ~known].sort_values("accuracy", ascending=False).index
     order, costlier = table.sort_values("burden"), None
     if chosen is not None:
         order = table.sort_values(["burden", "accuracy"], ascending=[True, False])
@@ -158,9 +152,8 @@ def expected(
 ) -> np.ndarray | None:
     """Score in percent of each person with the system that is chosen without this person; NaN where none is.
 
-    Scores, losses under faults, worst people and rates of events are computed again from the people that are left.
-    Latency and decision time are medians of all people and do not change. None where nothing is chosen, for fewer than
-    `bench.few.INTERVAL` people, or for one candidate.
+    Scores and costs of people are computed again from the people that are left; latency and decision time, which are
+    medians of all people, do not change. None where nothing is chosen, for too few people, or for one candidate.
     """
     scores = among.people.scores
     if chosen is None or scores.shape[1] < few.INTERVAL or len(scores) < 2:
@@ -205,17 +198,14 @@ def reasons(choice: Choice, by: str, margin: float | None, subjects: int, mixed:
     return said("verdict details prices scope", **told(choice, by, margin, subjects, mixed))
 
 
-def told(
-    choice: Choice, by: str, margin: float | None, subjects: int, mixed: bool, binding: bool = False
-) -> dict[str, Any]:
-    """The values of sentences on a choice; with ``binding`` without budgets that rule out nothing."""
+def told(choice: Choice, by: str, margin: float | None, subjects: int, mixed: bool) -> dict[str, Any]:
+    """The values of sentences on a choice."""
     rows = {None: None, **dict(zip(choice.table.index, rows_of(choice.table), strict=True))}
-    kept = [limit for limit in choice.budgets if limit.over or limit.unknown or not binding]
     return {
         **{"cost": costs()[by], "by": by, "margin": margin, "subjects": subjects, "told": ""},
         **{name: rows[getattr(choice, name)] for name in ("chosen", "best", "costlier")},
         "unranked": [rows[i] for i in choice.unranked],
-        "limits": [(limit, costs()[limit.cost], rows[limit.without], rows[limit.least]) for limit in kept],
+        "limits": [(limit, costs()[limit.cost], rows[limit.without], rows[limit.least]) for limit in choice.budgets],
         **{"candidates": len(choice.table), "few": few.too_few(subjects), "mixed": MIXED if mixed else ""},
     }
 
@@ -225,16 +215,9 @@ def expectation(scores: np.ndarray | None, among: Candidates, chosen: int | None
     if scores is None or chosen is None:
         return []
     low, high = interval(scores)
-    return said(
-        "expectation",
-        chosen=among.table.loc[chosen],
-        people=len(scores),
-        mixed=among.mixed,
-        failed=int(np.isnan(scores).sum()),
-        mean=scores.mean(),
-        interval=(low, min(high, 100.0)),
-        own=among.subjects.loc[chosen],
-    )
+    values = {"people": len(scores), "failed": int(np.isnan(scores).sum()), "interval": (low, min(high, 100.0))}
+    values |= {"chosen": among.table.loc[chosen], "own": among.subjects.loc[chosen]}
+    return said("expectation", mean=scores.mean(), mixed=among.mixed, **values)
 
 
 # The choice of ``bench choose``
@@ -278,32 +261,27 @@ class Chosen:
 
     def lines(self) -> list[str]:
         """The choice, its reason and what to expect, or the binding budgets and a remedy; all with ``why``."""
-        brief, every = self._brief()[:BRIEF], self._every()
-        more = 0 if self.why else sum(line not in brief for line in every)
-        small = f"{self._view.key} data={self.among.first['data']} {SMALL}"
-        command = small if self.choice.chosen is None else None
-        return [*(every if self.why else brief), *said("rest", more=more, command=command)]
-
-    def _brief(self) -> list[str]:
-        """The sentences that come first."""
-        values = self._told(binding=True)
+        values = told(self.choice, self.by, self.margin, self.among.subjects.shape[1], self.among.mixed)
+        values |= {"told": self._view.chosen(values["chosen"]) if values["chosen"] else ""}
+        expect, scope = expectation(self.expected, self.among, self.choice.chosen), said("scope", **values)
+        every = [*said("verdict details prices", **values), *expect, *scope, *self._meaning(), *self.notes]
+        every += [*self.among.notes, *self._footnotes(self.among.table["system"])]
+        every += said("lacking", lacking=self.lacking, shown=SHOWN)
+        if self.why:
+            return [*every, *said("rest", more=0, command=self._remedy)]
         if self.choice.chosen is None:
+            values["limits"] = [limit for limit in values["limits"] if limit[0].over or limit[0].unknown]
             first = {what: commands[:1] for what, commands in self.lacking.items()}
-            return [*said("verdict prices", **values), *said("lacking", lacking=first, shown=1)[:1]]
-        expect = expectation(self.expected, self.among, self.choice.chosen)[:1]
-        return [*said("verdict", **values), *expect, *said("scope", **values), *self._footnotes([self.system or ""])]
+            brief = [*said("verdict prices", **values), *said("lacking", lacking=first, shown=1)[:1]]
+        else:
+            brief = [*said("verdict", **values), *expect[:1], *scope, *self._footnotes([self.system or ""])]
+        more = sum(line not in brief[:BRIEF] for line in every)
+        return [*brief[:BRIEF], *said("rest", more=more, command=self._remedy)]
 
-    def _every(self) -> list[str]:
-        """All sentences but the remedy."""
-        values = self._told()
-        lines = said("verdict details prices", **values)
-        lines += [*expectation(self.expected, self.among, self.choice.chosen), *said("scope", **values)]
-        lines += [*self._meaning(), *self.notes, *self.among.notes, *self._footnotes(self.among.table["system"])]
-        return [*lines, *said("lacking", lacking=self.lacking, shown=SHOWN)]
-
-    def _told(self, binding: bool = False) -> dict[str, Any]:
-        values = told(self.choice, self.by, self.margin, self.among.subjects.shape[1], self.among.mixed, binding)
-        return values | {"told": self._view.chosen(values["chosen"]) if values["chosen"] else ""}
+    @property
+    def _remedy(self) -> str | None:
+        """The arguments of a small system to try, where nothing is chosen."""
+        return f"{self._view.key} data={self.among.first['data']} {SMALL}" if self.choice.chosen is None else None
 
     def _footnotes(self, shown: Iterable[str]) -> list[str]:
         """Footnotes of some systems, and that on marked ones if any candidate is."""
@@ -315,21 +293,13 @@ class Chosen:
     def _meaning(self) -> list[str]:
         """What decision times, the score and the losses are of, where that is not usual."""
         reactions, faults, table = self.scene.reactions, self.scene.faults, self.among.table
-        listed = {gesture for members in reactions.groups.values() for gesture in members}
         gestures = () if reactions.plain else self._view.gestures(self.among.first)
         counted = [name for name, cost in costs().items() if cost.at_clock and name in table]
-        return said(
-            "meaning",
-            clock=self.clock,
-            timed=int(table[counted].notna().any(axis=1).sum()),
-            systems=len(table),
-            decision="decision" in {self.by, *self.budgets},
-            kind=self._view.meaning,
-            reactions=reactions,
-            unlisted={*gestures} - listed,
-            faults=faults,
-            names=[] if faults is None else ["all faults"] if {*faults.names} == {*EVERY} else faults.names,
-        )
+        values = {"clock": self.clock, "timed": int(table[counted].notna().any(axis=1).sum()), "systems": len(table)}
+        values |= {"decision": "decision" in {self.by, *self.budgets}, "kind": self._view.meaning}
+        values |= {"reactions": reactions, "unlisted": {*gestures}.difference(*reactions.groups.values())}
+        names = [] if faults is None else ["all faults"] if {*faults.names} == {*EVERY} else faults.names
+        return said("meaning", faults=faults, names=names, **values)
 
 
 def choose(

@@ -52,13 +52,11 @@ class Compared:
         system: the first one, as tables name it, or its file.
         other: the second one.
         on: data, subset and protocol, in words.
-        accuracy: percent of correctly classified captures [subjects, 2], means over seeds; its columns are the two
-            systems.
+        accuracy: percent of correctly classified captures [subjects, 2], means over seeds.
         difference: accuracy of the first system less that of the second, mean over subjects, in points.
         low: lower end of the 95 % interval of the difference by the same test; NaN for fewer than 6 subjects.
         high: upper end of it.
-        p: p-value of the two-sided paired Wilcoxon test; not corrected, since it is one test. NaN for fewer than 6
-            subjects.
+        p: p-value of the two-sided paired Wilcoxon test, which needs no correction; NaN for fewer than 6 subjects.
         smallest: mean difference in points above which the test rejects (p < 0.05), in either direction, where
             differences spread over the subjects as these do; NaN for fewer than 6 subjects.
         subjects: number of them.
@@ -66,9 +64,9 @@ class Compared:
         lose: subjects on whom the second system is more accurate.
         captures: a row for each capture that both predicted: ``id``, ``subject``, ``truth``, and of each system its
             ``prediction`` and whether it is ``right``, a share over seeds and tied votes.
-        gestures: a row for each gesture: ``captures``, ``accuracy`` of the first system and ``other_accuracy`` in
-            percent, means over subjects, ``difference`` with its interval, and the numbers of captures that only the
-            first (``only``) or only the second (``other_only``) classifies correctly.
+        gestures: a row for each gesture: ``captures``, ``accuracy`` and ``other_accuracy`` in percent, means over
+            subjects, ``difference`` with its interval, and the numbers of captures that ``only`` the first or only the
+            second (``other_only``) classifies correctly.
         notes: sentences on captures that one of them lacks, several rows of a capture, and tied votes.
     """
 
@@ -102,11 +100,7 @@ class Compared:
 
 
 def compared(one: Side, other: Side) -> Compared:
-    """Two systems on the captures that both predicted, matched by id.
-
-    Raises:
-        InputError: they share no capture, or disagree about the truth or the subject of one.
-    """
+    """Two systems on the captures that both predicted, matched by id."""
     if one.name == other.name:
         raise InputError(f"both are {one.name}; give two systems")
     sides = (one, other)
@@ -131,24 +125,19 @@ def compared(one: Side, other: Side) -> Compared:
                 f"capture {wrong[0]}: {column} is {here!r} in {one.name}, {there!r} in {other.name}{more}; correct one"
             )
     rows = [side.rows[side.rows["id"].isin(both)] for side in sides]
-    people = [100 * each.groupby("subject")["right"].mean() for each in rows]
-    accuracy = pd.DataFrame({side.name: each for side, each in zip(sides, people, strict=True)})
-    gained = (accuracy[one.name] - accuracy[other.name]).round(9)
-    numbers = statistics.paired(accuracy[one.name], accuracy[other.name])
+    accuracy = pd.DataFrame(
+        {side.name: 100 * each.groupby("subject")["right"].mean() for side, each in zip(sides, rows, strict=True)}
+    )
+    columns = accuracy[one.name], accuracy[other.name]
+    numbers, gained = statistics.paired(*columns), statistics.gains(*columns)
     captures = first.join(second[["prediction", "right"]].add_prefix("other_")).rename_axis("id").reset_index()
     return Compared(
-        system=one.name,
-        other=other.name,
-        on=one.on or other.on,
-        accuracy=accuracy,
-        difference=numbers["difference"],
-        low=numbers["low"],
-        high=numbers["high"],
-        p=numbers["p"],
+        *(one.name, other.name, one.on or other.on, accuracy),
+        *(numbers[name] for name in ("difference", "low", "high", "p")),
         smallest=max(numbers["difference"] - numbers["low"], numbers["high"] - numbers["difference"]),
         subjects=len(accuracy),
-        gain=[*gained.index[gained > 0]],
-        lose=[*gained.index[gained < 0]],
+        gain=[*accuracy.index[gained > 0]],
+        lose=[*accuracy.index[gained < 0]],
         captures=captures,
         gestures=_gestures(captures, *rows),
         notes=[*notes, *one.notes, *other.notes],
@@ -184,11 +173,7 @@ def _listed(ids: list[str] | pd.Index) -> str:
 
 
 def of_file(path: Path, name: str = "") -> Side:
-    """The predictions of a CSV or parquet file; the file's name stands for the system unless ``name`` does.
-
-    Raises:
-        InputError: it cannot be read, lacks a column or a value, or contradicts itself about a capture.
-    """
+    """The predictions of a CSV or parquet file; the file's name stands for the system unless ``name`` does."""
     name = name or called(path)
     if path.suffix.lower() != ".parquet":
         return of_table(CsvTable(path, name, counts=()), name)
@@ -259,11 +244,7 @@ def of_runs(results: Sequence[Result], name: str, on: str) -> Side:
 
 
 def stored_sides(named: Sequence[tuple[str, Mapping[str, Sequence[Result]]]]) -> list[Side]:
-    """One or two systems on whole captures of the one group of runs that they share.
-
-    Args:
-        named: of each its name, or the id of a run, and results by group.
-    """
+    """One or two systems, each by its name or the id of a run with results by group, on the one group they share."""
     groups = [_groups(name, runs) for name, runs in named]
     both = [group for group in groups[0] if group in groups[-1]]
     words = " and ".join(name for name, _ in named)
@@ -285,25 +266,24 @@ def stored_sides(named: Sequence[tuple[str, Mapping[str, Sequence[Result]]]]) ->
 
 def _groups(name: str, runs: Mapping[str, Sequence[Result]]) -> dict[str, list[Result]]:
     """Groups in which a system has complete runs, with these."""
-    complete = {group: [r for r in results if r.complete] for group, results in runs.items()}
-    groups = {}
-    for group, results in complete.items():
-        if matching := [r for r in results if _is(name, r)]:
+    groups, systems = {}, set()
+    for group, results in runs.items():
+        complete = [r for r in results if r.complete]
+        systems |= {r.system for r in complete}
+        if matching := [r for r in complete if _is(name, r)]:
             groups[group] = [r for r in matching if r.system == matching[0].system]
     if not groups:
-        systems = sorted({r.system for results in complete.values() for r in results})
         raise InputError(f"no complete run of {name!r} is tracked; {nearest(name, systems)}")
     return groups
 
 
 def _is(name: str, result: Result) -> bool:
     """Whether a name means a run: its id, or its system with or without the dot and the marks that tables add."""
-    system = result.system
-    unmarked = system.removesuffix(f" {MARK}")
-    called_so = {_words(each) for each in (system, unmarked, unmarked.split(" (uses ")[0])}
-    return _words(name) in called_so or (len(name) >= SHORTEST and str(result["run_id"]).startswith(name))
+    unmarked = result.system.removesuffix(f" {MARK}")
+    by_name = _words(name) in map(_words, (result.system, unmarked, unmarked.split(" (uses ")[0]))
+    return by_name or (len(name) >= SHORTEST and str(result["run_id"]).startswith(name))
 
 
-def _words(name: str) -> str:
-    """A name without the dot between model and features, which few keyboards have."""
-    return " ".join(name.replace("\N{MIDDLE DOT}", " ").split())
+def _words(name: str) -> list[str]:
+    """The words of a name without the dot between model and features, which few keyboards have."""
+    return name.replace("\N{MIDDLE DOT}", " ").split()

@@ -1,16 +1,14 @@
-"""The gate of ``bench check``: systems compared with a stored baseline.
+"""The gate of ``bench check``: systems compared with a stored baseline, a JSON file.
 
-Three questions about each system. Its accuracy, by a paired bootstrap that every system with a current run is put to.
-Its labels, where the same captures must get the same ones: a system without a seed, or one with the same seed on the
-same processor, versions and threads. Its cost, computing time and size. The error rate of the first two is ``error``
-for the whole gate, shared evenly (Bonferroni). A baseline is a JSON file with what was measured of each system.
+Compared are accuracy, by a paired bootstrap; labels, of a system without a seed, or with the same seed, processor,
+versions and threads; computing time and size. All tests of accuracy and labels share one error rate (Bonferroni).
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree
@@ -77,11 +75,8 @@ def compare(
     level = error / 100 / max(1, sum(1 + (not free(then, now)) for then, now in pairs if now))  # of each question
     verdicts = []
     for then, now in pairs:
-        if now is None:
-            verdicts.append(_missing(then, current, failed or {}))
-            continue
-        verdict = judge(then, now, level, slower)
-        words = since(then, history(now), level, slower) if verdict.wrong else ""
+        verdict = judge(then, now, level, slower) if now else _missing(then, current, failed or {})
+        words = since(then, history(now), level, slower) if now and verdict.wrong else ""
         verdicts.append(verdict._replace(details=f"{verdict.details}, {words}") if words else verdict)
     return verdicts
 
@@ -104,31 +99,22 @@ def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict
     if (both["side"] != "both").any() or (both["true"] != both["true_now"]).any():
         other = "the run tests other captures than the baseline; update the baseline"
         return Verdict(named(then), ("other captures",), other)
-    hit_then, hit_now = (both[label] == both["true"] for label in ("predicted", "predicted_now"))
-    difference = hit_now.astype(int) - hit_then.astype(int)
-    units, kind = units_of(both.assign(difference=difference), level)
-    p, (low, high) = p_value(units), interval(units)
-    wrong = []
-    if p < level:
-        wrong.append("worse" if difference.sum() < 0 else "better")
-    changed = int((both["predicted"] != both["predicted_now"]).sum())
-    may = free(then, now)
-    if not wrong and not may and binom.sf(changed - 1, len(both), CHANGES) < level:
+    hits = [(both[label] == both["true"]).astype(int) for label in ("predicted", "predicted_now")]
+    both["difference"] = hits[1] - hits[0]
+    units, kind = units_of(both, level)
+    gained, n, p, ends = units.sum(), len(both), p_value(units), interval(units)
+    changed, may = int((both["predicted"] != both["predicted_now"]).sum()), free(then, now)
+    wrong = ["worse" if gained < 0 else "better"] if p < level else []
+    if not wrong and not may and binom.sf(changed - 1, n, CHANGES) < level:
         wrong.append("changed")
-    details = []
+    pooled, (change, low, high) = (100 * hit.mean() for hit in hits), (100 * sum_ / n for sum_ in (gained, *ends))
+    line = "pooled {:.1f} -> {:.1f} %".format(*pooled) + f", {change:+.1f} [{low:+.1f}, {high:+.1f}], p {p:.2g} "
+    line += f"({len(units)} {kind}), {changed} of {n} labels changed" + f" (allowed with {may})" * bool(may)
     for cost, label, alarm, most in (("relative", "time", "slower", slower), ("flash", "flash", "larger", LARGER)):
-        if then.costs.get(cost) and cost in now.costs:
-            ratio = now.costs[cost] / then.costs[cost]
-            details.append(f"{label} x{ratio:.2f}")
-            wrong += [alarm] if ratio > most else []
-        else:
-            details.append(f"{label} unknown")
-    percent = 100 / len(both)
-    line = (
-        f"pooled {100 * hit_then.mean():.1f} -> {100 * hit_now.mean():.1f} %, {percent * difference.sum():+.1f} "
-        f"[{percent * low:+.1f}, {percent * high:+.1f}], p {p:.2g} ({len(units)} {kind}), "
-        f"{changed} of {len(both)} labels changed{f' (allowed with {may})' if may else ''}, {', '.join(details)}"
-    )
+        before, after = then.costs.get(cost, 0), now.costs.get(cost)
+        ratio = after / before if before and after is not None else None
+        line += f", {label} unknown" if ratio is None else f", {label} x{ratio:.2f}"
+        wrong += [alarm] if ratio is not None and ratio > most else []
     return Verdict(named(then), tuple(wrong), line)
 
 
@@ -141,14 +127,11 @@ def free(then: Measured, now: Measured) -> str:
 
 
 def units_of(tested: pd.DataFrame, level: float) -> tuple[np.ndarray, str]:
-    """The units of the bootstrap: subjects, or captures if there are too few subjects.
+    """The summed difference of each unit of the bootstrap, and what they are: subjects, or captures if these are few.
 
     They are too few if a run that is worse on all of them but two could not be told from chance by the sign of the
     differences. Captures tell as well whether the code has changed: they, and the people, are the same in both runs.
     They leave out that a random system may do better or worse on all captures of a fold at once.
-
-    Returns:
-        The summed difference of each, int, and what they are.
     """
     few = 2 * binom.cdf(SPARED, tested["subject"].nunique(), 0.5) > level
     summed = tested.groupby("capture" if few else "subject")["difference"].sum().to_numpy()
@@ -193,10 +176,11 @@ def counterpart(then: Measured, current: list[Measured]) -> Measured | None:
 
 
 def _missing(then: Measured, current: list[Measured], failed: Mapping[tuple, str]) -> Verdict:
+    same = tuple(then.names[k] for k in SAME)
     details = f"no complete current run; make one with: bench run {then.run}"
-    if reason := failed.get(tuple(then.names[k] for k in SAME)):
+    if reason := failed.get(same):
         details = f"its folds fail: {reason}"
-    if any(all(now.names[k] == then.names[k] for k in SAME) for now in current):
+    if any(tuple(now.names[k] for k in SAME) == same for now in current):
         details = f"the run tests other captures than the baseline (digest {then.names['corpus_digest'][:16]})"
     return Verdict(named(then), ("not run",), details, current=False)
 
@@ -204,26 +188,21 @@ def _missing(then: Measured, current: list[Measured], failed: Mapping[tuple, str
 def named(measured: Measured) -> str:
     """A system with its corpus and protocol, in one line."""
     names = measured.names
-    parts = [names["system"], names["data"] + ("*" if measured.synthetic else "")]
-    parts += [names["subset"]] if names["subset"] != "all" else []
-    parts += [names["target"]] if names["target"] != "gesture" else []
-    parts += [names["protocol"]] + ([f"seed {names['seed']}"] if names["seed"] != "none" else [])
-    return " | ".join(parts)
+    parts = [names["system"], names["data"] + "*" * measured.synthetic]
+    parts += [names[key] for key, usual in (("subset", "all"), ("target", "gesture")) if names[key] != usual]
+    return " | ".join([*parts, names["protocol"], *([f"seed {names['seed']}"] if names["seed"] != "none" else [])])
 
 
 def measured(result: Result, run: str) -> Measured:
     """The compared measurements of a result."""
     environment = {k: str(v) for k, v in result.items() if k in ("cpu", "simd", "threads") or k.startswith("version.")}
     environment["version.python"] = environment["version.python"].rpartition(".")[0]  # a patch computes the same
-    labelled = scores.captures(result.tables["predictions"])
-    return Measured(
-        run,
-        {k: str(result[k]) for k in NAMES},
-        {k: v for k, v in environment.items() if k != "version.touchbench"},
-        {k: float(result[name]) for k, name in COSTS.items() if np.isfinite(result.get(name, np.nan))},
-        labelled[["fold", "capture", "subject", "true", "predicted"]].astype({"fold": str, "subject": str}),
-        result["synthetic"] == "true",
-    )
+    environment.pop("version.touchbench", None)
+    costs = {k: float(result[name]) for k, name in COSTS.items() if np.isfinite(result.get(name, np.nan))}
+    labels = scores.captures(result.tables["predictions"])[["fold", "capture", "subject", "true", "predicted"]]
+    labels = labels.astype({"fold": str, "subject": str})
+    names = {k: str(result[k]) for k in NAMES}
+    return Measured(run, names, environment, costs, labels, result["synthetic"] == "true")
 
 
 def refused(reason: str) -> str:
@@ -279,31 +258,27 @@ def read(path: Path) -> list[Measured]:
 
 
 def _loaded(entry: dict) -> Measured:
-    classes = np.array(entry.pop("classes"), dtype=object)
-    tables = []
+    classes, tables = np.array(entry.pop("classes"), dtype=object), []
     for row in entry.pop("tested"):
         whole = {"fold": str(row["fold"]), "capture": np.array(row["captures"], dtype=np.int64)}
         whole |= {"subject": str(row["subject"])} | {name: classes[row[name]] for name in ("true", "predicted")}
         tables.append(pd.DataFrame(whole))
-    loaded = Measured(**entry, labels=pd.concat(tables, ignore_index=True))
-    if set(loaded.names) != set(NAMES):
-        raise KeyError(", ".join(set(NAMES) ^ set(loaded.names)))
-    return replace(loaded, costs={k: float(v) for k, v in loaded.costs.items()})
+    if wrong := {*NAMES} ^ {*entry["names"]}:
+        raise KeyError(", ".join(wrong))
+    entry["costs"] = {k: float(v) for k, v in entry["costs"].items()}
+    return Measured(**entry, labels=pd.concat(tables, ignore_index=True))
 
 
 def text(baseline: list[Measured]) -> str:
     """A baseline as JSON, with a line for each system and each of its subjects so that differences can be read."""
     entries = []
     for one in baseline:
-        labels = one.labels
-        classes = sorted(set(labels["true"]) | set(labels["predicted"]))
-        code = {name: i for i, name in enumerate(classes)}
-        rows = [
-            {"fold": fold, "subject": subject, "captures": rows["capture"].tolist()}
-            | {k: rows[k].map(code).tolist() for k in ("true", "predicted")}
-            for (fold, subject), rows in labels.groupby(["fold", "subject"], sort=False)
-        ]
+        classes, tested = sorted({*one.labels["true"], *one.labels["predicted"]}), []
+        for (fold, subject), rows in one.labels.groupby(["fold", "subject"], sort=False):
+            row = {"fold": fold, "subject": subject, "captures": rows["capture"].tolist()}
+            row |= {k: rows[k].map(classes.index).tolist() for k in ("true", "predicted")}
+            tested.append(json.dumps(row, ensure_ascii=False))
         head = {k: v for k, v in vars(one).items() if k != "labels"} | {"classes": classes}
-        tested = ",\n  ".join(json.dumps(row, ensure_ascii=False) for row in rows)
-        entries.append(f'{json.dumps(head, ensure_ascii=False)[:-1]}, "tested": [\n  {tested}]}}')
+        lines = ",\n  ".join(tested)
+        entries.append(f'{json.dumps(head, ensure_ascii=False)[:-1]}, "tested": [\n  {lines}]}}')
     return f'{{"format": {FORMAT}, "systems": [\n' + ",\n".join(entries) + "\n]}\n"

@@ -27,9 +27,8 @@ def groupings(predictions: pd.DataFrame) -> pd.DataFrame:
     Returns:
         A row for each number of ``groups``, from one per gesture down to 2: ``grouping`` (chosen on all subjects, as
         names), ``accuracy`` (mean over subjects, in percent, each with the groups chosen without that subject) with
-        its 95 % t-interval over subjects (``low``, ``high``), ``largest`` (accuracy of always naming the group
-        that is largest among the others, in percent), ``same`` (subjects without whom the same grouping is chosen) and
-        ``subjects``.
+        its 95 % t-interval (``low``, ``high``), ``largest`` (accuracy of always naming the group that is largest among
+        the others), ``same`` (subjects without whom the same grouping is chosen) and ``subjects``.
     """
     classes = scores.classes_of(predictions)
     columns = [scores.PREFIX + c for c in classes]

@@ -100,9 +100,9 @@ class Reactions:
 
 def by_capture(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
     """``subject``, ``true`` and the reaction ``taken`` for each tested capture, by mean probability."""
-    captures, classes = predictions.groupby(["fold", "capture"], sort=False), classes_of(predictions)
-    mean = captures[[PREFIX + c for c in classes]].mean().set_axis(classes, axis=1)
-    return captures[["subject", "true"]].first().assign(taken=reactions.decided(mean)).reset_index()
+    captures = predictions.groupby(["fold", "capture"], sort=False)
+    mean = captures[[PREFIX + c for c in classes_of(predictions)]].mean()
+    return by_decision(captures[["subject", "true"]].first().join(mean), reactions).reset_index()
 
 
 def by_decision(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
@@ -112,17 +112,15 @@ def by_decision(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame
     return predictions[["subject", "true"]].assign(taken=reactions.decided(proba))
 
 
-def plain_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
+def plain_candidates(result: Result, wish: Wish) -> Candidate:
     """The system in Python on whole captures, or on windows if these are wished."""
     reactions = wish.reactions
     if wish.windows:
-        table = result.tables["predictions"]
-        yield Candidate("window", reactions.scores(by_decision(table, reactions)), WINDOW)
-        return
+        return Candidate("window", reactions.scores(by_decision(result.tables["predictions"], reactions)), WINDOW)
     # What the run stored is the same and quick: reading the predictions of 1000 runs takes a minute.
     stored = result.people if reactions.plain else {}
     scores = stored or reactions.scores(by_capture(result.tables["predictions"], reactions))
-    yield Candidate("capture", scores, whole=True)
+    return Candidate("capture", scores, whole=True)
 
 
 def early_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
@@ -133,11 +131,10 @@ def early_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
     decided = [*zip(instants, np.sort(table["instant"].unique()), strict=True)]  # ms, frames
     if np.isfinite(wish.most):  # the last that is soon enough, else the first
         decided = [one for one in decided if one[0] <= wish.most * (1 + TOLERANCE)][-1:] or decided[:1]
+    apart = () if result["stream.hop_ms"] in (None, "None") else (f"every {result['stream.hop_ms']} ms",)
     for ms, frames in decided:
         scores = wish.reactions.scores(by_decision(standing(table, frames), wish.reactions))
-        hop, stored = str(result["stream.hop_ms"]), {"predict": "replay_ms_p50"}
-        apart = (f"every {hop} ms",) if hop != "None" else ()
-        yield Candidate(f"first {ms:.0f} ms", scores, stored, {"decision": ms}, apart, mark=EARLY)
+        yield Candidate(f"first {ms:.0f} ms", scores, {"predict": "replay_ms_p50"}, {"decision": ms}, apart, mark=EARLY)
 
 
 def points_lost(results: Sequence[Result], asked: Losses, reactions: Reactions, key: str) -> pd.DataFrame | None:
@@ -145,20 +142,16 @@ def points_lost(results: Sequence[Result], asked: Losses, reactions: Reactions, 
 
     These runs store labels, so the reaction is that to the most probable gesture, also of clean captures.
     """
-    tested = [(r, {*str(r.get("faults", "")).split(", ")}) for r in sorted(results, key=lambda r: r["started"])]
-    if not {*asked.names} <= {name for _, names in tested for name in names}:
+    tested = [(r, {*str(r.get("faults", "")).split(", ")} & {*asked.names}) for r in results]
+    if {*asked.names} != {name for _, names in tested for name in names}:
         return None  # without reading any table
     lost: dict[tuple[str, int], pd.Series] = {}
-    for result, names in tested:
-        if not names & {*asked.names}:
-            continue
+    for result in sorted((r for r, names in tested if names), key=lambda r: r["started"]):
         table = result.tables["labels"]
         under = (table["circumstance"] == key) & table["case"].isin(asked.names) & (table["level"] <= asked.severity)
         rows = pd.concat([unharmed(table), table[under]], ignore_index=True)
         keys = [rows["case"], rows["level"], rows["subject"].astype(str)]
         mean = 100 * pd.Series(reactions.mistakes(rows)).groupby(keys).mean().unstack()
-        for fault, severity in {*mean.index} & {*asked.circumstances}:
-            lost[fault, severity] = mean.loc[(fault, severity)] - mean.loc[(CLEAN, 0)]
-    if not {*asked.circumstances} <= {*lost}:
-        return None
-    return pd.DataFrame({key: lost[key] for key in asked.circumstances}).T
+        lost |= {case: mean.loc[case] - mean.loc[(CLEAN, 0)] for case in {*mean.index} & {*asked.circumstances}}
+    known = {*asked.circumstances} <= {*lost}
+    return pd.DataFrame({case: lost[case] for case in asked.circumstances}).T if known else None

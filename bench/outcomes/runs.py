@@ -36,17 +36,21 @@ def every_result(store: Store, asked: Mapping[str, Sequence[object]] | None = No
     """
     data = [str(value) for value in (asked or {}).get("data", ())]
     scores = {tag: view.score for tag, view in run_views().items()}
-    tracked = {name for view in views().values() for name in view.tracked}
     runs = store.of_kind(*scores, data=data[0]) if len(data) == 1 else []
     results = [store.result(run) for run in runs or store.of_kind(*scores)]
     scored = [r for r in results if scores[r.kind] in r.metrics]
-    return _last(sorted(scored, key=lambda r: (r.complete, r["started"])), (*SAME, *tracked))
+    return _last(sorted(scored, key=lambda r: (r.complete, r["started"])), (*SAME, *_tracked()))
 
 
 def _last(results: Iterable[Result], names: Sequence[str]) -> list[Result]:
     """The last result of each that share what these names stand for, oldest first."""
-    last = {tuple(str(r.get(name)) for name in names): r for r in results}
+    last = {_named(r, names): r for r in results}
     return sorted(last.values(), key=lambda r: r["started"])
+
+
+def _named(r: Mapping[str, Any], names: Iterable[str]) -> tuple[str, ...]:
+    """What some names stand for in a result, as text."""
+    return tuple(str(r.get(name)) for name in names)
 
 
 def stored(store: Store) -> list[Result]:
@@ -56,10 +60,14 @@ def stored(store: Store) -> list[Result]:
 
 def every_run(store: Store, asked: Mapping[str, Sequence[object]] | None = None) -> list[Result]:
     """Complete runs on captures as they are, whatever code made them, oldest first."""
-    tracked = {name for view in views().values() for name in view.tracked}
     results = map(store.result, store.of_kind(views()["run"].tag))
-    kept = [r for r in results if r.complete and not tracked & r.about.keys()]
+    kept = [r for r in results if r.complete and not _tracked() & r.about.keys()]
     return sorted(selected(kept, asked or {}), key=lambda r: r["started"])
+
+
+def _tracked() -> set[str]:
+    """Names of the parameters of all circumstances and studies."""
+    return {name for view in views().values() for name in view.tracked}
 
 
 def of_captures(results: Iterable[Result]) -> list[Result]:
@@ -76,9 +84,9 @@ def plain(results: Iterable[Result]) -> list[Result]:
 
     Whatever a circumstance changes, the labels of the captures as they are stay the same.
     """
-    tracked = [name for view in views().values() for name in view.tracked]
-    rank = lambda r: (r.complete, -sum(name in r.about for name in tracked), r["started"])  # noqa: E731
-    return _last(sorted(results, key=rank), (OF_RUN[0], *SAME))
+    tracked = _tracked()
+    ranked = sorted(results, key=lambda r: (r.complete, -len(tracked & r.about.keys()), r["started"]))
+    return _last(ranked, (OF_RUN[0], *SAME))
 
 
 def asked_of(values: Values) -> dict[str, list]:
@@ -127,13 +135,9 @@ def selected(results: Sequence[Row], asked: Mapping[str, Iterable[object]]) -> l
 
 def _latest(results: Sequence[Row]) -> list[Row]:
     """The newest parameters and captures of each model and feature set, with all seeds; complete runs come first."""
-
-    def named(r: Row, names: Iterable[str]) -> tuple[str, ...]:
-        return tuple(str(r.get(name)) for name in names)
-
     ordered = sorted(results, key=lambda r: (r["status"] == "FINISHED", r["started"]))
-    newest = {named(r, SETTING): named(r, NEWEST) for r in ordered}
-    return [r for r in results if named(r, NEWEST) == newest[named(r, SETTING)]]
+    newest = {_named(r, SETTING): _named(r, NEWEST) for r in ordered}
+    return [r for r in results if _named(r, NEWEST) == newest[_named(r, SETTING)]]
 
 
 def without_runs(results: Iterable[Sequence[Result]], asked: Mapping[str, Iterable[object]]) -> list[str]:

@@ -49,10 +49,9 @@ class Board:
         """What its budgets are, as far as no other line sets them, and how far counted instructions hold for it."""
         own = self.budgets(timed=False)
         names = [name for name in ("flash", "RAM") if values.get(f"max_{name.lower()}") == own[f"max_{name.lower()}"]]
-        timed = {
-            costs()[name].budget for cost in costs().values() if cost.at_clock for name in (cost.key, cost.at_clock)
-        }
-        return sentences("bench.outcomes", "choice", "board", board=self, names=names, timed=bool(timed & {*values}))
+        timed = {name for cost in costs().values() if cost.at_clock for name in (cost.key, cost.at_clock)}
+        limited = {costs()[name].budget for name in timed} & {*values}
+        return sentences("bench.outcomes", "choice", "board", board=self, names=names, timed=bool(limited))
 
 
 @dataclass(frozen=True)
@@ -67,13 +66,12 @@ class Scene:
 
 def boards() -> dict[str, Board]:
     """The boards of ``bench/boards.csv`` by name; KiB of their makers are turned into kB."""
+    every = {}
     with files("bench").joinpath("boards.csv").open(encoding="utf-8") as f:
-        rows = [*csv.DictReader(f)]
-    kb = [(1.024 * float(row["flash_kib"]), 1.024 * float(row["ram_kib"]), float(row["clock_mhz"])) for row in rows]
-    return {
-        row["name"]: Board(row["title"], *size, row["fpu"] == "yes", row["source"])
-        for row, size in zip(rows, kb, strict=True)
-    }
+        for row in csv.DictReader(f):
+            kb = 1.024 * float(row["flash_kib"]), 1.024 * float(row["ram_kib"])
+            every[row["name"]] = Board(row["title"], *kb, float(row["clock_mhz"]), row["fpu"] == "yes", row["source"])
+    return every
 
 
 def lines() -> dict[str, dict[str, Cost]]:

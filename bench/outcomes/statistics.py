@@ -1,12 +1,9 @@
 """Tests of differences between systems, paired by subject, because people differ far more than systems do.
 
-Accuracies are of captures, in percent, [systems, subjects], averaged over the seeds of a system.
-
-One procedure decides every sentence and table: paired two-sided Wilcoxon tests of each system against the best one,
-with Holm's correction (`against_best`). `paired` and `pairs` use the same test for two systems and for all pairs,
-`ranks` for the places that a system may have, and `shifts` turns it into the interval of a difference. With
-10 subjects the smallest p is 0.002, so that from 8 systems on (28 pairs) a correction for all pairs leaves nothing
-below 0.05. The other statistics stand in statistics.csv alone.
+Accuracies are of captures, in percent [systems, subjects], means over seeds, the best system first. One procedure
+decides every sentence and table: two-sided Wilcoxon tests of each system against the best one, with Holm's correction.
+With 10 subjects the smallest p is 0.002, so that from 8 systems on a correction for all 28 pairs leaves nothing below
+0.05.
 """
 
 from __future__ import annotations
@@ -28,10 +25,7 @@ PAIRED = 12  # systems whose pairs stand in one matrix
 
 
 def friedman(subjects: pd.DataFrame) -> tuple[pd.Series, float]:
-    """Mean rank of each of three systems or more, best (1) first, and p of Friedman's test.
-
-    p is NaN if it is not defined or for too few subjects.
-    """
+    """Mean rank of three systems or more, best (1) first, and p of Friedman's test; NaN if that is not defined."""
     subjects = subjects.round(9)
     with np.errstate(invalid="ignore", divide="ignore"):  # NaN where all systems are equal on every subject
         p = stats.friedmanchisquare(*subjects.to_numpy()).pvalue if subjects.shape[1] >= few.TEST else np.nan
@@ -54,33 +48,25 @@ def against_best(
     test_over_train: float | None = None,
     against: str = "",
 ) -> pd.DataFrame:
-    """Every system against the best one, or against another one, by differences within subjects.
+    """Every system against the best one, or against another one (`base_of`), by differences within subjects.
 
-    Args:
-        subjects: accuracy in percent [systems, subjects], the best system first.
-        folds: the same by fold, if folds are not subjects.
-        test_over_train: tested by training captures of a fold, if folds share training captures; otherwise None.
-        against: name of the system to compare with (`base_of`); empty for the best one.
-
-    Returns:
-        A row per system: ``difference`` from that one, in points, with its 95 % interval (`shifts`: ``low``,
-        ``high``); a t-interval with Nadeau and Bengio's variance (``nb_low``, ``nb_high``, ``nb_p``); ``p``, Wilcoxon's
-        signed rank test, and ``p_holm``, corrected for all systems of the table; Cohen's dz with its interval, and the
-        matched-pairs rank-biserial correlation. NaN where something is not defined.
+    ``folds`` are accuracies by fold, if folds are not subjects; ``test_over_train`` is the number of tested by that of
+    training captures of a fold, if folds share training captures. A row per system: `paired`, ``p_holm`` (corrected for
+    all systems of the table), `nadeau_bengio` (``nb_low``, ``nb_high``, ``nb_p``), `cohen_dz` and `rank_biserial`. NaN
+    where something is not defined.
     """
     best = subjects.loc[base_of(subjects, against)]
     by_system = (subjects if folds is None else folds).T
     rows = []
     for system, accuracy in subjects.iterrows():
-        lost = (accuracy - best).to_numpy(dtype=float).round(9)  # equal sums in another order are ties
-        row = {"system": system, "accuracy": accuracy.mean(), "difference": lost.mean()}
+        row = {"system": system, "accuracy": accuracy.mean(), "difference": 0.0}
         if system != best.name:
-            row |= dict(zip(("low", "high"), shifts(lost), strict=True)) | {"p": wilcoxon(lost)}
+            row |= paired(accuracy, best)
+            lost, people = gains(accuracy, best), len(best)
             if test_over_train is not None:
-                by_fold = (by_system[system] - by_system[best.name]).to_numpy(dtype=float).round(9)
-                row |= dict(zip(("nb_low", "nb_high", "nb_p"), nadeau_bengio(by_fold, test_over_train), strict=True))
-                row |= {"nb_p": np.nan} if len(lost) < few.TEST else {}
-                row |= {"nb_low": np.nan, "nb_high": np.nan} if len(lost) < few.INTERVAL else {}
+                low, high, p = nadeau_bengio(gains(by_system[system], by_system[best.name]), test_over_train)
+                row |= {"nb_low": low, "nb_high": high} if people >= few.INTERVAL else {}
+                row |= {"nb_p": p} if people >= few.TEST else {}
             row |= dict(zip(("dz", "dz_low", "dz_high"), cohen_dz(lost), strict=True))
             row |= {"rank_biserial": rank_biserial(lost)}
         rows.append(row)
@@ -89,13 +75,18 @@ def against_best(
     return table.assign(p_holm=holm(table["p"].to_numpy()))
 
 
-def paired(one: pd.Series, other: pd.Series) -> dict[str, float]:
-    """Two systems, paired over the same subjects in the same order, by accuracy in percent.
+def gains(one: pd.Series, other: pd.Series) -> np.ndarray:
+    """Points that the first system gains on each subject or fold; equal sums in another order are ties."""
+    return (one - other).to_numpy(dtype=float).round(9)
 
-    ``difference`` (one minus other, mean over subjects, in points), its 95 % interval (``low``, ``high``), ``p`` of
-    the two-sided Wilcoxon test, and the numbers of subjects that ``gain`` and ``lose`` with the first system.
+
+def paired(one: pd.Series, other: pd.Series) -> dict[str, float]:
+    """Two systems over the same subjects: ``difference`` (one minus other, mean over subjects, in points) and its test.
+
+    ``low`` and ``high`` end its 95 % interval, ``p`` is of the two-sided Wilcoxon test, ``gain`` and ``lose`` are the
+    numbers of subjects for whom the first system is more and less accurate.
     """
-    gained = (one - other).to_numpy(dtype=float).round(9)
+    gained = gains(one, other)
     low, high = shifts(gained)
     counts = {"gain": int((gained > 0).sum()), "lose": int((gained < 0).sum())}
     return {"difference": float(gained.mean()), "low": low, "high": high, "p": wilcoxon(gained), **counts}
@@ -103,19 +94,15 @@ def paired(one: pd.Series, other: pd.Series) -> dict[str, float]:
 
 def pairs(subjects: pd.DataFrame) -> pd.DataFrame:
     """`paired` of every pair of systems: a row per pair, with ``system``, ``other`` and ``p_holm`` over all pairs."""
-    rows = [
-        {"system": a, "other": b, **paired(subjects.loc[a], subjects.loc[b])}
-        for a, b in combinations(subjects.index, 2)
-    ]
-    table = pd.DataFrame(rows)
-    return table.assign(p_holm=holm(table["p"].to_numpy())) if rows else table
+    every = combinations(subjects.index, 2)
+    table = pd.DataFrame([{"system": a, "other": b} | paired(subjects.loc[a], subjects.loc[b]) for a, b in every])
+    return table.assign(p_holm=holm(table["p"].to_numpy())) if len(table) else table
 
 
 def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[float, float, float]:
-    """Corrected t-interval and p of a mean difference over folds that share training captures.
+    """Corrected t-interval and p of a mean difference over folds that share training captures; NaN for one fold.
 
-    The variance is (1 / folds + tested / training captures) times that of the differences, one per fold (Nadeau and
-    Bengio 2003). NaN for fewer than two folds.
+    The variance is (1 / folds + tested / training captures) times that of the differences (Nadeau and Bengio 2003).
     """
     n = len(differences)
     if n < 2:
@@ -128,10 +115,9 @@ def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[floa
 
 
 def wilcoxon(differences: np.ndarray) -> float:
-    """Two-sided p of the signed rank test, exact also where some differences are equal.
+    """Two-sided exact p of the signed rank test; NaN for fewer than `bench.few.TEST` subjects.
 
-    Equal differences share their mean rank, zeros are left out. 1 where at most one differs, NaN for fewer than
-    `bench.few.TEST` subjects.
+    Equal differences share their mean rank, zeros are left out.
     """
     if len(differences) < few.TEST:
         return np.nan
@@ -169,14 +155,7 @@ def shifts(differences: np.ndarray) -> tuple[float, float]:
 
 
 def ranks(subjects: pd.DataFrame) -> pd.DataFrame:
-    """The places that each system may have among all, ``best`` to ``worst``, by `wilcoxon` with Holm's correction.
-
-    Each system is tested against all others, as `against_best` tests the best one. A system is worse than those more
-    accurate ones whose tests say so.
-
-    Args:
-        subjects: accuracy in percent [systems, subjects], the best system first.
-    """
+    """The places that each system may have among all, ``best`` to ``worst``: each is tested against all others."""
     values, n = subjects.to_numpy(float), len(subjects)
     p = np.full((n, n), np.nan)
     for i, j in combinations(range(n), 2):

@@ -94,7 +94,7 @@ class Captures(View):
         from bench.outcomes.reactions import plain_candidates
 
         if wish.plain:
-            yield from _without(plain_candidates(result, wish), result, None)
+            yield from _without([plain_candidates(result, wish)], result, None)
         if not wish.windows:
             for view, _ in held([result]):
                 if view.offers(result, wish):
