@@ -13,11 +13,7 @@ PREDICT = "one capture from raw frames to label, on one thread of the quiet mach
 
 
 def run_columns(output: str = "") -> list[Measure]:
-    """Columns of the tables of evaluations (of the terminal, the page, LaTeX and comparison.csv), and numbers of runs.
-
-    A new column is an entry here; a number that the run tracks is read by its name. One with a meaning is tracked, in
-    the order of this list. An ``output`` selects its columns.
-    """
+    """Columns of the tables of evaluations, and numbers that runs track, with a meaning; all, or those of an output."""
     page, csv, every = ("page",), ("csv",), OUTPUTS
     share = "mean over subjects of the share of correctly classified captures; `_low`, `_high`: 95 % t-interval"
     pooled = "share of correctly classified captures of all subjects; `_low`, `_high`: 95 % bootstrap over subjects"

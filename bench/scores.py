@@ -130,13 +130,7 @@ def summary(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
 
 def _prefixed(prefix: str, labelled: pd.DataFrame, classes: list[str]) -> dict[str, float]:
     table, people = per_class(labelled, classes), over_people(labelled)
-    return {
-        f"{prefix}accuracy": people["accuracy"],
-        f"{prefix}accuracy_low": people["low"],
-        f"{prefix}accuracy_high": people["high"],
-        f"{prefix}subject_sd": people["subject_sd"],
-        f"{prefix}pooled_accuracy": (labelled["true"] == labelled["predicted"]).mean(),
-        f"{prefix}macro_f1": table["f1"].mean(),
-        f"{prefix}macro_recall": table["recall"].mean(),
-        f"{prefix}macro_precision": table["precision"].mean(),
-    }
+    scores = dict(zip(("accuracy", "accuracy_low", "accuracy_high", "subject_sd"), people.values(), strict=True))
+    scores["pooled_accuracy"] = (labelled["true"] == labelled["predicted"]).mean()
+    scores |= {f"macro_{name}": table[name].mean() for name in ("f1", "recall", "precision")}
+    return {prefix + name: value for name, value in scores.items()}

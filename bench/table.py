@@ -1,8 +1,4 @@
-"""A table: its columns are measures, its rows are results or other values; one path writes it to every output.
-
-`texts` writes the cells once; terminal, Markdown, HTML and LaTeX show these. `frame` has the numbers for CSV and
-Python.
-"""
+"""A table: its columns are measures, its rows are results or other values; one path writes it to every output."""
 
 from __future__ import annotations
 
@@ -73,11 +69,10 @@ class Table:
     @cached_property
     def lines(self) -> list[dict[str, Any]]:
         """Each row for templates: its cells by heading, its group, the numbers of its footnotes."""
-        n = len(self.rows)
-        remarks, groups = self.remarks or [[]] * n, self.groups or [""] * n
-        marks = [[self.notes.index(note) + 1 for note in row] for row in remarks]
-        names = ("cells", "group", "marks")
-        return [dict(zip(names, row, strict=True)) for row in zip(self.texts, groups, marks, strict=True)]
+        remarks, groups = self.remarks or [[]] * len(self), self.groups or [""] * len(self)
+        rows = zip(self.texts, groups, remarks, strict=True)
+        marks = {note: i for i, note in enumerate(self.notes, 1)}
+        return [{"cells": cells, "group": g, "marks": [marks[note] for note in notes]} for cells, g, notes in rows]
 
     def fitted(self, width: int) -> tuple[dict[str, int], list[str], str]:
         """Widths of the columns side by side, headings of those under each row, and a line on columns left out.
@@ -141,17 +136,13 @@ class Table:
         for row in self.rows:
             values: dict[str, Any] = {}
             for measure in self.columns:
-                cell = measure.cell(row)
+                cell, key = measure.cell(row), measure.key
                 if isinstance(cell, Interval):
-                    values |= {
-                        measure.key: cell.value,
-                        f"{measure.key}_low": cell.low,
-                        f"{measure.key}_high": cell.high,
-                    }
+                    values |= dict(zip((key, f"{key}_low", f"{key}_high"), cell, strict=True))
                 elif isinstance(cell, tuple) and isinstance(measure.read, tuple):
                     values |= dict(zip(measure.read, cell, strict=True))
                 else:
-                    values[measure.key] = cell
+                    values[key] = cell
             rows.append(values)
         return pd.DataFrame(rows, columns=None if rows else [m.key for m in self.columns])
 
@@ -186,11 +177,7 @@ def of_text(frame: pd.DataFrame, code: Collection[str] = (), **more: Any) -> Tab
 
 
 def write_sheet(table: pd.DataFrame, path: Path, float_format: str | None = None) -> None:
-    """Write a table for people; a text or a heading that would start a formula is led by an apostrophe.
-
-    Numbers stay as they are. What programs read back (artifacts of runs, features, exported corpora) is not written
-    here, as there the apostrophe would be wrong.
-    """
+    """Write a table for people, not for programs: an apostrophe leads a text that would start a formula."""
     from pandas.api.types import is_numeric_dtype
 
     harmless = table.apply(lambda column: column if is_numeric_dtype(column) else column.map(_harmless))
@@ -198,16 +185,14 @@ def write_sheet(table: pd.DataFrame, path: Path, float_format: str | None = None
 
 
 def _harmless(value: object) -> object:
-    return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) and not _numeric(value) else value
-
-
-def _numeric(value: str) -> bool:
-    """A number typed as text, such as -1.5, calculates nothing; a dash alone stands for nothing in our tables."""
+    """The same, unless a text calculates something, as a number typed as text and a dash for nothing do not."""
+    if not isinstance(value, str) or not value.startswith(FORMULA) or value == NONE:
+        return value
     try:
         float(value)
     except ValueError:
-        return value == "-"
-    return True
+        return f"'{value}"
+    return value
 
 
 def rows_of(table: pd.DataFrame) -> list[Row]:

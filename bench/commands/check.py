@@ -128,10 +128,9 @@ def _run(
     complete: dict[tuple[str, ...], Measured] = {}
     for result, (_, run) in zip(results, planned, strict=True):
         if result.complete:
-            measured = gate.measured(result, run)
-            complete.setdefault(tuple(measured.names.values()), measured)
-    reasons = ((r, next(iter(r.errors.values())).reason) for r in results if r.errors)
-    return [*complete.values()], {tuple(str(r[k]) for k in gate.SAME): reason for r, reason in reasons}
+            complete.setdefault(tuple(str(result[k]) for k in gate.NAMES), gate.measured(result, run))
+    failed = {tuple(str(r[k]) for k in gate.SAME): next(iter(r.errors.values())).reason for r in results if r.errors}
+    return [*complete.values()], failed
 
 
 def _stored(baseline: list[Measured]) -> list[Measured]:
@@ -151,8 +150,7 @@ def _history(now: Measured) -> list[tuple[str, Measured]]:
     from bench.outcomes.runs import every_run
     from bench.store import connect
 
-    names = {name: now.names[name] for name in gate.NAMES}
-    results = [r for r in every_run(connect()) if all(str(r[name]) == value for name, value in names.items())]
+    results = [r for r in every_run(connect()) if all(str(r[name]) == value for name, value in now.names.items())]
     runs = [(r.get("git") or "unknown", gate.measured(r, "")) for r in results]
     last = max((i for i, (_, each) in enumerate(runs) if each.costs == now.costs), default=len(runs) - 1)
     return runs[: last + 1]  # after a checkout of older code, newer runs are of other code

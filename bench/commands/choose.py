@@ -97,13 +97,11 @@ def table_of(result: Chosen) -> Table:
     from bench.table import Table, rows_of
 
     choice, by = result.choice, costs()[result.by]
-    words = {"low": "at most", "high": "at least"}
-    limits = [
-        f"{c.title} {words[c.better]} {c.amount(v)}" for c, v in ((costs()[k], v) for k, v in result.budgets.items())
-    ]
+    words, limited = {"low": "at most", "high": "at least"}, [(costs()[key], v) for key, v in result.budgets.items()]
+    limits = [f"{cost.title} {words[cost.better]} {cost.amount(value)}" for cost, value in limited]
     score = "score" if result.scene.reactions.weighted else "accuracy"
     asked = {result.by, *result.budgets, *(k for k, c in costs().items() if c.losses and result.scene.faults)}
-    shown = [cost for cost in costs_of(result.study).values() if not (cost.losses or cost.line[0] == "people")]
+    shown = [cost for cost in costs_of(result.study).values() if cost.line[0] not in ("faults", "people")]
     shown.sort(key=lambda cost: "captures" in cost.on)
     shown += [cost for cost in costs().values() if cost.key in asked and cost not in shown]
 
@@ -126,9 +124,6 @@ def table_of(result: Chosen) -> Table:
         *map(column, shown),
         text("verdict"),
     ]
-    title = (
-        f"{result.among.context}; {', '.join(limits) or 'no budget'}; {by.extreme} {by.title} first; {score} is the "
-        "mean over subjects"
-    )
+    title = f"{result.among.context}; {', '.join(limits) or 'no budget'}; {by.extreme} {by.title} first; "
     bold = [i for i, index in enumerate(choice.table.index) if index == choice.chosen]
-    return Table(columns, rows_of(choice.table), title, bold)
+    return Table(columns, rows_of(choice.table), f"{title}{score} is the mean over subjects", bold)

@@ -52,15 +52,12 @@ def command(arguments: list[str]) -> int:
 
 
 def searched(values: Values) -> list[Result]:
-    """The cells of some values, each a search.
-
-    Listed values of a model's parameters are tried. Where no parameter has several, the ranges that the model declares
-    are searched, and single values are kept. ``smallest`` of a parameter looks for its smallest value instead.
-    """
+    """The cells of some values, each a search."""
     return evaluated(_cells(values), backend_of(values))
 
 
 def _cells(values: Values) -> list[Cell]:
+    """The systems of some values, each to be searched."""
     return _smallest(values) if "smallest" in values else _tuned(values)
 
 
@@ -87,12 +84,9 @@ def _smallest(values: Values) -> list[Cell]:
         raise InputError(f"{wrong[0]}= ends a search, and smallest= tries every value; leave one of them out")
     given = settings("tune", values)
     over, inner = given["smallest"], given["inner"]
-    rest = {k: v for k, v in values.items() if k not in (*given, f"model.{over}")}
-    pairs = [
-        (replace(cell, tuning=_sizes(cell, over, values.get(f"model.{over}"), inner)), cell)
-        for cell in _searchable(rest)
-    ]
-    return [cell for pair in pairs for cell in pair]
+    found = _searchable({k: v for k, v in values.items() if k not in (*given, f"model.{over}")})
+    sizes = [_sizes(cell, over, values.get(f"model.{over}"), inner) for cell in found]
+    return [each for cell, how in zip(found, sizes, strict=True) for each in (replace(cell, tuning=how), cell)]
 
 
 def _searchable(values: Values) -> list[Cell]:

@@ -1,8 +1,4 @@
-"""Stored runs as one table: a row for each run, or for each of its cases, whose name tells it from its neighbours.
-
-All that shows runs reads them here: `grouped` says which may be compared, `names` what a row is called, `frame` makes
-the rows, `by_subject` the accuracies of people.
-"""
+"""Stored runs as one table: a row for each run, or for each of its cases, whose name tells it from its neighbours."""
 
 from __future__ import annotations
 
@@ -47,17 +43,15 @@ def names(results: Sequence[Row], context: bool = False) -> list[str]:
 
     With ``context`` also captures and protocol, for a table without columns for them.
     """
-    systems = [r.system if isinstance(r, Result) else str(r["system"]) for r in results]
+    named = [r.system if isinstance(r, Result) else str(r["system"]) for r in results]
     places: dict[tuple, list[int]] = {}
     for i, r in enumerate(results):
         shown = () if context else (str(r.get("data")), str(r.get("subset")), str(r.get("protocol")))
-        places.setdefault((systems[i], *shown), []).append(i)
-    named = [*systems]
-    for members in places.values():
-        rows = [results[i] for i in members]
-        keys = _telling(rows, context) if len(rows) > 1 else []
-        for i, r in zip(members, rows, strict=True):
-            named[i] = ", ".join([systems[i], *(_words(key, r[key]) for key in keys if key in r)])
+        places.setdefault((named[i], *shown), []).append(i)
+    for members in (each for each in places.values() if len(each) > 1):
+        keys = _telling([results[i] for i in members], context)
+        for i in members:
+            named[i] = ", ".join([named[i], *(_words(key, results[i][key]) for key in keys if key in results[i])])
     return named
 
 
@@ -113,9 +107,9 @@ def _about(r: Result) -> dict[str, Any]:
     """What a run is."""
     data, _, protocol = r.context
     parameters = ", ".join(f"{k}={v}" for k, v in r.about.items() if k.partition(".")[0] in PARTS and "." in k)
-    about = {"system": r.system, "model": r.get("model_name", ""), "features": r.get("features_name", "")}
-    about |= {"parameters": parameters, "seed": r["seed"], "unit": r.about.get("unit", "capture")}
-    return about | {"subset": r["subset"], "target": r["target"], "data": data, "protocol": protocol}
+    about = (r.system, r.get("model_name", ""), r.get("features_name", ""), parameters, r["seed"])
+    where = (r.about.get("unit", "capture"), r["subset"], r["target"], data, protocol)
+    return dict(zip(IS, about + where, strict=True))
 
 
 def _numbers(r: Result) -> dict[str, Any]:

@@ -107,14 +107,14 @@ def judge(then: Measured, now: Measured, level: float, slower: float) -> Verdict
     wrong = ["worse" if gained < 0 else "better"] if p < level else []
     if not wrong and not may and binom.sf(changed - 1, n, CHANGES) < level:
         wrong.append("changed")
-    pooled, (change, low, high) = (100 * hit.mean() for hit in hits), (100 * sum_ / n for sum_ in (gained, *ends))
-    line = "pooled {:.1f} -> {:.1f} %".format(*pooled) + f", {change:+.1f} [{low:+.1f}, {high:+.1f}], p {p:.2g} "
+    before, after = (100 * hit.mean() for hit in hits)
+    change, low, high = (100 * number / n for number in (gained, *ends))
+    line = f"pooled {before:.1f} -> {after:.1f} %, {change:+.1f} [{low:+.1f}, {high:+.1f}], p {p:.2g} "
     line += f"({len(units)} {kind}), {changed} of {n} labels changed" + f" (allowed with {may})" * bool(may)
     for cost, label, alarm, most in (("relative", "time", "slower", slower), ("flash", "flash", "larger", LARGER)):
-        before, after = then.costs.get(cost, 0), now.costs.get(cost)
-        ratio = after / before if before and after is not None else None
-        line += f", {label} unknown" if ratio is None else f", {label} x{ratio:.2f}"
-        wrong += [alarm] if ratio is not None and ratio > most else []
+        ratio = now.costs[cost] / then.costs[cost] if then.costs.get(cost) and cost in now.costs else np.nan
+        line += f", {label} unknown" if np.isnan(ratio) else f", {label} x{ratio:.2f}"
+        wrong += [alarm] if ratio > most else []
     return Verdict(named(then), tuple(wrong), line)
 
 
