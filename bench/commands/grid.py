@@ -77,9 +77,9 @@ def foreseen(plans: Sequence[Plan]) -> int:
     rows = []
     for plan, own in zip(plans, arguments, strict=True):
         missing, time = times.get(id(plan), (0, None))
-        row = {"run": spelled({k: v for k, v in own.items() if k not in shared})}
-        row["stored"] = f"{len(plan.folds) - missing} of {len(plan.folds)}"
-        rows.append(row | {"time": about(time) if time is not None else "unknown" if missing else None})
+        words = about(time) if time is not None else "unknown" if missing else None
+        own_keys = spelled({k: v for k, v in own.items() if k not in shared})
+        rows.append({"run": own_keys, "stored": f"{len(plan.folds) - missing} of {len(plan.folds)}", "time": words})
     title = spelled({key: value for key, value in arguments[0].items() if key in shared})
     columns = [text("run"), Measure("stored", "stored folds"), Measure("time")]
     Table(columns, rows, title or "Time from similar stored runs").print(output())

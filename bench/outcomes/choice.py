@@ -295,7 +295,8 @@ class Chosen:
         reactions, faults, table = self.scene.reactions, self.scene.faults, self.among.table
         gestures = () if reactions.plain else self._view.gestures(self.among.first)
         counted = [name for name, cost in costs().items() if cost.at_clock and name in table]
-        values = {"clock": self.clock, "timed": int(table[counted].notna().any(axis=1).sum()), "systems": len(table)}
+        values: dict[str, Any] = {"clock": self.clock, "systems": len(table)}
+        values["timed"] = int(table[counted].notna().any(axis=1).sum())
         values |= {"decision": "decision" in {self.by, *self.budgets}, "kind": self._view.meaning}
         values |= {"reactions": reactions, "unlisted": {*gestures}.difference(*reactions.groups.values())}
         names = [] if faults is None else ["all faults"] if {*faults.names} == {*EVERY} else faults.names

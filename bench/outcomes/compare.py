@@ -133,7 +133,7 @@ def compared(one: Side, other: Side) -> Compared:
     captures = first.join(second[["prediction", "right"]].add_prefix("other_")).rename_axis("id").reset_index()
     return Compared(
         *(one.name, other.name, one.on or other.on, accuracy),
-        *(numbers[name] for name in ("difference", "low", "high", "p")),
+        *(numbers["difference"], numbers["low"], numbers["high"], numbers["p"]),
         smallest=max(numbers["difference"] - numbers["low"], numbers["high"] - numbers["difference"]),
         subjects=len(accuracy),
         gain=[*accuracy.index[gained > 0]],

@@ -55,16 +55,17 @@ def against_best(
     all systems of the table), `nadeau_bengio` (``nb_low``, ``nb_high``, ``nb_p``), `cohen_dz` and `rank_biserial`. NaN
     where something is not defined.
     """
-    best = subjects.loc[base_of(subjects, against)]
+    base = base_of(subjects, against)
+    best = subjects.T[base]
     by_system = (subjects if folds is None else folds).T
     rows = []
     for system, accuracy in subjects.iterrows():
         row = {"system": system, "accuracy": accuracy.mean(), "difference": 0.0}
-        if system != best.name:
+        if system != base:
             row |= paired(accuracy, best)
             lost, people = gains(accuracy, best), len(best)
             if test_over_train is not None:
-                low, high, p = nadeau_bengio(gains(by_system[system], by_system[best.name]), test_over_train)
+                low, high, p = nadeau_bengio(gains(by_system[system], by_system[base]), test_over_train)
                 row |= {"nb_low": low, "nb_high": high} if people >= few.INTERVAL else {}
                 row |= {"nb_p": p} if people >= few.TEST else {}
             row |= dict(zip(("dz", "dz_low", "dz_high"), cohen_dz(lost), strict=True))
