@@ -75,9 +75,7 @@ def tune(**values: object) -> pd.DataFrame:
     """Search parameters inside each training part; the columns of `run`.
 
     Args:
-        values: keys of `run`; values of ``model__X`` to try; ``trials`` (combinations in each fold, default 50),
-            ``seconds`` (of searching in a fold) and ``inner`` (groups of training subjects that judge, default 3, or
-            ``loso``). ``smallest`` (a parameter, or ``features``) looks for its smallest value that suffices.
+        values: keys of ``bench tune``, such as ``trials``, as `run` takes them; a list of ``model__X`` is tried.
     """
     from bench.commands.tune import searched
     from bench.options import keys, values_of
@@ -90,8 +88,7 @@ def fit(**values: object) -> Fitted:
     """Train one system on all captures and save it; ``recogniser.label(corpus)`` uses it.
 
     Args:
-        values: ``data``, ``where``, ``target``, ``model``, ``features`` and ``seed`` of `run`; ``stopping`` (``false``
-            learns no early decision) and ``out`` (folder to save it in, besides the store).
+        values: keys of ``bench fit``, as `run` takes them.
     """
     from bench.commands.fit import trained
     from bench.options import keys, values_of
@@ -103,7 +100,7 @@ def audit(**values: object) -> pd.DataFrame:
     """Verify that systems keep the rules of the contract, on generated captures.
 
     Args:
-        values: ``model``, ``features``, ``seed`` and their parameters, as `run` takes them.
+        values: keys of ``bench audit``, as `run` takes them.
 
     Returns:
         One row per system and check: system, check, result (passed, failed or not applicable), sentence, seconds.
@@ -170,9 +167,7 @@ def runs(cases: bool = False, **values: object) -> pd.DataFrame:
 
     Args:
         cases: True for a row for each case of the circumstances of each run, such as a fault at one severity.
-        values: the runs to keep: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`,
-            ``run`` (their ids), ``latest`` (True: of each model and feature set, only the newest parameters and
-            captures).
+        values: the runs to keep: keys of ``bench runs``, such as ``data``, ``run`` (ids) and ``latest=True``.
 
     Returns:
         One row per run: ``name``, which tells what differs from its neighbours; ``accuracy``, the mean over subjects,
@@ -239,11 +234,7 @@ def choose(**values: object) -> Chosen:
     """Choose the cheapest stored system within one standard error of the best.
 
     Args:
-        values: the runs to choose among, as `runs` selects them;
-            ``by`` (the cost to keep low, default ``flash``); budgets ``max_flash``, ``max_ram``, ``max_predict``,
-            ``max_decision`` and those of packages; ``clock`` of the target, such as ``64MHz``; ``margin`` (tolerated
-            loss of accuracy in points); ``unit`` (``capture`` or ``window``); ``batch`` (``yes`` to include systems
-            whose labels depend on the batch).
+        values: keys of ``bench choose``, such as ``max_flash="64kB"``; those of `runs` select among stored runs.
     """
     from bench.commands.choose import chosen
     from bench.options import keys, values_of
@@ -255,8 +246,7 @@ def groups(**values: object) -> pd.DataFrame:
     """Groups of gestures that a stored system can tell apart.
 
     Args:
-        values: ``data``, ``where``, ``target``, ``protocol``, ``model`` and ``features`` of `run`, among whose runs the
-            most accurate system is used; ``batch`` (``yes`` to include systems whose labels depend on the batch).
+        values: the runs whose most accurate system is used, as `runs` selects them; ``batch`` of `choose`.
 
     Returns:
         One row per number of groups, from one per gesture down to 2: `bench.outcomes.groups.groupings`.

@@ -136,8 +136,7 @@ class Cost(Measure):
     # runs that have it: those on ``captures``, of all ``studies``, or of those that it names
     on: tuple[str, ...] = EVERY
     command: str = ""  # command that measures it, with its arguments; empty for any. ``{faults}`` are those that count
-    # its amount for some people [candidates], of a cost that depends on which are counted; from
-    # `bench.outcomes.candidates.People`
+    # its amount [candidates] of a cost that depends on which people `bench.outcomes.candidates.Candidates` has
     among: Callable[[Any], Any] | None = None
     at_clock: str = ""  # cost to which its thousands add milliseconds at the clock of the target in MHz; empty for none
 
@@ -286,7 +285,7 @@ OF_SYSTEMS = (  # costs of every run
 )
 PEOPLE = {  # key: whose accuracy it is, and how many people of some are counted
     "worst_person": ("the worst person", lambda people: 1),
-    "worst_tenth": ("the worst tenth of people", lambda people: -(-people.scores.shape[1] // 10)),
+    "worst_tenth": ("the worst tenth of people", lambda people: -(-people.subjects.shape[1] // 10)),
 }
 OF_PEOPLE = tuple(
     Cost(

@@ -32,47 +32,16 @@ Way = list[tuple[Candidate, Result]]  # one way in which a system labels, of eac
 
 
 @dataclass(frozen=True)
-class People:
-    """What each person contributes to the score and to the costs of each candidate."""
-
-    scores: np.ndarray  # in percent [candidates, subjects]
-    losses: np.ndarray  # points lost in each case [candidates, cases, subjects]; NaN where not stored
-    counts: np.ndarray  # events, and hours in which they count [2, candidates, people]; also of people without a score
-
-    def without(self, subject: int) -> People:
-        """The same without one subject."""
-        return People(*(np.delete(part, subject, axis=-1) for part in (self.scores, self.losses, self.counts)))
-
-    def lowest(self, count: int) -> np.ndarray:
-        """Mean of the lowest scores [candidates]; NaN where a person has none."""
-        return np.where(np.isnan(self.scores).any(axis=1), np.nan, np.sort(self.scores)[:, :count].mean(axis=1))
-
-    def loss(self) -> np.ndarray:
-        """Mean points lost in each case [candidates, cases]."""
-        return self.losses.mean(axis=2) if self.losses.shape[1] else np.full((len(self.scores), 1), np.nan)
-
-    def rate(self) -> np.ndarray:
-        """Events per hour [candidates]."""
-        events, hours = self.counts.sum(axis=2) if len(self.counts) else np.full((2, len(self.scores)), np.nan)
-        return np.divide(events, hours, out=np.full(len(hours), np.nan), where=hours > 0)
-
-    def costs(self, names: Iterable[str]) -> dict[str, np.ndarray]:
-        """The costs of these names that depend on which people are counted [candidates]."""
-        return {name: among(self) for name in names if (among := costs()[name].among) is not None}
-
-
-@dataclass(frozen=True)
 class Candidates:
-    """The candidates of a store, on the same captures under the same protocol.
+    """The candidates of a store, on the same captures under the same protocol."""
 
-    The table has a row per candidate: ``system``, ``unit``, ``accuracy`` (the score in percent as a mean over
-    subjects), every cost of `bench.measures.costs_of` in its unit, NaN where it is unknown, ``linked`` (True for linked
-    bytes, with code), ``cpu`` and the keys of `TAGS`.
-    """
-
+    # a row per candidate: ``system``, ``unit``, ``accuracy`` (the score in percent as a mean over subjects), every cost
+    # of `bench.measures.costs_of` in its unit, NaN where it is unknown, ``linked`` (True for linked bytes, with code),
+    # ``cpu`` and the keys of `TAGS`
     table: pd.DataFrame
     subjects: pd.DataFrame  # scores in percent [candidates, subjects]
-    people: People  # what each person contributes to scores and costs, in the order of these two
+    losses: np.ndarray  # points lost in each case [candidates, cases, subjects]; NaN where not stored
+    counts: np.ndarray  # events, and hours in which they count [2, candidates, people]; also of people without a score
     first: Result  # a run of the candidates
     notes: list[str]  # excluded runs with reasons, in sentences
 
@@ -85,6 +54,31 @@ class Candidates:
     def mixed(self) -> bool:
         """True if training and test captures share subjects."""
         return self.first.mixed
+
+    def without(self, person: int, names: Iterable[str]) -> Candidates:
+        """The same without one person; of the costs that depend on people, those of these names are computed again."""
+        kept = self.subjects.drop(columns=self.subjects.columns[person])
+        lost, counts = (np.delete(part, person, axis=-1) for part in (self.losses, self.counts))
+        return replace(self, subjects=kept, losses=lost, counts=counts).with_costs(names)
+
+    def with_costs(self, names: Iterable[str]) -> Candidates:
+        """The same with the costs of these names that depend on which people are counted."""
+        among = {name: among(self) for name in names if (among := costs()[name].among) is not None}
+        return replace(self, table=self.table.assign(**among))
+
+    def lowest(self, count: int) -> np.ndarray:
+        """Mean of the lowest scores [candidates]; NaN where a person has none."""
+        scores = self.subjects.to_numpy(float)
+        return np.where(np.isnan(scores).any(axis=1), np.nan, np.sort(scores)[:, :count].mean(axis=1))
+
+    def loss(self) -> np.ndarray:
+        """Mean points lost in each case [candidates, cases]."""
+        return self.losses.mean(axis=2) if self.losses.shape[1] else np.full((len(self.table), 1), np.nan)
+
+    def rate(self) -> np.ndarray:
+        """Events per hour [candidates]."""
+        events, hours = self.counts.sum(axis=2) if len(self.counts) else np.full((2, len(self.table)), np.nan)
+        return np.divide(events, hours, out=np.full(len(hours), np.nan), where=hours > 0)
 
 
 def candidates(
@@ -131,8 +125,7 @@ def candidates(
     counts = [over_seeds(kind) for kind in zip(*(way.counts for way, *_ in each), strict=True)]
     order = [*subjects, *sorted({str(name) for part in counts for name in part} - {*subjects})]
     counted = np.array([part.reindex(columns=order) for part in counts]).reshape(-1, len(ways), len(order))
-    people = People(subjects.to_numpy(float), lost, counted)
-    return Candidates(table.assign(**people.costs(costs_of(study))), subjects, people, chosen[0], notes)
+    return Candidates(table, subjects, lost, counted, chosen[0], notes).with_costs(costs_of(study))
 
 
 def _ways(results: Sequence[Result], wish: Wish, kinds: Mapping[str, Any]) -> list[Way]:

@@ -155,7 +155,7 @@ def expected(
     Scores and costs of people are computed again from the people that are left; latency and decision time, which are
     medians of all people, do not change. None where nothing is chosen, for too few people, or for one candidate.
     """
-    scores = among.people.scores
+    scores = among.subjects.to_numpy(float)
     if chosen is None or scores.shape[1] < few.INTERVAL or len(scores) < 2:
         return None
     others = without_each(among, by, budgets, margin)
@@ -167,8 +167,8 @@ def without_each(
 ) -> Iterator[int | None]:
     """The candidate that is chosen without each person, None where none is."""
     for person in range(len(among.subjects.columns)):
-        people = among.people.without(person)
-        yield pick(among.table.assign(**people.costs({by, *budgets})), people.scores, by, budgets, margin)[0]
+        left = among.without(person, {by, *budgets})
+        yield pick(left.table, left.subjects.to_numpy(float), by, budgets, margin)[0]
 
 
 # Sentences

@@ -7,7 +7,7 @@ from scipy.stats import ttest_rel
 
 from bench.candidate import Wish
 from bench.errors import InputError
-from bench.outcomes.candidates import PLAIN, Candidates, People, candidates, eligible
+from bench.outcomes.candidates import PLAIN, Candidates, candidates, eligible
 from bench.outcomes.choice import decide, expectation, expected, reasons
 from bench.outcomes.runs import NothingTracked, selected, without_runs
 from tests.results import evaluated, made_up, result, systems_of
@@ -99,24 +99,26 @@ def people_of(seed, candidates=5, subjects=6):
     rng = np.random.default_rng(seed)
     scores = np.minimum(rng.uniform(60, 90, (candidates, 1)) + rng.normal(0, 8, (candidates, subjects)), 100)
     counts = np.stack([rng.poisson(2, scores.shape), rng.uniform(0.5, 1, scores.shape)]).astype(float)
-    people = People(scores, rng.normal(8, 5, (candidates, 3, subjects)), counts)
+    losses = rng.normal(8, 5, (candidates, 3, subjects))
     frame = pd.DataFrame(scores, columns=[*"abcdefghijkl"[:subjects]])
     table = pd.DataFrame({"system": "s", "unit": "capture", "accuracy": scores.mean(axis=1)})
     table["flash"] = [*rng.uniform(1, 50, candidates - 1), np.nan]
-    return Candidates(table.assign(**people.costs(OF_PEOPLE)), frame, people, result(), [])
+    return Candidates(table, frame, losses, counts, result(), []).with_costs(OF_PEOPLE)
 
 
 def test_costs_of_people_are_those_of_a_loop():
-    people = people_of(0).people
+    people = people_of(0)
     alarms, hours = people.counts.sum(axis=2)
-    costs = people.costs(("worst_person", "fault_loss", "worst_fault", "flash"))
-    for i, row in enumerate(people.scores):
+    costs = people.with_costs(("worst_person", "fault_loss", "worst_fault", "flash")).table
+    scores = people.subjects.to_numpy()
+    for i, row in enumerate(scores):
         assert costs["worst_person"][i] == min(row)
         assert people.lowest(2)[i] == pytest.approx(np.mean(sorted(row)[:2]))
         assert costs["fault_loss"][i] == pytest.approx(np.mean([np.mean(case) for case in people.losses[i]]))
         assert costs["worst_fault"][i] == pytest.approx(max(np.mean(case) for case in people.losses[i]))
         assert people.rate()[i] == pytest.approx(alarms[i] / hours[i])
-    assert "flash" not in costs and people.without(2).lowest(1)[0] == min(np.delete(people.scores[0], 2))
+    assert costs["flash"].equals(people.table["flash"])
+    assert people.without(2, ()).lowest(1)[0] == min(np.delete(scores[0], 2))
 
 
 @pytest.mark.parametrize("budgets", [{}, {"worst_person": 55.0, "fault_loss": 9.0}])
@@ -130,10 +132,10 @@ def test_each_person_is_left_out_of_the_choice_and_of_nothing_else(budgets):
             assert scores is None
             continue
         for person in range(6):
-            subjects = among.subjects.drop(columns=among.subjects.columns[person])
-            left = among.people.without(person).costs(OF_PEOPLE)
-            other = decide(among.table.assign(**left), subjects, "flash", budgets, None).chosen
-            assert np.isnan(scores[person]) if other is None else scores[person] == among.people.scores[other, person]
+            left = among.without(person, OF_PEOPLE)
+            other = decide(left.table, left.subjects, "flash", budgets, None).chosen
+            own = among.subjects.iloc[:, person]
+            assert np.isnan(scores[person]) if other is None else scores[person] == own[other]
             found += other not in (None, chosen)
     assert found and expected(people_of(0, subjects=4), 0, "flash", {}, None) is None
 

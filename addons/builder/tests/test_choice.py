@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from addons.streams.tests.test_background import PEOPLE, stored
 from bench.errors import InputError
-from bench.outcomes.candidates import People
+from bench.outcomes.candidates import Candidates
 from bench.outcomes.choice import decide
 from bench.outcomes.scene import Scene
 from touchbench_builder import certificate
@@ -23,8 +23,8 @@ def test_each_person_gets_the_system_that_the_others_choose():
     """Without 1, small is right in 10 and 10 %, large in 90 and 90 %: large. Without 2 or 3, both have 50: small."""
     scores = np.array([[90.0, 10, 10], [10, 90, 90]])
     table = pd.DataFrame({"system": ["small", "large"], "flash": [1.0, 2.0]})
-    people = People(scores, np.empty((2, 0, 3)), np.empty((0, 2, 3)))
-    among = SimpleNamespace(table=table, people=people, subjects=pd.DataFrame(scores, columns=["1", "2", "3"]))
+    subjects = pd.DataFrame(scores, columns=["1", "2", "3"])
+    among = Candidates(table, subjects, np.empty((2, 0, 3)), np.empty((0, 2, 3)), first=None, notes=[])
     results = []
     for system, row in zip(table["system"], scores, strict=True):
         rows = [(str(p + 1), "pat", p, 10 * p + i, 1.0 * (i < row[p] / 10)) for p in range(3) for i in range(10)]
