@@ -30,7 +30,7 @@ NAMED = 3  # folds or systems that a line names
 WIDTH = 100  # columns of a file or a log, which has no width of its own
 CONTEXT = (  # columns of tables of runs
     text("data", read=lambda r: r["data"] + "*" * (r["synthetic"] == "true")),
-    text("subset", read=lambda r: r["subset"] + f", {r['target']}" * (r["target"] != "gesture"), spare=1),
+    text("subset", read=lambda r: r["subset"] + f", {r['target']}" * (r["target"] != "gesture"), spare=3),
     text("protocol", read=lambda r: r["protocol"] + ", subjects mixed" * r.mixed),
 )
 
