@@ -49,12 +49,10 @@ class Described(NamedTuple):
 def described(room: str, name: str) -> Described:
     """A part of a room, in words."""
     part = load(room, name)
-    words = SECTION.split(_plain(inspect.getdoc(part) or ""))[0]
-    first, *more = words.strip().split("\n\n")
-    kept = []
-    meanings = _meanings(part)
+    first, *more = SECTION.split(_plain(inspect.getdoc(part) or ""))[0].strip().split("\n\n")
+    kept, meanings = [], {SEED: "random seed"} | _meanings(part)
     for key, default in parameters(part).items():
-        meaning, _, source = meanings.get(key, "random seed" if key == SEED else "").partition(SOURCE)
+        meaning, _, source = meanings.get(key, "").partition(SOURCE)
         text = f"{default:g}" if isinstance(default, float) else text_of(default)
         kept.append(Parameter(key, text, meaning.rstrip("."), source.rstrip(".")))
     return Described(name, _line(first).rstrip("."), [p if LISTED.search(p) else _line(p) for p in more], kept)
@@ -73,23 +71,18 @@ def definitions(systems: Iterable[str]) -> list[str]:
 
 
 def help_of_parts(arguments: Sequence[str], rooms: Mapping[str, str]) -> str:
-    """The parameters of the parts that arguments name (``model=svm,rf``), as ``--help`` prints them; else empty."""
-    given = dict(argument.partition("=")[::2] for argument in arguments)
+    """The parameters of the parts that arguments name (``model=svm,rf``), as ``--help`` prints them."""
     sections = []
-    for key in sorted({*rooms} & {*given}, key=list(given).index):
-        for name in items(key, given[key]):
-            one = described(rooms[key], name)
-            rows = [_row(key, p) for p in one.parameters] or ["  no parameters"]
+    for key, _, named in (argument.partition("=") for argument in arguments):
+        for name in items(key, named):
+            one, rows = described(rooms[key], name), []
+            for p in one.parameters:
+                text = f"{p.meaning}; default {p.default or 'empty'}" + (f" ({p.source})" if p.source else "")
+                rows.append(_filled(f"{key}.{p.name}", text, 20))
             words = [f"{key}={name}: {one.summary}.", *one.more]
             filled = [w if LISTED.search(w) else textwrap.fill(w, WIDTH, break_on_hyphens=False) for w in words]
-            sections.append("\n\n".join([*filled, "\n".join(rows)]))
-    return "\n\n".join(sections) + "\n" if sections else ""
-
-
-def _row(key: str, p: Parameter) -> str:
-    """A parameter in the form of the other keys of help."""
-    text = f"{p.meaning}; default {p.default or 'empty'}" + (f" ({p.source})" if p.source else "")
-    return _filled(f"{key}.{p.name}", text, 20)
+            sections.append("\n\n".join([*filled, "\n".join(rows or ["  no parameters"])]))
+    return "\n\n".join(sections) + "\n"
 
 
 def _meanings(part: object) -> dict[str, str]:
@@ -118,11 +111,9 @@ def overview() -> str:
     every = commands()
     for name, command in every.items():
         groups.setdefault(command.group, []).append(name)
-    members = groups.pop(START)
     lines = ["bench: which recogniser of touch gestures should I ship?", "", f"{START}:"]
-    lines += [f"  bench {name:10}{every[name].summary}" for name in members]
-    lines += ["", "other commands:"]
-    lines += [f"  {group:16}{', '.join(names)}" for group, names in groups.items()]
+    lines += [f"  bench {name:10}{every[name].summary}" for name in groups.pop(START)]
+    lines += ["", "other commands:", *(f"  {group:16}{', '.join(names)}" for group, names in groups.items())]
     return "\n".join([*lines, "", "bench COMMAND --help explains a command and lists its options."])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import errno
 import tomllib
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
@@ -125,15 +126,14 @@ def scene_of(table: Mapping[str, object]) -> Scene:
 
 
 def _of_board(budget: Mapping[str, object]) -> Board | None:
+    if "board" not in budget and "share" in budget:
+        raise InputError("[budget] share: it is a share of a board; add board, or leave it out")
     if "board" not in budget:
-        if "share" in budget:
-            raise InputError("[budget] share: it is a share of a board; add board, or leave it out")
         return None
     known, name = boards(), _text("[budget] board", budget["board"])
     if name not in known:
         raise InputError(f"[budget] board: no board is called {name}; {nearest(name, known)}")
-    share = _number("[budget] share", budget.get("share", 1.0), 0, 1)
-    if not share:
+    if not (share := _number("[budget] share", budget.get("share", 1.0), 0, 1)):
         raise InputError("[budget] share = 0: give a share above 0")
     return replace(known[name], share=share)
 
@@ -150,20 +150,17 @@ def _check_amount(line: str, cost: Cost | None, key: str, value: str) -> None:
 
 
 def _reactions(table: Mapping[str, object]) -> Reactions:
-    groups: dict[str, list[str]] = {}
-    listed: set[str] = set()
-    for name, members in _section(table, "reactions").items():
-        groups[name] = _names(f"[reactions] {name}", members, "gestures", '["stroke", "rub"]')
-        for gesture in groups[name]:
-            if gesture in listed:
-                raise InputError(f"[reactions] the gesture {gesture} is listed twice; list it once")
-            listed.add(gesture)
-    unlisted = table.get("unlisted", "own")
-    if unlisted not in ("own", "ignored"):
+    groups = {
+        name: _names(f"[reactions] {name}", members, "gestures", '["stroke", "rub"]')
+        for name, members in _section(table, "reactions").items()
+    }
+    counts = Counter(gesture for members in groups.values() for gesture in members)
+    if twice := [gesture for gesture, count in counts.items() if count > 1]:
+        raise InputError(f"[reactions] the gesture {twice[0]} is listed twice; list it once")
+    if (unlisted := table.get("unlisted", "own")) not in ("own", "ignored"):
         raise InputError(f"unlisted = {unlisted}: give own or ignored")
     costs = dict(_section(table, "costs"))
-    silence = _number("[costs] silence", costs.pop("silence", 1.0), 0, COSTLIEST)
-    rows: dict[str, dict[str, float]] = {}
+    silence, rows = _number("[costs] silence", costs.pop("silence", 1.0), 0, COSTLIEST), dict[str, dict[str, float]]()
     for name, row in costs.items():
         if not isinstance(row, dict):
             raise InputError(f"[costs] {name}: give the reactions that it is taken for, such as {{ calm = 3 }}")
