@@ -58,24 +58,20 @@ class Tables:
 
     def __init__(self, features: dict[str, TransformerMixin], X: Corpus, y: np.ndarray, folds: list) -> None:
         self.features = {name: clone(part) for name, part in features.items()}
-        self.X = X
-        self.y = np.asarray(y)
-        self.folds = folds
-        self._all: dict[str, pd.DataFrame] = {}
-        self._learnt: dict[tuple[str, int], tuple[pd.DataFrame, pd.DataFrame]] = {}
+        self.X, self.y, self.folds = X, np.asarray(y), folds
+        self._kept: dict[tuple[str, int], tuple[pd.DataFrame, ...]] = {}
 
     def part(self, name: str | None, fold: int, side: int) -> Corpus | pd.DataFrame:
         """Input of fitting (side 0) or judging (side 1) in an inner fold; captures without a feature set."""
         part = self.folds[fold][side]
         if not name:
             return self.X[part]
-        features = self.features[name]
-        if not contract.learns(features):
-            if name not in self._all:
-                self._all[name] = features.fit(self.X, self.y).transform(self.X)
-            return self._all[name].iloc[part]
-        if (name, fold) not in self._learnt:
+        features, learns = self.features[name], contract.learns(self.features[name])
+        key = name, fold if learns else 0
+        if key not in self._kept and learns:
             train, test = self.folds[fold]
             fitted = features.fit(self.X[train], self.y[train])
-            self._learnt[name, fold] = fitted.transform(self.X[train]), fitted.transform(self.X[test])
-        return self._learnt[name, fold][side]
+            self._kept[key] = fitted.transform(self.X[train]), fitted.transform(self.X[test])
+        elif key not in self._kept:
+            self._kept[key] = (features.fit(self.X, self.y).transform(self.X),)
+        return self._kept[key][side] if learns else self._kept[key][0].iloc[part]

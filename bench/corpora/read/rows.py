@@ -6,7 +6,6 @@ Rows are read in blocks, so what is no table costs a block, whatever it would ex
 from __future__ import annotations
 
 import csv
-import json
 import mmap
 import re
 import unicodedata
@@ -237,12 +236,8 @@ class ParquetTable(Table):
             leaves = [metadata.schema.column(i) for i in range(metadata.num_columns)]
             row = sum(_WIDTHS.get(leaf.physical_type, max(8, leaf.length)) for leaf in leaves)
             groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
-            needed = max(
-                sum(group.num_rows for group in groups) * row,
-                sum(group.column(i).total_uncompressed_size for group in groups for i in range(len(leaves))),
-            )
-            index = json.loads((schema.metadata or {}).get(b"pandas", b"{}")).get("index_columns", [])
-            index = [name for name in index if isinstance(name, str)]  # others are ranges, which are no columns
+            needed = max(sum(group.num_rows for group in groups) * row, sum(group.total_byte_size for group in groups))
+            index = (schema.pandas_metadata or {}).get("index_columns", [])  # a range is no column
         check_unpacked(needed, path, "save it as CSV")
         self._schema = pa.schema([field for field in schema if field.name not in index])
         self.columns = [name.strip() for name in self._schema.names]
