@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.read.limits import quoted
-from bench.corpora.read.sensor_values import checked, highest_of
+from bench.corpora.read.limits import checked, highest_of, quoted
 from bench.errors import InputError
 from bench.work.replay import GROWTH
 from bench.work.stopping import NO_SAVING

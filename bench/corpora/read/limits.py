@@ -1,11 +1,13 @@
-"""Limits on unchecked files, and quotation of their contents in messages: one line of bounded length."""
+"""Limits on unchecked files and sensor values, and quotation of contents in messages: one line of bounded length."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from bench.errors import InputError, plain, short
@@ -15,6 +17,9 @@ MOST_LABEL = 200  # characters
 MOST_CONDITIONS = 256  # columns beside the channels
 MOST_TIMES = 100  # what a packed file may unpack to, in its own size; sensor values seldom reach 20
 ALWAYS = 16 << 20  # bytes that every packed file may unpack to
+EXACT = 1 << 24  # float32 holds every whole number up to here
+LARGEST = 65535  # of uint16
+_AT_ONCE = 1 << 20  # values that are looked at in one step
 
 # Characters that end a line, move a cursor, cannot be written as UTF-8 or show nothing: two labels that look the same
 # would be two gestures. Joiners (U+200C, U+200D) show nothing beside ASCII and at the ends; Persian words need them.
@@ -118,3 +123,42 @@ def check_unpacked(unpacked: int, path: Path, instead: str) -> None:
             f"{called(path)}: unpacks to {unpacked >> 20:.4g} MiB, a file of this size to at most {most >> 20} MiB; if "
             f"it is right, {instead}"
         )
+
+
+def highest_of(full_scale: float) -> float:
+    """The largest value that is taken: the full scale, as float32 has it if that is above it."""
+    return max(full_scale, float(np.float32(full_scale)))
+
+
+def smallest(values: np.ndarray) -> np.dtype:
+    """uint16 when all values, which are within 0 and the full scale, are whole and fit, else float32."""
+    integers = values.dtype.kind in "iu" or bool((values == np.floor(values)).all())
+    return np.dtype(np.uint16 if integers and float(values.max()) <= LARGEST else np.float32)
+
+
+def checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.ndarray:
+    """Values [rows, ...] as they are stored; messages name the file and a ``unit``, the word for a row."""
+    flat = values.reshape(len(values), -1)
+    step = max(1, _AT_ONCE // flat.shape[1])
+    for at in range(0, len(flat), step):
+        check(flat[at : at + step], full_scale, f"{name}, {unit}", at + 1)
+    return values.astype(smallest(values))
+
+
+def check(values: np.ndarray, full_scale: float, where: str, first: int = 1, names: Sequence[str] = ()) -> None:
+    """Refuse values [rows, columns] outside 0 to the full scale, and whole numbers that float32 would change.
+
+    In messages ``where`` is the file and the word for a row, ``first`` the number of the first one; columns without
+    names are channels from 1.
+    """
+    wrong = ~((values >= 0) & (values <= np.float64(highest_of(full_scale))))  # a NaN is neither
+    large = (values > np.float64(EXACT)) & ~wrong
+    wrong[large] = [value == int(value) and float(np.float32(value)) != value for value in values[large].tolist()]
+    if wrong.any():
+        i, j = np.argwhere(wrong)[0]
+        value = values[i, j]
+        why = f"not within 0 and the full scale {full_scale:g}; correct it or give full_scale="
+        if 0 <= value <= highest_of(full_scale):
+            why = f"a whole number that float32 cannot hold; give values up to {EXACT}, or decimals"
+        name = plain(names[j], 60) if names else f"channel {j + 1}"
+        raise InputError(f"{where} {first + i}: {name} is {str(value).removesuffix('.0')}, {why}")

@@ -24,6 +24,7 @@ import pyarrow.types as kinds
 
 from bench.corpora.read.limits import (
     called,
+    check,
     check_conditions,
     check_file,
     check_names,
@@ -32,8 +33,8 @@ from bench.corpora.read.limits import (
     plain,
     quoted,
     short,
+    smallest,
 )
-from bench.corpora.read.sensor_values import check, smallest
 from bench.errors import InputError
 from bench.progress import warn
 

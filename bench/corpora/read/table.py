@@ -19,13 +19,13 @@ from bench.corpora.read.limits import (
     check_conditions,
     check_file,
     check_names,
+    checked,
     information,
     listed,
     plain,
     short,
 )
 from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Rows, Table, without_categories
-from bench.corpora.read.sensor_values import checked
 from bench.errors import InputError
 from bench.scratch import replacing
 
