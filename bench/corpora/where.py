@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.errors import InputError
+from bench.errors import InputError, short
 
 ALLOWED = (
     "allowed on columns, text and numbers: == != < <= > >= in [...] and or not .isin .between .str.startswith "
@@ -45,8 +45,7 @@ def chosen(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
         if mask.any():
             return mask.to_numpy()
         reason = f"selects none of the {len(captures)} captures of {name}"
-    message = f"where={repr(where) if len(repr(where)) <= 70 else repr(where)[:66] + '...'}: {reason}"
-    raise InputError(message if len(message) <= LINE else f"{message[: LINE - 3]}...")
+    raise InputError(short(f"where={short(repr(where), 70)}: {reason}", LINE))
 
 
 def _evaluated(where: str, captures: pd.DataFrame) -> pd.Series:

@@ -26,12 +26,13 @@ RATE_HZ = 135.0
 # Of 31 x 3 x 14 x 6 = 7812 captures seven were removed before publication (Jung et al. 2017, section 3.3).
 PUBLISHED_MD5 = "c6035f76d1e13f81168dd79586dcb742"
 PUBLISHED_SUBJECTS = 31
-PUBLISHED_GESTURES = {g: 558 for g in GESTURES} | dict.fromkeys(("massage", "pat", "rub", "squeeze", "tickle"), 557)
 PUBLISHED = {
     "captures": 7805,
     "subjects": PUBLISHED_SUBJECTS,
     "variant": {"gentle": 2601, "normal": 2602, "rough": 2602},
-    "gesture": PUBLISHED_GESTURES | {"stroke": 556},
+    "gesture": dict.fromkeys(GESTURES, 558)
+    | dict.fromkeys("massage pat rub squeeze tickle".split(), 557)
+    | {"stroke": 556},
     "frames of the shortest capture": 10,
     "frames of the longest capture": 1747,
     "MD5 of the file": PUBLISHED_MD5,
