@@ -268,7 +268,7 @@ def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
             people are marked. Empty for a table of each protocol.
 
     Returns:
-        Text for a document that loads booktabs.
+        Text for a document that loads booktabs and graphicx.
     """
     from bench.outcomes.frame import grouped
     from bench.outcomes.runs import of_captures

@@ -1,32 +1,73 @@
-"""Comparable results in words, the newest of each system, the largest groups first; footnotes and lists of names."""
+"""Sections of the page, a part for each set of comparable results; footnotes and lists of names."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from bench import few
-from bench.measures import known
+from bench.measures import known, text
 from bench.outcomes.frame import grouped
+from bench.reports.figures import Picture, save
 from bench.result import Result, Row, notes_on, seed_number, shared
+from bench.table import Table
 from bench.words import BUSY
+
+if TYPE_CHECKING:
+    from bench.reports.views.base import View
 
 CONTEXTS = 3  # captures-and-protocol groups that are drawn
 METHODS = 10  # of a context
 
 
+@dataclass(frozen=True)
+class Part:
+    """A figure, a table with its caption, and sentences on one set of comparable runs; each may be absent."""
+
+    picture: Picture | None = None
+    table: Table | None = None
+    caption: str = ""
+    sentences: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of the page; those with one heading are shown as one."""
+
+    heading: str
+    parts: list[Part] = field(default_factory=list)
+    line: str = ""  # beside the heading, while the section is closed
+
+
+def section(view: View, results: Sequence[Result], folder: Path) -> Section | None:
+    """The figure and the table of a view, for each set of comparable results that it holds."""
+    parts = []
+    drawn, caption = view.captions()
+    for i, (context, members) in enumerate(contexts(results, view.alike, view.score, view.more), 1):
+        figure, picture = view.drawn(members), None
+        if figure is not None:
+            picture = save(figure, folder, f"0-{view.key}-{i}", context, f"{context}: {drawn}")
+        columns = [text("system", read=lambda r: r.method), *view.on_page(members)]
+        sentences = scarce(members) if view.intervals else []
+        parts.append(Part(picture, Table(columns, members), f"{context}: {caption}", sentences))
+    heading = view.section_heading or view.heading or view.noun.capitalize() or view.key
+    return Section(heading, parts, view.line) if parts else None
+
+
 def contexts(
     results: Sequence[Result],
     same: Mapping[str, tuple[str, str]] | None = None,
-    score: str = "",
+    score: str = "accuracy",
     more: str = "",
 ) -> list[tuple[str, list[Result]]]:
     """At most `CONTEXTS` groups of comparable results, in words, each with its `METHODS` most accurate systems.
 
     Of each system it is the newest complete result of the lowest seed; one with more numbers whose names begin with
-    ``more`` stands before a newer one. Comparable results share the parameters ``same``; ``score`` orders them, else
-    the accuracy of the captures as they are.
+    ``more`` stands before a newer one. Comparable results share the parameters ``same``, and ``score`` orders them.
     """
     counted = lambda r: sum(name.startswith(more) for name in r.metrics) if more else 0  # noqa: E731
     complete = [r for r in results if r.complete][::-1]  # the newest first
@@ -38,7 +79,7 @@ def contexts(
         groups.append((words, [*first.values()], any(first[r["system"]]["seed"] != r["seed"] for r in runs)))
     named = []
     for words, members, several in sorted(groups, key=lambda g: (g[1][0]["synthetic"], -len(g[1])))[:CONTEXTS]:
-        best = sorted(members, key=lambda r: -r[score or "accuracy"])[:METHODS]
+        best = sorted(members, key=lambda r: -r[score])[:METHODS]
         left = len(members) - len(best)
         told = f", {left} less accurate systems left out" * bool(left)
         named.append((words + told + ", only the lowest seed of each system" * several, best))

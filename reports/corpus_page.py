@@ -1,8 +1,7 @@
-"""The page of ``bench data show``: tables of the survey, mean pressure of gestures, a film strip of each."""
+"""The page of ``bench data show``: tables of the survey, mean pressure and a film strip of each gesture."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,14 +15,11 @@ from bench.table import Table, of_text
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
-    from matplotlib.image import AxesImage
 
 
 FILMED = 8  # frames of a strip
 DRAWN = 24  # gestures of a figure
-ACROSS = 7  # panels of a row
-TITLE, ABOVE = 1.3, 0.36  # inches that a panel's title may take, and above a panel
-GAP = 0.15  # inches between panels
+SIDE, GAP = 0.72, 0.1  # inches of the longer side of a panel, and between panels
 ROWS = 200  # of a table of the page
 ROOT = 0.5  # colours follow the square root of the pressure, or light touch would all be black
 INDEX = "index.html"
@@ -34,12 +30,12 @@ def write(found: Survey, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     synthetic = found.corpus.synthetic
     group = found.corpus.name + (" (synthetic)" if synthetic else "")
-    pictures = [pressure_figure(found, group, folder), film_figure(found, group, folder)]
-    values = {"survey": found, "sections": _sections(found), "pictures": pictures}
+    picture = film_figure(found, group, folder)
+    values = {"survey": found, "sections": _sections(found), "picture": picture}
     values["synthetic"] = f"Synthetic: {SYNTHETIC}." if synthetic else ""
     index = folder / INDEX
     index.write_text(page("corpus.jinja", f"Captures of {group}", **values), encoding="utf-8")
-    return [*(picture.path for picture in pictures), index]
+    return [picture.path, index]
 
 
 def _sections(found: Survey) -> list[tuple[str, str, Table | None]]:
@@ -69,87 +65,46 @@ def _section(heading: str, words: str, table: pd.DataFrame | None) -> tuple[str,
     return heading, caption + more, of_text(texts)
 
 
-def _left_out(gestures: list[str]) -> str:
-    return f" {len(gestures) - DRAWN} more gestures are not drawn." if len(gestures) > DRAWN else ""
-
-
-def _panel(grid: Sequence[int], side: float) -> tuple[float, float]:
-    """Inches, width and height, of a picture of the grid; a single line of taxels is not too thin to see."""
-    rows, cols = grid
-    return max(side * cols / max(rows, cols), 0.3), max(side * rows / max(rows, cols), 0.3)
-
-
-def _frame(ax: Axes, frame: np.ndarray, most: float) -> AxesImage:
+def _frame(ax: Axes, frame: np.ndarray, most: float) -> None:
     """A frame in colours from 0 to the highest pressure."""
     from matplotlib.colors import PowerNorm
 
     ax.set(xticks=[], yticks=[])
-    return ax.imshow(frame, cmap="magma", norm=PowerNorm(ROOT, vmin=0, vmax=most, clip=True), aspect="auto")
-
-
-def pressure_figure(found: Survey, group: str, folder: Path) -> Picture:
-    """Mean pressure on the grid, a panel for each gesture, all in the same colours."""
-    names, means = found.gestures[:DRAWN], found.means[:DRAWN]
-    panel, across = _panel(means.shape[1:], 1.35), min(ACROSS, len(names))
-    down, slot = -(-len(names) // across), max(panel[0], TITLE) + GAP
-    size = width, height = max(4.5, across * slot + GAP + 1), down * (panel[1] + ABOVE) + 0.6
-    figure, axes = new_figure(size, (down, across), (GAP, width - across * slot, 0.25, ABOVE + 0.15), (GAP, ABOVE))
-    figure.suptitle(f"Mean pressure of each gesture, {plain([group])[0]}", fontsize=9, y=1 - 0.08 / height, va="top")
-    most = max(float(means.max()), 1e-9)
-    for ax in [*axes.flat][len(names) :]:
-        ax.set_axis_off()
-    for ax, name, values in zip(axes.flat, plain(names, 20), means, strict=False):
-        ax.set_box_aspect(panel[1] / panel[0])
-        image = _frame(ax, values, most)
-        ax.set_title(name, fontsize=8, pad=3)
-        ax.plot(found.odd_taxels["col"], found.odd_taxels["row"], "x", color="cyan", markersize=5, markeredgewidth=1)
-    left = axes.flat[across - 1].get_position().x1 + GAP / width
-    bar = figure.add_axes((left, 0.3 / height, 0.12 / width, min(height - 0.8, 2.0) / height))
-    figure.colorbar(image, cax=bar).set_label("sensor value", fontsize=8)
-    crosses = " Crosses: odd taxels." if len(found.odd_taxels) else ""
-    caption = (
-        "Mean pressure of all frames of each gesture. All panels have the same colour scale, the square root of "
-        f"pressure.{crosses}{_left_out(found.gestures)}"
-    )
-    return save(figure, folder, "pressure", group, caption)
+    ax.imshow(frame, cmap="magma", norm=PowerNorm(ROOT, vmin=0, vmax=most, clip=True), aspect="auto")
 
 
 def film_figure(found: Survey, group: str, folder: Path) -> Picture:
-    """A typical capture of each gesture: frames evenly spaced in time, and below them the total pressure."""
+    """A row for each gesture: mean pressure, frames of a typical capture, and its total pressure."""
     corpus, names = found.corpus, found.gestures[:DRAWN]
-    gap = 1 / 12  # between two frames, as a share of one
-    wide, high = _panel(corpus.grid, 0.95)
-    across = FILMED * wide * (1 + gap) - gap * wide
-    left, top, curve, between = 1.75, 0.5, 0.42, 0.42
-    row = high + 0.05 + curve + between
-    size = width, height = (left + across + 0.75, top + row * len(names) + 0.25)
-    figure, _ = new_figure(size, (1, 1), title=f"A typical capture of each gesture, {plain([group])[0]}")
-    figure.axes[0].remove()
-    for i, gesture in enumerate(names):
+    wide, high = (max(SIDE * side / max(corpus.grid), 0.3) for side in corpus.grid[::-1])
+    size = (2.75 + (FILMED + 2) * (wide + GAP), 0.85 + len(names) * (high + 2 * GAP))
+    title = f"Mean pressure and a typical capture of each gesture, {plain([group])[0]}"
+    figure, axes = new_figure(size, (len(names), FILMED + 2), (1.95, 0.8, 0.45, 0.4), (GAP, 2 * GAP), title)
+    most = max(float(found.means.max()), 1e-9)
+    for row, gesture, mean in zip(axes, names, found.means, strict=False):
         capture = found.typical[gesture]
         position = int(np.flatnonzero(corpus.index == capture)[0])
         frames = corpus[position]
         shown = (len(frames) * (np.arange(FILMED) + 0.5) / FILMED).astype(int)  # the frame in the middle of each eighth
-        bottom = height - top - i * row - high
-        most = max(float(frames[shown].max()), 1e-9)
-        for j, frame in enumerate(frames[shown]):
-            x = left + j * wide * (1 + gap)
-            _frame(figure.add_axes((x / width, bottom / height, wide / width, high / height)), frame, most)
-        ax = figure.add_axes((left / width, (bottom - 0.05 - curve) / height, across / width, curve / height))
-        _total(ax, frames, corpus.rate_hz, shown)
-        if i == len(names) - 1:
-            ax.set_xlabel("s", fontsize=7, labelpad=1)
-        words = [f"capture {capture}", f"subject {corpus.subjects[position]}", f"colours 0 to {_value(most)}"]
-        (name,), lines = plain([gesture], 19), plain(words, 30)
-        figure.text(0.12 / width, (bottom + high) / height, name, fontsize=9, va="top", weight="bold")
-        figure.text(0.12 / width, (bottom + high - 0.2) / height, "\n".join(lines), va="top", color="0.35")
+        highest = max(float(frames[shown].max()), 1e-9)
+        words = [gesture, f"mean: 0 to {_value(most)}", f"capture {capture}: 0 to {_value(highest)}"]
+        words.append(f"subject {corpus.subjects[position]}")
+        row[0].text(-0.1, 1, "\n".join(plain(words, 26)), ha="right", va="top", transform=row[0].transAxes)
+        _frame(row[0], mean, most)
+        row[0].plot(found.odd_taxels["col"], found.odd_taxels["row"], "x", color="cyan", markersize=5)
+        for ax, frame in zip(row[1:], frames[shown], strict=False):
+            _frame(ax, frame, highest)
+        _total(row[-1], frames, corpus.rate_hz, shown)
+    axes[-1, -1].set_xlabel("s")
+    left = len(found.gestures) - len(names)
     caption = (
-        "The most typical capture of each gesture in duration, mean pressure and highest pressure: "
-        f"{FILMED} frames, evenly spaced in time. Colours follow the square root of pressure, with one scale per row. "
-        "The curve below is the pressure summed over the taxels against seconds; grey lines mark the frames."
-        f"{_left_out(found.gestures)}"
+        "Left: mean pressure of all frames of each gesture, with one scale for all. Then the most typical capture in "
+        f"duration, mean pressure and highest pressure: {FILMED} frames, evenly spaced in time. Colours follow the "
+        "square root of pressure. Right: pressure summed over the taxels against seconds; grey lines mark the frames."
+        + " Crosses: odd taxels." * (len(found.odd_taxels) > 0)
+        + f" {left} more gestures are not drawn." * (left > 0)
     )
-    return save(figure, folder, "films", group, caption)
+    return save(figure, folder, "captures", group, caption)
 
 
 def _total(ax: Axes, frames: np.ndarray, rate_hz: float, shown: np.ndarray) -> None:

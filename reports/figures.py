@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import isotonic_regression
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
@@ -122,13 +121,6 @@ def log_ticks(axis: Axis, subs: tuple[int, ...] = (1, 2, 5)) -> None:
     axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
-
-
-def spread(values: np.ndarray, gap: float, low: float, high: float) -> np.ndarray:
-    """Places for labels at rising ``values``: at least ``gap`` apart, within the limits, as near as can be."""
-    steps = gap * np.arange(len(values))
-    near = isotonic_regression(np.asarray(values, dtype=float) - steps).x
-    return near.clip(low, max(low, high - steps[-1])) + steps
 
 
 def plain(names: Iterable[str], most: int = 44) -> list[str]:

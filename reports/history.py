@@ -16,8 +16,8 @@ from bench.measures import OF_SYSTEMS, Interval, Measure, percent, text
 from bench.options import options
 from bench.outcomes import gate
 from bench.outcomes.frame import grouped
+from bench.reports.contexts import Part, Section
 from bench.reports.figures import bars, look, new_figure, plain, save
-from bench.reports.part import Part, Section
 from bench.result import Result
 from bench.table import Table, rows_of
 

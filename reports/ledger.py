@@ -15,9 +15,9 @@ from bench.measures import CODE, Measure, p_value, text
 from bench.outcomes import statistics
 from bench.outcomes.frame import by_subject
 from bench.reports.comparison import ROWS, published
-from bench.reports.contexts import METHODS, scarce
-from bench.reports.figures import bars, look, new_figure, plain, save, spread, width_of
-from bench.reports.part import Part, Section
+from bench.reports.contexts import METHODS, Part, Section, scarce
+from bench.reports.curves import curves
+from bench.reports.figures import save
 from bench.result import COMPARABLE, Result, notes_on
 from bench.sentences import sentences
 from bench.table import Table, rows_of
@@ -192,26 +192,19 @@ def slopes(rows: pd.DataFrame, title: str) -> Figure:
     """Accuracy under each protocol, a line per system, with intervals; lines cross where the order changes."""
     names = [*dict.fromkeys(rows["protocol"])]
     systems = [*dict.fromkeys(rows.sort_values("accuracy", ascending=False, kind="stable")["system"])][:METHODS]
-    room, each = width_of(systems) + 0.4, 1.5
-    figure, axes = new_figure((1.1 + each * len(names) + room, 4.2), margins=(0.7, room, 0.75, 0.4), title=title)
-    ax, ends = axes[0, 0], []
+    lines = []
     for i, system in enumerate(systems):
         own = rows[rows["system"] == system].set_index("protocol").reindex(names)  # NaN interrupts the line
         place = np.arange(len(names)) + 0.05 * (i - (len(systems) - 1) / 2)
-        error = bars(own["accuracy"].to_numpy(), own["accuracy_low"], own["accuracy_high"])
-        ax.errorbar(place, own["accuracy"], yerr=error, capsize=2, elinewidth=0.7, markersize=5, **look(i))
-        ends.append(own["accuracy"].dropna().iloc[-1])
-    low, high = ax.get_ylim()
-    order = np.argsort(ends)
-    places = spread(np.array(ends)[order], (high - low) / 17, low, high)
-    for i, y in zip(order, places, strict=True):
-        ax.annotate(plain([systems[i]])[0], (1.02, y), xycoords=("axes fraction", "data"), color=f"C{i % 10}")
+        ends = (own[name] / 100 for name in ("accuracy", "accuracy_low", "accuracy_high"))
+        lines.append(
+            (i, system, pd.DataFrame(dict(zip(("level", "accuracy", "low", "high"), (place, *ends), strict=True))))
+        )
+    figure = curves("", lines, title=title)
     keys = dict(zip(rows["protocol"], rows["key"], strict=True))
     mixed = dict(zip(rows["protocol"], rows["mixes_subjects"], strict=True))
     marks = ["optimistic" if "optimistic" in n else "subjects mixed" if mixed[n] else "new subjects" for n in names]
-    ax.set_xticks(range(len(names)), [f"{keys[n]}\n{mark}" for n, mark in zip(names, marks, strict=True)])
-    ax.set(xlim=(-0.4, len(names) - 0.6), ylabel="correctly classified captures, %")
-    ax.grid(alpha=0.3)
+    figure.axes[0].set_xticks(range(len(names)), [f"{keys[n]}\n{mark}" for n, mark in zip(names, marks, strict=True)])
     return figure
 
 

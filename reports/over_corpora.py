@@ -17,7 +17,7 @@ from bench.intervals import percentiles, weights
 from bench.measures import Measure, text
 from bench.outcomes import statistics
 from bench.outcomes.frame import by_subject
-from bench.reports.part import Part, Section
+from bench.reports.contexts import Part, Section
 from bench.result import Result, notes_on
 from bench.table import Table, rows_of
 

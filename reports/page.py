@@ -24,7 +24,7 @@ from bench.reports import history, ledger, over_corpora
 from bench.reports.bundle import Bundle
 from bench.reports.chart import cost_chart, marks
 from bench.reports.comparison import UNITS, comparison, provenance, provenance_section, published, runs_section
-from bench.reports.contexts import listed, noted
+from bench.reports.contexts import Part, Section, listed, noted
 from bench.reports.details import pictures
 from bench.reports.figures import Picture
 from bench.reports.latex import latex, papers, sheet, side_by_side
@@ -32,7 +32,6 @@ from bench.reports.layout import markdown, page, slug
 from bench.reports.live import packed
 from bench.reports.papers import against as beside_papers
 from bench.reports.papers import best_published, published_section, yours
-from bench.reports.part import Part, Section
 from bench.reports.summary import Chart, Summary, labels, largest_groups, summary_of
 from bench.result import MARKED, Result, notes_on, several
 from bench.scratch import owner, sweep

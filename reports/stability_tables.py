@@ -13,7 +13,8 @@ from bench import scores
 from bench.errors import InputError
 from bench.measures import Measure, percent, text
 from bench.reports.contexts import noted
-from bench.reports.fault_curves import draw
+from bench.reports.curves import curves, heat_map
+from bench.reports.figures import write_svg
 from bench.reports.layout import markdown, slug
 from bench.result import Result, notes_on
 from bench.sentences import sentences
@@ -76,7 +77,21 @@ def write(results: Sequence[Result], folder: Path) -> None:
         write_sheet(noted(table), folder / f"stability_{name}.csv")
     words = markdown("stability.jinja", context=", ".join(results[0].context), sections=[*sections(results)])
     (folder / "stability.md").write_text(words, encoding="utf-8")
-    draw(results, folder)
+    _draw(results, folder)
+
+
+def _draw(results: Sequence[Result], folder: Path) -> None:
+    """Write the losses under faults and the learning curves, where there are any, as SVG."""
+    context = ", ".join(results[0].context)
+    if len(results[0].tables["faults"]):
+        losses = pd.DataFrame({r.method: r.tables["margins"].set_index("fault")["loss"] for r in results}).T
+        figure = heat_map(losses, [r["accuracy"] for r in results], context)
+        write_svg(figure, folder / "stability_heat_map.svg")
+    if any("learning" in r.tables for r in results):
+        learned = [learning(r.tables["labels"]).rename(columns={"train_subjects": "level"}) for r in results]
+        lines = [(i, r.method, curve) for i, (r, curve) in enumerate(zip(results, learned, strict=True))]
+        figure = curves("training subjects", lines, title=context)
+        write_svg(figure, folder / "stability_training_subjects.svg")
 
 
 def sections(results: Sequence[Result]) -> Iterator[tuple[str, str, Table | None]]:

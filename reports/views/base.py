@@ -16,9 +16,10 @@ from bench.words import LABELS
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
     from bench.candidate import Candidate, Losses, Wish
-    from bench.reports.part import Section
+    from bench.reports.contexts import Section
 
 
 class View:
@@ -28,37 +29,27 @@ class View:
         key: key of the circumstance or study; empty for captures.
         tracked: names of its options as parameters of a run; a run that has the first has the circumstance.
         tag: tag of the runs of a study; empty for a circumstance.
-
-    Attributes:
-        heading: heading of the table of results.
-        shown: columns of that table, after system, data, subset and protocol.
-        ranked: True if the most accurate result of several is marked in it.
-        searches: True if what a search has chosen in each fold is printed.
-        score: number by which results are ranked.
-        costs: costs by which systems are chosen, besides those of every run.
-        alike: parameters that two results share if they may be compared: words with ``{}`` for the value, and the
-            usual value, which needs no words.
-        noun: words for what its levels count, such as "captures of each class".
-        chooses: True if its cases are candidates of a choice.
-        apart: True for runs of a study that are chosen among alone.
-        unit: words for what is labelled.
-        other: words for runs that another value of `alike` keeps apart.
-        meaning: meaning of the score in a sentence.
     """
 
-    heading: ClassVar[str] = ""
-    shown: ClassVar[tuple[Measure, ...]] = ()
-    ranked: ClassVar[bool] = False
-    searches: ClassVar[bool] = False
-    score: ClassVar[str] = "accuracy"
-    costs: ClassVar[tuple[Cost, ...]] = ()
+    heading: ClassVar[str] = ""  # of the table of results
+    shown: ClassVar[tuple[Measure, ...]] = ()  # columns of that table, after system, data, subset and protocol
+    ranked: ClassVar[bool] = False  # the most accurate result of several is marked in it
+    searches: ClassVar[bool] = False  # what a search has chosen in each fold is printed
+    score: ClassVar[str] = "accuracy"  # number by which results are ranked
+    costs: ClassVar[tuple[Cost, ...]] = ()  # by which systems are chosen, besides those of every run
+    # Parameters that two results share if they may be compared: words with ``{}`` for the value, and the usual value,
+    # which needs no words.
     alike: ClassVar[Mapping[str, tuple[str, str]]] = {}
-    noun: ClassVar[str] = ""
-    chooses: ClassVar[bool] = True
-    apart: ClassVar[bool] = False
-    unit: ClassVar[str] = ""
-    other: ClassVar[str] = ""
-    meaning: ClassVar[str] = ""
+    noun: ClassVar[str] = ""  # for what its levels count, such as "captures of each class"
+    chooses: ClassVar[bool] = True  # its cases are candidates of a choice
+    apart: ClassVar[bool] = False  # runs of a study are chosen among alone
+    unit: ClassVar[str] = ""  # words for what is labelled
+    other: ClassVar[str] = ""  # words for runs that another value of `alike` keeps apart
+    meaning: ClassVar[str] = ""  # of the score, in a sentence
+    section_heading: ClassVar[str] = ""  # of its section of the page; empty for ``heading``
+    line: ClassVar[str] = ""  # beside that heading
+    more: ClassVar[str] = ""  # begins names of numbers: of two runs of a system, the page has the one with more of them
+    intervals: ClassVar[bool] = True  # its figure or table on the page has intervals
 
     def __init__(self, key: str, tracked: tuple[str, ...], tag: str = "") -> None:
         self.key, self.tracked, self.tag = key, tracked, tag
@@ -111,10 +102,25 @@ class View:
         """Draw what MLflow's page shows of a run into a folder; ``bench ui`` does it, once."""
 
     def section(self, results: Sequence[Result], folder: Path) -> Section | None:
-        """Accuracy against the level: a figure and a table of comparable systems."""
-        from bench.reports.levels import level_section
+        """A figure and a table of each set of comparable systems."""
+        from bench.reports.contexts import section
 
-        return level_section(self, results, folder)
+        return section(self, results, folder)
+
+    def on_page(self, results: Sequence[Result]) -> Sequence[Measure]:
+        """Columns of the table on the page, after the system."""
+        return self.shows(results)
+
+    def captions(self) -> tuple[str, str]:
+        """Captions of the figure and of the table on the page."""
+        by = f"accuracy by {self.noun or self.key}"
+        return f"{by}; means over subjects, 95 % t-intervals; dotted: captures as they are.", self.heading or by
+
+    def drawn(self, results: Sequence[Result]) -> Figure | None:
+        """The figure on the page: accuracy against the level."""
+        from bench.reports.curves import levels
+
+        return levels(self.key, self.noun or self.key, results)
 
     def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """CSV files of the report, by name: the curves of all systems."""

@@ -13,9 +13,9 @@ from bench.reports.views.base import View
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
     from bench.candidate import Losses
-    from bench.reports.part import Section
     from bench.result import Result
     from bench.table import Table
 
@@ -50,20 +50,18 @@ def _of(part: str, whole: str) -> Any:
 _failing = _of("failing_slices.under", "tested_slices.under")  # of captures as they are, and of damaged ones
 
 
-ON_PAGE = (  # columns of the table of systems on the page, before the worst groups of captures
-    text("system", read=lambda r: r.method),
+ON_PAGE = (  # columns of the table on the page, before the worst groups of captures
     percent("accuracy", "clean %"),
     text("halves", "half of the margin is lost at", read=_halves),
     Measure("failing", "failing of tested groups", _failing),
 )
 CAPTION = (
-    "{}: faults and groups of captures on which each system fails. The number after each fault is the severity "
+    "faults and groups of captures on which each system fails. The number after each fault is the severity "
     "from 1 to 5 at which half of the margin over chance is lost. Groups are subjects, gestures, conditions, "
     "faults and pairs of these; failing groups have an accuracy significantly below that of the system "
-    "(Benjamini-Hochberg). faults.csv has every severity; bench stress writes all groups, and curves over "
-    "severities, training subjects and lengths."
+    "(Benjamini-Hochberg). faults.csv has every severity; bench stress writes all groups, and learning curves."
 )
-HEAT = "{}: Points of accuracy lost under each fault, mean over five severities, worst fault first."
+HEAT = "Points of accuracy lost under each fault, mean over five severities, worst fault first."
 _LOSS = Cost(
     "loss",
     unit="points",
@@ -77,6 +75,10 @@ class Faults(View):
     """A damaged sensor is nothing to choose; its loss is a cost."""
 
     chooses: ClassVar[bool] = False
+    section_heading: ClassVar[str] = "Faults"
+    line: ClassVar[str] = "points of accuracy lost under each fault"
+    more: ClassVar[str] = "loss."
+    intervals: ClassVar[bool] = False
     heading: ClassVar[str] = (
         "Accuracy in percent of clean captures, mean over subjects, and mean loss in points over all faults"
     )
@@ -116,26 +118,23 @@ class Faults(View):
 
         return write_all(results, folder)
 
-    def section(self, results: Sequence[Result], folder: Path) -> Section | None:
-        """The loss under each fault, and where each system fails first."""
+    def on_page(self, results: Sequence[Result]) -> Sequence[Measure]:
+        """Accuracy, where each system fails first, and its worst groups of captures."""
+        worst = dict.fromkeys(name for r in results for name in r.metrics if name.startswith("worst."))
+        return [*ON_PAGE, *(percent(name, name.replace(".", " ")) for name in worst)]
+
+    def captions(self) -> tuple[str, str]:
+        """Captions of the figure and of the table on the page."""
+        return HEAT, CAPTION
+
+    def drawn(self, results: Sequence[Result]) -> Figure | None:
+        """Points lost under each fault; None where there are learning curves alone."""
         import pandas as pd
 
-        from bench.reports.contexts import contexts
-        from bench.reports.fault_curves import heat_map
-        from bench.reports.figures import save
-        from bench.reports.part import Part, Section
-        from bench.table import Table
+        from bench.reports.curves import heat_map
 
-        parts = []
-        for i, (context, members) in enumerate(contexts(results, more="loss."), 1):
-            lost, picture = pd.DataFrame({r.method: losses(r) for r in members}).T, None
-            if lost.size:  # else learning curves alone
-                figure = heat_map(lost, [r.metrics["accuracy"] for r in members], context)
-                picture = save(figure, folder, f"0-stress-{i}", context, HEAT.format(context))
-            worst = dict.fromkeys(name for r in members for name in r.metrics if name.startswith("worst."))
-            columns = [*ON_PAGE, *(percent(name, name.replace(".", " ")) for name in worst)]
-            parts.append(Part(picture, Table(columns, members), CAPTION.format(context)))
-        return Section("Faults", parts, "points of accuracy lost under each fault") if parts else None
+        lost = pd.DataFrame({r.method: losses(r) for r in results}).T
+        return heat_map(lost, [r["accuracy"] for r in results], ", ".join(results[0].context)) if lost.size else None
 
     def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """Accuracy under each fault."""

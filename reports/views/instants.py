@@ -6,28 +6,28 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.measures import Cost, Measure, percent, text
+from bench.measures import Cost, Measure, percent
 from bench.reports.views.base import View
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
     from bench.candidate import Candidate, Wish
-    from bench.reports.part import Section
     from bench.result import Result
 
 CONTEXT = ("system", "data", "synthetic", "subset", "target", "protocol_label")  # of a run, in its tables
-ON_PAGE = (  # columns of the table on the page, after system and times
+ON_PAGE = (  # columns of the table on the page, after the times
     percent("replay_accuracy", "whole"),
     percent("adaptive_accuracy", "adaptive", spare=1),
     Measure("adaptive_ms", "after ms", form=".0f", spare=1),
     Measure("replay_ms", "computing ms p50 / p95", ("replay_ms_p50", "replay_ms_p95")),
 )
 CAPTION = (
-    "{}: accuracy in percent, mean over subjects, after given milliseconds of touch, and with adaptive stopping after "
+    "accuracy in percent, mean over subjects, after given milliseconds of touch, and with adaptive stopping after "
     "a mean time of touch; computing time per decision."
 )
-DRAWN = "{}: Left: accuracy against milliseconds of touch. Right: fixed windows and adaptive stopping."
+DRAWN = "Left: accuracy against milliseconds of touch. Right: fixed windows and adaptive stopping."
 
 
 class Instants(View):
@@ -39,6 +39,8 @@ class Instants(View):
         "stream.after": ("after {} ms", "each"),
     }
     heading: ClassVar[str] = "Accuracy in percent, mean over subjects, against touch seen"
+    section_heading: ClassVar[str] = "Early decisions"
+    line: ClassVar[str] = "accuracy against milliseconds of touch"
     ranked: ClassVar[bool] = True
     score: ClassVar[str] = "replay_accuracy"
     shown: ClassVar[tuple[Measure, ...]] = (
@@ -95,24 +97,22 @@ class Instants(View):
     def figure(self, result: Result, folder: Path) -> None:
         """Draw accuracy against touch seen."""
         from bench.reports.figures import write_svg
-        from bench.reports.streaming import draw
 
-        write_svg(draw([result], self.alike), folder / "streaming.svg")
+        write_svg(self.drawn([result]), folder / "streaming.svg")
 
-    def section(self, results: Sequence[Result], folder: Path) -> Section | None:
-        """Accuracy against touch seen, and the result of stopping at the learned threshold."""
-        from bench.reports.contexts import contexts, scarce
-        from bench.reports.figures import save
-        from bench.reports.part import Part, Section
-        from bench.reports.streaming import draw
-        from bench.table import Table
+    def on_page(self, results: Sequence[Result]) -> Sequence[Measure]:
+        """Accuracy after each time, and of stopping at the learned threshold."""
+        return [*self.seen(results), *ON_PAGE]
 
-        parts = []
-        for i, (context, members) in enumerate(contexts(results, self.alike, self.score), 1):
-            picture = save(draw(members, self.alike), folder, f"0-stream-{i}", context, DRAWN.format(context))
-            columns = [text("system", read=lambda r: r.method), *self.seen(members), *ON_PAGE]
-            parts.append(Part(picture, Table(columns, members), CAPTION.format(context), scarce(members)))
-        return Section("Early decisions", parts, "accuracy against milliseconds of touch") if parts else None
+    def captions(self) -> tuple[str, str]:
+        """Captions of the figure and of the table on the page."""
+        return DRAWN, CAPTION
+
+    def drawn(self, results: Sequence[Result]) -> Figure:
+        """Accuracy against touch seen."""
+        from bench.reports.curves import touch_seen
+
+        return touch_seen(results)
 
     def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """Accuracy by instant of all systems, and of stopping at each threshold where it was learned."""

@@ -10,8 +10,7 @@ import pandas as pd
 
 from bench.intervals import interval
 from bench.measures import Measure, Row, text
-from bench.reports.contexts import scarce
-from bench.reports.part import Part, Section
+from bench.reports.contexts import Part, Section, scarce
 from bench.result import Result, notes_on
 from bench.sentences import sentences
 from bench.table import Table, rows_of

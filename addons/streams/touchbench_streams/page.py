@@ -11,9 +11,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.measures import percent, text
-from bench.reports.contexts import context_words, contexts, scarce
+from bench.reports.contexts import Part, Section, context_words, contexts, scarce
 from bench.reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
-from bench.reports.part import Part, Section
 from bench.result import Result, notes_on
 from bench.sentences import sentences
 from bench.table import Table, rows_of

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bench.candidate import Wish
-    from bench.reports.part import Section
+    from bench.reports.contexts import Section
     from bench.result import Result
     from bench.table import Table
 
