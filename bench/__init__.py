@@ -273,7 +273,7 @@ def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
     from bench.outcomes.frame import grouped
     from bench.outcomes.runs import of_captures
     from bench.reports import latex
-    from bench.reports.comparison import comparison
+    from bench.reports.comparison import scored
     from bench.reports.latex import columns_of, papers, side_by_side
 
     if "run_id" not in runs:
@@ -281,7 +281,7 @@ def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
     results = of_captures(_stored({"run": [*runs["run_id"]]}))
     if paper:
         return side_by_side(papers(results, columns_of(paper)))
-    return latex.latex(comparison(grouped(results)))
+    return latex.latex(scored(grouped(results)))
 
 
 def _stored(values: Mapping[str, object]) -> list:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 from bench.few import INTERVAL, too_few
-from bench.measures import OF_SYSTEMS, OUTPUTS, Cost, Measure, Row, p_value, percent, text, whole
+from bench.measures import OF_SYSTEMS, OUTPUTS, Measure, Row, p_value, percent, text, whole
 
 FIT = "training in a fold, mean over folds, without features and search, on the quiet machine"
 PREDICT = "one capture from raw frames to label, on one thread of the quiet machine: median; `_p95`, `_p99`: quantiles"
@@ -63,14 +62,6 @@ def run_columns(output: str = "") -> list[Measure]:
         *(text(name, shows=csv) for name in ("run_id", "group", "note", "subset", "data", "protocol")),
     ]
     return [measure for measure in every_one if not output or output in measure.shows]
-
-
-def framed(measure: Measure) -> Measure:
-    """The measure, read from a table of numbers that `bench.table.Table.frame` made of the columns of CSV files."""
-    as_stored = isinstance(measure, Cost) and measure.source
-    if as_stored or isinstance(measure.read, tuple) or "csv" not in measure.shows:  # what it reads is there
-        return measure
-    return replace(measure, read=measure.key, scale=None, ends=measure.key if measure.ends else "")
 
 
 def unit_headings(measures: Iterable[Measure]) -> dict[str, str]:

@@ -14,7 +14,7 @@ from typing import Any
 import pandas as pd
 
 from bench import few
-from bench.columns import framed, run_columns, unit_headings
+from bench.columns import run_columns, unit_headings
 from bench.described import definitions
 from bench.measures import Cost, Measure, Row, text
 from bench.outcomes import statistics
@@ -34,6 +34,8 @@ UNITS = unit_headings(m for m in run_columns("csv") if not isinstance(m, Cost)) 
 UNITS |= {end: f"{end} %" for end in ("low", "high")}
 CONTEXT = ["data", "subset", "protocol", "group"]
 TESTED = ("difference", "p_holm")
+WHOLE = {"capture": "whole captures", "window": "single windows"}  # units in headings
+ON_PAGE = [replace(m, heading=f"{m.name} [95 %]") if m.ends else m for m in run_columns("page")]
 ROWS = 100  # of a table on the page; the CSV files hold all
 MACHINE = ("git", "cpu", "threads")
 Tested = tuple[pd.DataFrame, pd.DataFrame]  # accuracies of subjects, and statistics of the systems
@@ -46,15 +48,14 @@ def published() -> pd.DataFrame:
         return pd.read_csv(f, dtype={"system": str}, keep_default_na=True).fillna({"system": "", "nearest_key": ""})
 
 
-def comparison(
+def scored(
     groups: Mapping[str, Sequence[Result]], against: str = "", before: Mapping[str, Tested] | None = None
-) -> pd.DataFrame:
-    """Table with a row per run and way to score it, best first within each data, subset, protocol and unit.
+) -> list[Row]:
+    """A row per run and way to score it, best first within each data, subset, protocol and unit.
 
-    Accuracies, SDs and F1 are in percent. ``accuracy`` is the mean over subjects with its t-interval,
-    ``pooled_accuracy`` is over captures. ``difference`` and ``p_holm`` compare the system with ``against``, or with the
-    best of its group; a system on windows with its captures by mean probability. ``before`` has accuracies of subjects
-    and statistics of groups that are known before.
+    ``difference`` and ``p_holm`` compare the system with ``against``, or with the best of its group; a system on
+    windows with its captures by mean probability. ``before`` has accuracies of subjects and statistics of groups that
+    are known before.
     """
     rows: list[Row] = []
     for group, results in groups.items():
@@ -64,17 +65,29 @@ def comparison(
             for row in views(r):
                 tested = row["combined"] != "majority vote" and row["unit"] == "capture"
                 rows.append({**row, **first, "name": name} | (tests.get(r.system, {}) if tested else {}))
-    measures = run_columns("csv")
-    stored = [Measure(m.source) if isinstance(m, Cost) and m.source else m for m in measures]
-    frame = Table([text("name"), text("system"), *stored], rows).frame()
-    table = frame.rename(columns={"accuracy_low": "low", "accuracy_high": "high"})
+    best: dict[tuple, float] = {}
+    for row in rows:
+        key = (*context_of(row), row["system"])
+        best[key] = max(best.get(key, 0), row["accuracy"])
+    placed = lambda row: -best[*context_of(row), row["system"]]  # noqa: E731
+    return sorted(rows, key=lambda r: (*context_of(r), placed(r), r["system"], seed_number(r["seed"])))
+
+
+def context_of(row: Row) -> tuple[str, ...]:
+    """What rows of one table share."""
+    return tuple(row[name] for name in (*CONTEXT, "unit"))
+
+
+def comparison(rows: Sequence[Row]) -> pd.DataFrame:
+    """The rows of `scored` for a CSV file: accuracies, SDs and F1 in percent.
+
+    ``accuracy`` is the mean over subjects with its t-interval, ``pooled_accuracy`` is over captures.
+    """
+    stored = [Measure(m.source) if isinstance(m, Cost) and m.source else m for m in run_columns("csv")]
+    table = Table([text("name"), text("system"), *stored], rows).frame()
+    table = table.rename(columns={"accuracy_low": "low", "accuracy_high": "high"})
     table = table.reindex(columns=[*dict.fromkeys(["name", "system", "accuracy", "low", "high", *table])])
-    table = table.astype(dict.fromkeys(TESTED, float))  # also where nothing is tested
-    context = [*CONTEXT, "unit"]
-    best = table.groupby([*context, "system"])["accuracy"].transform("max")
-    order = table.assign(best=-best, number=table["seed"].map(seed_number))
-    order = order.sort_values([*context, "best", "system", "number"], kind="stable")
-    return order.drop(columns=["best", "number"]).reset_index(drop=True)
+    return table.astype(dict.fromkeys(TESTED, float))  # also where nothing is tested
 
 
 def _tests(results: Sequence[Result], against: str, tested: Tested | None) -> dict[str, dict[str, object]]:
@@ -104,9 +117,8 @@ def views(result: Result) -> Iterator[Row]:
             **scored,
             "system": result.system,
             "unit": unit,
-            "combined": combined if windowed else "",
+            "combined": combined if windowed else None,
             "seed": result["seed"],
-            "against": "",
             # One decision a capture is its vote.
             "published": _published(result, units if windowed else (*units, "capture vote")),
             "folds": result.folds,
@@ -121,38 +133,31 @@ def _numbers() -> dict[tuple, list]:
     return {key: list(part.itertuples()) for key, part in published().groupby(SAME)}
 
 
-def _published(result: Result, units: Sequence[str]) -> str:
+def _published(result: Result, units: Sequence[str]) -> str | None:
     """Published numbers that may stand beside a row, each with its unit and id.
 
     Systems that depend on the batch or use conditions have none: their marked names match no published system.
     """
     if result["synthetic"] == "true":
-        return ""
+        return None
     same = _numbers().get((*(result[k.removesuffix("_key")] for k in SAME[:-1]), result.system), [])
-    return "; ".join(f"{r.accuracy:g} ({r.unit_key}, {r.id})" for r in same if r.unit_key in units)
+    return "; ".join(f"{r.accuracy:g} ({r.unit_key}, {r.id})" for r in same if r.unit_key in units) or None
 
 
-def shown(table: pd.DataFrame, remarks: list[list[str]], groups: list[str]) -> Table:
-    """The same for the page."""
-    rows = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}).replace({"": None}))
-    measures = [framed(measure) for measure in run_columns("page")]
-    measures = [replace(m, heading=f"{m.name} [95 %]") if m.ends else m for m in measures]
-    return Table([text("name", "system"), *measures], rows, remarks=remarks, groups=groups)
-
-
-def runs_section(table: pd.DataFrame, order: list[str]) -> dict[str, Any]:
+def runs_section(rows: Sequence[Row], order: list[str]) -> dict[str, Any]:
     """Every tracked run and unit, as far as the page has room, and the groups with few subjects."""
-    table = table.sort_values("group", key=lambda names: names.map(order.index), kind="stable")
-    together = table["group"] + table["unit"].map({"capture": ", whole captures", "window": ", single windows"})
-    each = max(1, ROWS // together.nunique()) if len(table) > ROWS else len(table)
-    kept = table.groupby(together, sort=False).head(each)
-    remarks = [notes_on(str(row["system"]), str(row["data"])) + busy(row) for row in rows_of(kept)]
-    scarce = table.loc[table["subjects"] < few.INTERVAL].drop_duplicates("group")
+    rows = sorted(rows, key=lambda row: order.index(row["group"]))
+    heads = pd.Series([f"{row['group']}, {WHOLE[row['unit']]}" for row in rows])
+    each = max(1, ROWS // heads.nunique()) if len(rows) > ROWS else len(rows)
+    heads = heads.groupby(heads, sort=False).head(each)
+    kept = [rows[i] for i in heads.index]
+    remarks = [notes_on(row["system"], str(row["data"])) + busy(row) for row in kept]
+    scarce = {row["group"]: int(row["subjects"]) for row in rows[::-1] if row["subjects"] < few.INTERVAL}
     return {
-        "table": shown(kept, remarks, [*together[kept.index]]),
-        "few": [f"{row.group}. {few.too_few(int(row.subjects))}" for row in scarce.itertuples()],
-        "definitions": definitions(kept["system"]),
-        "all": len(table),
+        "table": Table([text("name", "system"), *ON_PAGE], kept, remarks=remarks, groups=[*heads]),
+        "few": [f"{group}. {few.too_few(scarce[group])}" for group in order if group in scarce],
+        "definitions": definitions(pd.Series([row["system"] for row in kept])),
+        "all": len(rows),
         "each": each,
     }
 

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from math import nan
 from statistics import mean
 from typing import Any
@@ -14,17 +15,17 @@ import numpy as np
 import pandas as pd
 
 from bench import few
-from bench.columns import framed, run_columns, unit_headings
+from bench.columns import run_columns, unit_headings
 from bench.described import definitions
 from bench.errors import InputError, nearest
-from bench.measures import Cost, Measure, percent, text
+from bench.measures import Cost, Measure, known, percent, text
 from bench.outcomes.frame import by_subject
+from bench.reports.comparison import context_of
 from bench.reports.contexts import busy
-from bench.result import MARK, MIXED, MIXED_MARK, Result, notes_on
+from bench.result import MARK, MIXED, MIXED_MARK, Result, Row, notes_on
 from bench.sentences import sentences
-from bench.table import Table, rows_of
+from bench.table import Table
 
-TOGETHER = ("data", "subset", "protocol", "unit", "group")  # rows that may stand in one table
 ESCAPED = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
@@ -61,10 +62,10 @@ class Paper:
     notes: list[str]
 
 
-def latex(table: pd.DataFrame) -> str:
-    """The rows of `bench.reports.comparison.comparison`, a table for each of `TOGETHER`."""
-    parts = table.groupby([name for name in TOGETHER if name in table], sort=False)
-    return _headed("corpus, subset, protocol and unit", [_one(part, i) for i, (_, part) in enumerate(parts, 1)])
+def latex(rows: Sequence[Row]) -> str:
+    """The rows of `bench.reports.comparison.scored`, a table for all that may be compared."""
+    parts = [[*part] for _, part in groupby(rows, context_of)]
+    return _headed("corpus, subset, protocol and unit", [_one(part, i) for i, part in enumerate(parts, 1)])
 
 
 def side_by_side(made: Sequence[Paper]) -> str:
@@ -85,15 +86,14 @@ def escaped(words: object) -> str:
     return "".join(ESCAPED.get(c, c) for c in " ".join(str(words).split()) if c.isprintable())
 
 
-def _one(part: pd.DataFrame, position: int) -> str:
+def _one(part: Sequence[Row], position: int) -> str:
     """One table, its best accuracy in bold."""
-    rows = rows_of(part.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
-    table = Table([text("system", read=_named), *map(framed, run_columns("latex"))], rows)
+    table = Table([text("system", read=_named), *run_columns("latex")], part)
     cells = table.shown().rename(columns={m.name: HEADINGS.get(m.key, m.name) for m in table.columns})
-    compared = ~part["system"].astype(str).str.endswith(MARK)
-    best = compared & (part["accuracy"] == part["accuracy"][compared].max()) & (len(part) > 1)
-    names, values = _classifiers(part["system"].astype(str))
-    return values + _written(cells, {HEADINGS["accuracy"]: best.to_numpy()}, _caption(part, names), f"{position}")
+    compared = [not row["system"].endswith(MARK) and row["accuracy"] for row in part]
+    best = np.array(compared) == max(compared) if len(part) > 1 else np.zeros(1, bool)
+    names, values = _classifiers(row["system"] for row in part)
+    return values + _written(cells, {HEADINGS["accuracy"]: best}, _caption(part, names), f"{position}")
 
 
 def _side_by_side(one: Paper, position: int) -> str:
@@ -133,38 +133,38 @@ def _written(cells: pd.DataFrame, best: Mapping[Any, np.ndarray], caption: str, 
     return text.replace(r"\begin{tabular}", FITTED + r"\begin{tabular}").replace(r"\end{tabular}", r"\end{tabular}}")
 
 
-def _caption(part: pd.DataFrame, names: Sequence[str]) -> str:
+def _caption(part: Sequence[Row], names: Sequence[str]) -> str:
     """Data, subset, protocol, unit, number of captures and subjects, and what the numbers are."""
-    one, data = part.iloc[0], str(part["data"].iloc[0])
-    corpus = re.search(r"corpus [0-9a-f]+$", str(one.get("group", "")))
+    one, data = part[0], part[0]["data"]
+    corpus = re.search(r"corpus [0-9a-f]+$", one["group"])
     subset = "all captures" if one["subset"] == "all" else f"captures with {one['subset']}"
-    against = [name for name in part.get("against", []) if name]
-    notes = [note.rstrip(".") for system in part["system"] for note in notes_on(str(system), data)]
+    known_of = lambda name: [value for row in part if (value := known(row.get(name))) is not None]  # noqa: E731
+    subjects = sorted({int(n) for n in known_of("subjects")})
     words = sentences(
         *("bench.reports", "sentences", "caption"),
         where=f"{data}{f' ({corpus[0]})' if corpus else ''}, {subset}, {one['protocol']}",
-        captures=_numbers(part["captures"]),
-        subjects=_numbers(part["subjects"]),
+        captures=_numbers(known_of("captures")),
+        subjects=_numbers(subjects),
         synthetic="(synthetic)" in data,
         unit=one["unit"],
-        interval=part["low"].notna().any(),
-        few=[few.too_few(n) for n in sorted({int(n) for n in part["subjects"].dropna()}) if n < few.TEST],
-        timed="predict_ms_p50" in part,
-        busy=[*dict.fromkeys(note for row in rows_of(part) for note in busy(row))],
-        against=against[0] if against and part["p_holm"].notna().any() else "",
+        interval=bool(known_of("accuracy_low")),
+        few=[few.too_few(n) for n in subjects if n < few.TEST],
+        timed=bool(known_of("predict_ms_p50")),
+        busy=[*dict.fromkeys(note for row in part for note in busy(row))],
+        against=next(iter(known_of("against")), "") if known_of("p_holm") else "",
         classifiers=names,
-        notes=[*dict.fromkeys(notes)],
+        notes=[*dict.fromkeys(note.rstrip(".") for row in part for note in notes_on(row["system"], data))],
     )
     return escaped(" ".join(words)).replace(r"95 \%", r"95\,\%")
 
 
-def _numbers(column: pd.Series) -> str:
+def _numbers(values: Sequence[float]) -> str:
     """A number that all rows share, or from which to which they go."""
-    values = sorted({int(n) for n in column.dropna()})
-    return " to ".join(dict.fromkeys(map(str, (values[0], values[-1])))) if values else "an unknown number of"
+    ends = dict.fromkeys(f"{end(values):.0f}" for end in (min, max)) if values else ["an unknown number of"]
+    return " to ".join(ends)
 
 
-def _named(row: dict) -> str:
+def _named(row: Row) -> str:
     """A run with what makes its row another one: failed folds, how windows are combined."""
     done, _, folds = str(row.get("folds", "")).partition("/")
     words = [str(row["name"]), f"{row['folds']} folds" if folds and done != folds else "", row.get("combined") or ""]

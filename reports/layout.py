@@ -10,11 +10,11 @@ import itertools
 import re
 from base64 import b64encode
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
 
-from jinja2 import pass_eval_context
+from jinja2 import Environment, pass_eval_context
 from jinja2.nodes import EvalContext
 from markupsafe import Markup
 
@@ -55,12 +55,18 @@ def _filled(
     template: str | Path, form: str, values: dict[str, object], drawing: Callable[[Picture], Markup] | None = None
 ) -> str:
     """A template filled in, in one of the two forms; ``drawing`` embeds a figure."""
-    env = environment(ROOM / "templates", Path(template).parent, html=form == "html")
+    path = Path(template)
+    env = _environment(path.parent, form)
     count = itertools.count(1)
-    env.globals |= {"form": form, "next_number": lambda: next(count)}
-    env.filters |= {"anchor": slug, "md": md_escape, "code": _code, "svg": drawing}
-    env.filters["sentence"] = _sentence
-    return env.get_template(Path(template).name).render(values)
+    env.filters["svg"] = drawing
+    return env.get_template(path.name).render(values, form=form, next_number=lambda: next(count))
+
+
+@cache  # a page has dozens of charts, and a template takes longer to read than to fill in
+def _environment(folder: Path, form: str) -> Environment:
+    env = environment(ROOM / "templates", folder, html=form == "html")
+    env.filters |= {"anchor": slug, "md": md_escape, "code": _code, "sentence": _sentence}
+    return env
 
 
 @pass_eval_context

@@ -23,7 +23,7 @@ from bench.registry import imported, load, names, views
 from bench.reports import history, ledger, over_corpora
 from bench.reports.bundle import Bundle
 from bench.reports.chart import cost_chart, marks
-from bench.reports.comparison import UNITS, comparison, provenance, provenance_section, published, runs_section
+from bench.reports.comparison import UNITS, comparison, provenance, provenance_section, published, runs_section, scored
 from bench.reports.contexts import Part, Section, listed, noted
 from bench.reports.details import pictures
 from bench.reports.figures import Picture
@@ -33,7 +33,7 @@ from bench.reports.live import packed
 from bench.reports.papers import against as beside_papers
 from bench.reports.papers import best_published, published_section, yours
 from bench.reports.summary import Chart, Summary, labels, largest_groups, summary_of
-from bench.result import MARKED, Result, notes_on, several
+from bench.result import MARKED, Result, Row, notes_on, several
 from bench.scratch import owner, sweep
 from bench.store import Store
 from bench.table import write_sheet
@@ -93,7 +93,8 @@ def _write(
     largest, left_out = largest_groups(groups)
     summaries = summarised(largest, results, budgets, against, figures)
     ranked = over_corpora.rankings(groups)
-    tables = csv_tables(groups, results, summaries, ranked, against)
+    rows = scored(groups, against, {group.name: (group.subjects, group.rows) for group in summaries})
+    tables = csv_tables(groups, results, summaries, ranked, rows)
     over_revisions, tables["history"] = history.section(revisions or [], figures)
     if revisions is not None and over_revisions is None:
         warn("warning: history=yes: no system has complete runs of several revisions")
@@ -117,7 +118,7 @@ def _write(
         "unmeasured": unmeasured(results, next((group.arguments for group in summaries if group.arguments), "")),
         "published": published_section(pd.concat([tables["published"], yours(runs)], ignore_index=True)),
         "few": few.INTERVAL,
-        "runs": runs_section(tables["comparison"], [*largest, *left_out]) if runs else None,
+        "runs": runs_section(rows, [*largest, *left_out]) if runs else None,
         "provenance": provenance_section(shown_runs, tables["provenance"]),
     }
     tables = {name: table for name, table in tables.items() if (runs and name != "history") or len(table)}
@@ -125,7 +126,7 @@ def _write(
     tables |= {"protocols": of_protocols} if len(of_protocols) else {}
     for name, table in tables.items():
         write_sheet(table.rename(columns=UNITS) if name == "comparison" else table, folder / f"{name}.csv")
-    texts = {"comparison.tex": latex(tables["comparison"]), "paper.tex": side_by_side(made)} if runs else {}
+    texts = {"comparison.tex": latex(rows), "paper.tex": side_by_side(made)} if runs else {}
     texts["comparison.md"] = markdown("report.jinja", **values)
     texts["index.html"] = page("report.jinja", script="page.js", **values)
     for name, text in texts.items():
@@ -172,7 +173,7 @@ def csv_tables(
     results: Sequence[Result],
     summaries: Sequence[Summary],
     ranked: Mapping[str, pd.DataFrame],
-    against: str,
+    rows: Sequence[Row],
 ) -> dict[str, pd.DataFrame]:
     """The tables of the CSV files by name, with footnotes."""
 
@@ -181,9 +182,8 @@ def csv_tables(
         return pd.concat([pd.DataFrame(columns=columns or None), *parts], ignore_index=True)
 
     of_views = {name: table for view, members in shown(results) for name, table in view.sheets(members).items()}
-    tested = {group.name: (group.subjects, group.rows) for group in summaries}
     tables = {name: table for name, table in of_views.items() if len(table)} | {
-        "comparison": comparison(groups, against, tested),
+        "comparison": comparison(rows),
         "published": beside_papers([r for members in groups.values() for r in members]),
         "statistics": together({group.name: group.rows for group in summaries}),
         "pairs": together({group.name: group.pairs for group in summaries}),

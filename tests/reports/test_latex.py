@@ -18,9 +18,10 @@ from tests.results import evaluated, with_hits
 
 def row(system, accuracy, **more):
     about = {"data": "my_arm", "subset": "a < 50 % #1", "protocol": "LOSO", "group": "g", "unit": "capture"}
-    numbers = {"low": 40.04, "high": 60.06, "subject_sd": 2.0, "macro_f1": 49.9, "flash_bytes": 4000, "p_holm": np.nan}
-    counts = {"captures": 48, "subjects": 4, "folds": "4/4", "seed": "0", "against": "", "combined": ""}
-    named = {"name": system, "system": system, "accuracy": accuracy, "predict_ms_p50": 1.5}
+    numbers = {"accuracy_low": 0.4004, "accuracy_high": 0.6006, "subject_sd": 0.02, "macro_f1": 0.499}
+    numbers |= {"flash_bytes": 4000, "predict_ms_p50": 1.5}
+    counts = {"captures": 48, "subjects": 4, "folds": "4/4", "seed": "0"}
+    named = {"name": system, "system": system, "accuracy": accuracy / 100}
     return named | about | numbers | counts | more
 
 
@@ -41,9 +42,9 @@ def test_each_comparison_is_a_table_with_its_numbers_its_best_and_its_p():
         row(f"a {MARK}", 90.0),
         row("b & co_1 · x", 85.04, name="b & co_1 · x, seed 3", combined="majority vote"),
         row("c", 80.0, p_holm=0.0004, against="b & co_1 · x", folds="3/4"),
-        row("d", 70.0, unit="window", low=np.nan, high=np.nan, data="x (synthetic)"),
+        row("d", 70.0, unit="window", accuracy_low=np.nan, accuracy_high=np.nan, data="x (synthetic)"),
     ]
-    (caption, captures), (other, windows) = tables_of(latex(pd.DataFrame(rows)))
+    (caption, captures), (other, windows) = tables_of(latex(rows))
     names = [r"a $^\dagger$", r"b \& co\_1 $\cdot$ x, seed 3, majority vote", "c, 3/4 folds"]
     assert [r["system"] for r in captures] == names and [r["system"] for r in windows] == ["d"]
     shown = ["90.0 [40.0, 60.1]", r"\textbf{85.0 [40.0, 60.1]}", "80.0 [40.0, 60.1]"]
@@ -94,7 +95,7 @@ def test_text_is_escaped_and_control_characters_are_gone():
     )
     assert escaped("a\nb\x1bc\u202e") == "a bc"
     for letter, first in (("é", "% One table"), ("λ", "% Letters beyond Latin: needs lualatex")):
-        assert latex(pd.DataFrame([row(letter, 50.0)] * 2)).startswith(first)
+        assert latex([row(letter, 50.0)] * 2).startswith(first)
 
 
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")
@@ -111,7 +112,7 @@ def test_tables_compile_and_fit_a_page():
     (caption,) = re.findall(r"\\caption\{(.*)\}\n", side)
     assert "tried=" not in caption and "tried=0" in side and r"\begin{table*}" in side
     assert r"\begin{table}" in side_by_side(papers(runs[:1], ["accuracy"]))  # takes one of two columns
-    one = latex(pd.DataFrame([row("a \\ { } \" ' ` ~ ^ < > | $ % # _ &", 50.0)] * 2))
+    one = latex([row("a \\ { } \" ' ` ~ ^ < > | $ % # _ &", 50.0)] * 2)
     for columns in ("onecolumn", "twocolumn"):
         head = rf"\documentclass[a4paper,{columns}]{{article}}\usepackage{{booktabs,graphicx}}"
         head += r"\usepackage[textwidth=16cm]{geometry}"

@@ -25,7 +25,7 @@ from bench.outcomes.frame import grouped
 from bench.registry import views
 from bench.reports import page
 from bench.reports.chart import marks
-from bench.reports.comparison import comparison, published, shown
+from bench.reports.comparison import comparison, published, runs_section, scored
 from bench.reports.live import packed
 from bench.reports.summary import summary_of
 from bench.result import BATCH, CONDITIONS, MARK
@@ -197,14 +197,15 @@ def test_the_footnote_of_reflex_stands_wherever_it_is_compared_on_haart(quick, s
 
 def test_numbers_are_those_of_the_predictions():
     one = evaluated("a", table := made_up(5, windows=3, seed=4), cost=2.0)
-    table_of_both = comparison({"g": [one]})
-    row = table_of_both.set_index("combined").loc["mean probability"]
+    rows = scored({"g": [one]})
+    row = comparison(rows).set_index("combined").loc["mean probability"]
     probabilities = table.groupby("capture")[["p_pat", "p_rub", "p_tap"]].mean()
     hit = probabilities.idxmax(axis=1).str[2:] == table.groupby("capture")["true"].first()
     assert row["pooled_accuracy"] == pytest.approx(100 * hit.mean()) and row["low"] <= row["accuracy"] <= row["high"]
     people = hit.groupby(probabilities.index // 100).mean()
     assert row[["accuracy", "subject_sd"]].tolist() == pytest.approx([100 * people.mean(), 100 * people.std()])
-    on_page = {each["windows combined by"]: each for each in shown(table_of_both, [], []).texts}["mean probability"]
+    texts = runs_section(rows, ["g"])["table"].texts
+    on_page = {each["windows combined by"]: each for each in texts}["mean probability"]
     assert on_page["accuracy % [95 %]"] == f"{row['accuracy']:.1f} [{row['low']:.1f}, {row['high']:.1f}]"
     assert on_page["SD"] == f"{100 * people.std():.1f}"
     assert (row["flash_bytes"], row["fit_seconds"], row["captures"], row["subjects"]) == (8000, 6, 60, 5)
