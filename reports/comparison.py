@@ -117,7 +117,7 @@ def views(result: Result) -> Iterator[Row]:
             **scored,
             "system": result.system,
             "unit": unit,
-            "combined": combined if windowed else None,
+            "combined": (windowed and combined) or None,
             "seed": result["seed"],
             # One decision a capture is its vote.
             "published": _published(result, units if windowed else (*units, "capture vote")),

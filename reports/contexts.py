@@ -52,8 +52,9 @@ def section(view: View, results: Sequence[Result], folder: Path) -> Section | No
         if figure is not None:
             picture = save(figure, folder, f"0-{view.key}-{i}", context, f"{context}: {drawn}")
         columns = [text("system", read=lambda r: r.method), *view.on_page(members)]
+        remarks = [notes_on(r["system"], str(r["data"])) for r in members]
         sentences = scarce(members) if view.intervals else []
-        parts.append(Part(picture, Table(columns, members), f"{context}: {caption}", sentences))
+        parts.append(Part(picture, Table(columns, members, remarks=remarks), f"{context}: {caption}", sentences))
     heading = view.section_heading or view.heading or view.noun.capitalize() or view.key
     return Section(heading, parts, view.line) if parts else None
 

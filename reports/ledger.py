@@ -43,7 +43,7 @@ PRINTED = (
 )
 NAMES = "data subset system protocol key mixes_subjects accuracy accuracy_low accuracy_high points".split()
 NAMES += "points_low points_high p place subjects".split()  # columns of `ledger`
-Under = dict[str, pd.DataFrame]  # accuracy in percent [systems, subjects] by protocol in words
+Under = dict[str, tuple[Result, pd.DataFrame]]  # a run, and accuracy in percent [systems, subjects], by protocol in words
 
 
 def sets_of(results: Sequence[Result]) -> list[list[Result]]:
@@ -55,11 +55,13 @@ def sets_of(results: Sequence[Result]) -> list[list[Result]]:
 
 
 def under(members: Sequence[Result]) -> Under:
-    """Accuracies of people under each protocol, the one with the highest mean accuracy first."""
-    labels = dict.fromkeys(str(r["protocol_label"]) for r in members)
-    tables = {label: by_subject([r for r in members if r["protocol_label"] == label])[0] for label in labels}
-    full = [(label, table) for label, table in tables.items() if table.size]  # a table may be gone from the store
-    return dict(sorted(full, key=lambda item: -item[1].to_numpy(float).mean()))
+    """Accuracies of people under each protocol, and its first run, the protocol with the highest mean accuracy first."""
+    runs: dict[str, list[Result]] = {}
+    for r in members:
+        runs.setdefault(str(r["protocol_label"]), []).append(r)
+    found = [(label, each[0], by_subject(each)[0]) for label, each in runs.items()]
+    full = sorted((one for one in found if one[2].size), key=lambda one: -one[2].to_numpy(float).mean())
+    return {label: (first, table) for label, first, table in full}  # a table may be gone from the store
 
 
 def gains(table: pd.DataFrame, base: pd.DataFrame) -> pd.DataFrame:
@@ -68,15 +70,9 @@ def gains(table: pd.DataFrame, base: pd.DataFrame) -> pd.DataFrame:
     return (table.loc[systems, people] - base.loc[systems, people]).round(9)
 
 
-def named_by(members: Sequence[Result]) -> dict[str, Result]:
-    """The first run of each protocol, by its words."""
-    return {str(r["protocol_label"]): r for r in reversed(members)}
-
-
-def base_of(members: Sequence[Result], tables: Under) -> pd.DataFrame:
+def base_of(tables: Under) -> pd.DataFrame:
     """Accuracies under LOSO; an empty table if it was not run."""
-    labels = (label for label, r in named_by(members).items() if r["protocol_name"] == BASE)
-    return tables.get(next(labels, ""), pd.DataFrame())
+    return next((table for first, table in tables.values() if first["protocol_name"] == BASE), pd.DataFrame())
 
 
 def ledger(results: Sequence[Result]) -> pd.DataFrame:
@@ -94,11 +90,11 @@ def ledger(results: Sequence[Result]) -> pd.DataFrame:
 
 def _rows(members: Sequence[Result], tables: Under) -> pd.DataFrame:
     """The rows of one set."""
-    rows, first = [], named_by(members)
-    base, (data, subset, _) = base_of(members, tables), members[0].context
-    for label, table in tables.items():
-        about = {"data": data, "subset": subset, "protocol": label, "key": first[label]["protocol"]}
-        about |= {"mixes_subjects": first[label].mixed}
+    rows = []
+    base, (data, subset, _) = base_of(tables), members[0].context
+    for label, (first, table) in tables.items():
+        about = {"data": data, "subset": subset, "protocol": label, "key": first["protocol"]}
+        about |= {"mixes_subjects": first.mixed}
         points = gains(table, base)
         for place, (system, people) in enumerate(table.iterrows(), 1):
             low, high = np.clip(statistics.interval(people.to_numpy(float)), 0, 100)
@@ -125,13 +121,13 @@ def explained(members: Sequence[Result], tables: Under) -> pd.DataFrame:
     These are the mean of all systems of the set that were run under both, with a 95 % t-interval over people: 0 for
     LOSO, NaN where the protocol of a number is unknown or was not run. No rows without runs under LOSO.
     """
-    base, found = base_of(members, tables), {BASE: (0.0, np.nan, np.nan)}
+    base, found = base_of(tables), {BASE: (0.0, np.nan, np.nan)}
     if base.empty:
         return pd.DataFrame()
-    for label, r in named_by(members).items():
-        if r["protocol_name"] != BASE and (points := gains(tables.get(label, pd.DataFrame()), base)).size:
+    for first, table in tables.values():
+        if first["protocol_name"] != BASE and (points := gains(table, base)).size:
             people = points.mean(axis=0).to_numpy(float)
-            found.setdefault(r["protocol_name"], (float(people.mean()), *statistics.interval(people)))
+            found.setdefault(first["protocol_name"], (float(people.mean()), *statistics.interval(people)))
     rows = []
     for paper in printed_on(members[0]["data"]).itertuples():
         key, stated = paper.key, paper.protocol_key != "other"

@@ -33,7 +33,7 @@ from bench.reports.live import packed
 from bench.reports.papers import against as beside_papers
 from bench.reports.papers import best_published, published_section, yours
 from bench.reports.summary import Chart, Summary, labels, largest_groups, summary_of
-from bench.result import MARKED, Result, Row, notes_on, several
+from bench.result import MARKED, Result, Row, several
 from bench.scratch import owner, sweep
 from bench.store import Store
 from bench.table import write_sheet
@@ -220,17 +220,9 @@ def sections(
     joined: dict[str, Section] = {}
     for section in [*filter(None, made), *filter(None, [over_corpora.section(ranked)])]:
         before = joined.get(section.heading, Section(section.heading))
-        parts, line = [*before.parts, *map(_noted, section.parts)], f"{section.line} {before.line}".strip()
+        parts, line = [*before.parts, *section.parts], f"{section.line} {before.line}".strip()
         joined[section.heading] = replace(section, parts=parts, line=line)
     return [*joined.values()]
-
-
-def _noted(part: Part) -> Part:
-    """A part whose table of results has the footnotes of their systems."""
-    if part.table is None or not all(isinstance(row, Result) for row in part.table.rows):
-        return part
-    remarks = [notes_on(row["system"], str(row["data"])) for row in part.table.rows]
-    return replace(part, table=replace(part.table, remarks=remarks))
 
 
 def unmeasured(results: Sequence[Result], arguments: str) -> list[tuple[str, str]]:
