@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import pandas as pd
 
@@ -16,9 +16,6 @@ from bench.reports.figures import Picture, save
 from bench.result import Result, Row, notes_on, seed_number, shared
 from bench.table import Table
 from bench.words import BUSY
-
-if TYPE_CHECKING:
-    from bench.reports.views.base import View
 
 CONTEXTS = 3  # captures-and-protocol groups that are drawn
 METHODS = 10  # of a context
@@ -43,8 +40,8 @@ class Section:
     line: str = ""  # beside the heading, while the section is closed
 
 
-def section(view: View, results: Sequence[Result], folder: Path) -> Section | None:
-    """The figure and the table of a view, for each set of comparable results that it holds."""
+def section(view: Any, results: Sequence[Result], folder: Path) -> Section | None:
+    """The figure and the table of a `View`, for each set of comparable results that it holds."""
     parts = []
     drawn, caption = view.captions()
     for i, (context, members) in enumerate(contexts(results, view.alike, view.score, view.more), 1):

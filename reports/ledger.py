@@ -43,7 +43,7 @@ PRINTED = (
 )
 NAMES = "data subset system protocol key mixes_subjects accuracy accuracy_low accuracy_high points".split()
 NAMES += "points_low points_high p place subjects".split()  # columns of `ledger`
-Under = dict[str, tuple[Result, pd.DataFrame]]  # a run, and accuracy in percent [systems, subjects], by protocol in words
+Under = dict[str, tuple[Result, pd.DataFrame]]  # by protocol: a run, and accuracy in percent [systems, subjects]
 
 
 def sets_of(results: Sequence[Result]) -> list[list[Result]]:
@@ -55,7 +55,7 @@ def sets_of(results: Sequence[Result]) -> list[list[Result]]:
 
 
 def under(members: Sequence[Result]) -> Under:
-    """Accuracies of people under each protocol, and its first run, the protocol with the highest mean accuracy first."""
+    """The first run under each protocol and accuracies of people, the highest mean accuracy first."""
     runs: dict[str, list[Result]] = {}
     for r in members:
         runs.setdefault(str(r["protocol_label"]), []).append(r)

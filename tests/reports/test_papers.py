@@ -56,7 +56,8 @@ def test_which_run_stands_beside_which_number():
         len(section["here"]) + len(section["away"]) == len(table)
         and "a sheared skin, which have" in section["elsewhere"]
     )
-    shown = comparison(scored(grouped(results))).groupby(["data", "system"])["published"].agg(lambda each: {*each.dropna()})
+    beside_ours = comparison(scored(grouped(results))).groupby(["data", "system"])["published"]
+    shown = beside_ours.agg(lambda each: {*each.dropna()})
     assert shown[("haart", "ta2015_rf")] == {"70.91 (capture, ta2015-haart-test)"}
     assert shown[("synth (synthetic)", "ta2015_rf")] == set() == shown[("haart", "hughes2017_cnn[epochs=3]")]
 
