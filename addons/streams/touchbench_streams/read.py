@@ -9,7 +9,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.limits import called, check_file, plain, quoted, short
-from bench.corpora.read.rows import Rows, changes, without_categories
+from bench.corpora.read.rows import Table, changes, without_categories
 from bench.corpora.read.table import check_scales, described, rows_of, size_of
 from bench.errors import InputError
 from touchbench_streams.recordings import Recordings, captures_in, events_of
@@ -71,7 +71,7 @@ def _gestures(column: pd.Series, name: str) -> np.ndarray:
     return column.astype("string").fillna("").to_numpy(dtype=object)
 
 
-def _starts(rows: Rows, frame: np.ndarray | None) -> np.ndarray:
+def _starts(rows: Table, frame: np.ndarray | None) -> np.ndarray:
     """Rows at which recordings begin, int64 [recordings]."""
     labels = rows.labels
     changed = {name: changes(labels[name]) for name in labels}

@@ -11,9 +11,8 @@ import re
 import unicodedata
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, Self
 
 import numpy as np
 import pandas as pd
@@ -48,14 +47,54 @@ _TEXT = (kinds.is_string, kinds.is_large_string, kinds.is_binary, kinds.is_large
 _WIDTHS = {"BOOLEAN": 1, "INT32": 4, "FLOAT": 4, "INT96": 12, "BYTE_ARRAY": 32}  # bytes of a value in memory
 
 
-@dataclass
-class Rows:
-    """Rows of a table."""
+def changes(column: pd.Series) -> np.ndarray:
+    """Whether each row differs from the one before, bool [rows]; the first does not."""
+    codes = pd.factorize(column)[0]
+    return np.append(False, codes[1:] != codes[:-1])
 
-    labels: pd.DataFrame  # all columns but the channels in file order, text as categories
-    values: np.ndarray  # of sensors [rows, channels], uint16 when all are whole and fit, else float32
+
+def without_categories(captures: pd.DataFrame) -> pd.DataFrame:
+    """Text instead of categories: plain columns are what a query wants."""
+    for column in captures:
+        if isinstance(captures[column].dtype, pd.CategoricalDtype):
+            captures[column] = captures[column].cat.categories.astype(str).take(captures[column].cat.codes)
+    return captures
+
+
+class Table:
+    """A table with one frame per row; subclasses give the rows in batches."""
+
+    columns: list[str]  # without spaces around them
+    header: str  # beginning of messages about columns
     where: str  # the table and the word for a row in messages: "my.csv, line"
-    first: int  # number of the first row
+    first = 1  # number of the first row
+    labels: pd.DataFrame  # once read: all columns but the channels in file order, text as categories
+    values: np.ndarray  # once read: of sensors [rows, channels], uint16 when all are whole and fit, else float32
+
+    def batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
+        """Rows; of text each word once (a dictionary), so that a long one that is repeated is not multiplied."""
+        raise NotImplementedError
+
+    def read(self, channels: list[str], full_scale: float, blank: str = "") -> Self:
+        """Read all rows, the values of the channels in this order; in the column ``blank`` cells may be empty."""
+        check_conditions(len(self.columns) - len(channels), self.header)
+        labels: dict[str, list[pa.Array]] = {}
+        blocks, first = [], self.first
+        for batch in self.batches(channels):
+            columns = dict(zip(self.columns, batch.columns, strict=True))
+            sensors = [columns.pop(name).to_numpy(zero_copy_only=False) for name in channels]  # a gap becomes NaN
+            for name, column in zip(channels, sensors, strict=True):
+                check(column[:, None], full_scale, self.where, first, [name])
+            block = np.stack(sensors, axis=1)
+            blocks.append(block.astype(smallest(block)))
+            for name, column in columns.items():
+                labels.setdefault(name, []).append(column)
+            first += len(batch)
+        if not blocks:
+            raise InputError(f"{self.where.partition(',')[0]}: there are no frames in it; give one row per frame")
+        table = {name: self._joined(pa.chunked_array(parts), name, name == blank) for name, parts in labels.items()}
+        self.labels, self.values = pd.DataFrame(table), np.concatenate(blocks)
+        return self
 
     def refuse(self, row: int, reason: str) -> NoReturn:
         """End with a message about a row."""
@@ -100,53 +139,6 @@ class Rows:
     def refuse_step(self, row: int, frame: np.ndarray) -> NoReturn:
         """End with a message about a frame that does not follow the one before."""
         self.refuse(row, f"frame {frame[row]} follows frame {frame[row - 1]}; restore the frames or renumber them")
-
-
-def changes(column: pd.Series) -> np.ndarray:
-    """Whether each row differs from the one before, bool [rows]; the first does not."""
-    codes = pd.factorize(column)[0]
-    return np.append(False, codes[1:] != codes[:-1])
-
-
-def without_categories(captures: pd.DataFrame) -> pd.DataFrame:
-    """Text instead of categories: plain columns are what a query wants."""
-    for column in captures:
-        if isinstance(captures[column].dtype, pd.CategoricalDtype):
-            captures[column] = captures[column].cat.categories.astype(str).take(captures[column].cat.codes)
-    return captures
-
-
-class Table:
-    """A table with one frame per row; subclasses give the rows in batches."""
-
-    columns: list[str]  # without spaces around them
-    header: str  # beginning of messages about columns
-    where: str  # as of `Rows`
-    first = 1
-
-    def batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
-        """Rows; of text each word once (a dictionary), so that a long one that is repeated is not multiplied."""
-        raise NotImplementedError
-
-    def read(self, channels: list[str], full_scale: float, blank: str = "") -> Rows:
-        """All rows, with the values of the channels in this order; in the column ``blank`` cells may be empty."""
-        check_conditions(len(self.columns) - len(channels), self.header)
-        labels: dict[str, list[pa.Array]] = {}
-        blocks, first = [], self.first
-        for batch in self.batches(channels):
-            columns = dict(zip(self.columns, batch.columns, strict=True))
-            sensors = [columns.pop(name).to_numpy(zero_copy_only=False) for name in channels]  # a gap becomes NaN
-            for name, column in zip(channels, sensors, strict=True):
-                check(column[:, None], full_scale, self.where, first, [name])
-            block = np.stack(sensors, axis=1)
-            blocks.append(block.astype(smallest(block)))
-            for name, column in columns.items():
-                labels.setdefault(name, []).append(column)
-            first += len(batch)
-        if not blocks:
-            raise InputError(f"{self.where.partition(',')[0]}: there are no frames in it; give one row per frame")
-        table = {name: self._joined(pa.chunked_array(parts), name, name == blank) for name, parts in labels.items()}
-        return Rows(pd.DataFrame(table), np.concatenate(blocks), self.where, self.first)
 
     def _joined(self, column: pa.ChunkedArray, name: str, blank: bool) -> object:
         """A column of labels; whole numbers stay whole where some are missing."""
@@ -217,7 +209,7 @@ class PandasTable(Table):
         _check_types(self._rows.schema, self.columns, {*channels, "frame"}, self.header)
         yield from (batch for batch in self._rows.to_batches() if len(batch))
 
-    def labels(self) -> pd.DataFrame:
+    def words(self) -> pd.DataFrame:
         """All columns."""
         columns = zip(self.columns, self._rows.columns, strict=True)
         return pd.DataFrame({name: self._joined(column, name, False) for name, column in columns})
@@ -253,7 +245,7 @@ class ParquetTable(Table):
         except Exception as e:  # pyarrow and the text within a file raise a dozen types for damaged bytes
             raise InputError(f"{self.header}: not a readable parquet file ({plain(e)}); save it again") from e
 
-    def read(self, channels: list[str], full_scale: float, blank: str = "") -> Rows:
+    def read(self, channels: list[str], full_scale: float, blank: str = "") -> Self:
         """All rows, as of any table."""
         with self._readable():
             return super().read(channels, full_scale, blank)

@@ -25,7 +25,7 @@ from bench.corpora.read.limits import (
     plain,
     short,
 )
-from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Rows, Table, without_categories
+from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Table, without_categories
 from bench.errors import InputError
 from bench.scratch import replacing
 
@@ -171,7 +171,7 @@ def _file(
 
 def rows_of(
     path: Path, size: tuple[int, int], full_scale: float, required: list[str], known: list[str], blank: str = ""
-) -> tuple[Rows, list[str]]:
+) -> tuple[Table, list[str]]:
     """Rows of a CSV or parquet file with one frame each, and warnings.
 
     Columns of labels that the file must have are ``required``; those that are ``known`` are never channels; cells of
@@ -191,7 +191,7 @@ def rows_of(
     return table.read(channels, full_scale, blank), warned
 
 
-def _cut(rows: Rows, size: tuple[int, int], rate_hz: float, full_scale: float) -> Corpus:
+def _cut(rows: Table, size: tuple[int, int], rate_hz: float, full_scale: float) -> Corpus:
     """Rows as captures, which begin where the frame number starts again."""
     rows.check_filled()
     frame = rows.frame_numbers()
@@ -286,4 +286,4 @@ def _conditions(arrays: dict[str, np.ndarray], name: str) -> pd.DataFrame:
         truth = array.dtype.kind == "b"  # a byte that is neither 0 nor 1 is no truth value
         # NumPy's own conversion ends a text at its first zero.
         columns[column] = array.tolist() if text else array.view(np.uint8) != 0 if truth else array
-    return PandasTable(pd.DataFrame(columns), name, "capture").labels()
+    return PandasTable(pd.DataFrame(columns), name, "capture").words()
