@@ -47,6 +47,7 @@ def test_exported_captures_come_back_as_they_were_and_still_synthetic(kind, caps
     again = open_corpus("copy", {})
     made = bench.corpus("synth", subjects=1, variants=("normal",), repetitions=1, rate_hz=54.0 if rate else 135.0)
     assert again.synthetic and "synthetic" not in again.captures
+    assert kind == "table" or again.captures.to_dict("list") == made.captures.to_dict("list")
     assert (again.rate_hz, again.full_scale, list(again.lengths)) == (made.rate_hz, made.full_scale, list(made.lengths))
     upside = made.frames[:, ::-1] if kind == "table" else made.frames  # its rows are as they are in the file
     assert (again.frames == upside).all()

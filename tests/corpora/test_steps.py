@@ -1,24 +1,21 @@
 """Windows, damaged copies, repair and scaling against loops, and what all of them must keep."""
 
+import itertools
 import math
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.ndimage import convolve
 
-from bench.corpora.corpus import COPY, Corpus, storage
+from bench.corpora.corpus import COPY, storage
 from bench.corpora.faults import FAULTS
 from bench.corpora.steps import REPAIRS, Faulted, Repair, Scale, Turned, Windows
 from tests.conftest import random_corpus
+from tests.features.captures import corpus_of
 
 STEPS = [Windows(0.1), Repair(REPAIRS), Scale("peak"), Scale("log"), Faulted(tuple(FAULTS), 2), Turned(2)]
-
-
-def corpus_of(arrays, rate=12.0, full_scale=1023.0):
-    labels = pd.DataFrame({"subject": ["1"] * len(arrays), "gesture": ["pat"] * len(arrays)})
-    return Corpus.from_captures(arrays, labels, rate, full_scale=full_scale)
 
 
 @given(
@@ -29,68 +26,54 @@ def corpus_of(arrays, rate=12.0, full_scale=1023.0):
 )
 def test_windows_equal_a_loop(lengths, seconds, hop, rate):
     arrays = [np.random.default_rng(n).integers(0, 999, (n, 2, 3)).astype(np.uint16) for n in lengths]
-    corpus = corpus_of(arrays, rate)[np.random.default_rng(len(lengths)).permutation(len(lengths))]
+    corpus = corpus_of(arrays, rate=rate)[np.random.default_rng(len(lengths)).permutation(len(lengths))]
     frames = max(1, round(seconds * rate))
     step = max(1, round(hop * rate)) if hop else math.ceil(frames / 2)
     expected = []
-    for i in range(len(corpus)):
-        begin = 0
-        while begin == 0 or begin + frames <= len(corpus[i]):
-            expected.append((i, begin, corpus[i][begin : begin + frames]))
-            begin += step
+    for i, begin in itertools.product(range(len(corpus)), range(0, 60, step)):
+        if begin == 0 or begin + frames <= len(corpus[i]):
+            expected.append((corpus.index[i], begin, corpus[i][begin : begin + frames]))
     made = Windows(seconds, hop)(corpus)
-    assert made.piece.tolist() == [begin for _, begin, _ in expected]
-    assert made.index.tolist() == [corpus.index[i] for i, _, _ in expected]
-    assert len(made) == len(expected) and all(map(np.array_equal, made, (part for _, _, part in expected)))
+    assert [*zip(made.index, made.piece, strict=True)] == [(index, begin) for index, begin, _ in expected]
+    assert all(map(np.array_equal, made, (part for *_, part in expected)))
     assert storage(made)[0] is storage(corpus)[0]
 
 
 def with_broken(seed, grid):
     """Random captures in which some taxels never change, some only at first, and some read full scale."""
     rng = np.random.default_rng(seed)
-    arrays = []
-    for length in rng.integers(1, 40, 3):
-        frames = rng.integers(0, 1023, (length, *grid))
+    arrays = [rng.integers(0, 1023, (length, *grid)) for length in rng.integers(1, 40, 3)]
+    for frames in arrays:
         for row, col in np.ndindex(grid):
-            until = [0, 0, 0, length, rng.integers(length + 1)][rng.integers(5)]
+            until = [0, 0, 0, len(frames), rng.integers(len(frames) + 1)][rng.integers(5)]
             frames[:until, row, col] = rng.choice([0, 400, 1022, 1023])
-        arrays.append(frames)
     return arrays
 
 
+def beside(values):
+    """Sum over the eight taxels around each one."""
+    return convolve(values.astype(float), [[1, 1, 1], [1, 0, 1], [1, 1, 1]], mode="constant")
+
+
 def naive_repair(frames, kinds, full_scale, rate):
-    """Taxel by taxel and frame by frame, each from the frames before."""
-    P = frames.astype(float)
-    T, R, C = P.shape
-    settled = max(2, math.ceil(0.25 * rate))
-    out = np.zeros_like(P)
-
-    def beside(r, c):
-        places = [(y, x) for y in (r - 1, r, r + 1) for x in (c - 1, c, c + 1) if (y, x) != (r, c)]
-        return [(y, x) for y, x in places if 0 <= y < R and 0 <= x < C]
-
-    for t in range(T):
-        still = {(r, c): (P[: t + 1, r, c] == P[0, r, c]).all() for r, c in np.ndindex(R, C)}
-        moving = [P[t][a] for a in still if not still[a]]
-        values = {}
-        for r, c in still:
-            broken = False
-            long = still[r, c] and t + 1 >= settled
-            if "stuck" in kinds:
-                broken |= P[: t + 1, r, c].min() >= full_scale
-                broken |= bool(long and moving and P[t, r, c] > max(moving))
-            if "dead" in kinds:
-                broken |= bool(long and sum(not still[a] for a in beside(r, c)) > len(beside(r, c)) / 2)
-            if not broken:
-                values[r, c] = P[t, r, c]
+    """Frame by frame, each from the frames before."""
+    out = []
+    for t, now in enumerate(frames.astype(float)):
+        still = (frames[: t + 1] == frames[0]).all(axis=0)
+        long = still & (t + 1 >= max(2, math.ceil(0.25 * rate)))
+        sound = np.ones_like(still)
+        if "stuck" in kinds:
+            sound &= frames[: t + 1].min(axis=0) < full_scale
+            sound &= ~long | (now <= (now[~still].max() if not still.all() else np.inf))
+        if "dead" in kinds:
+            sound &= ~long | (beside(~still) <= beside(np.ones_like(now)) / 2)
+        values = np.where(sound, now, 0)
         for _ in range(3):
-            near = {a: [values[b] for b in beside(*a) if b in values] for a in still if a not in values}
-            values |= {a: np.mean(found) for a, found in near.items() if found}
-        for a in still:
-            out[t][a] = values.get(a, 0)
-    if "offset" in kinds:
-        return np.array([out[t] - out[: t + 1].min(axis=0) for t in range(T)])
-    return out
+            filled = ~sound & (beside(sound) > 0)
+            values = np.where(filled, beside(values) / np.maximum(beside(sound), 1), values)
+            sound |= filled
+        out.append(values)
+    return np.array([out[t] - np.min(out[: t + 1], axis=0) for t in range(len(out))]) if "offset" in kinds else out
 
 
 @given(
@@ -102,7 +85,7 @@ def naive_repair(frames, kinds, full_scale, rate):
 )
 def test_repair_equals_a_loop(seed, grid, kinds, rate, kind):
     arrays = [frames.astype(kind) for frames in with_broken(seed, grid)]
-    for one, frames in zip(Repair(kinds)(corpus_of(arrays, rate)), arrays, strict=True):
+    for one, frames in zip(Repair(kinds)(corpus_of(arrays, rate=rate)), arrays, strict=True):
         np.testing.assert_allclose(one, naive_repair(frames, kinds, 1023, rate), rtol=1e-5, atol=1e-3)
 
 
@@ -113,10 +96,8 @@ def test_scaling_to_the_peak_equals_a_loop(seed, grid, full_scale):
     arrays = [a.astype(np.float32) if full_scale < 1 else np.rint(a).astype(np.uint16) for a in arrays]
     found = Scale("peak")(corpus_of(arrays, full_scale=full_scale))
     for one, frames in zip(found, arrays, strict=True):
-        for t in range(len(frames)):
-            most = float(frames[: t + 1].max())
-            expected = frames[t] * (full_scale / most) if most else frames[t] * 0
-            np.testing.assert_allclose(one[t], expected, rtol=1e-6)
+        expected = [frames[t] * (full_scale / (float(frames[: t + 1].max()) or 1)) for t in range(len(frames))]
+        np.testing.assert_allclose(one, expected, rtol=1e-6)
     assert found.frames.dtype == np.float32 and found.frames.max() <= np.float32(full_scale)  # also after rounding
 
 
@@ -134,16 +115,15 @@ def test_originals_stay_and_copies_equal_the_fault_at_the_drawn_severity():
     step = Faulted(names, 3)
     made = step(corpus)
     assert made.piece.tolist() == [copy * COPY for _ in corpus for copy in range(4)]
+    assert all(map(np.array_equal, corpus, made[::4]))
     drawn = set()
-    for i, frames in enumerate(corpus):
-        assert np.array_equal(made[4 * i], frames)
-        for copy in range(3):
-            rng = step.generator(i, copy)
-            name, severity = names[rng.integers(len(names))], int(rng.integers(5))
-            shares = frames.astype(np.float32) / np.float32(1023)
-            expected = FAULTS[name].damage(shares, FAULTS[name].amounts[severity], rng) * np.float32(1023)
-            assert np.array_equal(made[4 * i + copy + 1], np.rint(expected).clip(0, 1023))
-            drawn.add((name, severity))
+    for i, copy in np.ndindex(len(corpus), 3):
+        rng = step.generator(i, copy)
+        name, severity = names[rng.integers(len(names))], int(rng.integers(5))
+        shares = corpus[i].astype(np.float32) / np.float32(1023)
+        expected = FAULTS[name].damage(shares, FAULTS[name].amounts[severity], rng) * np.float32(1023)
+        assert np.array_equal(made[4 * i + copy + 1], np.rint(expected).clip(0, 1023))
+        drawn.add((name, severity))
     assert len(drawn) > 15  # of 20
 
 
@@ -151,10 +131,10 @@ def test_no_test_capture_meets_the_draws_of_a_training_copy():
     def first(rng):
         return rng.bit_generator.state["state"]["state"]
 
-    test = {first(f.generator("1", i)) for f in FAULTS.values() if not f.sensor for i in range(300)}
-    test |= {first(f.generator(str(s), 0)) for f in FAULTS.values() if f.sensor for s in range(1, 60)}
-    training = [first(Faulted(("noise",), 9).generator(i, copy)) for i in range(300) for copy in range(9)]
-    assert len(set(training)) == 2700 and not test & set(training)
+    test = {first(f.generator("1", i)) for f in FAULTS.values() if not f.sensor for i in range(50)}
+    test |= {first(f.generator(str(s), 0)) for f in FAULTS.values() if f.sensor for s in range(1, 50)}
+    training = [first(Faulted(("noise",), 9).generator(i, copy)) for i in range(50) for copy in range(9)]
+    assert len(set(training)) == 450 and not test & set(training)
 
 
 @pytest.mark.parametrize("step", STEPS, ids=repr)

@@ -16,9 +16,9 @@ LEVELS = {  # lowest and highest value, full scale: typical sensors, and values 
 }
 
 
-def corpus_of(arrays, gestures=None, rate=100.0, full_scale=1023.0):
-    captures = pd.DataFrame({"subject": ["1"] * len(arrays), "gesture": gestures or ["pat"] * len(arrays)})
-    return Corpus.from_captures(arrays, captures, rate, full_scale=full_scale)
+def corpus_of(arrays, gestures=None, rate=100.0, full_scale=1023.0, subject="1", **columns):
+    table = pd.DataFrame({"subject": subject, "gesture": gestures or "pat", **columns}, index=range(len(arrays)))
+    return Corpus.from_captures(arrays, table, rate, full_scale=full_scale)
 
 
 def row_of(features, frames, rate=100.0, full_scale=1023.0):
@@ -26,11 +26,11 @@ def row_of(features, frames, rate=100.0, full_scale=1023.0):
     return features.fit_transform(corpus_of([np.asarray(frames)], None, rate, full_scale)).iloc[0]
 
 
-def ragged(seed, grid, low=0, high=1023, longest=20, lengths=None):
-    """Captures of random length; some frames are untouched, others partly touched."""
+def ragged(seed, grid, low=0, high=1023):
+    """Captures of different lengths; some frames are untouched, others partly touched."""
     rng = np.random.default_rng(seed)
     arrays = []
-    for length in rng.integers(1, longest + 1, 3) if lengths is None else lengths:
+    for length in (2, 18, 1, 3 + seed % 7):
         touched = rng.random((length, *grid)) < 2 * rng.random((length, 1, 1)) - 0.3
         arrays.append((rng.integers(low, high + 1, (length, *grid)) * touched).astype(np.uint16))
     return arrays
@@ -38,3 +38,13 @@ def ragged(seed, grid, low=0, high=1023, longest=20, lengths=None):
 
 def near(values, expected, rtol=1e-5, atol=1e-9):
     np.testing.assert_allclose(np.asarray(values, float), np.asarray(expected, float), rtol=rtol, atol=atol)
+
+
+def strongest(signal, waves, points):
+    """Number and size of the strongest of some waves of a signal: the slowest of equal ones, 0 if it is constant."""
+    number, size = 0, 0.0
+    for wave in waves if np.ptp(signal) > 1e-9 else []:
+        turns = np.exp(-2j * np.pi * wave * np.arange(len(signal)) / points)
+        if abs((signal - signal.mean()) @ turns) > size * (1 + 1e-9):
+            number, size = wave, abs((signal - signal.mean()) @ turns)
+    return number, size

@@ -16,7 +16,7 @@ from bench.registry import load, names, parameters, required
 from bench.words import PARTS
 from bench.work.loop import warnings
 from tests.conftest import random_corpus
-from tests.corpora.test_duplicates import copied
+from tests.corpora.made import copied
 
 
 def plan_of(corpus, **values):

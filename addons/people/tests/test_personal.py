@@ -16,7 +16,7 @@ from bench.work.evaluation import folded, systems
 from bench.work.fold import decisions
 from bench.work.loop import prepared, warnings
 from tests.conftest import random_corpus, with_other_values
-from tests.corpora.test_duplicates import copied
+from tests.corpora.made import copied
 from tests.work.fakes import Level
 from touchbench_people.personal import Personal
 

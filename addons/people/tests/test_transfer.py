@@ -10,7 +10,7 @@ from bench.plan.plan import planned
 from bench.work.evaluation import systems
 from bench.work.fold import decisions
 from tests.conftest import random_corpus, with_other_values
-from tests.corpora.test_joined import other_sensor, study
+from tests.corpora.made import study
 from touchbench_people.personal import Personal
 from touchbench_people.skins import OWN, SOURCE, joined
 
@@ -68,7 +68,7 @@ def test_values_and_labels_of_what_is_tested_change_nothing_that_is_learned(syst
 def test_both_are_brought_to_the_coarser_of_each():
     target = random_corpus(3, 4, longest=30).changed(rate_hz=100.0)
     names = sorted(set(target.gestures))
-    source = other_sensor()
+    source = study("other", classes=("PAT", "rub", "knock"))
     target.info["warnings"], source.info["warnings"] = ["ours"], ["theirs"]
     both = joined(target, source, {"PAT": names[0], "rub": names[1]})
     assert both.rate_hz == 40.0 and both.grid == (4, 5) and both.full_scale == target.full_scale

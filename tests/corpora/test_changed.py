@@ -1,14 +1,61 @@
-"""Several corpora as one, and captures brought to another sensor: against averages and lines drawn by hand."""
+"""Changes of an import, seams, captures brought to another sensor, and several corpora as one."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.corpora.corpus import Corpus
+from bench.corpora import synth
+from bench.corpora.cuts import aligned, cut
+from bench.corpora.doubts import seams
 from bench.corpora.joined import brought, regridded, resampled, scaled, together, weights
 from bench.errors import InputError
+from tests.corpora.made import study
+from tests.features.captures import corpus_of
+
+
+def broken(frames, row, lag):
+    """Frames as a file with a seam has them: `aligned` undone by a loop, without the rows at the ends."""
+    rows, seam = frames.shape[1], frames.shape[1] - row
+    released = np.zeros_like(frames[: len(frames) - abs(lag)])
+    for t, r in np.ndindex(len(released), rows):
+        below = r < row  # rows of the released frame that lie below in the sensor's
+        late = (t - lag if below else t) + max(lag, 0)
+        released[t, r] = frames[late, seam + r if below else r - row]
+    return released
+
+
+@given(st.integers(1, 4), st.sampled_from([-1, 0, 1]), st.integers(4, 9))
+def test_frames_are_put_together_again(row, lag, count):
+    frames = np.random.default_rng(row).integers(0, 1023, (count, 5, 3)).astype(np.uint16)
+    mended = aligned(broken(frames, row, lag), row, lag)
+    places = [k for k in range(count) if len(mended) and (frames[k] == mended[0]).all()]
+    assert len(mended) == count - 2 * abs(lag) and np.array_equal(mended, frames[places[0] :][: len(mended)])
+
+
+@pytest.mark.parametrize(("row", "lag"), [(2, 1), (6, -1), (3, 0)])
+def test_a_seam_is_found_where_it_is_and_gone_when_mended(row, lag):
+    whole = synth.generate(subjects=2, repetitions=1, variants=("normal",))
+    assert not any(seam.found for seam in seams(whole))
+    faulty = corpus_of([broken(frames, row, lag) for frames in whole if len(frames) > 20])
+    rows, columns = seams(faulty)
+    assert rows.found and (rows.weakest, rows.lag) == (row, lag) and f"align={row}:{lag}" in str(rows)
+    assert not columns.found
+    assert not any(seam.found for seam in seams(cut(faulty, "table", {"align": f"{row}:{lag}"})))
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "fact"),
+    [
+        ("align", "yes", "give ROW:LAG"),
+        ("align", "5:1", "a row from 1 to 4"),
+        ("frames", "0:9", "2 captures have fewer than 9"),
+        ("crop", "6x6", "at most the whole grid 5x6"),
+    ],
+)
+def test_changes_that_do_not_fit_are_refused(option, value, fact):
+    with pytest.raises(InputError, match=fact):
+        cut(corpus_of([np.ones((4, 5, 6), np.uint16)] * 2), "table", {option: value})
 
 
 @given(st.integers(1, 30), st.integers(1, 30))
@@ -23,41 +70,20 @@ def test_no_weight_is_negative_and_no_side_is_favoured(count, wanted):
     else:  # lines between the middles
         by_hand = np.interp((np.arange(wanted) + 0.5) / wanted, (np.arange(count) + 0.5) / count, values)
         np.testing.assert_allclose(table @ values, by_hand)
-
-
-def test_fewer_values_by_hand():
-    np.testing.assert_allclose(weights(3, 2), [[2 / 3, 1 / 3, 0], [0, 1 / 3, 2 / 3]])
-    np.testing.assert_allclose(weights(4, 2), [[1 / 2, 1 / 2, 0, 0], [0, 0, 1 / 2, 1 / 2]])
-    assert np.array_equal(weights(3, 3), np.eye(3))
+    frames = resampled(values[:, None, None], count, wanted)
+    assert frames.dtype == np.float32
+    np.testing.assert_allclose(frames.ravel(), table @ values, rtol=1e-5)
 
 
 def test_a_rate_and_a_grid_by_hand():
+    np.testing.assert_allclose(weights(3, 2), [[2 / 3, 1 / 3, 0], [0, 1 / 3, 2 / 3]])
+    np.testing.assert_allclose(weights(4, 2), [[1 / 2, 1 / 2, 0, 0], [0, 0, 1 / 2, 1 / 2]])
     frames = np.arange(4 * 2 * 4, dtype=np.uint16).reshape(4, 2, 4)
-    halved = resampled(frames, 100.0, 50.0)
-    np.testing.assert_allclose(halved, frames.reshape(2, 2, 2, 4).mean(axis=1))
-    assert halved.dtype == np.float32 and len(resampled(frames, 100.0, 1.0)) == 1
-    coarse = regridded(frames, 1, 2)
-    np.testing.assert_allclose(coarse, frames.reshape(4, 1, 2, 2, 2).mean(axis=(2, 4)))
+    np.testing.assert_allclose(resampled(frames, 100.0, 50.0), frames.reshape(2, 2, 2, 4).mean(axis=1))
+    assert len(resampled(frames, 100.0, 1.0)) == 1
+    np.testing.assert_allclose(regridded(frames, 1, 2), frames.reshape(4, 1, 2, 2, 2).mean(axis=(2, 4)))
     assert np.array_equal(regridded(frames, 2, 4), frames)
     np.testing.assert_allclose(scaled(frames, 31.0, 1.0).max(), 1.0)
-
-
-def other_sensor():
-    """Two people whose classes are called otherwise, on 4 x 5 taxels at 40 Hz, up to 1."""
-    rng = np.random.default_rng(0)
-    labels = [(who, name) for who in ("1", "2") for name in ("PAT", "rub", "knock")]
-    arrays = [rng.random((n, 4, 5)).astype(np.float32) for n in (8, 9, 10, 11, 12, 13)]
-    captures = pd.DataFrame(labels, columns=["subject", "gesture"])
-    return Corpus.from_captures(arrays, captures, 40.0, full_scale=1.0, name="other")
-
-
-def study(name, people=("1", "2"), classes=("pat", "rub"), shape=(4, 5), rate_hz=40.0, **columns):
-    """A corpus of one capture of each class and person, up to 1."""
-    rng = np.random.default_rng([ord(letter) for letter in name])
-    rows = [(who, what) for who in people for what in classes]
-    captures = pd.DataFrame(rows, columns=["subject", "gesture"]).assign(**columns)
-    arrays = [rng.random((8 + i, *shape)).astype(np.float32) for i in range(len(rows))]
-    return Corpus.from_captures(arrays, captures, rate_hz, full_scale=1.0, name=name, info={"format": "table"})
 
 
 def test_several_corpora_as_one_keep_people_apart_and_have_the_classes_and_conditions_of_all():
