@@ -132,7 +132,9 @@ def test_an_import_that_dies_leaves_the_earlier_corpus(tmp_path, monkeypatch, at
 @pytest.fixture
 def bring(monkeypatch):
     """A function that imports a corpus; ``arm`` is imported."""
-    monkeypatch.setattr(library, "load", lambda *_: lambda source, seed: random_corpus(seed=int(seed)))
+    monkeypatch.setattr(
+        library, "load", lambda *_: lambda path, seed: random_corpus(seed=int(seed), info={"source": "x"})
+    )
 
     def bring(name="arm", seed="0"):
         return import_corpus("any", home(), {"name": name, "seed": seed})

@@ -54,22 +54,21 @@ REFUSED = [
     ("~" * 9000 + "flag", "too deeply nested"),
     ("n == 1\0", "null byte"),
 ]
-ALLOWED = "allowed on columns"
 ATTACKS = [
-    ("n.__init__.__func__.__globals__['sys'].modules['os'].system('touch stolen') == n", ALLOWED),
-    ("@os.system('touch stolen') == 0", ALLOWED),
-    ("(lambda: n)() == n", ALLOWED),
-    ("f'{n.to_csv(\"stolen\")}' == gesture", ALLOWED),
-    ("n.isin(*[[1]])", ALLOWED),
-    ("gesture.str.contains('(a+)+$', regex=True)", ALLOWED),
-    ("n.isin([n.to_csv('stolen')])", ALLOWED),
-    ("10**10**10 > n", ALLOWED),
-    ("n & 1 == 1 == n | 2", "the columns of arm are"),
-    ("1" * 5000 + " > n", ALLOWED),
+    "n.__init__.__func__.__globals__['sys'].modules['os'].system('touch stolen') == n",
+    "@os.system('touch stolen') == 0",
+    "(lambda: n)() == n",
+    "f'{n.to_csv(\"stolen\")}' == gesture",
+    "n.isin(*[[1]])",
+    "gesture.str.contains('(a+)+$', regex=True)",
+    "n.isin([n.to_csv('stolen')])",
+    "10**10**10 > n",
+    "n & 1 == 1 == n | 2",
+    "1" * 5000 + " > n",
 ]
 
 
-@pytest.mark.parametrize(("text", "reason"), [*REFUSED, *ATTACKS])
+@pytest.mark.parametrize(("text", "reason"), [*REFUSED, *((text, "allowed on columns") for text in ATTACKS)])
 def test_a_condition_that_is_none_is_refused_in_a_line_and_does_nothing(captures, text, reason):
     before, started = captures.copy(), time.perf_counter()
     with pytest.raises(InputError) as refused:

@@ -164,15 +164,15 @@ def gaus(frames, corpus):
         shares = (kinds == kind).mean(axis=1)
         out += [np.mean(shares), np.std(shares), max(shares)]
     out += [np.mean(kinds.max(axis=0) == kind) for kind in range(3)] + [*high.any(axis=0)]
-    for course in x.T:
-        q1, median, q3 = np.percentile(course, [25, 50, 75])
-        out += [course.mean(), median, course.min(), course.max(), course.sum() / corpus.rate_hz, q1, q3, q3 - q1]
-        out += [course.var(), *((stats.skew(course), stats.kurtosis(course)) if np.ptp(course) else (0, 0))]
-    return out
+    q1, median, q3 = np.percentile(x, [25, 50, 75], axis=0)
+    moving, shape = np.ptp(x, axis=0) > 0, np.zeros((2, x.shape[1]))
+    if moving.any():
+        shape[:, moving] = stats.skew(x[:, moving]), stats.kurtosis(x[:, moving])
+    taxels = [x.mean(axis=0), median, x.min(axis=0), x.max(axis=0), x.sum(axis=0) / corpus.rate_hz, q1, q3, q3 - q1]
+    return [*out, *np.transpose([*taxels, x.var(axis=0), *shape]).ravel()]
 
 
 LOOPS = {
-    Jung54(): jung,
     Jung54("capture"): partial(jung, area="capture"),
     Jung28(): partial(jung, crossings=True),
     Jung28("capture", "maxima"): partial(jung, area="capture"),
