@@ -69,7 +69,6 @@ TABULAR = {"read_parquet", "to_parquet", "read_csv", "to_csv"}  # pandas' reader
 TABLES = {  # modules that call one, beside bench.tables, and their files, none of which is a table of a run
     "bench.commands.predict": "the user's captures with labels, printed",
     "bench.corpora.folder": "captures",
-    "bench.corpora.read.cuddlebot": "files to import",
     "bench.corpora.read.table": "files to import",
     "bench.table": "what is shown, for the user",
     "bench.work.tracking": "a copy of some tables for people, which is not read",
