@@ -112,9 +112,12 @@ def test_an_adapter_is_less_than_five_lines_and_runs(name, capsys):
     assert run.data.metrics["flash_bytes"] > 0 and run.data.metrics["ram_bytes"] > 0
 
 
-def check_site(out, **variables):
-    """MkDocs runs examples; warnings, such as a link to nowhere, are errors."""
-    variables = os.environ | {"PYTHONPATH": str(ROOT)} | variables
+@pytest.mark.live
+@pytest.mark.skipif(find_spec("mkdocs") is None, reason="needs the extra docs")
+@pytest.mark.parametrize("variables", [{"PAGES": "index.md,your_data.md"}, pytest.param({}, marks=pytest.mark.nightly)])
+def test_the_site_is_built_with_examples_run(tmp_path, variables):
+    """MkDocs runs examples of some pages or all; warnings, such as a link to nowhere, are errors."""
+    out, variables = tmp_path / "site", os.environ | {"PYTHONPATH": str(ROOT)} | variables
     variables.pop("TOUCHBENCH_HOME")
     site = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(out)]
     done = subprocess.run(site, cwd=ROOT, env=variables, capture_output=True, text=True)
@@ -125,10 +128,3 @@ def check_site(out, **variables):
     assert not loaded, "pages that load something from elsewhere"
     book = json.loads((ROOT / "docs" / "walk.ipynb").read_text())
     assert not any(cell.get("outputs") for cell in book["cells"]), "the notebook is stored without output"
-
-
-@pytest.mark.live
-@pytest.mark.skipif(find_spec("mkdocs") is None, reason="needs the extra docs")
-def test_the_site_is_built_with_the_examples_of_some_pages_run(tmp_path):
-    """All are run by the workflow of the documentation at every push, and by tests/nightly/test_site.py."""
-    check_site(tmp_path / "site", PAGES="index.md,your_data.md")

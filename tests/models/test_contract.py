@@ -1,32 +1,44 @@
-"""What the harness may ask of a system, and what it assumes where a system has no answer."""
+"""What the harness may ask of a system, and what it assumes where a system has no answer; classifiers of others."""
 
 import numpy as np
 import pytest
 from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
+from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from sklearn.svm import SVC
 
 from bench import contract
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
+from bench.models.adapters import FromSeries, FromTorch
 from bench.models.search.auto import Auto
+from bench.models.series import Series
+from tests.models.test_systems import flattened, linear
 
 
-class Plain(ClassifierMixin, BaseEstimator):
-    """Fit and predict, nothing else."""
+class Given(ClassifierMixin, BaseEstimator):
+    """Predicts the labels or probabilities that a test gives it."""
+
+    def __init__(self, labels=None, proba=None):
+        self.labels, self.proba = labels, proba
 
     def fit(self, X, y):
         self.classes_ = np.unique(y)
         return self
 
     def predict(self, X):
-        return np.full(len(X), self.classes_[1])
+        return np.resize(np.array(self.labels, dtype=object), len(X))
+
+    def __getattr__(self, name):
+        if name == "predict_proba" and self.__dict__.get("proba") is not None:
+            return lambda X: np.resize(np.array(self.proba, dtype=float), (len(X), len(self.classes_)))
+        raise AttributeError(name)
 
 
 def test_a_default_is_nobody_s_to_change():
-    contract.history(Plain()).append(1)
-    assert contract.history(Plain()) == []
+    contract.history(Given()).append(1)
+    assert contract.history(Given()) == []
 
 
 def test_a_factory_is_handed_the_feature_set_whatever_its_argument_is_called(corpus):
@@ -40,52 +52,30 @@ def test_a_factory_is_handed_the_feature_set_whatever_its_argument_is_called(cor
     for factory in (mine, plain):
         built = contract.build(factory, Jung28(), C=3.0)
         assert np.array_equal(built.fit(corpus, corpus.gestures).predict(corpus), expected)
-    assert isinstance(contract.build(Plain, None), Plain)
-    assert list(contract.features(contract.build(plain, Jung28()))) == ["jung28"]
+        assert list(contract.features(built)) == ["jung28"]
+    assert isinstance(contract.build(Given, None), Given)
     assert set(contract.features(Auto())) == {"touch", "jung54"}
 
 
-class Given(Plain):
-    """Predicts the labels or probabilities that a test gives it."""
-
-    def __init__(self, labels=None, proba=None):
-        self.labels, self.proba = labels, proba
-
-    def predict(self, X):
-        return np.resize(np.array(self.labels, dtype=object), len(X))
-
-    def __getattr__(self, name):
-        if name == "predict_proba" and self.__dict__.get("proba") is not None:
-            return lambda X: np.resize(np.array(self.proba, dtype=float), (len(X), len(self.classes_)))
-        raise AttributeError(name)
-
-
-@pytest.mark.parametrize("label", ["Pat", None, 0])
-def test_a_label_that_is_no_class_fails(corpus, label):
-    system = Given([label]).fit(corpus, corpus.gestures)
-    with pytest.raises(ValueError, match=f"predict gives {label!r}, which is not one of the trained gestures"):
-        contract.decide(system, corpus)
-
-
 @pytest.mark.parametrize(
-    ("row", "fact"),
+    ("answer", "fact"),
     [
-        ([0.2, 2.0, -1.2], "softmax"),  # logits, with a sum of 1 by chance
-        ([0.5, 0.5, 0.01], "sum of 1.01"),
-        ([np.nan, np.nan, np.nan], "not finite; .* abstains"),
+        *(({"labels": [label]}, f"predict gives {label!r}, which is not one of the t") for label in ("Pat", None, 0)),
+        ({"proba": [0.2, 2.0, -1.2]}, "predict_proba gives .*softmax"),  # logits, with a sum of 1 by chance
+        ({"proba": [0.5, 0.5, 0.01]}, "predict_proba gives .*sum of 1.01"),
+        ({"proba": [np.nan] * 3}, "predict_proba gives .*not finite; .* abstains"),
     ],
 )
-def test_values_that_are_no_probabilities_fail(corpus, row, fact):
-    system = Given(proba=row).fit(corpus, corpus.gestures)
-    with pytest.raises(ValueError, match=f"predict_proba gives .*{fact}"):
-        contract.decide(system, corpus)
+def test_labels_that_are_no_class_and_values_that_are_no_probabilities_fail(corpus, answer, fact):
+    with pytest.raises(ValueError, match=fact):
+        contract.decide(Given(**answer).fit(corpus, corpus.gestures), corpus)
 
 
 def test_a_system_that_declares_it_abstains_by_a_label_or_a_row_of_nan(corpus):
     by_label = Given(["unknown", corpus.gestures[0]]).fit(corpus, corpus.gestures)
     by_nan = Given(proba=[[np.nan] * 3, [1.0, 0, 0]]).fit(corpus, corpus.gestures)
+    by_label.abstains = by_nan.abstains = "unknown"
     for system in (by_label, by_nan, make_pipeline(by_nan)):
-        by_label.abstains = by_nan.abstains = "unknown"
         proba = contract.decide(system, corpus)[1]
         assert proba.sum(axis=1).tolist() == [i % 2 for i in range(len(corpus))]
     by_label.labels = ["Unknown"]
@@ -93,7 +83,7 @@ def test_a_system_that_declares_it_abstains_by_a_label_or_a_row_of_nan(corpus):
         contract.decide(by_label, corpus)
 
 
-class Owner(Plain):
+class Owner(Given):
     """Has attributes of the names of our methods for purposes of its own."""
 
     seen, keeps_before = {1, 2}, 3
@@ -112,7 +102,7 @@ class Owner(Plain):
 
 
 def test_a_method_is_known_by_the_names_of_its_parameters_others_are_the_authors_own(corpus):
-    own = Owner().fit(corpus, corpus.gestures)
+    own = Owner(["pat"]).fit(corpus, corpus.gestures)
     contract.check(own)
     assert contract.window(own, 100.0) is None and contract.seen_by_features(own, corpus) == [corpus]
     assert not contract.decides_often(own)
@@ -121,3 +111,19 @@ def test_a_method_is_known_by_the_names_of_its_parameters_others_are_the_authors
     own.length = lambda rate_hz: 0.5
     with pytest.raises(InputError, match="gives 0.5; give a"):
         contract.window(own, 100.0)
+
+
+def test_a_classifier_of_series_is_given_them_in_one_length(corpus):
+    neighbours = make_pipeline(FunctionTransformer(flattened), KNeighborsClassifier(3))
+    model = FromSeries(neighbours, "both", 25).fit(corpus, corpus.gestures)
+    series = Series("both", 25).fit(corpus).transform(corpus).astype(float)
+    expected = neighbours.fit(series, corpus.gestures.astype(str)).predict_proba(series)
+    assert np.array_equal(model.predict_proba(corpus), expected) and series.shape[1:] == (69, 25)
+    assert not contract.has_probabilities(FromSeries(SVC()))
+
+
+def test_a_module_is_made_for_the_window_and_trained(corpus):
+    model = FromTorch(module=linear, frames=5, batch=8, rate=0.01, epochs=20).fit(corpus, corpus.gestures)
+    assert (model.predict(corpus) == corpus.gestures).mean() > 0.7 and len(model.history_) == 20
+    assert model.parameters_ == 5 * 64 * 3 + 3
+    assert contract.window(model, 100.0) == 5 and contract.window(FromTorch(module=linear, seconds=0.5), 100.0) == 50

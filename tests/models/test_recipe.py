@@ -14,49 +14,16 @@ from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
 from bench.models.classic.softmax import softmax
 from bench.models.classic.svm import svm
-from bench.models.nets.cnn85 import CNN85
 from bench.models.recipe import Recipe, build, taken
-from bench.plan.cells import cells
-from bench.plan.plan import checked
-from bench.registry import load, parameters
+from bench.registry import load
 from tests.conftest import random_corpus
 from tests.models.test_systems import COMPOSED
 
-SYSTEMS = {
-    "svm": lambda: svm(Jung28()),
-    "lda": lambda: lda(TouchFeatures()),
-    "series": COMPOSED["series"],
-    "cnn85": lambda: CNN85(frames=10, epochs=1, batch=16),
-}
 
-
-@pytest.fixture(scope="module")
-def corpus():
-    return random_corpus()
-
-
-def fitted(system, captures, **options):
-    return Recipe(system, **options).fit(captures, captures.gestures)
-
-
-def test_options_are_for_every_model_and_shown_as_they_are_typed():
-    options = {"model.repair": "stuck+dead", "model.scale": "peak", "model.faults": "noise", "model.copies": "1"}
-    for cell in cells({"model": "svm,cnn85", "model.epochs": 2, **options}):
-        model = checked(cell)
-        values = {k: v for k, v in model.get_params(deep=False).items() if k != "system"}
-        expected = {"repair": ("stuck", "dead"), "scale": "peak", "faults": ("noise",), "copies": 1}
-        assert isinstance(model, Recipe) and values == parameters(Recipe) | expected
-        assert "repair=stuck+dead" in cell.title() and cells(cell.arguments())[0].identity() == cell.identity()
-        assert model.steps() == [Repair(("stuck", "dead")), Scale("peak")]
-        assert model.training_steps() == [Faulted(("noise",), 1), *model.steps()]
-    (reflex,) = cells({"model": "reflex", "model.window": "1.0"})  # a parameter of its own
-    assert reflex.model.parameters == parameters(reflex.model.factory) and not isinstance(reflex.estimator(), Recipe)
-
-
-@pytest.mark.parametrize("name", ["svm", "lda", "series"])
-def test_decisions_are_those_on_each_window_alone(name, corpus):
+@pytest.mark.parametrize("system", [lambda: lda(TouchFeatures()), COMPOSED["series"]])
+def test_decisions_are_those_on_each_window_alone(system, corpus):
     train, test = corpus[corpus.subjects != "4"], corpus[corpus.subjects == "4"][::-1]
-    model = fitted(SYSTEMS[name](), train, window=0.1, hop=0.07)
+    model = Recipe(system(), window=0.1, hop=0.07).fit(train, train.gestures)
 
     cut = Windows(0.1, 0.07)  # tests/corpora/test_steps.py has a loop
     alone, seen = cut(test), cut(train).detached()
@@ -68,12 +35,12 @@ def test_decisions_are_those_on_each_window_alone(name, corpus):
     mean = np.array([proba[windows[:, 0] == i].mean(axis=0) for i in range(len(test))])
     np.testing.assert_allclose(model.predict_proba(test), mean, rtol=1e-6, atol=1e-12)
     # and what it learnt from are windows too, each with its capture's label
-    again = SYSTEMS[name]().fit(seen, seen.gestures).predict_proba(alone)
+    again = system().fit(seen, seen.gestures).predict_proba(alone)
     np.testing.assert_allclose(proba, again, rtol=1e-5, atol=1e-7)
 
 
 def test_steps_are_taken_one_after_the_other(corpus):
-    steps = [Faulted(("noise",), 2), Repair(("offset",)), Scale("peak"), Windows(0.1)]
+    steps = [Faulted(("noise",), 2), Repair(("offset", "dead")), Scale("peak"), Windows(0.1)]
     seen, row = taken(corpus, steps)
     by_hand = corpus
     for step in steps:
@@ -81,7 +48,7 @@ def test_steps_are_taken_one_after_the_other(corpus):
     assert np.array_equal(seen.frames, by_hand.frames) and seen.steps == tuple(steps)
     assert np.array_equal(corpus.index[row], seen.index) and np.array_equal(corpus.gestures[row], seen.gestures)
     assert seen.piece.max() // COPY == 2
-    model = Recipe(svm(Jung28()), window=0.1, repair=("offset",), scale="peak", faults=("noise",), copies=2)
+    model = build(svm, Jung28(), window=0.1, repair="offset+dead", scale="peak", faults=("noise",), copies=2)
     assert model.training_steps() == steps and model.steps() == steps[1:]
     model.fit(corpus, corpus.gestures)
     again = svm(Jung28()).fit(seen, seen.gestures)
@@ -96,7 +63,6 @@ def test_steps_are_taken_one_after_the_other(corpus):
         ("cnn85", {"window": 1.0}),
         ("reflex", {"hop": 0.1, "scale": "peak"}),
         ("svm", {"window": -1.0}),
-        ("svm", {"repair": "stuck+bent"}),
         ("cnn85", {"faults": "nois"}),
         ("rf", {"copies": 0, "faults": "all"}),
         ("lda", {"shrinkage": -0.1}),

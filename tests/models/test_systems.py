@@ -1,10 +1,12 @@
 """What every system of the registry must do, and adapters and compositions with them: one suite for all."""
 
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
 from sklearn.base import clone
+from sklearn.ensemble import RandomForestClassifier
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
@@ -13,15 +15,10 @@ from torch import nn
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.features.gaus import Gaus
-from bench.features.hughes36 import Hughes36
 from bench.features.jung28 import Jung28
-from bench.features.ta273 import Ta273
 from bench.models import PARTS, recipe
 from bench.models.adapters import FromSeries, FromTorch
 from bench.models.classic.perceptron import Perceptron
-from bench.models.classic.rf import rf
-from bench.models.classic.softmax import softmax
 from bench.models.sizes import sizes
 from bench.registry import load, required
 from tests.conftest import random_corpus, with_other_values
@@ -42,9 +39,6 @@ def linear(frames, rows, cols, classes):
 
 
 COMPOSED = {
-    "rf on gaus": lambda: rf(Gaus(), trees=10),
-    "rf on ta273": lambda: rf(Ta273(), trees=10),
-    "softmax on hughes36": lambda: softmax(Hughes36(states=2, iterations=2, epochs=1)),
     "series": lambda: FromSeries(make_pipeline(FunctionTransformer(flattened), KNeighborsClassifier(3)), "both", 12),
     "module": lambda: FromTorch(module=linear, frames=5, epochs=2),
     "lda on windows": lambda: made("lda", window=0.1, **HARSH),
@@ -64,21 +58,21 @@ def made(name, **options):
 
 
 @pytest.fixture(autouse=True)
-def few_updates(monkeypatch):
-    """The networks inside reflex and mlp learn for a shorter time than they do for a user."""
-    few = lambda *args, **kwargs: Perceptron(*args, updates=50, **kwargs)  # noqa: E731
-    monkeypatch.setattr("bench.models.out_of_distribution.Perceptron", few)
-    short = lambda *args, **kwargs: MLPClassifier(*args, **kwargs | {"max_iter": 20})  # noqa: E731
-    monkeypatch.setattr("bench.models.classic.mlp.MLPClassifier", short)
+def little_to_learn(monkeypatch):
+    """Networks learn for a shorter time and forests have fewer trees than for a user."""
+    models = {
+        "out_of_distribution.Perceptron": partial(Perceptron, updates=50),
+        "classic.mlp.MLPClassifier": lambda *args, **kwargs: MLPClassifier(*args, **kwargs | {"max_iter": 20}),
+        "classic.rf.RandomForestClassifier": lambda trees, **kwargs: RandomForestClassifier(10, **kwargs),
+    }
+    for name, quick in models.items():
+        monkeypatch.setattr(f"bench.models.{name}", quick)
 
 
 @pytest.mark.parametrize("name", [*DAILY, *(pytest.param(n, marks=pytest.mark.nightly) for n in SLOW - {"auto"})])
 def test_contract(name):
-    check_contract(COMPOSED.get(name, lambda: made(name)))
-
-
-def check_contract(make):
     """Untrained copies, probabilities, the same again, alone, stored, on another skin, and nothing of whom it tests."""
+    make = COMPOSED.get(name, lambda: made(name))
     corpus = random_corpus(subjects=3, per_class=2, longest=40)
     train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
     bare = make()
@@ -111,8 +105,7 @@ def check_contract(make):
     costs = sizes(model, 64, 40)
     assert costs["flash_bytes"] > 0 and costs["ram_bytes"] > 0 and costs["parameters"] > 0
 
-    for grid, rate, longest in (((3, 5), 27.0, 30), ((1, 2), 8.0, 2)):  # the second has captures of one frame
-        skin = random_corpus(subjects=2, per_class=2, grid=grid, longest=longest)
-        real = Corpus.from_captures([f / np.float32(8) for f in skin], skin.captures, rate, full_scale=128.0)
-        found = contract.probabilities(make().fit(real, real.gestures), real[:2])
-        assert found.shape == (2, 3) and np.isfinite(found).all()
+    tiny = random_corpus(subjects=2, per_class=2, grid=(1, 2), longest=2)  # captures of one frame
+    real = Corpus.from_captures([f / np.float32(8) for f in tiny], tiny.captures, 8.0, full_scale=128.0)
+    found = contract.probabilities(make().fit(real, real.gestures), real[:2])
+    assert found.shape == (2, 3) and np.isfinite(found).all()

@@ -5,7 +5,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from torch import nn
 
-from bench.models.nets.cnn85 import CNN85
 from bench.models.nets.taxel_major import pool, taxel_major
 
 
@@ -26,16 +25,6 @@ def test_a_stack_equals_its_taxel_major_form(rows, cols, kernel, padding, seed):
     outputs = net(x), taxel_major(net, x)
     torch.testing.assert_close(*outputs)
     torch.testing.assert_close(*(torch.autograd.grad(y.square().sum(), [*net.parameters(), x]) for y in outputs))
-
-
-def test_cnn85_is_trained_in_this_order_and_decides_in_the_other(monkeypatch):
-    torch.manual_seed(0)
-    model = CNN85()
-    net = model.network(8, 8, 14).double()
-    x = torch.rand(5, 85, 8, 8, dtype=torch.float64)
-    torch.testing.assert_close(taxel_major(net, x), net(x))
-    monkeypatch.setattr("bench.models.nets.cnn85.taxel_major", lambda net, x: "taxel major")
-    assert model.logits(net.train(), x) == "taxel major" and torch.equal(model.logits(net.eval(), x), net(x))
 
 
 def test_gradient_of_a_tie_goes_to_the_first():

@@ -1,20 +1,22 @@
-"""The training loop and its optimisers, on networks of a layer or two."""
+"""The training loop, its optimisers and its windows: by hand, against loops, and the votes of several decisions."""
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from torch import nn
 
+from bench.corpora.corpus import Corpus
+from bench.features.touch import OF_STEPS, SIGNALS, signals
 from bench.models.nets.cnn85 import RATES, SelectiveSGD
-from bench.models.nets.training import Optimiser, Schedule, Windows, train
+from bench.models.nets.touchnet import Stretches
+from bench.models.nets.training import Optimiser, Schedule, Sequences, Windows, train
+from bench.models.nets.window import votes
 from tests.conftest import random_corpus
 
 PAPER = RATES["paper"]
-
-
-def still(net):
-    """Changes nothing."""
-    return Optimiser(torch.optim.SGD(net.parameters(), 0.0))
 
 
 @pytest.fixture(scope="module")
@@ -22,68 +24,60 @@ def windows():
     return Windows(random_corpus(subjects=1), 5, 5)
 
 
-def dropping(units=8):
-    torch.manual_seed(0)
-    return nn.Sequential(nn.Flatten(), nn.Linear(320, units), nn.ReLU(), nn.Dropout(0.5), nn.Linear(units, 2))
+def linear():
+    return nn.Sequential(nn.Flatten(), nn.Linear(320, 2))
 
 
-def test_an_epoch_is_a_new_order_without_the_incomplete_batch_with_dropout(windows, monkeypatch):
-    seen, modes, batch, net = [], set(), windows.batch, dropping()
+def trained(net, windows, schedule, target=0, rate=0.0, judge=None):
+    """The history of a training, by default of one that changes nothing."""
+    optimiser = Optimiser(torch.optim.SGD(net.parameters(), rate))
+    return train(net, windows, target + np.zeros(len(windows), dtype=int), optimiser, schedule, judge=judge)
 
-    def noted(rows):
-        seen.append(rows)
-        modes.add(net.training)
-        return batch(rows)
 
-    monkeypatch.setattr(windows, "batch", noted)
-    for size, batches in ((16, len(windows) // 16), (10_000, 1)):
-        seen.clear()
-        evaluated = lambda: float(net.eval().training)  # noqa: E731
-        train(net, windows, np.zeros(len(windows)), still(net), Schedule(3, size, 0), judge=evaluated)
-        epochs = np.array(seen).reshape(3, batches * min(size, len(windows)))
-        assert len(seen) == 3 * batches and modes == {True}
-        assert all(len(set(rows)) == len(rows) for rows in epochs) and not np.array_equal(epochs[0], epochs[1])
+def test_an_epoch_is_a_new_order_of_whole_batches_in_training_mode(windows, monkeypatch):
+    seen, batch, net = [], windows.batch, linear()
+    monkeypatch.setattr(windows, "batch", lambda rows: seen.append([net.training, *rows]) or batch(rows))
+    trained(net, windows, Schedule(2, 16, 0), judge=lambda: float(net.eval().training))
+    steps = np.array(seen).reshape(2, -1, 17)
+    assert steps[..., 0].all() and steps.shape[1] == len(windows) // 16
+    first, second = steps[..., 1:].reshape(2, -1).tolist()
+    assert len(first) == len({*first}) == len({*second}) and first != second
 
 
 def test_the_best_epoch_is_kept_and_training_stops_when_the_loss_stands_still(windows):
-    target = np.zeros(len(windows), dtype=int)
-    net = nn.Sequential(nn.Flatten(), nn.Linear(320, 2))
-    judged, bias = iter([0.2, 0.7, 0.7, 0.1]), iter([1.0, 2.0, 3.0, 4.0])
+    net, judged, bias = linear(), iter([0.2, 0.7, 0.7, 0.1]), iter([1.0, 2.0, 3.0, 4.0])
 
     def judge():
         with torch.no_grad():
             net[1].bias.fill_(next(bias))
         return next(judged)
 
-    history = train(net, windows, target, still(net), Schedule(4, 8, 0), judge=judge)
+    history = trained(net, windows, Schedule(4, 8, 0), judge=judge)
     assert [row["held_accuracy"] for row in history] == [0.2, 0.7, 0.7, 0.1]
     assert net[1].bias.tolist() == [2.0, 2.0]
-    assert len(train(net, windows, target, still(net), Schedule(50, len(windows), 0, patience=3))) == 6
+    assert len(trained(net, windows, Schedule(50, len(windows), 0, patience=3))) == 6
 
 
-def test_loss_with_smoothing_and_several_decisions_by_hand(windows):
+def test_loss_with_smoothing_by_hand(windows):
     """Mean cross-entropy against labels of which a share is spread over the classes."""
-    net = nn.Sequential(nn.Flatten(), nn.Linear(320, 2))
-    target = np.arange(len(windows)) % 2
-    (row,) = train(net, windows, target, still(net), Schedule(1, len(windows), 0, smoothing=0.2))
+    net, target = linear(), np.arange(len(windows)) % 2
+    (row,) = trained(net, windows, Schedule(1, len(windows), 0, smoothing=0.2), target)
     proba = net(windows.batch(np.arange(len(windows)))).softmax(1).detach().numpy()
     expected = np.eye(2)[target] * 0.8 + 0.1
     assert row == {"loss": pytest.approx(-(expected * np.log(proba)).sum(1).mean(), rel=1e-5), "rate": 0.0}
 
 
 def test_a_training_that_diverges_says_where_unless_an_epoch_was_judged(windows):
-    target = np.arange(len(windows)) % 2
-    net = nn.Sequential(nn.Flatten(), nn.Linear(320, 2))
     with pytest.raises(FloatingPointError, match=r"epoch \d .*1e\+38"):
-        train(net, windows, target, Optimiser(torch.optim.SGD(net.parameters(), 1e38)), Schedule(4, 8, 0))
-    fresh = nn.Sequential(nn.Flatten(), nn.Linear(320, 2))
+        trained(linear(), windows, Schedule(4, 8, 0), np.arange(len(windows)) % 2, rate=1e38)
+    fresh = linear()
 
     def judge():  # after which the network can only diverge
         fresh.register_forward_hook(lambda *_: torch.full((8, 2), np.nan, requires_grad=True))
         return 0.5
 
-    history = train(fresh, windows, target, still(fresh), Schedule(4, 8, 0), judge=judge)
-    assert len(history) == 2 and torch.isfinite(fresh[1].weight).all()
+    assert len(trained(fresh, windows, Schedule(4, 8, 0), judge=judge)) == 2
+    assert torch.isfinite(fresh[1].weight).all()
 
 
 def test_the_optimiser_of_cnn85_equals_the_update_rule_written_out():
@@ -105,35 +99,127 @@ def test_the_optimiser_of_cnn85_equals_the_update_rule_written_out():
             np.testing.assert_allclose(p.detach().numpy(), value, rtol=1e-5)
 
 
-class Valley:
-    """A net of one number whose loss is its square; rates from 1 on throw it out of the valley."""
-
-    def __init__(self):
-        self.module = nn.Linear(1, 1, bias=False)
-        nn.init.ones_(self.module.weight)
-        self.sgd = SelectiveSGD(self.module, PAPER)
-
-    def step(self, rows):
-        self.sgd.zero_grad()
-        loss = 2 * self.module.weight.square().sum()
-        loss.backward()
-        self.sgd.step()
-        return loss.item()
-
-
 def test_the_search_keeps_the_rate_with_the_lowest_last_loss_and_discards_the_trial():
+    """The loss is the square of the only weight; rates from 1 on throw it out of this valley."""
+
+    def valley():
+        net = nn.Linear(1, 1, bias=False)
+        nn.init.ones_(net.weight)
+        sgd = SelectiveSGD(net, PAPER)
+
+        def step(rows):
+            sgd.zero_grad()
+            loss = 2 * net.weight.square().sum()
+            loss.backward()
+            sgd.step()
+            return loss.item()
+
+        return net, sgd, step
+
     losses = {}
     for rate in PAPER:
-        valley = Valley()
-        valley.sgd.rate = rate
-        losses[rate] = [valley.step(None) for _ in range(30)][-1]
-    best = min(losses, key=losses.get)
-    valley, batches = Valley(), np.zeros((40, 2))
-    valley.sgd.before_epoch(0, batches, valley.step)
-    assert valley.sgd.rate == best and valley.sgd.rates == tuple(r for r in PAPER if r <= best)
-    assert valley.module.weight.item() == 1 and valley.sgd.steps == 0 and not valley.sgd.momentum[0].any()
-    valley.sgd.rate = 0.123
-    valley.sgd.before_epoch(1, batches, valley.step)
-    assert valley.sgd.rate == 0.123  # between the searches it stays
-    valley.sgd.before_epoch(10, batches, valley.step)
-    assert valley.sgd.rate == best
+        _, sgd, step = valley()
+        sgd.rate = rate
+        losses[rate] = [step(None) for _ in range(30)][-1]
+    best, (net, sgd, step) = min(losses, key=losses.get), valley()
+    for epoch, rate, kept in ((0, 0.5, best), (1, 0.123, 0.123), (10, 0.123, best)):  # it searches every ten epochs
+        sgd.rate = rate
+        sgd.before_epoch(epoch, np.zeros((40, 2)), step)
+        assert sgd.rate == kept and sgd.rates == tuple(r for r in PAPER if r <= best)
+        assert net.weight.item() == 1 and sgd.steps == 0 and not sgd.momentum[0].any()
+
+
+# Windows
+
+
+def loop(frames, length, hop, padding):
+    """Start, frames seen and padded values of each window, by counting."""
+    windows, start = [], 0
+    while True:
+        piece = frames[start : start + length]
+        padded = np.zeros((length, *frames.shape[1:])) if padding == "zero" else np.stack([frames[-1]] * length)
+        padded[: len(piece)] = piece
+        windows.append((start, len(piece), padded))
+        if start + length >= len(frames):
+            return windows
+        start += hop
+
+
+@given(
+    st.integers(1, 30),
+    st.integers(1, 30),
+    st.integers(0, 1000),
+    st.sampled_from([(8, 8), (2, 3)]),
+    st.sampled_from(["zero", "edge"]),
+)
+def test_windows_equal_a_loop(length, hop, seed, grid, padding):
+    hop = min(hop, length)
+    corpus = random_corpus(subjects=1, per_class=2, seed=seed, grid=grid)[np.array([3, 0, 5])]
+    windows = Windows(corpus, length, hop, padding)
+    expected = [(i, *w) for i, frames in enumerate(corpus) for w in loop(frames, length, hop, padding)]
+    assert list(zip(windows.capture, windows.start, windows.seen, strict=True)) == [e[:3] for e in expected]
+    order = np.random.default_rng(seed).permutation(len(windows))
+    batch = windows.batch(order)
+    assert batch.dtype == torch.float32 and batch.shape == (len(order), length, *grid)
+    np.testing.assert_allclose(batch.numpy(), np.stack([expected[i][3] for i in order]) / 1023, rtol=1e-6)
+
+
+@given(st.integers(1, 8), st.integers(1, 8), st.integers(1, 5), st.integers(0, 99))
+def test_sequences_equal_a_loop(frames, hop, longest, seed):
+    corpus = random_corpus(subjects=1, per_class=2, seed=seed)[np.array([3, 0, 5])]
+    windows = Windows(corpus, frames, min(hop, frames))
+    sequences = Sequences(windows, longest)
+    expected = []
+    for capture in range(3):
+        mine = np.flatnonzero(windows.capture == capture)
+        for piece in [mine[i : i + longest] for i in range(0, len(mine), longest)]:
+            end = windows.start[piece[-1]] + windows.seen[piece[-1]]
+            expected.append((capture, windows.start[piece[0]], end - windows.start[piece[0]], len(piece), piece))
+    columns = zip(sequences.capture, sequences.start, sequences.seen, sequences.steps, strict=True)
+    assert list(columns) == [e[:4] for e in expected]
+    order = np.random.default_rng(seed).permutation(len(sequences))
+    values, steps = sequences.batch(order)
+    assert steps.tolist() == [expected[i][3] for i in order]
+    assert torch.equal(values, windows.batch(np.concatenate([expected[i][4] for i in order])))
+
+
+def corpus_of(arrays):
+    captures = pd.DataFrame({"subject": ["1"] * len(arrays), "gesture": ["pat"] * len(arrays)})
+    return Corpus.from_captures(arrays, captures, 50.0)
+
+
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=5), st.integers(1, 15), st.integers(0, 99))
+def test_windows_of_signals_equal_a_loop(lengths, frames, seed):
+    """Captures that are shorter than a window are shorter windows; a tail is none."""
+    rng, hop, expected = np.random.default_rng(seed), (frames + 1) // 2, []
+    arrays = [rng.integers(0, 1023, (n, 2, 3)).astype(np.uint16) for n in lengths]
+    for capture, array in enumerate(arrays):
+        own = signals(array.astype(np.float32) / np.float32(1023))
+        own[0, [*OF_STEPS]] = own[min(1, len(own) - 1), [*OF_STEPS]]
+        starts = [start for start in range(0, len(array), hop) if start == 0 or start + frames <= len(array)]
+        expected += [(capture, start, own[start : start + frames]) for start in starts]
+    found = Stretches(corpus_of(arrays), frames, hop)
+    assert [(c, s) for c, s, _ in expected] == list(zip(found.capture, found.start, strict=True))
+    values, seen = found.batch(np.arange(len(found)))
+    assert list(seen) == [len(own) for *_, own in expected] == list(found.seen)
+    for window, (_, _, own) in zip(values.numpy(), expected, strict=True):
+        np.testing.assert_allclose(window[: len(own)], own, rtol=1e-6, atol=1e-6)
+
+
+@given(st.lists(st.integers(1, 40), min_size=2, max_size=5), st.integers(0, 99))
+def test_training_windows_of_signals_stay_within_their_captures(lengths, seed):
+    arrays = [np.full((n, 2, 2), 100 + k, dtype=np.uint16) for k, n in enumerate(lengths)]  # tell them by their total
+    drawn, total = Stretches(corpus_of(arrays), 12, 6, drawn=True), SIGNALS.index("total")
+    totals = drawn.values[np.cumsum([0, *lengths[:-1]]), total]
+    torch.manual_seed(seed)
+    values, seen = drawn.batch(np.tile(np.arange(len(drawn)), 5))
+    for window, count, capture in zip(values[..., total], seen, np.tile(drawn.capture, 5), strict=True):
+        assert 1 <= count <= lengths[capture] and (window[:count] == totals[capture]).all()
+
+
+def test_votes_by_hand():
+    proba = np.array([[0.9, 0.1], [0.4, 0.6], [0.4, 0.6], [0.2, 0.8], [0.7, 0.3]], dtype=np.float32)
+    shares = votes(proba, np.array([3, 2]))
+    assert shares.argmax(axis=1).tolist() == [1, 1]  # 2 of 3 against a higher mean; a tie by the mean
+    np.testing.assert_allclose(shares.sum(axis=1), 1, rtol=1e-6)
+    assert np.array_equal(votes(proba, np.ones(5, dtype=int)), proba)

@@ -1,6 +1,6 @@
 """Texts, tables, pages and objects as golden lines: without what depends on time, place, memory, identity and machine.
 
-Floats of data are rounded to nine digits, as other processors add in another order; `tests.net.stores` compares all.
+Floats of data are rounded to nine digits, as other processors add in another order.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from html.parser import HTMLParser
+from html import unescape
 from pathlib import Path
 
 import pandas as pd
@@ -21,10 +21,6 @@ MASKED = re.compile(  # headings of columns of times, memory, identity and versi
     "|numpy|optuna|pandas|python|scikit-learn|scipy|torch|touchbench|xgboost(-cpu)?"
 )
 LATEX = re.compile(f"{MASKED.pattern}|ms")
-LINKED = re.compile(  # sizes and instructions, which depend on the compiler
-    rf"{MASKED.pattern}|flash( kB)?|(library |program )?RAM kB|ram|stack B|instructions a frame|in a touch"
-    "|at most|cycles"
-)
 SAME = {  # what depends on time, place, memory and identity
     r"file://\S*?/(?=\w+/index)": "file://~/",
     r"/[^\s'\"]*/(?=mine\.py)": "~/",
@@ -37,7 +33,9 @@ SAME = {  # what depends on time, place, memory and identity
     r" {2,}(?=[│┃])|(?<=[│┃]) {2,}": " ",
 }
 ROWS = 12  # of a table of the API
-BLOCKS = {"p", "h1", "h2", "h3", "li", "tr", "div", "figcaption", "summary", "caption", "title", "noscript", "table"}
+BLOCKS = "p|h1|h2|h3|li|tr|div|figcaption|summary|caption|title|noscript|table"
+TAG = r"""[^>"]*(?:"[^"]*"[^>"]*)*>"""  # behind its name; a text in it may have a ">"
+LINE = "\x1e"  # between lines of a page
 
 
 def lines_of(text: str, folders: tuple[Path, ...] = (), masked: re.Pattern = MASKED) -> str:
@@ -59,15 +57,8 @@ def lines_of(text: str, folders: tuple[Path, ...] = (), masked: re.Pattern = MAS
                 cells[-1] = cells[-1].removesuffix(end) + end
             line = edge.join(cells)
         before = edge or line
-        for pattern, word in SAME.items():
-            line = re.sub(pattern, word, line)
-        lines.append(line.rstrip())
+        lines.append(_same(line).rstrip())
     return "\n".join(lines) + "\n"
-
-
-def chip_of(text: str, folders: tuple[Path, ...] = ()) -> str:
-    """The same of commands that print sizes and instructions of linked C."""
-    return re.sub(r"\d[\d.,]*(?= k?B\b| k?cycles| (k )?instructions)", "#", lines_of(text, folders, LINKED))
 
 
 def _plain(cell: str) -> str:
@@ -87,14 +78,14 @@ def csv_of(text: str, folders: tuple[Path, ...] = ()) -> str:
     return "".join(_same(line) for line in out.getvalue().splitlines(keepends=True))
 
 
+def _nine(cell: str) -> str:
+    return f"{float(cell):.9g}" if re.fullmatch(r"-?\d+\.\d+(e-?\d+)?", cell) else cell
+
+
 def _same(line: str) -> str:
     for pattern, word in SAME.items():
         line = re.sub(pattern, word, line)
     return line
-
-
-def _nine(cell: str) -> str:
-    return f"{float(cell):.9g}" if re.fullmatch(r"-?\d+\.\d+(e-?\d+)?", cell) else cell
 
 
 def table_of(table: pd.DataFrame, folders: tuple[Path, ...] = ()) -> str:
@@ -103,63 +94,27 @@ def table_of(table: pd.DataFrame, folders: tuple[Path, ...] = ()) -> str:
     return f"{len(table)} rows; {types}\n{csv_of(table[:ROWS].to_csv(index=False), folders)}"
 
 
-class _Page(HTMLParser):
-    """Visible text by line, tables as rows of cells."""
-
-    def __init__(self) -> None:
-        super().__init__(convert_charrefs=True)
-        self.lines: list[str] = []
-        self.text, self.hidden, self.cells = "", "", []
-        self.depth = 0  # drawings within a drawing
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = dict(attrs)
-        if self.hidden:
-            self.depth += tag == self.hidden
-            return
-        if tag in ("script", "style", "svg"):
-            self.hidden = tag
-            if tag == "svg" and given.get("aria-label"):
-                self.lines.append(f"(figure: {given['aria-label']})")
-        elif tag in BLOCKS:
-            self._end()
-        elif tag == "img":
-            self._end()
-            self.lines.append(f"(figure: {given.get('alt', '')})")
-        elif tag in ("td", "th"):
-            self.text = self.text.strip()
-            self.cells.append("")
-        if tag == "tr":
-            self.cells = []
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag == self.hidden and self.depth:
-            self.depth -= 1
-        elif tag == self.hidden:
-            self.hidden = ""
-        elif tag in ("td", "th") and self.cells:
-            self.cells[-1], self.text = " ".join(self.text.split()), ""
-        elif tag == "tr" and self.cells:
-            self.lines.append(f"| {' | '.join(c.replace('|', chr(92) + '|') for c in self.cells)} |")
-            self.cells, self.text = [], ""
-        elif tag == "table":
-            self.lines.append("")
-        elif tag in BLOCKS:
-            self._end()
-
-    def handle_data(self, data: str) -> None:
-        if not self.hidden:
-            self.text += data
-
-    def _end(self) -> None:
-        if text := " ".join(self.text.split()):
-            self.lines.append(text)
-        self.text = ""
-
-
 def page_of(html: str, folders: tuple[Path, ...] = ()) -> str:
-    """The text of a page by line, tables as in Markdown."""
-    page = _Page()
-    page.feed(html)
-    page._end()
-    return lines_of("\n".join(page.lines), folders)
+    """The visible text of a page by line, tables as in Markdown, and figures by their descriptions."""
+    html = re.sub(r"<(script|style)\b.*?</\1>", "", html, flags=re.S)
+    while "<svg" in html:  # the inner ones first
+        html = re.sub(r"<svg\b(?:(?!<svg\b).)*?</svg>", _figure, html, flags=re.S)
+    html = re.sub(rf"<img\b{TAG}", _figure, html)
+    html = re.sub(r"<tr\b.*?</tr>", _row, html, flags=re.S)
+    lines = re.sub(rf"</?({BLOCKS})\b{TAG}", LINE, html.replace("</table>", f"{LINE}| {LINE}")).split(LINE)
+    lines = [line if line.startswith("| ") else _words(line) for line in lines]
+    return lines_of("\n".join("" if line == "| " else line for line in lines if line), folders)
+
+
+def _words(html: str) -> str:
+    return " ".join(unescape(re.sub(f"<{TAG}", "", html)).split())
+
+
+def _figure(found: re.Match) -> str:
+    label = re.search('(?:aria-label|alt)="([^"]*)"', re.match(f"<{TAG}", found[0])[0])
+    return f"{LINE}(figure: {label[1]}){LINE}" if label else ""
+
+
+def _row(found: re.Match) -> str:
+    cells = [_words(cell).replace("|", r"\|") for cell in re.split(rf"<t[dh]\b{TAG}", found[0])[1:]]
+    return f"{LINE}| {' | '.join(cells)} |{LINE}" if cells else LINE

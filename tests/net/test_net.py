@@ -5,12 +5,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 import bench
 from bench.options import commands
-from tests.net import masks
+from bench.store import connect
+from tests.net import masks, stores
 from tests.net.build import RUNS, step
 from tests.net.commands import BUILT, FILES, LINES, ON, SCENES, STEPS, WRONG
 
@@ -102,6 +104,20 @@ def test_the_api_returns_what_it_returned(work, golden):
     }
     for name, value in objects.items():
         golden(f"api/{name}.txt", shown(value, golden.folders))
+
+
+def test_a_changed_last_digit_of_a_store_is_told(in_net, net_store, capsys):
+    """By the comparison of stores that changes of structure go through."""
+    store = connect()
+    run = store.of_kind("cell")[0].info.run_id
+    store.log(run, {"macro_f1": np.nextafter(store.client.get_run(run).data.metrics["macro_f1"], 2)})
+    (path,) = in_net.glob(f"mlruns/*/{run}/artifacts/predictions.parquet")
+    table = pd.read_parquet(path)
+    table.loc[3, "p_pat"] = np.nextafter(table.loc[3, "p_pat"], np.float32(2))
+    table.to_parquet(path, index=False)
+    assert stores.main(net_store, in_net) == 1
+    found = capsys.readouterr().out
+    assert "macro_f1: 1 -> 1 rows, row 0" in found and "p_pat: 12 -> 12 rows, row 3" in found and "\n2 of " in found
 
 
 def shown(value, folders):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+import yaml
 
 from bench.cli import main
 from tests.commands.test_server import free_port
@@ -101,3 +102,23 @@ def test_where_no_scheduler_answers_is_one_line(capsys):
     assert main(["run", *SMALL, f"cluster=tcp://127.0.0.1:{free_port()}"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "no scheduler answers" in line
+
+
+def test_the_commands_of_the_compose_file_have_options_that_exist_and_addresses_of_one_another():
+    """That they work together is tested above and in tests/commands/test_server.py."""
+    from distributed.cli import dask_scheduler, dask_worker
+    from mlflow.cli import cli
+
+    known = {"server": cli.commands["server"], "scheduler": dask_scheduler.main, "worker": dask_worker.main}
+    services = yaml.safe_load((ROOT / "docs" / "compose" / "compose.yaml").read_text())["services"]
+    params = {}
+    for name in ("mlflow", "scheduler", "first", "second"):
+        _, command, *words = services[name]["command"]
+        params[name] = known[command].make_context(command, words).params
+    scheduler = f"tcp://scheduler:{params['scheduler']['port']}"
+    assert params["first"]["scheduler"] == params["second"]["scheduler"] == scheduler
+    place = f"mlflow:{params['mlflow']['port']}"
+    assert services["bench"]["environment"]["MLFLOW_TRACKING_URI"] == f"http://{place}"
+    assert (
+        place in params["mlflow"]["allowed_hosts"] and "@database:5432/mlflow" in params["mlflow"]["backend_store_uri"]
+    )
