@@ -22,11 +22,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.errors import InputError, nearest
+from bench.words import PARTS
 
 CAPTURES = "bench.reports.views.captures:Captures"  # what is shown of captures
 FILE_MODULE = "touchbench_file_"  # what modules of files are called
 APART = ("features", "models", "protocols", "reports")  # folders of the package bench that stand beside it
-KEYS = {"corpora": "format", "features": "features", "models": "model", "protocols": "protocol"}  # of parts of a cell
+KEYS = {"corpora": "format"} | {room: key for key, room in PARTS.items()}  # of parts of a cell
 
 
 def place_of(package: str) -> Path:

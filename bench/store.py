@@ -22,10 +22,10 @@ from filelock import FileLock
 from bench.database import BESIDE, create, is_writable, lock_folder, sqlite_file, store_uri, tables_in, upgrade
 from bench.errors import InputError, StoreError
 from bench.progress import warn
-from bench.registry import KEYS
 from bench.result import Result, Tables
 from bench.scratch import sweep
 from bench.tables import AGAIN, file_of, read_table
+from bench.words import PARTS
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -36,7 +36,6 @@ EXPERIMENT = "touchbench"
 FORMAT = "4"  # version of stored runs; others are left out
 PAGE = 5000  # runs of one request
 OF_FOLDS = "fold/"  # numbers of a run whose steps are its folds
-PARTS = {key for room, key in KEYS.items() if room != "corpora"}  # whose names are parameters
 RETRIES = "5"  # of a request to a server: they wait 0, 4, 8, 16 and 32 seconds
 
 
@@ -122,9 +121,10 @@ class Store:
     @reached()
     def newest(self, kind: str, most: int, **params: str) -> list[Run]:
         """At most so many of the newest runs of a kind that have some parameters."""
-        asked = [f"tags.`touchbench.format` = '{FORMAT}' and tags.`touchbench.kind` = '{kind}'"]
-        asked += [f"params.`{name}` = '{value}'" for name, value in params.items() if "'" not in value]
-        return [*self.client.search_runs([self.experiment_id], " and ".join(asked), max_results=most)]
+        asked = {"tags.`touchbench.format`": FORMAT, "tags.`touchbench.kind`": kind}
+        asked |= {f"params.`{name}`": value for name, value in params.items() if "'" not in value}
+        condition = " and ".join(f"{name} = '{value}'" for name, value in asked.items())
+        return [*self.client.search_runs([self.experiment_id], condition, max_results=most)]
 
     def result(self, run: Run) -> Result:
         """A run as a result; its tables are read when they are asked for."""

@@ -107,8 +107,8 @@ def _cells(runs: list[str], asked: Mapping[str, list], then: Measured | None = N
         for cell in cells(parse(shlex.split(run), RUN_KEYS)):
             row = {"data": cell.data, "subset": cell.where or "all", "target": cell.target}
             row |= {"protocol": str(cell.protocol), "system": cell.system()}
-            parts = {part.room: part for part in cell.parts}
-            named = {f"{key}_name": parts[room].name if room in parts else "" for key, room in PARTS.items()}
+            parts = dict.fromkeys(PARTS.values(), "") | {part.room: part.name for part in cell.parts}
+            named = {f"{key}_name": parts[room] for key, room in PARTS.items()}
             named |= {f"protocol.{k}": str(v) for k, v in cell.protocol.parameters.items()}
             if selected([row | named], asked) and (then is None or row.items() <= then.names.items()):
                 planned.setdefault(repr(cell), (cell, run))

@@ -8,16 +8,13 @@ from typing import Any, Never, TypeVar
 
 from bench.errors import InputError
 from bench.progress import warn
-from bench.registry import KEYS as PARTS
 from bench.registry import names, run_views, views
 from bench.result import COMPARABLE, SAME_SYSTEM, Result
 from bench.store import Store
-from bench.words import Values, convert, items
+from bench.words import PARTS, Values, convert, items
 
-ROOMS = {key: room for room, key in PARTS.items() if room != "corpora"}  # of the key of a part
-COLUMNS = {"where": "subset", "run": "run_id"}  # names in a result of other keys
 SAME = (*COMPARABLE, *SAME_SYSTEM, "features_name", "model_name")  # what makes two runs repetitions of one
-COLUMNS |= {part: f"{part}_name" for part in ROOMS}
+COLUMNS = {"where": "subset", "run": "run_id"} | {part: f"{part}_name" for part in PARTS}  # names in a result of keys
 SELECTING = ("data", "where", "target", "protocol", "model", "features", "run", "latest")  # keys of stored runs
 OF_RUN = ("touchbench.kind", "touchbench.command")  # tags
 SETTING = (*OF_RUN, "data", "subset", "target", "protocol", "model_name", "features_name")  # of which `_latest` is
@@ -124,9 +121,9 @@ def selected(results: Sequence[Row], asked: Mapping[str, Iterable[object]]) -> l
         if key == "latest":
             continue
         name = COLUMNS.get(key, key)
-        if key in ROOMS:
+        if key in PARTS:
             wanted = {goes_by for value in values for goes_by in (str(value), _absolute(str(value)))}
-            kept = [r for r in kept if _names(ROOMS[key], r[name]) & wanted]
+            kept = [r for r in kept if _names(PARTS[key], r[name]) & wanted]
         else:
             texts = {str(v) for v in values}
             kept = [r for r in kept if {r.get(name), f"{r.get(name)!s:.8}" if key == "run" else None} & texts]
