@@ -121,10 +121,9 @@ class Store:
     @reached()
     def newest(self, kind: str, most: int, **params: str) -> list[Run]:
         """At most so many of the newest runs of a kind that have some parameters."""
-        asked = {"tags.`touchbench.format`": FORMAT, "tags.`touchbench.kind`": kind}
-        asked |= {f"params.`{name}`": value for name, value in params.items() if "'" not in value}
-        condition = " and ".join(f"{name} = '{value}'" for name, value in asked.items())
-        return [*self.client.search_runs([self.experiment_id], condition, max_results=most)]
+        asked = [f"tags.`touchbench.format` = '{FORMAT}' and tags.`touchbench.kind` = '{kind}'"]
+        asked += [f"params.`{name}` = '{value}'" for name, value in params.items() if "'" not in value]
+        return [*self.client.search_runs([self.experiment_id], " and ".join(asked), max_results=most)]
 
     def result(self, run: Run) -> Result:
         """A run as a result; its tables are read when they are asked for."""
