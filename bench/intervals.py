@@ -70,9 +70,9 @@ def share_interval(mean: float, sd: float, people: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def drawn(people: int, draws: int = DRAWS, seed: int = 0) -> np.ndarray:
-    """Numbers of the people in each drawing, int [draws, people]; one may come several times."""
-    return np.random.default_rng(seed).integers(0, people, (draws, people))
+def drawn(people: int) -> np.ndarray:
+    """Numbers of the people in each of `DRAWS` drawings, int [draws, people]; one may come several times."""
+    return np.random.default_rng(0).integers(0, people, (DRAWS, people))
 
 
 def weights(sizes: Sequence[int], draws: int = DRAWS, seed: int = 0) -> list[np.ndarray]:
@@ -86,14 +86,14 @@ def percentiles(values: np.ndarray, axis: int = 0) -> np.ndarray:
     return np.quantile(values, (0.025, 0.975), axis=axis)
 
 
-def ratio_interval(counts: np.ndarray, draws: int = DRAWS, seed: int = 0) -> tuple[float, float]:
+def ratio_interval(counts: np.ndarray) -> tuple[float, float]:
     """95 % interval of a pooled ratio, of the numerator and denominator of each subject [subjects, 2].
 
     Drawings whose denominators are all 0 are left out. NaN if fewer than `bench.few.INTERVAL` are above 0.
     """
     if np.count_nonzero(counts[:, 1]) < few.INTERVAL:
         return np.nan, np.nan
-    sums = counts[drawn(len(counts), draws, seed)].sum(axis=1)
+    sums = counts[drawn(len(counts))].sum(axis=1)
     sums = sums[sums[:, 1] > 0]
     low, high = percentiles(sums[:, 0] / sums[:, 1])
     return float(low), float(high)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -73,13 +72,10 @@ def commands() -> dict[str, Command]:
 def following(name: str, model: str, recogniser: Any) -> tuple[list[str], list[str]]:
     """What packages offer to type after a command that has saved or used a model, and why they offer nothing."""
     lines, reasons = [], []
-    for one in commands().values():
-        if name in one.follows:
-            why = getattr(import_module(one.module), one.unfit)(recogniser) if one.unfit else ""
-            if why:
-                reasons.append(why)
-            else:
-                lines.append(one.follows[name].format(model))
+    for one in (one for one in commands().values() if name in one.follows):
+        why = imported(f"{one.module}:{one.unfit}")(recogniser) if one.unfit else ""
+        reasons += [why] if why else []
+        lines += [] if why else [one.follows[name].format(model)]
     return lines, reasons
 
 
@@ -182,15 +178,13 @@ def _check(key: str, known: Collection[str]) -> None:
 def settings(command: str, values: Values, listed: Iterable[Option] = ()) -> dict[str, Any]:
     """The options of a command, or of its action, in their types; those that it shares with ``bench run`` aside."""
     shared = (*WORK, *added("makers").values())
-    own = {one.key: one for one in listed or options(command).values() if one not in shared}
-    given = {key: values[key] for key in own if values.get(key) is not None}
 
     def typed(one: Option) -> Any:
-        if one.key not in given:
+        if (given := values.get(one.key)) is None:
             return one.default
-        return budgets()[one.key].typed(given[one.key]) if one.type == "amount" else value_of(one, given[one.key])
+        return budgets()[one.key].typed(given) if one.type == "amount" else value_of(one, given)
 
-    return {key: typed(one) for key, one in own.items()}
+    return {one.key: typed(one) for one in listed or options(command).values() if one not in shared}
 
 
 def limits_of(given: Mapping[str, Any]) -> dict[str, float]:

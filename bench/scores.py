@@ -12,7 +12,7 @@ import pandas as pd
 
 from bench.corpora.corpus import PROBABILITY as PREFIX
 from bench.corpora.corpus import RESERVED as RESERVED
-from bench.intervals import DRAWS, ratio_interval, share_interval
+from bench.intervals import ratio_interval, share_interval
 
 ABSTAINED = ""  # the label of a system that abstains; no gesture is called so
 
@@ -82,10 +82,10 @@ def confusion(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
     return pd.concat([table, without.rename("(abstained)")], axis=1)
 
 
-def subject_interval(labelled: pd.DataFrame, draws: int = DRAWS, seed: int = 0) -> tuple[float, float]:
+def subject_interval(labelled: pd.DataFrame) -> tuple[float, float]:
     """95 % bootstrap interval of pooled accuracy over subjects; NaN for fewer than `bench.few.INTERVAL` of them."""
     hits = (labelled["true"] == labelled["predicted"]).groupby(labelled["subject"]).agg(["sum", "size"]).to_numpy()
-    return ratio_interval(hits, draws, seed)
+    return ratio_interval(hits)
 
 
 def over_people(labelled: pd.DataFrame) -> dict[str, float]:
