@@ -29,7 +29,7 @@ def read_table(file: Path | BinaryIO, name: str, of: str = "this run", columns: 
     try:
         from pyarrow import parquet
 
-        with parquet.ParquetFile(file) as opened:  # pandas takes twice as long
+        with parquet.ParquetFile(file, pre_buffer=False) as opened:  # pandas takes twice as long
             if columns:
                 return opened.read([*columns], use_threads=False)
             return opened.read(use_threads=False, use_pandas_metadata=True).to_pandas(use_threads=False)

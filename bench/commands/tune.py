@@ -126,13 +126,12 @@ def _tuning(cell: Cell, params: dict[str, object], how: dict[str, object], trial
 
     name, defaults = cell.model.short, _parameters(cell)
     space: Space = {k: _values(k, values, defaults[k]) for k, values in params.items() if k in defaults}
-    if all(len(values) == 1 for values in space.values()):
-        declared = contract.space(cell.model.factory)
-        if declared is None:
-            searchable = [key for key in defaults if key not in ("seed", "device", "batch")]
+    if all(len(values) == 1 for values in space.values()):  # single values are kept
+        if (declared := contract.space(cell.model.factory)) is None:
+            first = next((key for key in defaults if key not in ("seed", "device", "batch")), "parameter")
             raise InputError(
-                f"model={name} declares no ranges to search; list values such as "
-                f"model.{next(iter(searchable), 'parameter')}=1,2, or give the model an attribute space"
+                f"model={name} declares no ranges to search; list values such as model.{first}=1,2, or give the model "
+                "an attribute space"
             )
         space = {**declared, **space}
     is_grid = all(isinstance(values, list) for values in space.values())

@@ -334,7 +334,7 @@ def choose(
     try:
         among = candidates(results, asked, wish, clock=clock, batch=batch, study=study, losses=scene.faults)
     except NothingTracked as e:
-        raise NothingTracked(_unmeasured(results, asked, study, scene) or str(e)) from e
+        raise NothingTracked(_unmeasured(results, asked, study) or str(e)) from e
     processors = sorted(set(among.table["cpu"]))
     if "predict" in {by, *limits} and len(processors) > 1:
         warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
@@ -344,19 +344,14 @@ def choose(
     return Chosen(choice, among, by, limits, margin, clock, scene, others, lacking, [*notes], why)
 
 
-def _unmeasured(results: Sequence[Any], asked: Mapping[str, list[str]], study: str, scene: Scene) -> str:
-    """What is wrong with a scene and what measures it, of the stored runs on captures; empty without any."""
+def _unmeasured(results: Sequence[Any], asked: Mapping[str, list[str]], study: str) -> str:
+    """The command that measures a study, of the stored runs on captures; empty without any."""
     kept, kinds = selected(results, {"target": ["gesture"], **asked}), run_views()
     runs = [r for r in kept if r.complete and r.kind in kinds and not kinds[r.kind].apart]
     if not study or not runs:
         return ""
-    faults = []
-    try:
-        scene.reactions.of({*runs[-1].tables["predictions"]["true"]})
-    except InputError as e:
-        faults = [str(e)]
     measure = typed(kinds[study].key, repeated(runs[0]["touchbench.arguments"]))
-    return "; ".join([*faults, f"no run of bench {kinds[study].key} is stored; make one with: {measure}"])
+    return f"no run of bench {kinds[study].key} is stored; make one with: {measure}"
 
 
 def _check_study(study: str, by: str, unit: str, limits: Mapping[str, float], clock: float | None) -> None:
