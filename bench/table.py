@@ -169,11 +169,9 @@ def _folded(out: Console, text: str, width: int, right: bool) -> list[str]:
     return [" " * (width - cell_len(line)) + line if right else set_cell_size(line, width) for line in lines]
 
 
-def of_text(frame: pd.DataFrame, code: Collection[str] = (), **more: Any) -> Table:
+def of_text(frame: pd.DataFrame, code: Collection[str] = ()) -> Table:
     """A table of text as it is."""
-    columns = [Measure(str(name), form=CODE if name in code else TEXT) for name in frame]
-    rows = [dict(zip(map(str, frame), row, strict=True)) for row in frame.values.tolist()]
-    return Table(columns, rows, **more)
+    return Table([Measure(str(name), form=CODE if name in code else TEXT) for name in frame], rows_of(frame))
 
 
 def write_sheet(table: pd.DataFrame, path: Path, float_format: str | None = None) -> None:
