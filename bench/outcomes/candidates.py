@@ -251,7 +251,8 @@ def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
             f"runs on different captures or protocols cannot be compared; name one of: {'; '.join(arguments[:4])}"
         )
     kinds, by_age = run_views(), sorted(results, key=lambda r: r["started"])
-    same = [r for r in by_age if alike(r, ["protocol"]) == alike(by_age[-1], ["protocol"])]
+    newest = alike(by_age[-1], ["protocol"])
+    same = [r for r in by_age if alike(r, ["protocol"]) == newest]
     last = {r.kind: alike(r, kinds[r.kind].alike) for r in same}
     kept = {r for r in same if alike(r, kinds[r.kind].alike) == last[r.kind]}
     others = [r for r in results if r not in kept]

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from bench.errors import InputError, nearest
-from bench.result import COMPARABLE, COUNTS, Result, Row, shared
+from bench.result import COUNTS, Result, Row, alike, shared
 from bench.words import labelled, typed
 
 IS = ["system", "model", "features", "parameters", "seed", "unit", "subset", "target", "data", "protocol"]
@@ -28,7 +28,7 @@ def grouped(results: Sequence[Result], same: Mapping[str, tuple[str, str]] | Non
     Generated captures say so; where several corpora go by one name, the digest tells them apart. Results of a group
     also share the parameters ``same``, which have words (`bench.result.shared`).
     """
-    keys = [tuple(str(r.get(name, "")) for name in (*COMPARABLE, *(same or ()))) for r in results]
+    keys = [alike(r, same or ()) for r in results]
     words = {key: ", ".join([*r.context, *shared(r, same or {})]) for key, r in zip(keys, results, strict=True)}
     digests = {text: {key[1] for key in words if words[key] == text} for text in words.values()}
     groups: dict[str, list[Result]] = {}
