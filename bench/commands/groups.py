@@ -15,7 +15,6 @@ from bench.outcomes.candidates import eligible
 from bench.outcomes.frame import choosing
 from bench.outcomes.groups import Grouping, groupings, reactions
 from bench.outcomes.runs import asked_of, stored, without_runs
-from bench.progress import warn
 from bench.result import MIXED, Result
 from bench.store import connect
 from bench.table import Table, rows_of
@@ -61,8 +60,7 @@ def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str], list[Result]]
         raise InputError(f"{alone[0]}= has no effect on groups; leave {alone[0]}= out")
     batch, asked = settings("choose", values)["batch"], asked_of(values)
     every = stored(connect())
-    for lacking in without_runs([every], asked):
-        warn(f"warning: {lacking}: no run is stored")
+    without_runs(every, asked)
     results, notes = eligible(every, asked, batch=batch)
     by_system: dict[str, list[Result]] = {}
     for r in results:

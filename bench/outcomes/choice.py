@@ -327,8 +327,7 @@ def choose(
         _check_study(study, by, unit, limits, clock)
     if scene.faults is not None and unit == "window":
         raise InputError("unit=window: losses under faults are of whole captures; leave it or the faults out")
-    for part in without_runs([results], asked):
-        warn(f"warning: {part}: no run is stored")
+    without_runs(results, asked)
     most = limits.get("decision", np.inf if by == "decision" else None)
     wish = Wish(scene.reactions, most, unit == "window")
     try:

@@ -101,8 +101,7 @@ def wanted(results: Sequence[Result], asked: Mapping[str, Iterable[object]]) -> 
     """The selected results, with a warning for each value without a run."""
     if not results:
         _none_stored()
-    for part in without_runs([results], asked):
-        warn(f"warning: {part}: no run is stored")
+    without_runs(results, asked)
     kept = selected(results, asked)
     if not kept:
         words = " ".join(f"{k}={','.join(map(str, v))}" for k, v in asked.items() if k != "latest")
@@ -137,11 +136,13 @@ def _latest(results: Sequence[Row]) -> list[Row]:
     return [r for r in results if _named(r, NEWEST) == newest[_named(r, SETTING)]]
 
 
-def without_runs(results: Iterable[Sequence[Result]], asked: Mapping[str, Iterable[object]]) -> list[str]:
-    """The requested models, feature sets and runs without a result among any, as ``key=value``."""
+def without_runs(results: Sequence[Result], asked: Mapping[str, Iterable[object]]) -> list[str]:
+    """Warn of the requested models, feature sets and runs without a result; these, as ``key=value``."""
     parts = [(key, value) for key in ("features", "model", "run") for value in asked.get(key, ())]
-    every = [*results]
-    return [f"{key}={v}" for key, v in parts if not any(selected(each, {key: [v]}) for each in every)]
+    lacking = [f"{key}={v}" for key, v in parts if not selected(results, {key: [v]})]
+    for part in lacking:
+        warn(f"warning: {part}: no run is stored")
+    return lacking
 
 
 def _names(room: str, name: str) -> set[str]:

@@ -260,7 +260,7 @@ def test_a_model_of_a_file_goes_by_its_file_and_by_its_name(tmp_path):
     for name, row in {"mine.py:near": 0, "near": 0, names[0]: 0, "svm": 1, "svm.svm": 2, "svm.py:svm": 2}.items():
         assert selected(results, {"model": [name]}) == [results[row]], name
     asked = {"model": ["other.py:near", "near", "rf"], "features": ["touch", "balli"]}
-    assert without_runs([results], asked) == ["features=balli", "model=other.py:near", "model=rf"]
+    assert without_runs(results, asked) == ["features=balli", "model=other.py:near", "model=rf"]
 
 
 def test_what_to_expect_is_the_mean_of_people_left_out_and_the_worst_person():
