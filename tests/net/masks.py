@@ -100,7 +100,7 @@ def page_of(html: str, folders: tuple[Path, ...] = ()) -> str:
     while "<svg" in html:  # the inner ones first
         html = re.sub(r"<svg\b(?:(?!<svg\b).)*?</svg>", _figure, html, flags=re.S)
     html = re.sub(rf"<img\b{TAG}", _figure, html)
-    html = re.sub(r"<tr\b.*?</tr>", _row, html, flags=re.S)
+    html = re.sub(r"<tr\b.*?(?=<tr\b|</?tbody|</table>)", _row, html, flags=re.S)  # which need not be closed
     lines = re.sub(rf"</?({BLOCKS})\b{TAG}", LINE, html.replace("</table>", f"{LINE}| {LINE}")).split(LINE)
     lines = [line if line.startswith("| ") else _words(line) for line in lines]
     return lines_of("\n".join("" if line == "| " else line for line in lines if line), folders)

@@ -92,7 +92,7 @@ class Parsed(HTMLParser):
         self.scripts += [found.get("type", "code")] * (tag == "script")
         self.loaded += [found[k] for k in ("src", "srcset", "data", "poster", "action") if k in found]
         self.loaded += [found[k] for k in ("href", "xlink:href") if k in found and found[k][0] != "#"]
-        if tag not in ("meta", "br", "img", "input"):
+        if tag not in ("meta", "br", "img", "input", "thead", "tbody", "tr", "th", "td"):  # the last end by themselves
             self.open.append(tag)
 
     def handle_startendtag(self, tag, attributes):
