@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
+from matplotlib.ticker import LogLocator, MaxNLocator
 
 from bench.intervals import interval
 from bench.measures import Cost, costs, costs_of, three
@@ -55,12 +56,10 @@ class Axis(NamedTuple):
     def ticks(self) -> list[tuple[float, str]]:
         """Places and words of round values."""
         if self.log:
-            factors = (1, 2, 5) if self.high - self.low < 2.2 else (1,)
-            powers = range(int(np.floor(self.low)), int(np.ceil(self.high)) + 1)
-            values = [factor * 10.0**power for power in powers for factor in factors]
+            locator = LogLocator(subs=(1, 2, 5) if self.high - self.low < 2.2 else (1,), numticks=99)
+            values = locator.tick_values(10**self.low, 10**self.high)
         else:
-            step = next(s for s in (1, 2, 5, 10, 20, 50, 1e9) if (self.high - self.low) / s <= 6)
-            values = [step * i for i in range(int(self.low // step), int(self.high // step) + 1)]
+            values = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(self.low, self.high)
         return [(float(self.at(v)), three(v)) for v in values if 0 <= self.at(v) <= 1]
 
 

@@ -13,7 +13,7 @@ from bench import few
 from bench.measures import known, text
 from bench.outcomes.frame import grouped
 from bench.reports.figures import Picture, save
-from bench.result import Result, Row, notes_on, seed_number, shared
+from bench.result import Result, Row, notes_on, seed_number
 from bench.table import Table
 from bench.words import BUSY
 
@@ -88,11 +88,6 @@ def scarce(results: Sequence[Result]) -> list[str]:
     """A sentence for each number of subjects of some results that is too small for an interval."""
     people = sorted({int(r["subjects"]) for r in results if r.get("subjects", few.INTERVAL) < few.INTERVAL})
     return [f"{few.too_few(n)}." for n in people]
-
-
-def context_words(run: Result, same: Mapping[str, tuple[str, str]] | None = None) -> str:
-    """Corpus and protocol of a run in words, and the shared parameters that differ from their usual values."""
-    return ", ".join([*run.context, *shared(run, same or {})])
 
 
 def noted(

@@ -72,14 +72,19 @@ def width_of(names: Iterable[str]) -> float:
 
 def save(figure: Figure, folder: Path, name: str, group: str, caption: str) -> Picture:
     """Write a figure as SVG, all its text in one size; generated captures are marked on it."""
+    from matplotlib.text import Text
+
     if "(synthetic)" in group:
         figure.text(0.995, 0.004, SYNTHETIC, color="0.4", ha="right", va="bottom", style="italic")
         caption = f"{caption} Synthetic: {SYNTHETIC}."
     picture = Picture(name, caption, folder)
-    in_one_size(figure)
+    for ax in figure.axes:
+        ax.tick_params(labelsize=TEXT)  # of ticks that are made while it is drawn, too
+    for text in figure.findobj(Text):
+        text.set_fontsize(TEXT)  # for which places were computed
     write_svg(figure, picture.path)
     drawing = re.sub(f'<g id="{TITLE}(.*?)">', r"<g><title>\1</title>", picture.path.read_text(encoding="utf-8"))
-    drawing = re.sub('<g id="[^"]*">', "<g>", drawing)  # which every figure of a page would have
+    drawing = re.sub('<g id="[^"]*"(/?)>', r"<g\1>", drawing)  # which every figure of a page would have
     picture.path.write_text(drawing, encoding="utf-8")
     return picture
 
@@ -91,16 +96,6 @@ def write_svg(figure: Figure, path: Path) -> None:
     one_font = {"svg.fonttype": "none", "font.sans-serif": ["DejaVu Sans"]}
     with matplotlib.rc_context(one_font | {"svg.hashsalt": path.stem}):
         figure.savefig(path, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-
-
-def in_one_size(figure: Figure) -> None:
-    """Give all text of a figure the size that places were computed for."""
-    from matplotlib.text import Text
-
-    for ax in figure.axes:
-        ax.tick_params(labelsize=TEXT)  # of ticks that are made while it is drawn, too
-    for text in figure.findobj(Text):
-        text.set_fontsize(TEXT)
 
 
 def bars(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

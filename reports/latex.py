@@ -26,22 +26,12 @@ from bench.result import MARK, MIXED, MIXED_MARK, Result, Row, notes_on
 from bench.sentences import sentences
 from bench.table import Table
 
-ESCAPED = {
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": "$<$",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    '"': r"\char34{}",
-    "'": r"\textquotesingle{}",
-    "`": r"\textasciigrave{}",
-    "·": r"$\cdot$",
-    "±": r"$\pm$",
-    MARK: r"$^\dagger$",
-    MIXED_MARK: r"$^\ddagger$",
-    "\N{MULTIPLICATION SIGN}": r"$\times$",
-} | {sign: rf"\{sign}" for sign in "&%$#_{}"}
+SIGNS = (
+    r"\textbackslash{} \textasciitilde{} \textasciicircum{} $<$ \textgreater{} \textbar{} \char34{} \textquotesingle{}"
+)
+SIGNS += r" \textasciigrave{} $\cdot$ $\pm$ $\times$ $^\dagger$ $^\ddagger$"
+ESCAPED = dict(zip("\\~^<>|\"'`·±\N{MULTIPLICATION SIGN}" + MARK + MIXED_MARK, SIGNS.split(), strict=True))
+ESCAPED |= {sign: rf"\{sign}" for sign in "&%$#_{}"}
 LATIN = "\N{LATIN SMALL LETTER LONG S}"  # the last letter that pdflatex sets
 SCORES = ("accuracy", "macro_f1")  # columns under each protocol
 HEADINGS = {"accuracy": "accuracy", "macro_f1": "macro-F1", "fit_seconds": "fit s", "predict_ms_p50": "ms"}

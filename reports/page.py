@@ -32,7 +32,7 @@ from bench.reports.layout import markdown, page, slug
 from bench.reports.live import packed
 from bench.reports.papers import against as beside_papers
 from bench.reports.papers import best_published, published_section, yours
-from bench.reports.summary import Chart, Summary, labels, largest_groups, summary_of
+from bench.reports.summary import Summary, labels, largest_groups, summary_of
 from bench.result import MARKED, Result, Row, several
 from bench.scratch import owner, sweep
 from bench.store import Store
@@ -161,7 +161,7 @@ def summarised(
                 if chart := cost_chart(name, points, costs()[key], budgets.get(key), left, best):
                     picture = Picture(f"{file}-speed-{slug(key)}", chart[1], folder)
                     picture.path.write_text(chart[0], encoding="utf-8")
-                    group.charts.append(Chart(costs()[key].title, picture))
+                    group.charts.append({"label": costs()[key].title, "picture": picture})
         group.pictures = pictures(members, group.subjects, name, folder, file)
         group.live = packed(group, models)
         made.append(group)

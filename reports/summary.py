@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -44,13 +44,6 @@ STATISTICS = (  # columns of `bench.outcomes.statistics.against_best`
 )
 
 
-class Chart(NamedTuple):
-    """The chart of a cost, and the name of the cost."""
-
-    label: str
-    picture: Picture
-
-
 @dataclass
 class Summary:
     """A group of comparable runs in the report; the page fills in ``label`` and what follows it."""
@@ -68,7 +61,7 @@ class Summary:
     label: str = ""  # of the group's tab
     key: str = ""  # of the same in an address
     live: str = ""  # what the script of the page needs (`bench.reports.live`)
-    charts: list[Chart] = field(default_factory=list)
+    charts: list[dict[str, Any]] = field(default_factory=list)  # ``label``, the name of a cost, and ``picture``
     pictures: Mapping[str, Picture] = field(default_factory=dict)  # by kind
 
     @property

@@ -127,6 +127,7 @@ def test_the_section_and_its_picture(tmp_path):
     assert first.table.groups == ["lda"] * 3 + ["svm"] * 3
     assert rows[1]["points over LOSO [95 %]"].startswith("+7.5 [") and rows[2]["points over LOSO [95 %]"] == "-"
     drawing = first.picture.path.read_text()
+    assert 'id="line2d' not in drawing  # which other figures of the page have, too
     assert all(word in drawing for word in ("optimistic", "subjects mixed", "new subjects", "svm", "lda"))
     assert len(command.table) == 1
     words = " ".join(numbers.sentences)

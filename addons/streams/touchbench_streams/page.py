@@ -11,9 +11,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.measures import percent, text
-from bench.reports.contexts import Part, Section, context_words, contexts, scarce
+from bench.reports.contexts import Part, Section, contexts, scarce
 from bench.reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
-from bench.result import Result, notes_on
+from bench.result import Result, notes_on, shared
 from bench.sentences import sentences
 from bench.table import Table, rows_of
 from bench.words import CLEAN
@@ -70,6 +70,11 @@ def sentence(run: Result, same: Same) -> str:
     return sentences(
         "touchbench_streams", "touches", "watched", context=context, run=run, told=told, unit=ALARMS, few=few
     )[0]
+
+
+def context_words(run: Result, same: Same) -> str:
+    """Corpus and protocol of a run in words, and the shared parameters that differ from their usual values."""
+    return ", ".join([*run.context, *shared(run, same)])
 
 
 def caption(result: Result) -> str:
