@@ -36,7 +36,7 @@ CONTEXT = ["data", "subset", "protocol", "group"]
 TESTED = ("difference", "p_holm")
 WHOLE = {"capture": "whole captures", "window": "single windows"}  # units in headings
 ON_PAGE = [replace(m, heading=f"{m.name} [95 %]") if m.ends else m for m in run_columns("page")]
-ROWS = 100  # of a table on the page; the CSV files hold all
+ROWS = 60  # of a table on the page; the CSV files hold all
 MACHINE = ("git", "cpu", "threads")
 Tested = tuple[pd.DataFrame, pd.DataFrame]  # accuracies of subjects, and statistics of the systems
 
