@@ -141,7 +141,7 @@ def compared(
     progress.begin("choice")
     found = _choose(results, scene, limits)
     if found.choice.chosen is None:
-        raise InputError(nothing_fits(found.choice))
+        raise InputError(nothing_fits(found.choice, found.by))
     name, runs = str(found.system), {r.system: str(r["run_id"]) for r in results}
     table = found.choice.table[["system", "accuracy", "flash", "ram", "verdict"]]
     values, plan = kept[name]
@@ -301,36 +301,17 @@ def nested(found: rule.Chosen, results: list[Result]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def nothing_fits(choice: rule.Choice) -> str:
-    """Which budget is missed most, by how much, and the next larger board that would do."""
-
-    def best(limit: Any) -> float:
-        return np.nan if limit.least is None else float(choice.table.loc[limit.least, limit.cost])
-
-    def missed(limit: Any) -> float:
-        amounts = best(limit), limit.budget
-        ratio = np.divide(*(amounts if costs()[limit.cost].better == "low" else amounts[::-1]))
-        return float(np.nan_to_num(ratio, nan=np.inf))
-
-    with np.errstate(divide="ignore"):
-        limit = max(choice.budgets, key=missed)
-        together = missed(limit) <= 1
-    cost, least = costs()[limit.cost], best(limit)
-    noun = cost.noun or cost.key
-    if limit.least is None:
-        remedy = f"install {', '.join(lacking())}, or leave" if lacking() else "leave"
-        return f"no system fits: {noun} is unknown of all of them; {remedy} {cost.budget}= out"
-    if together:
-        ways = [
-            f"{costs()[one.cost].budget}= ({choice.table.loc[one.without, 'system']} meets the others)"
-            for one in choice.budgets
-            if one.without is not None
-        ]
-        return f"no system meets all budgets together; relax {' or '.join(ways) or 'two of them'}"
-    words = f"no system fits: {noun} is missed most: {cost.amount(least)} at best, the budget is "
-    words += cost.amount(limit.budget)
-    if limit.cost not in ("flash", "ram"):
-        return f"{words}; relax {cost.budget}="
-    larger = [(board.flash_kb, name) for name, board in boards().items() if getattr(board, f"{limit.cost}_kb") >= least]
-    words += f"; the next board that holds it is {min(larger)[1]}" if larger else ""
-    return f"{words}; take a larger board, or raise {cost.budget}="
+def nothing_fits(choice: rule.Choice, by: str) -> str:
+    """Why no system fits, in the sentences of ``bench choose``, and what would help."""
+    lines = rule.said("verdict prices", **rule.told(choice, by, None, 0, False, binding=True))
+    if missing := lacking():
+        lines.append(f"Install {', '.join(missing)}, which measure C.")
+    sizes = choice.table[["flash", "ram"]]
+    holding = [
+        (board.flash_kb, name)
+        for name, board in boards().items()
+        if (sizes <= [board.flash_kb, board.ram_kb]).all(axis=1).any()
+    ]
+    if holding and any(limit.over and limit.cost in sizes for limit in choice.budgets):
+        lines.append(f"The smallest board that holds one of them is {min(holding)[1]}.")
+    return " ".join(lines).removesuffix(".")

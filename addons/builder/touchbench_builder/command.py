@@ -31,12 +31,7 @@ BUILD = Command(
         Option("max_flash", "amount", None, "largest flash with code, such as 64kB"),
         Option("max_ram", "amount", None, "largest RAM of the library, such as 32kB"),
         Option("max_cycles", "amount", None, "most instructions for the costliest frame, such as 600k"),
-        Option(
-            "seconds",
-            "number",
-            600,
-            "time; a system is left out if its comparison, faults and last fit need more",
-        ),
+        Option("seconds", "number", 600, "time; a system is left out if its comparison, faults and last fit need more"),
         Option("out", "text", "", "folder for the C; new or empty"),
         Option("replace", "yes", False, "yes: replace an earlier build at out="),
     ),

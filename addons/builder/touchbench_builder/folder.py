@@ -16,7 +16,7 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.scratch import made_whole, new_folder, remove
 from bench.work.saved import Recogniser
-from touchbench_builder.certificate import page, percent
+from touchbench_builder.certificate import line, page
 from touchbench_chip.classifiers import number
 from touchbench_chip.measure import compiled
 from touchbench_chip.write import files_of
@@ -96,15 +96,14 @@ def _placed(folder: Path, out: Path, replaces: bool) -> None:
 
 def heading(facts: Mapping[str, Any]) -> list[str]:
     """The head of ``touch.h``: corpus, people, accuracy to expect; alarms stand at its operating points."""
-    data, expect = facts["data"], facts["expected"]
+    data = facts["data"]
     kind = "synthetic " if data["synthetic"] else ""
     grid = "x".join(map(str, data["grid"]))
     return [
         f"touchbench: {len(data['gestures'])} classes of {kind}touch on {grid} taxels at {data['rate_hz']:g} Hz.",
         f"{facts['system']['name']}, from {data['captures']} {kind}captures of {data['people']} people of "
         f"{data['corpus']}.",
-        f"Accuracy to expect for a new person: {percent(expect['mean'])}; mean of the next people at least "
-        f"{percent(expect['mean_low'])} (95 % confidence); nine of ten people above {percent(expect['person_low'])}.",
+        *line(facts),
     ]
 
 

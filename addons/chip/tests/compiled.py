@@ -25,87 +25,14 @@ from bench.models.classic.xgb import xgb
 from bench.models.nets.hughes2017 import Hughes2017CNN
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
-from bench.models.sizes import sizes
 from bench.work.replay import learned
 from bench.work.saved import Recogniser
-from touchbench_chip.tables import chip_of
 from touchbench_chip.write import files_of
 from touchbench_people.adaptation import adapted
 from touchbench_people.scaler import adaptable
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-O1")
-LIBRARY = """#include "touch.c"
-static touch_t t;
-int state_bytes(void) { return sizeof t; }
-int library(const float *frames, int n, int every, float *proba, float *settled, float *features, int *ready)
-{
-    int label = touch_init(&t);
-    for (int i = 0; i < n && label >= 0; i++) {
-        label = ready[i] = touch_push(&t, frames + (long)i * TAXELS);
-        if (label >= 0 && (every || i == n - 1))
-            label = touch_label(&t, proba + (long)i * CLASSES, settled);
-    }
-    memcpy(features, t.features, sizeof t.features);
-    return label;
-}
-"""
-ABUSE = """#include "touch.c"
-#include <stdio.h>
-#include <stdlib.h>
-static touch_t t, kept;
-int main(void)
-{
-    static float frame[TAXELS], proba[CLASSES], settled;
-    unsigned seed = 1;
-    if (touch_init(0) != TOUCH_BAD || touch_push(0, frame) != TOUCH_BAD || touch_label(0, proba, 0) != TOUCH_BAD)
-        return 1;
-    touch_init(&t);
-    if (touch_push(&t, 0) != TOUCH_BAD || touch_label(&t, 0, 0) != TOUCH_BAD)
-        return 2;
-    if (touch_label(&t, proba, 0) != TOUCH_EMPTY)
-        return 2;
-    const float odd[] = {NAN, INFINITY, -INFINITY, -0.001f, FULL_SCALE * 1.001f, -1e-40f};
-    for (int n = 0; n < 3000; n++) {
-        int bad = 0;
-        for (int i = 0; i < TAXELS; i++) {
-            seed = seed * 1103515245u + 12345u;
-            frame[i] = seed % 3 ? (float)(seed >> 16 & 1023) : (n / 50 % 2 ? FULL_SCALE : 0);
-        }
-        if (n % 7 == 0) {
-            frame[n % TAXELS] = odd[n % 6];
-            bad = 1;
-        }
-        memcpy(&kept, &t, sizeof t);
-        int code = touch_push(&t, frame);
-        if (bad && (code != TOUCH_BAD || memcmp(&kept, &t, sizeof t)))
-            return 3;
-        if (!bad && code == TOUCH_LONG) {
-            if (t.seen != LONGEST || memcmp(&kept, &t, sizeof t))
-                return 4;
-            touch_init(&t);
-            continue;
-        }
-        if (!bad && code < 0)
-            return 5;
-        if (n % 11 == 5 && t.seen) {
-            int label = touch_label(&t, proba, n % 2 ? &settled : 0);
-            float sum = 0;
-            if (label < 0 || label >= CLASSES || !touch_name(label)[0])
-                return 6;
-            for (int c = 0; c < CLASSES; c++) {
-                if (!(proba[c] >= 0 && proba[c] <= proba[label]))
-                    return 7;
-                sum += proba[c];
-            }
-            if (!(fabsf(sum - 1) < 1e-3f))
-                return 8;
-        }
-        if (n % 500 == 499)
-            touch_init(&t);
-    }
-    return touch_name(-1)[0] || touch_name(CLASSES)[0];
-}
-"""
+HERE = Path(__file__).parent
 WINDOW = {"window": 0.4, "repair": ("stuck", "dead")}
 SYSTEMS = {
     "reflex": lambda: Reflex(units=6, copies=1, window=0.4, early=0.2),
@@ -122,8 +49,7 @@ SYSTEMS = {
     "windows of a frame": lambda: Recipe(rf(TouchFeatures(), trees=9), window=0.02),
     "a person": lambda: adaptable(Jung28()),
 }
-STOPPING = {"lda", "bayes"}  # learn when to decide, too
-SAME_IN_8_BITS = {"lda", "lda scaled", "softmax on jung28", "bayes"}  # Python computes what C does
+STOPPING = {"lda", "bayes"}  # in 32 bits they learn when to decide, too
 
 
 class Answer(NamedTuple):
@@ -158,6 +84,14 @@ def in_double(text):
     return text.replace("#define PI 3.1415927", f"#define PI {np.pi!r}")
 
 
+def loaded(folder, text):
+    """Functions of C that includes the exported C of a folder."""
+    (folder / "library.c").write_text(text)
+    call = ["gcc", *STRICT, "-shared", "-fPIC", "library.c", "-lm", "-o", "library.so"]
+    subprocess.run(call, cwd=folder, check=True, capture_output=True, text=True)
+    return ctypes.CDLL(str(folder / "library.so"))
+
+
 class Library:
     """The C of a system, compiled; called with frames, it gives an `Answer`, also after every frame."""
 
@@ -165,13 +99,10 @@ class Library:
         self.classes, self.precision = len(recogniser.classes), precision
         with tempfile.TemporaryDirectory() as name:
             folder = written(recogniser, Path(name), bits)
-            (folder / "library.c").write_text(LIBRARY)
-            if precision is np.float64:
-                for path in (folder / name for name in ("library.c", "touch.c", "touch.h", "tables.h")):
-                    path.write_text(in_double(path.read_text()))
-            call = ["gcc", *STRICT, "-shared", "-fPIC", "library.c", "-lm", "-o", "library.so"]
-            subprocess.run(call, cwd=folder, check=True, capture_output=True, text=True)
-            self.code = ctypes.CDLL(str(folder / "library.so"))
+            change = in_double if precision is np.float64 else str
+            for path in (folder / name for name in ("touch.c", "touch.h", "tables.h")):
+                path.write_text(change(path.read_text()))
+            self.code = loaded(folder, change((HERE / "library.c").read_text()))
 
     def __call__(self, frames, every=False):
         n = len(frames)
@@ -213,48 +144,7 @@ def made(name, stopping=False):
     return recogniser
 
 
-def check_agreement(name, bits):
-    """C labels and weighs as Python does; what is counted of tables and state is what is written."""
-    corpus, recogniser = touched(), made(name, name in STOPPING)
-    library = Library(recogniser, bits)
-    table = recogniser.label(corpus)
-    expected = table.filter(like="p_").to_numpy()
-    answers = [library(frames) for frames in corpus]
-    proba = np.array([answer.proba[-1] for answer in answers])
-    labels = np.array([recogniser.classes[answer.label] for answer in answers])
-    second, first = np.sort(expected, axis=1)[:, -2:].T
-    close = 0.02 if bits == 32 else 0.2
-    assert (labels == table["label"])[first - second > 2 * close].all() and (labels == table["label"]).mean() > 0.9
-    assert np.median(np.abs(proba - expected).max(axis=1)) < close / 4
-    for i in (0, 5) if recogniser.stopping is not None else ():
-        _, confidence, settled = recogniser.decision(corpus[i : i + 1], None)
-        assert answers[i].settled == pytest.approx(settled, abs=2 * close)
-        assert proba[i].max() == pytest.approx(confidence, abs=2 * close)
-
-
-def check_sizes(name, bits):
-    """What is counted of tables and state is what is written, and Python in 8 bits computes what C does."""
-    corpus, system = touched(), SYSTEMS[name]()
-    library, plain = Library(made(name), bits), made(name)
-    if bits == 8:
-        system = system.set_params(bits=8) if "bits" in system.get_params() else Recipe(system, bits=8)
-        plain = fitted(system, corpus)
-        expected = plain.label(corpus).filter(like="p_").to_numpy()
-        apart = np.abs([library(frames).proba[-1] for frames in corpus] - expected).max(axis=1)
-        assert np.median(apart) < 1e-4 and np.quantile(apart, 0.95) < 0.01
-    counted, chip = sizes(plain.estimator, 35, int(corpus.lengths.max())), chip_of(made(name), bits)
-    parts = (chip, *chip.deciders.values())
-    arrays = [a for part in parts for name, a in part.arrays.items() if name != "usual"]  # only linked if it is used
-    assert counted["flash_bytes"] == pytest.approx(sum(a.nbytes for a in arrays), rel=0.1, abs=64)
-    assert counted["ram_bytes"] == pytest.approx(library.code.state_bytes(), rel=0.1)
-
-
-def check_bad_input(name, folder, compiler="gcc"):
-    """What is no frame is a code and changes nothing, and nothing is undefined."""
-    folder = written(made(name, stopping=name == "bayes"), folder, 8)
-    (folder / "abuse.c").write_text(ABUSE)
-    checked = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"] if compiler == "gcc" else []
-    flags = [*STRICT, *checked]  # clang has its sanitizers in a package of their own
-    subprocess.run([compiler, *flags, "abuse.c", "-lm", "-o", "abuse"], cwd=folder, check=True, capture_output=True)
-    done = subprocess.run(["./abuse"], cwd=folder, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+@cache
+def in_c(name, bits):
+    """The C of such a system, compiled once for all tests."""
+    return Library(made(name, name in STOPPING and bits == 32), bits)

@@ -9,22 +9,28 @@ import pytest
 import bench
 from addons.chip.tests.compiled import lacking
 from bench.cli import main
-from tests.conftest import never_busy, shorten_measurements
 from tests.net import masks, numbers
-from tests.net.build import RUNS, THREE, build, copy, inside, step
-from tests.net.commands import LDA, ON
+from tests.net.build import RUNS, SYNTH, THREE, build, step
+from tests.net.commands import LDA, ON, TREE
 
-GOLDEN = Path(__file__).parent / "golden"
 TOOLS = lacking("arm-none-eabi-gcc", "qemu-system-arm")
 LINKED = re.compile(
     rf"{masks.MASKED.pattern}|flash( kB)?|(library |program )?RAM kB|ram|stack B|instructions a frame|in a touch"
     "|at most|cycles"
 )
+IN_C = ["run", *SYNTH, "form=c"]
 WRONG = [
     ["export", "nowhere", "out=c"],
     ["export", "rec"],
     ["export", "rec", "out=c", "bits=7"],
-    ["run", *THREE, "model=tree", "features=jung28", "form=c", "bits=4"],
+    [*IN_C, *TREE, "bits=4"],
+    [*IN_C, "model=cnn85"],
+    [*IN_C, "model=lda", "features=touch"],
+    [*IN_C, "model=lda", "features=touch", "model.window=0.4", "model.hop=0.1"],
+    [*IN_C, "model=lda", "features=touch", "model.window=0.4", "model.scale=log"],  # else scaled by the peak in C
+    [*IN_C, "model=lda", "features=jung28", "model.window=0.4"],
+    [*IN_C, "model=lda", "features=jung28", "features.area=capture"],
+    [*IN_C, "model=reflex", "model.scale=peak"],
     ["choose", "clock=64"],
 ]
 
@@ -34,69 +40,40 @@ def chip_of(text, folders):
     return re.sub(r"\d[\d.,]*(?= k?B\b| k?cycles| (k )?instructions)", "#", masks.lines_of(text, folders, LINKED))
 
 
-@pytest.fixture(scope="module")
-def few_runs(tmp_path_factory, empty_store):
-    """A store with the runs that a choice compares with systems in C."""
-    folder = tmp_path_factory.mktemp("few")
-    with pytest.MonkeyPatch.context() as patch:
-        shorten_measurements(patch)
-        never_busy(patch)
-        run = ["run", *THREE, "model=tree,bayes", "features=jung28"]
-        build(folder, {"corpora": RUNS["corpora"], "run": [run]}, empty_store)
-    return folder
-
-
-@pytest.fixture
-def in_few(few_runs, tmp_path):
-    """A copy of it, in which the test works."""
-    with inside(copy(few_runs, tmp_path / "few")):
-        yield tmp_path / "few"
-
-
-@pytest.fixture
-def golden(request, few_runs, tmp_path):
-    """Compare a text with the golden file of a name, or write it."""
-    folders = (tmp_path / "few", few_runs, tmp_path)
-
-    def compared(name, text, form=masks.lines_of):
-        path, text = GOLDEN / name, form(text, folders)
-        if request.config.getoption("golden"):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
-        assert text == path.read_text()
-
-    return compared
-
-
-def test_help_and_refusals_are_what_they_were(in_few, golden):
+def test_help_and_refusals_are_what_they_were(golden):
     golden("help.txt", step(["export", "--help"]))
     golden("refusals.txt", "".join(map(step, WRONG)))
 
 
-def test_an_exported_system_is_what_it_was(in_few, golden):
+def test_an_exported_system_is_what_it_was(golden):
     assert "exit code" not in step(["fit", *LDA, "stopping=no", "out=rec"])
-    golden("export.txt", step(["export", "rec", "out=rec_c"]))
+    assert "exit code" not in step(["fit", *SYNTH[:-1], *TREE, "model.scale=log", "stopping=no", "out=log"])
+    places = ("rec", "out=rec_c"), ("rec", "out=rec"), ("log", "out=log_c")
+    golden("export.txt", "".join(step(["export", *place]) for place in places))
     golden("touch.h", Path("rec_c/touch.h").read_text())
 
 
 @pytest.mark.live
 @pytest.mark.skipif(bool(TOOLS), reason=TOOLS)
-def test_systems_as_c_print_what_they_printed(in_few, golden):
-    ran = step(["run", *THREE, "model=bayes", "features=jung28", "form=c", "bits=32,8"])
-    golden("chip.txt", ran + step(["choose", "data=three", *ON[1:], "by=cycles"]), chip_of)
+def test_systems_as_c_print_what_they_printed(golden, tmp_path, empty_store):
+    run, choose = ["run", *THREE, "model=tree,bayes", "features=jung28"], ["choose", "data=three", *ON[1:], "by=cycles"]
+    in_c = ["run", *THREE, "model=bayes", "features=jung28", "form=c", "bits=32,8"]
+    commands = {"corpora": RUNS["corpora"], "run": [run], "chip": [in_c, choose]}
+    build(tmp_path / "net", commands, empty_store)
+    golden("chip.txt", Path(tmp_path, "net/printed/chip.txt").read_text(), chip_of)
 
 
-@pytest.mark.parametrize("bits", ["32", "8"])
-def test_the_c_of_a_system_has_the_numbers_that_it_had(bits, request):
-    stored = GOLDEN / "c" / f"{bits}.csv"
+def test_the_c_of_a_system_has_the_numbers_that_it_had(request):
     bench.fit(model="lda", **{k: v for k, v in numbers.ON.items() if k != "jobs"}, out="fitted", stopping=False)
-    assert main(["export", "fitted", "out=c", f"bits={bits}"]) == 0
-    files = sorted(path for path in Path("c").iterdir() if path.suffix in (".c", ".h"))
-    rows = [(path.name, numbers.digest(path.read_text())) for path in files]
-    pd.DataFrame(rows, columns=["file", "digest"]).to_csv("found.csv", index=False)
-    if request.config.getoption("golden"):
-        stored.write_text(Path("found.csv").read_text())
-    if request.config.getoption("exact"):
-        assert Path("found.csv").read_text() == stored.read_text()
-    else:
-        assert [name for name, _ in rows] == [*pd.read_csv(stored)["file"]]
+    for bits in ("32", "8"):
+        stored, found = Path(__file__).parent / f"golden/c/{bits}.csv", Path(f"{bits}.csv")
+        assert main(["export", "fitted", f"out=c{bits}", f"bits={bits}"]) == 0
+        files = sorted(path for path in Path(f"c{bits}").iterdir() if path.suffix in (".c", ".h"))
+        rows = [(path.name, numbers.digest(path.read_text())) for path in files]
+        pd.DataFrame(rows, columns=["file", "digest"]).to_csv(found, index=False)
+        if request.config.getoption("golden"):
+            stored.write_text(found.read_text())
+        if request.config.getoption("exact"):
+            assert found.read_text() == stored.read_text()
+        else:
+            assert [name for name, _ in rows] == [*pd.read_csv(stored)["file"]]

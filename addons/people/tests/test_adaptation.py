@@ -15,7 +15,7 @@ from bench.models.adapters import FromTorch
 from bench.models.classic.lda import Discriminants
 from bench.models.classic.svm import svm
 from bench.models.nets.cnn85 import CNN85
-from bench.models.nets.hughes2017 import Hughes2017CNN, Hughes2017CNNRNN
+from bench.models.nets.hughes2017 import Hughes2017CNN
 from bench.models.reflex import Reflex
 from tests.conftest import random_corpus
 from tests.work.fakes import Level
@@ -97,18 +97,16 @@ def test_the_last_layer_is_at_an_optimum_and_a_stiff_one_stays(monkeypatch):
     np.testing.assert_allclose(relearnt(old, inputs, codes, captures), old, atol=1e-6)
 
 
-@pytest.mark.parametrize("make", [lambda: CNN85(frames=10, epochs=1, batch=16), lambda: Hughes2017CNNRNN(epochs=1)])
-def test_a_network_learns_a_person_in_its_last_layer(make):
+def test_a_network_learns_a_person_in_its_last_layer():
     corpus = random_corpus(longest=60, per_class=2)
     train, tested = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
-    model = make().fit(corpus[train], corpus.gestures[train])
+    model = CNN85(frames=10, epochs=1, batch=16).fit(corpus[train], corpus.gestures[train])
     before = model.predict_proba(corpus[tested])
     weights = [p.clone() for p in model.net_.parameters()]
     same, mine = (adapted(model, corpus[tested], y) for y in (None, corpus.gestures[tested]))
     assert adapts(model) and np.array_equal(same.predict_proba(corpus[tested]), before)
-    if isinstance(model, CNN85):  # a vote, which the other takes, moves in steps
-        right = np.arange(len(tested)), np.searchsorted(model.classes_, corpus.gestures[tested])
-        assert np.log(mine.predict_proba(corpus[tested])[right]).mean() > np.log(before[right]).mean()
+    right = np.arange(len(tested)), np.searchsorted(model.classes_, corpus.gestures[tested])
+    assert np.log(mine.predict_proba(corpus[tested])[right]).mean() > np.log(before[right]).mean()
     changed = [not torch.equal(a, b) for a, b in zip(mine.net_.parameters(), weights, strict=True)]
     assert changed[-2:] == [True, True] and not any(changed[:-2])
     assert all(torch.equal(a, b) for a, b in zip(model.net_.parameters(), weights, strict=True))
@@ -116,7 +114,7 @@ def test_a_network_learns_a_person_in_its_last_layer(make):
         adapted(model, corpus[:1], np.array(["nod"]))
 
 
-@pytest.mark.parametrize(("windows", "labelled"), [(1.0, True), (2.0, True), (2.0, False)])
+@pytest.mark.parametrize(("windows", "labelled"), [(2.0, True), (2.0, False)])
 def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labelled):
     """Against every row of training and of the person together, in the units of training, with naive loops."""
     rng = np.random.default_rng(0)
@@ -156,28 +154,20 @@ def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labe
     np.testing.assert_array_equal(general.decision_function(P), before)  # it stays as it is
 
 
-class Neighbours(Level):
-    """Remembers the captures of a person in itself, as much code of others does."""
+class InPlace(Level):
+    """Changes its own arrays for a person, as much code of others does."""
 
     def adapt(self, X, y):
-        self.near_ = dict(zip((frames.tobytes() for frames in X), y, strict=True)) | getattr(self, "near_", {})
+        self.means_[:] = self.means_[::-1].copy()
         return self
-
-    def predict_proba(self, X):
-        proba = super().predict_proba(X)
-        for i, frames in enumerate(X):
-            if (label := getattr(self, "near_", {}).get(frames.tobytes())) is not None:
-                proba[i] = self.classes_ == label
-        return proba
 
 
 def test_what_adapts_in_place_carries_nothing_into_other_tests():
     corpus = random_corpus(subjects=2, per_class=2)
     train, test = (corpus[np.flatnonzero(corpus.subjects == name)] for name in "12")
-    system = Neighbours().fit(train, train.gestures)
-    before, labels = system.predict(test).tolist(), test.gestures[::-1]
-    assert adapted(system, test, labels).predict(test).tolist() == labels.tolist() != before
-    assert system.predict(test).tolist() == before
+    system = InPlace().fit(train, train.gestures)
+    before = system.predict(test).tolist()
+    assert adapted(system, test, test.gestures).predict(test).tolist() != before == system.predict(test).tolist()
 
 
 def test_weights_in_few_bits_and_modules_of_others_do_not_adapt():

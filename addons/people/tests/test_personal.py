@@ -11,7 +11,6 @@ from bench.circumstances.faults import Faults
 from bench.errors import HiddenError, InputError
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, folds_of, planned
-from bench.protocols.subjects import LOSO
 from bench.work.evaluation import folded, systems
 from bench.work.fold import decisions
 from bench.work.loop import prepared, warnings
@@ -19,11 +18,6 @@ from tests.conftest import random_corpus, with_other_values
 from tests.corpora.made import copied
 from tests.work.fakes import Level
 from touchbench_people.personal import Personal
-
-
-def pairs_of(protocol, corpus):
-    """Pairs of each fold and draw."""
-    return [[pair for pair in draw] for fold in protocol.calibrations(corpus) for draw in fold]
 
 
 @given(st.integers(2, 4), st.integers(1, 7), st.integers(0, 4), st.integers(1, 3), st.integers(0, 5))
@@ -49,25 +43,18 @@ def test_every_capture_is_tested_once_per_draw_and_never_known_then(subjects, pe
 @given(st.integers(1, 4), st.integers(0, 20))
 def test_calibrations_are_nested_and_the_tested_half_stays(shots, seed):
     corpus = random_corpus(3, 9, longest=3)
-    few, more = (pairs_of(Personal(k, 3, seed=seed), corpus) for k in (shots, shots + 1))
-    for (calibration, tested), (larger, tested_too) in zip(sum(few, []), sum(more, []), strict=True):
+    kinds = [{"shots": shots}, {"shots": shots + 1}, {"unlabelled": True}]
+    few, more, without = (
+        [pair for fold in Personal(draws=3, seed=seed, **kind).calibrations(corpus) for draw in fold for pair in draw]
+        for kind in kinds
+    )
+    for (calibration, tested), (larger, tested_too) in zip(few, more, strict=True):
         assert set(calibration) < set(larger) and np.array_equal(tested, tested_too)
-    without = pairs_of(Personal(unlabelled=True, seed=seed), corpus)
-    halves = [{tuple(tested) for draw in draws for _, tested in draw} for draws in (without, few)]
-    assert halves[0] == halves[1]
-
-
-def test_without_calibration_it_is_leaving_one_subject_out():
-    corpus = random_corpus(3, 4, longest=3)
-    cell = cells({"data": "synth", "protocol": "personal", "model": "lda", "features": "touch"})[0]
-    folds = folds_of(cell, corpus)
-    for fold, (train, test) in zip(folds, LOSO().split(corpus), strict=True):
-        assert not fold.pairs and np.array_equal(fold.train, train) and np.array_equal(fold.test, test)
+    assert {tuple(tested) for _, tested in few} == {tuple(tested) for _, tested in without}
 
 
 SYSTEMS = {
     "adapts": {"model": "lda", "features": "touch"},
-    "windows": {"model": "lda", "features": "touch", "model.window": "0.1"},
     "is fitted again": {"model": "svm", "features": "touch"},
     "pools": {"model": "adaptable", "features": "touch", "model.ways": "centre+scale+pool"},
     "last layer": {"model": "cnn85", "model.epochs": "1", "model.frames": "10"},
@@ -79,13 +66,7 @@ def cell_of(system, labelled):
     return cells({"data": "synth", "protocol": "personal", **how, "protocol.draws": "1"} | SYSTEMS[system])[0]
 
 
-def probabilities(cell, corpus, fold):
-    found = systems(cell, corpus, fold)
-    return [decisions(one.estimator, corpus, one.name, one.tested).filter(like="p_") for one in found]
-
-
-@pytest.mark.parametrize("system", ["adapts", "is fitted again"])
-@pytest.mark.parametrize("labelled", [True, False])
+@pytest.mark.parametrize("system, labelled", [("adapts", True), ("is fitted again", False)])
 def test_a_person_with_one_capture_is_tested_by_the_general_system(system, labelled):
     corpus = random_corpus(4, 4, longest=60)
     corpus = corpus[np.setdiff1d(np.arange(len(corpus)), np.flatnonzero(corpus.subjects == "1")[1:])]
@@ -109,8 +90,9 @@ def test_no_other_label_and_no_other_frame_of_the_tested_half_is_used(system, la
     secret = np.setdiff1d(fold.test, shots) if labelled else fold.test
     gestures[secret] = np.where(gestures[secret] == "pat", "rub", "pat")
     changed = changed.changed(captures=changed.captures.assign(gesture=gestures))
-    for table, other in zip(probabilities(cell, corpus, few), probabilities(cell, changed, few), strict=True):
-        assert np.array_equal(table, other)
+    for one, other in zip(systems(cell, corpus, few), systems(cell, changed, few), strict=True):
+        said = [decisions(s.estimator, c, "", s.tested) for s, c in ((one, corpus), (other, changed))]
+        assert np.array_equal(*(table.filter(like="p_") for table in said))
 
 
 def test_the_next_person_is_learned_from_although_one_has_a_single_capture(tmp_path):

@@ -67,18 +67,17 @@ def test_values_and_labels_of_what_is_tested_change_nothing_that_is_learned(syst
 
 def test_both_are_brought_to_the_coarser_of_each():
     target = random_corpus(3, 4, longest=30).changed(rate_hz=100.0)
-    names = sorted(set(target.gestures))
     source = study("other", classes=("PAT", "rub", "knock"))
+    names = sorted(set(target.gestures))
     target.info["warnings"], source.info["warnings"] = ["ours"], ["theirs"]
     both = joined(target, source, {"PAT": names[0], "rub": names[1]})
     assert both.rate_hz == 40.0 and both.grid == (4, 5) and both.full_scale == target.full_scale
     assert both.info["warnings"][1:] == ["ours", "other: theirs"] and "more than one" in both.info["warnings"][0]
-    mine = both.captures["skin"] == OWN
-    kept = np.flatnonzero(np.isin(target.gestures, names[:2]))
+    mine, kept = both.captures["skin"] == OWN, np.flatnonzero(np.isin(target.gestures, names[:2]))
+    assert both.captures["skin"].tolist() == [OWN] * len(kept) + [SOURCE] * 4
     assert both.gestures.tolist() == [*target.gestures[kept], *[names[0], names[1]] * 2]
     assert both.subjects[mine].tolist() == target.subjects[kept].tolist()
     assert not set(both.subjects[mine]) & set(both.subjects[~mine]) and len(set(both.subjects[~mine])) == 2
-    assert both.captures["skin"].tolist() == [OWN] * len(kept) + [SOURCE] * 4
     np.testing.assert_allclose(both[len(kept)], source[0] * target.full_scale, rtol=1e-6)
     np.testing.assert_allclose(both[0], brought(target[kept[:1]], 40.0, (4, 5), target.full_scale)[0])
 

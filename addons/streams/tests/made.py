@@ -1,12 +1,21 @@
-"""Results of ``bench watch`` as if it had made them."""
+"""Recordings of generated people, and results of ``bench watch`` as if it had made them."""
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from tests.reports.store import keep
+from bench.corpora.library import import_corpus
+from bench.plan.cells import cells
+from bench.plan.plan import Fold, planned
+from bench.scratch import home
 from tests.results import HAART, result
+from touchbench_streams.study import Continuous
+from touchbench_streams.synth_recordings import generate
 
 TINY = "data=synth data.subjects=3 data.variants=normal data.rate_hz=20 data.rows=3 data.cols=3 jobs=1".split()
+PEOPLE = generate(subjects=3, variants=("normal",), rows=3, cols=3, rate_hz=15.0)
 WATCHED = pd.DataFrame(  # 100 s at 50 Hz, 10 s of it touched; one touch is found, one missed, one false alarm raised
     [("recording", np.nan, 5000, None, np.nan, None, None, np.nan)]
     + [("touch", 500, 750, "pat", np.nan, None, None, np.nan), ("touch", 1000, 1250, "rub", np.nan, None, None, np.nan)]
@@ -14,6 +23,33 @@ WATCHED = pd.DataFrame(  # 100 s at 50 Hz, 10 s of it touched; one touch is foun
     + [("probability", np.nan, np.nan, None, seen, None, None, 0.1) for seen in range(20, 5000, 100)],
     columns=["kind", "start", "end", "gesture", "reported", "first", "label", "confidence"],
 ).assign(recording=0, subject="1", fold="1")
+
+
+def stored(name, frames, labels, subjects, rate_hz="15"):
+    """Recordings of 3 x 3 taxels, imported under a name."""
+    table = pd.DataFrame(frames.reshape(len(labels), -1), columns=[f"ch{i}" for i in range(9)])
+    file = Path(home(), f"{name}.parquet")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    table.assign(label=labels, subject=subjects)[["subject", "label", *table.columns]].to_parquet(file)
+    return import_corpus("recording", file, {"name": name, "rate_hz": rate_hz, "grid": "3x3"})
+
+
+def day(labels=None, frames=None):
+    """The recordings of `PEOPLE`, imported as ``day``; other labels and frames if given."""
+    labels = PEOPLE.frame_labels() if labels is None else labels
+    frames = PEOPLE.corpus.frames if frames is None else frames
+    return stored("day", frames, labels, np.repeat(PEOPLE.subjects, PEOPLE.corpus.lengths))
+
+
+def plan_of_day():
+    """The plan of ``bench watch data=day``."""
+    found = cells({"data": "day", "model": "lda", "features": "touch"})
+    return planned([replace(cell, study=Continuous()) for cell in found], 1)[0]
+
+
+def leaving_out(subject, corpus):
+    """The fold that tests a subject."""
+    return Fold(subject, *(np.flatnonzero((corpus.subjects == subject) == tested) for tested in (False, True)))
 
 
 def watched(system, end_correct, alarms, latency, flash=4000.0, tables=None, **about):
@@ -30,8 +66,3 @@ def watched(system, end_correct, alarms, latency, flash=4000.0, tables=None, **a
     }
     options = {"watch.detector": "frames", "watch.false_alarms": "5.0", "watch.background": "", "watch.unknown": ""}
     return result(system, "watch", metrics, usual | (tables or {}), **HAART | options | about)
-
-
-def stored(store, system, end_correct, alarms, latency, flash=4000.0, **about):
-    """Store such a run."""
-    return keep(store, watched(system, end_correct, alarms, latency, flash, **about))

@@ -1,24 +1,16 @@
 """Detectors that decide tick by tick: nothing looks ahead, times are learned, reports cost, anybody can add one."""
 
-import re
-
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addons.streams.tests.made import TINY
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import FAULTS, as_readings
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
-from bench.outcomes.runs import every_result
-from bench.store import connect
-from tests.conftest import runs
-from touchbench_streams import watch
-from touchbench_streams.detectors import detectors
 from touchbench_streams.detectors.detector import Detector, left_out, points_of, signs_of, worth
 from touchbench_streams.detectors.frames import Frames, Hysteresis, Times
 from touchbench_streams.detectors.names import touches
@@ -27,7 +19,6 @@ from touchbench_streams.detectors.spans import means, spans_of
 from touchbench_streams.detectors.threshold import Threshold, TwoInARow
 from touchbench_streams.detectors.ticks import learn
 from touchbench_streams.events import FALSE_ALARM, matched
-from touchbench_streams.page import watch_section
 from touchbench_streams.recordings import Recordings, captures_in, event_table
 from touchbench_streams.synth_recordings import generate
 
@@ -88,15 +79,16 @@ def test_times_come_from_the_labels():
 def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     odds = [-5, 3, 3, 3, -1, 3, 3, -5, 3, -5, 3]  # the tick before the last dip is too short
     evidence = np.stack([odds, np.zeros(len(odds))], axis=1)
-    signs = signs_of(Hysteresis(np.array([1.0]), 1.5, Times(wait=2, hold=1, fade=9)), evidence)
+
+    def of(evidence, *times):
+        return signs_of(Hysteresis(np.array([1.0]), 1.5, Times(*times)), evidence)
+
+    signs = of(evidence, 2, 1, 9)
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 6]
     assert signs[:, 1].astype(int).tolist() == [0, 1, 2, 3, 0, 1, 2, 0, 1, 0, 1]
-    signs = signs_of(
-        Hysteresis(np.array([1.0]), 1.5, Times(wait=3, hold=3, fade=9)), evidence
-    )  # a dip is no end, but does not hold
-    assert np.flatnonzero(signs[:, 2]).tolist() == [3]
+    assert np.flatnonzero(of(evidence, 3, 3, 9)[:, 2]).tolist() == [3]  # a dip is no end, but does not hold
     never = np.stack([odds, np.full(len(odds), -9.0)], axis=1)  # the beginning was not seen
-    assert not signs_of(Hysteresis(np.array([1.0]), 1.5, Times(2, 1, 9)), never)[:, 2].any()
+    assert not of(never, 2, 1, 9)[:, 2].any()
     signs = signs_of(TwoInARow(2.0), np.array([[0], [3], [3], [1.5], [3], [0.5], [3], [3]]))
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 7]
 
@@ -138,22 +130,18 @@ def test_beginnings_are_frames_of_their_touch_and_at_most_its_shift_before(lengt
     assert sorted(got) == sorted(expected)
 
 
-def test_names_come_from_the_frames_up_to_the_last_sure_tick():
+def test_names_come_from_the_frames_up_to_the_last_sure_tick_of_each_part():
     sure, since = [0.1, 0.9, 0.9, 0.9, 0.9, 0.2, 0.1, 0.1, 0.9, 0.2], [0, 1, 2, 3, 4, 5, 6, 0, 1, 0]
-    signs = np.column_stack([sure, since, np.isin(np.arange(10), [2, 8])])
-    first, second = spans_of(signs, 7, 99)
+    first, second = spans_of(np.column_stack([sure, since, np.isin(np.arange(10), [2, 8])]), 7, 99)
     assert (first.reported, first.end) == (21, 49) and first.named == [(0, 21), (0, 28), (0, 35)]
     assert (second.reported, second.end) == (63, 63) and second.named == [(49, 63)]
     assert first.last is None
     longer = [0.1, *[0.9] * 8, 0.2, 0.9, 0.2, 0.1, 0.1]
     (span,) = spans_of(np.column_stack([longer, [*range(13), 0], np.arange(14) == 2]), 1, 99)
     assert span.named == [(0, 3), (0, 4), (0, 5), (0, 7), (0, 9)] and span.last == (0, 11)
-
-
-def test_a_long_touch_is_named_from_one_part_after_another():
     sure = [0.1, *[0.9] * 8, 0.2, 0.9, 0.2, 0.2, 0.2, 0.9, 0.1]
-    signs = np.column_stack([sure, [*range(15), 0], np.arange(16) == 2])
-    (span,) = spans_of(signs, 2, 6)  # parts end with ticks 6 and 12, the second with a last sure tick before
+    (span,) = spans_of(np.column_stack([sure, [*range(15), 0], np.arange(16) == 2]), 2, 6)
+    # parts end with ticks 6 and 12, the second with a last sure tick before
     assert span.named == [(0, 6), (0, 8), (0, 10), (0, 12), (12, 18), (12, 22), (24, 30)]
     again = spans_of(np.array([[0.1, 0, 0], [0.9, 1, 0], [0.9, 2, 1], [0.9, 1, 0], [0.9, 2, 1], [0.1, 0, 0]]), 1, 9)
     assert [(each.reported, each.end) for each in again] == [(3, 3), (5, 5)]  # a touch right after another one
@@ -162,12 +150,12 @@ def test_a_long_touch_is_named_from_one_part_after_another():
 def test_frames_one_by_one_give_the_reports_of_whole_recordings(watcher, recordings):
     tested = recordings[[2]].corpus
     live = watcher.stream(tested.grid, tested.rate_hz, tested.full_scale)
-    news = [(n, event) for n, frame in enumerate(tested[0], 1) for event in live.push(frame.astype(np.float32))]
+    some = tested[0][:2000].astype(np.float32)
+    news = [(n, event) for n, frame in enumerate(some, 1) for event in live.push(frame)]
     reports = watcher.reports(tested)
     ended = [(e.reported, e.end, e.first, e.label) for _, e in news if e.end is not None]
-    whole = [*reports[["reported", "end", "first", "label"]].itertuples(index=False, name=None)]
-    assert len(whole) >= 5
-    assert ended == whole[: len(ended)] and len(whole) - len(ended) <= 1  # the recording may end before a touch does
+    whole = reports[["reported", "end", "first", "label"]].itertuples(index=False, name=None)
+    assert len(ended) >= 5 and ended == [*whole][: len(ended)]
     sure = [e.confidence for _, e in news if e.end is not None]
     assert sure == pytest.approx(reports["confidence"][: len(sure)].tolist(), abs=1e-5)
     assert {e.reported for n, e in news if n == e.reported} == {e.reported for _, e in news}  # at once
@@ -176,16 +164,12 @@ def test_frames_one_by_one_give_the_reports_of_whole_recordings(watcher, recordi
 def test_noise_that_training_did_not_have_costs_few_touches(recordings):
     corpus = recordings.corpus
     weak = [np.rint(0.3 * stream) for stream in corpus]  # a light hand
-    make_corpus = lambda streams: Corpus.from_captures(  # noqa: E731
-        streams, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale
-    )
-    weaker = Recordings(make_corpus(weak), recordings.events)
-    watcher, test = learned(Frames(), weaker[np.arange(2)]), weaker[[2]]
-    shares = weak[2].astype(np.float32) / np.float32(corpus.full_scale)
-    noise = FAULTS["noise"].damage(shares, 1.0, np.random.default_rng(0))
-    noisy = make_corpus([*weak[:2], as_readings(test.corpus, noise)])[[2]]
-    reports = watcher.reports(noisy)
-    found, reported = matched(test.events, reports, corpus.rate_hz)
+    noise = FAULTS["noise"].damage(weak[2].astype(np.float32) / corpus.full_scale, 1.0, np.random.default_rng(0))
+    noisy = as_readings(corpus, noise)
+    corpus = Corpus.from_captures([*weak[:2], noisy], corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale)
+    disturbed = Recordings(corpus, recordings.events)
+    watcher, test = learned(Frames(), disturbed[np.arange(2)]), disturbed[[2]]
+    found, reported = matched(test.events, watcher.reports(test.corpus), corpus.rate_hz)
     assert found["found"].sum() >= 8  # of 14; 0 with the classifier for a calm sensor, at 12 false alarms
     assert (reported["touch"] == FALSE_ALARM).sum() <= 3
 
@@ -208,8 +192,8 @@ def test_a_sensor_is_disturbed_as_a_plain_loop_says():
 def test_few_subjects_are_left_out_by_recording():
     few = of_one([9, 9, 9], [(0, 0, 3, "pat")])
     assert left_out(few).tolist() == ["0", "1", "2"]
-    captures = few.corpus.captures.iloc[[0] * 6].assign(subject=list("aabcde"))
-    many = Recordings(few.corpus[[0] * 6].changed(captures=captures.reset_index(drop=True)), few.events)
+    captures = few.corpus.captures.iloc[[0] * 6].assign(subject=list("aabcde")).reset_index(drop=True)
+    many = Recordings(few.corpus[[0] * 6].changed(captures=captures), few.events)
     assert left_out(many).tolist() == list("aabcde")
 
 
@@ -228,27 +212,7 @@ def test_operating_points_find_more_with_more_alarms():
     assert points_of(table, 1.0) == expected  # the learned one, too; from the highest level to the lowest
 
 
-def test_a_time_that_is_none_is_refused_before_anything_runs():
-    with pytest.raises(InputError, match="detector.up=.*above 0"):
-        detectors({"detector": "threshold,frames", "detector.up": np.nan})
-
-
 @pytest.mark.parametrize("events, lacking", [([(0, 0, 20, "pat")], "background"), ([], "touch")])
 def test_without_touch_or_background_frames_says_so(events, lacking):
     with pytest.raises(InputError, match=f"no {lacking}"):
         Frames().fit([np.ones((20, 16), np.float32)], of_one([20], events))
-
-
-def test_a_detector_of_a_file_watches_like_any_other(tmp_path):
-    file = tmp_path / "my.py"
-    file.write_text("from touchbench_streams.detectors.threshold import Threshold\nclass Mine(Threshold): pass\n")
-    words = dict(word.split("=", 1) for word in TINY) | {"model": "lda", "features": "touch"}
-    watch(**words, detector=[f"{file}:Mine", "threshold"], **{"detector.up": 30.0})
-    mine, own = sorted(runs("watch")[1], key=lambda run: "my.py" not in run.data.params["watch.detector"])
-    assert mine.data.params["watch.detector"] == f"{file}:Mine[up=30.0]"
-    assert own.data.params["watch.detector"] == "threshold[up=30.0]"
-    same = ("touches_found", "end_correct", "fragments", "missed_at_60")
-    assert [mine.data.metrics[name] for name in same] == [own.data.metrics[name] for name in same]
-    words = watch_section(every_result(connect()), tmp_path, {}).parts[0].sentences
-    named = {re.search(r"detector=\S+", line)[0] for line in words[:2]}
-    assert named == {"detector=my.py:Mine[up=30.0]", "detector=threshold[up=30.0]"}

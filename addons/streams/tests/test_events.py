@@ -1,4 +1,6 @@
-"""Reported events against true touches: cases by hand, a naive loop, and the counts of sed_eval."""
+"""Scores of reported events, by hand, by naive loops, and the counts of sed_eval; the threshold that rejects labels."""
+
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -7,25 +9,31 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.intervals import weights
 from bench.measures import Measure
+from touchbench_streams.curve import missed_at, swept
 from touchbench_streams.events import alarm_interval, matched, over_people, per_subject, report_table, summary
-from touchbench_streams.recordings import event_table
+from touchbench_streams.recordings import Recordings, event_table
+from touchbench_streams.rejection import last_confidence, learn_reject, rejection_scores
 
 # Two recordings at 10 Hz; the collar of 0.5 s has 5 frames.
 TRUTH = event_table(
     [(0, 10, 30, "pat"), (0, 33, 50, "rub"), (0, 80, 90, "pat"), (1, 10, 30, "hit"), (1, 60, 70, "pat")]
 )
 REPORTS = report_table(
-    [
-        (0, 9, 9, "pat", "pat", 0.9),  # before any touch: false alarm
-        (0, 28, 45, "rub", "rub", 0.9),  # reported during the pat, ends in the rub: belongs to the pat
-        (0, 34, 40, "pat", "rub", 0.9),  # in the collar of the pat, but during the rub
-        (0, 42, 50, "rub", "pat", 0.9),
-        (0, 51, 60, "rub", "rub", 0.9),  # in the collar of the rub
-        (0, 95, 99, "pat", "pat", 0.9),  # last frame of the collar
-        (1, 36, 40, "hit", "hit", 0.9),  # one frame after the collar: false alarm
-        (1, 60, 60, "pat", "rub", 0.9),
-    ]
+    (*row, 0.9)
+    for row in (
+        (0, 9, 9, "pat", "pat"),  # before any touch: false alarm
+        (0, 28, 45, "rub", "rub"),  # reported during the pat, ends in the rub: belongs to the pat
+        (0, 34, 40, "pat", "rub"),  # in the collar of the pat, but during the rub
+        (0, 42, 50, "rub", "pat"),
+        (0, 51, 60, "rub", "rub"),  # in the collar of the rub
+        (0, 95, 99, "pat", "pat"),  # last frame of the collar
+        (1, 36, 40, "hit", "hit"),  # one frame after the collar: false alarm
+        (1, 60, 60, "pat", "rub"),
+    )
 )
 WORDS = st.sampled_from(["pat", "rub", "hit"])
 
@@ -43,24 +51,11 @@ def test_cases_by_hand():
     assert list(touches["fragments"]) == [1, 3, 1, 0, 1]
     assert list(touches["insertions"]) == [0, 1, 0, 0, 0]  # a first report with a wrong label is none
     assert list(touches["late"]) == [False, False, True, False, False]
-    assert summary(touches, reports, background_s=1800) == pytest.approx(
-        {
-            "touches": 5,
-            "touches_found": 4 / 5,
-            "first_correct": 2 / 5,
-            "end_correct": 2 / 5,
-            "late": 1 / 5,
-            "merged": 0,
-            "fragmented": 1 / 5,
-            "first_correct_found": 2 / 4,
-            "end_correct_found": 2 / 4,
-            "false_alarms_per_hour": 4,
-            "latency_s_p50": 0.8,  # of 0, 0.1, 1.5, 1.8 s
-            "latency_s_p90": 1.71,
-            "fragments": 6 / 4,
-            "insertions_per_touch": 1 / 5,
-        }
-    )
+    numbers = {"touches": 5, "touches_found": 4 / 5, "first_correct": 2 / 5, "end_correct": 2 / 5}
+    numbers |= {"late": 1 / 5, "merged": 0, "fragmented": 1 / 5, "fragments": 6 / 4, "insertions_per_touch": 1 / 5}
+    numbers |= {"first_correct_found": 2 / 4, "end_correct_found": 2 / 4, "false_alarms_per_hour": 4}
+    numbers |= {"latency_s_p50": 0.8, "latency_s_p90": 1.71}  # of 0, 0.1, 1.5, 1.8 s
+    assert summary(touches, reports, background_s=1800) == pytest.approx(numbers)
 
 
 def test_a_touch_without_a_report_is_merged_if_one_before_it_was_not_over():
@@ -71,12 +66,6 @@ def test_a_touch_without_a_report_is_merged_if_one_before_it_was_not_over():
     assert list(touches["merged"]) == [False, True, False, False]
     numbers = summary(touches, reports, 60)
     assert (numbers["merged"], numbers["fragmented"], numbers["late"]) == (0.25, 0.25, 0)
-
-
-@pytest.mark.parametrize("frames, touch", [(50, 0), (51, -1)])
-def test_the_collar_ends_with_its_last_frame(frames, touch):
-    reported = report_table([(0, 50 + frames, 190, "pat", "pat", 1)])
-    assert list(matched(event_table([(0, 0, 50, "pat")]), reported, 100)[1]["touch"]) == [touch]
 
 
 def test_without_touches_or_background_scores_are_nan():
@@ -135,16 +124,7 @@ SED_EVAL = [
         {0: [160, 300, 441, 443, 502], 1: [38, 135, 238, 262, 273, 330, 430, 457]},
         (7, 6, 1),
     ),
-    (
-        {0: [125, 228], 1: [171, 318, 467, 572]},
-        {0: [130, 161, 165, 181], 1: [109, 131, 354, 402, 502, 607]},
-        (3, 7, 3),
-    ),
-    (
-        {0: [114, 262, 387, 510], 1: [96, 194, 311]},
-        {0: [114, 183, 297, 348, 422, 424, 510, 546], 1: [61, 66, 130, 138, 209, 268, 283, 323]},
-        (7, 9, 0),
-    ),
+    ({0: [125, 228], 1: [171, 318, 467, 572]}, {0: [130, 161, 165, 181], 1: [109, 131, 354, 402, 502, 607]}, (3, 7, 3)),
 ]
 
 
@@ -190,3 +170,114 @@ def test_the_interval_of_false_alarms_is_the_wider_of_bootstrap_and_poisson_and_
     assert np.isnan(alarm_interval(even[:4])).all()
     shown = Measure("a", ends="a").of({"a": 0.0, "a_high": high})
     assert shown == "0.0 [at most 2.3]"
+
+
+def sweep_of(rows):
+    """Rows of a sweep from (offset, subject, hits, alarms, reports)."""
+    return pd.DataFrame(rows, columns=["offset", "subject", "hits", "alarms", "reports"])
+
+
+def test_the_best_threshold_that_keeps_to_the_rate_counts():
+    table = sweep_of(
+        [
+            *((-1.0, "a", 10, 30, 80), (-1.0, "b", 10, 0, 10)),  # reports always
+            *((0.0, "a", 9, 4, 13), (0.0, "b", 9, 1, 11)),
+            *((1.0, "a", 6, 1, 8), (1.0, "b", 7, 0, 7)),
+            (2.0, "a", 1, 0, 1),  # not tried for the other subject
+        ]
+    )
+    numbers = missed_at(swept(table), pd.Series({"a": 10, "b": 10}), pd.Series({"a": 0.5, "b": 0.5}))
+    assert numbers["missed_at_5"] == pytest.approx(1 - 18 / 20)
+    assert numbers["missed_at_1"] == pytest.approx(1 - 13 / 20)
+    assert np.isnan(numbers["missed_at_5_low"])  # two people
+
+
+def test_the_interval_is_that_of_drawings():
+    rng = np.random.default_rng(3)
+    people, offsets = list("abcdef"), np.arange(-2.0, 3.0)
+    touches = dict(zip(people, [8, 5, 12, 9, 7, 0], strict=True))
+    hours = dict(zip(people, [0.5, 0.2, 0.4, 0.6, 0.3, 0.4], strict=True))
+    table = sweep_of(
+        [(o, p, h := rng.integers(0, touches[p] + 1), a := rng.integers(0, 9), h + a) for p in people for o in offsets]
+    )
+    numbers = missed_at(swept(table), pd.Series(touches)[:5], pd.Series(hours))
+    counted = {(row.offset, row.subject): (row.hits, row.alarms) for row in table.itertuples()}
+    least = []
+    for drawing in weights([6])[0].tolist():
+        times, most = dict(zip(people, drawing, strict=True)), -1
+        for offset in offsets:
+            hits, alarms = (sum(counted[offset, p][k] * times[p] for p in people) for k in (0, 1))
+            if alarms <= 10 * sum(hours[p] * times[p] for p in people):
+                most = max(most, hits)
+        total = sum(touches[p] * times[p] for p in people)
+        least += [1 - most / total] if most >= 0 and total else []
+    ends = [numbers["missed_at_10_low"], numbers["missed_at_10_high"]]
+    np.testing.assert_allclose(ends, np.quantile(least, [0.025, 0.975]))
+
+
+def test_the_confidence_of_a_touch_is_that_of_its_last_label():
+    touches = event_table([(0, 0, 100, "pat"), (0, 200, 300, "rub"), (1, 0, 100, "pat")])
+    reports = report_table(
+        [
+            (0, 250, 290, "rub", "rub", 0.3),
+            (0, 50, 60, "pat", "pat", 0.9),
+            (0, 80, 100, "pat", "rub", 0.4),  # the same touch once more
+            (0, 400, 450, "pat", "pat", 0.2),  # no touch
+        ]
+    )
+    assert last_confidence(touches, reports, 100.0).to_dict() == {0: 0.4, 1: 0.3}
+
+
+def test_rejection_is_counted_by_each_folds_threshold():
+    """Touches of 1 s, one every 2 s; thresholds 0.5 and 0.2: of the known 0.6, 0.4 and 0.3 one lies below."""
+    rows = [("a", "pat", 0.6), ("a", "pat", 0.4), ("a", "unknown", 0.55), ("b", "pat", 0.3), ("b", "unknown", 0.05)]
+    tables = []
+    for i, (fold, gesture, confidence) in enumerate(rows):
+        common = {"fold": fold, "subject": fold, "recording": 0}
+        tables.append(common | {"kind": "touch", "start": 200 * i, "end": 200 * i + 100, "gesture": gesture})
+        said = {"reported": 200 * i + 50, "end": 200 * i + 90, "first": "pat", "label": "pat", "confidence": confidence}
+        tables.append(common | {"kind": "report"} | said)
+    table = pd.DataFrame(tables)
+    scores = rejection_scores(table, {"a": 0.5, "b": 0.2}, 100.0)
+    # above the thresholds: known 0.1, -0.1, 0.1, unknown 0.05, -0.15; of 6 pairs 5 are in order
+    assert scores == pytest.approx({"auroc": 5 / 6, "rejected_unknown": 1 / 2, "rejected_known": 1 / 3})
+    nothing = rejection_scores(table[table["gesture"] != "unknown"], {"a": 0.5, "b": 0.2}, 100.0)
+    assert np.isnan(nothing["auroc"]) and np.isnan(nothing["rejected_unknown"])
+
+
+@dataclass
+class Told:
+    """A watcher whose reports tell who its system was fitted to: a confidence for each held-out subject."""
+
+    system: object
+    reject: float = 0.5
+    hears: bool = True
+
+    def renamed(self, make_system, captures, recordings):
+        assert {*recordings.subjects.tolist()} == {*captures.subjects.tolist()}
+        return Told(make_system().fit(captures, captures.gestures), 0.0, self.hears)
+
+    def reports(self, corpus):
+        assert self.reject == 0
+        subjects = corpus.subjects.tolist()
+        assert not {*subjects} & self.system.subjects_ and len(self.system.subjects_) == 6 - len(subjects)
+        at = 5 if self.hears else 20
+        return report_table([(i, at, at + 3, "pat", "pat", float(s) / 10) for i, s in enumerate(subjects)])
+
+
+class Fitted:
+    def fit(self, X, y):
+        assert y.tolist() == X.gestures.tolist()
+        self.subjects_ = {*X.subjects.tolist()}
+        return self
+
+
+def test_the_threshold_is_learned_on_subjects_whom_the_system_has_not_seen():
+    names = [str(i + 1) for i in range(6)]
+    frames = [np.zeros((30, 1, 1), np.uint16)] * 6
+    captures = Corpus.from_captures(frames * 2, pd.DataFrame({"subject": names * 2, "gesture": "pat"}), 5.0)
+    whole = Corpus.from_captures(frames, pd.DataFrame({"subject": names, "gesture": ""}), 5.0)
+    recordings = Recordings(whole, event_table([(i, 0, 9, "pat") for i in range(6)]))
+    assert learn_reject(Fitted, captures, recordings, Told(None)) == 0.1  # of 0.1, 0.2, ... 0.6
+    with pytest.raises(InputError, match="none was found"):
+        learn_reject(Fitted, captures, recordings, Told(None, hears=False))

@@ -1,4 +1,4 @@
-"""Decisions on frames as they come, from standard input too."""
+"""Frames from standard input, decided on as they come, in one grammar for Python and C."""
 
 import io
 import os
@@ -9,17 +9,23 @@ import time
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from addons.chip.tests.compiled import STRICT, fitted, lacking, written
 from bench.cli import main
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.features.jung28 import Jung28
+from bench.models.classic.rf import rf
 from bench.work.replay import STATE, Calibration, Stopping, Waiting
 from bench.work.saved import Recogniser
 from tests.conftest import BENCH
 from tests.work.test_replay import Rising, coded_corpus, lengths_of
 from touchbench_streams.detectors.base import Event
-from touchbench_streams.live import decided_at
+from touchbench_streams.live import decided_at, frames_of
 
 
 @given(lengths_of, st.floats(10, 200), st.integers(1, 12))
@@ -80,14 +86,9 @@ def test_a_label_is_settled_as_in_a_replay_that_saw_an_earlier_one(threshold, st
     assert [row[:2] for row in rows] == [*(["1", t] for t in ("30", "60", "90", "100")), ["2", "30"], ["2", "50"]]
     expected = ["yes" if 1 - g >= threshold else "no" for g in gain] if threshold < 1 else ["-"] * 6
     assert [row[4] for row in rows] == expected and (threshold > 1 or expected.count("yes") == 2)
-    sharp = np.array([0.75, 0.125, 0.125]) ** (1 / calibration_temperature(30))
+    share = np.log(30 / 10) / np.log(12)  # temperatures: 2 after 10 ms to 0.5 after 120 ms, a line of logarithms
+    sharp = np.array([0.75, 0.125, 0.125]) ** (1 / (2 ** (1 - share) * 0.5**share))
     assert rows[0][3] == f"{sharp[0] / sharp.sum():.3f}"
-
-
-def calibration_temperature(ms):
-    """From 2 after 10 ms to 0.5 after 120 ms, a straight line of logarithms."""
-    share = np.log(ms / 10) / np.log(12)
-    return 2 ** (1 - share) * 0.5**share
 
 
 def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(streamed):
@@ -114,33 +115,27 @@ class Listening:
         return [] if self.seen % 4 else [Event(self.seen, "a", "a", 0.5, self.seen)]
 
 
-def listening(statuses):
-    """The system with such a watcher."""
+SHAKY = ["ok"] * 10 + ["refused"] * 400 + ["ok"] * 10 + ["refused"] * 600 + ["ok"] * 501  # 100 frames a second
+SKIPPED = [*[GOOD] * 3, "0,9,9,9,9,nan", "9" * 400, *[SHORT] * 8, GOOD, SHORT, *[GOOD] * 4]
+BROKEN = [*[GOOD] * 4, *[SHORT] * 11, *[GOOD] * 4]
+ENDED = "{},ended,a,0.500".format
+
+
+@pytest.mark.parametrize(
+    ("lines", "code", "reported", "told"),
+    [
+        (SKIPPED, 0, (40, 80), ["line 4: 'nan' is not a decimal number", "of 8 frames: 11 lines skipped"]),
+        (BROKEN, 2, (40,), ["line 5: 3 values", "bench: line 15: 3 values instead of 6"]),
+        ([GOOD] * len(SHAKY), 0, range(40, 15_201, 40), ["9200 ms: ", "15200 ms: ", "of 1521 frames: 1000 refused"]),
+    ],
+    ids=["bad lines are skipped and counted", "many in a row end it", "a status is told when it has lasted"],
+)
+def test_an_endless_stream(lines, code, reported, told, streamed):
     system = recogniser()
-    system.watcher = Listening(statuses)
-    return system
-
-
-def test_a_bad_line_of_an_endless_stream_is_skipped_and_counted(streamed):
-    lines = [GOOD] * 3 + ["0,9,9,9,9,nan", "9" * 400, *[SHORT] * 8, GOOD, SHORT, *[GOOD] * 4]
-    code, rows, errors = streamed(listening(["ok"] * 20), lines)
-    assert code == 0 and rows[1:] == ["40,ended,a,0.500", "80,ended,a,0.500"]  # as if they had not been there
-    assert len(errors) == 3 and errors[1].startswith("line 4: 'nan' is not a decimal number")
-    assert errors[2] == "of 8 frames: 11 lines skipped"
-
-
-def test_many_bad_lines_in_a_row_end_an_endless_stream(streamed):
-    code, rows, errors = streamed(listening(["ok"] * 20), [GOOD] * 4 + [SHORT] * 11 + [GOOD] * 4)
-    assert code == 2 and rows[1:] == ["40,ended,a,0.500"]
-    assert errors[-1].startswith("bench: line 15: 3 values instead of 6")
-
-
-def test_a_status_is_told_when_it_has_lasted(streamed):
-    statuses = ["ok"] * 10 + ["refused"] * 400 + ["ok"] * 10 + ["refused"] * 600 + ["ok"] * 501  # 100 frames a second
-    code, _, errors = streamed(listening(statuses), [GOOD] * len(statuses))
-    assert code == 0
-    assert [line.partition(" ms: ")[0] for line in errors[1:-1]] == ["9200", "15200"]
-    assert errors[-1] == "of 1521 frames: 1000 refused"
+    system.watcher = Listening(SHAKY if len(lines) > 99 else ["ok"] * 20)
+    ended, rows, errors = streamed(system, lines)
+    assert (ended, rows[1:]) == (code, [ENDED(ms) for ms in reported])  # as if bad lines had not been there
+    assert len(errors) == 1 + len(told) and all(map(str.startswith, errors[1:], told))
 
 
 @pytest.mark.live
@@ -165,3 +160,67 @@ def test_decisions_come_while_frames_come_and_control_c_ends_it(tmp_path):
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=300)
     assert process.returncode == 130 and b"Traceback" not in error
+
+
+FRAME, BLANK, REFUSED = "frame", "blank", "refused"
+MOST = 4 * 32  # bytes of a line of four values
+# Lines of a sensor with four taxels, values from 0 to 1000, with | between them.
+FRAMES = (
+    b"1 2 3 4|1,2,3,4|1 , 2,3\t,4|  1\t2  3 4 \t|1 2 3 4\r|1. .5 2e2 +3E-1|-0 0.0 1000 1e3"
+    b"|00000000000000000000000000000001 2 3 4"  # 32 characters
+    b"|1 2 3 1000.00001|1 2 3 -1e-60"  # 1000 and 0 in single precision
+)
+NO_FRAMES = (
+    b"000000000000000000000000000000001 2 3 4|1,2 3,4|1 2,3 4|1,2,3,4,|,1,2,3,4|1,,2,3|1,,2,3,4|1;2;3;4|,|1 2 3"
+    b"|1 2 3 4 5|0x1 2 3 4|1 2 3 0x1p3|nan 2 3 4|inf 2 3 4|1_0 2 3 4|1 2 3 -1|1 2 3 1001|1 2 3 1e39|1 2 3 1e400"
+    b"|1 2 3 4\0|\0|1 2\0 3 4|1\f2 3 4|\f|\v|1 2 3 4\f|1\r2 3 4|1 2 3 4\r\r|\xef\xbb\xbf1 2 3 4|1 2 3 1e|1 2 3 ."
+    b"|1 2 3 1.2.3|1 2 3 --4|1 2 3 4d"
+    b'|1,2,3,"4"'
+    b"|\xd9\xa1 2 3 4|1\xc2\xa02 3 4"  # an Arabic digit, a blank that does not break
+)
+LINES = {
+    **dict.fromkeys([*FRAMES.split(b"|"), b"1 2 3 4".ljust(MOST - 1)], FRAME),
+    **dict.fromkeys([b"", b" \t ", b"\r", b" " * (MOST - 1)], BLANK),
+    **dict.fromkeys([*NO_FRAMES.split(b"|"), b"1 2 3 4".ljust(MOST), b" " * MOST, b"1 2 3 4".ljust(507)], REFUSED),
+}
+
+
+def inputs():
+    """Each line behind a frame, and before another or at the end: input, whether it ends, line and its kind."""
+    for line, kind in LINES.items():
+        yield b"9 9 9 9\n" + line + b"\n9 9 9 9\n", False, line, kind
+        if len(line) != MOST:  # the end of the line counts
+            yield b"9 9 9 9\n" + line, True, line, kind
+
+
+def test_python_reads_the_grammar():
+    for text, ends, line, kind in inputs():
+        frames = frames_of(io.BytesIO(text), 4, 1000.0)
+        next(frames)
+        if kind == REFUSED:
+            with pytest.raises(InputError, match="^line 2: "):
+                next(frames)
+        elif line or not ends:
+            assert (next(frames) is None) is (kind == BLANK), line
+
+
+@pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
+def test_c_reads_the_same_grammar(tmp_path):
+    """The C program of a small system; it decides on every frame."""
+    rng = np.random.default_rng(0)
+    labels = pd.DataFrame({"subject": ["1", "2"] * 2, "gesture": ["a", "a", "b", "b"]})
+    arrays = [rng.integers(0, 1000, (20, 2, 2)) for _ in range(4)]
+    corpus = Corpus.from_captures(arrays, labels, 50.0, full_scale=1000.0)
+    written(fitted(rf(Jung28(), trees=1), corpus), tmp_path)
+    call = ["gcc", *STRICT, "-DHOP_MS=1.0", "touch.c", "main.c", "-lm", "-o", "touch"]
+    subprocess.run(call, cwd=tmp_path, check=True, capture_output=True)
+    for text, ends, line, kind in inputs():
+        done = subprocess.run([tmp_path / "touch"], input=text, capture_output=True, check=False)
+        captures = [row.split(b",")[0] for row in done.stdout.splitlines()[1:]]
+        expected = {
+            FRAME: (0, [b"1"] * (2 if ends else 3)),
+            BLANK: (0, [b"1"] if ends else [b"1", b"2"]),
+            REFUSED: (2, [b"1"]),
+        }[kind]
+        assert (done.returncode, captures) == expected, line
+        assert done.stderr.startswith(b"line 2: ") is (kind == REFUSED)

@@ -1,4 +1,4 @@
-"""Recordings: events by hand, files that are refused, and what is stored is what was imported."""
+"""Recordings: events by hand, files that are refused, what is stored; composed from captures, and cut into them."""
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,7 @@ from bench.corpora.folder import content_digest
 from bench.corpora.library import import_corpus, open_corpus, stored_value
 from bench.errors import InputError
 from touchbench_streams import synth_recordings
+from touchbench_streams.composer import composed, pieces
 from touchbench_streams.read import read as read_captures
 from touchbench_streams.recordings import Recordings, captures_in, event_table, events_of, recorded
 from touchbench_streams.stored import whole
@@ -29,14 +30,6 @@ OPTIONS = {"name": "arm", "rate_hz": "50", "grid": "1x2"}
 
 def read(*given, **options):
     return recorded(read_captures(*given, **options))
-
-
-def recordings(name, parameters=None):
-    return recorded(whole(name, parameters))
-
-
-def digest(value):
-    return content_digest(value.corpus)
 
 
 def rows(labels=LABELS):
@@ -81,14 +74,19 @@ def test_a_table_by_hand(tmp_path):
     assert value.corpus[1].tolist() == [[[9, 18]], [[10, 20]], [[11, 22]]]
 
 
+def parquet(folder, **columns):
+    pq.write_table(pa.table(columns), folder / "day.parquet")
+    return read(folder / "day.parquet", 50.0, "1x2")
+
+
 def test_the_same_as_parquet_with_gaps_and_without_names(tmp_path):
     labels = [label.strip() if label.strip() not in ("", "none") else None for label in LABELS]
-    columns = {"label": labels, "frame": range(1, 13), "b": range(12), "a": range(12)}
-    pq.write_table(pa.table({k: list(v) for k, v in columns.items()}), tmp_path / "day.parquet")
-    value = read(tmp_path / "day.parquet", 50.0, "1x2")
+    value = parquet(tmp_path, label=labels, frame=[*range(1, 13)], b=[*range(12)], a=[*range(12)])
     first = [*EVENTS[:3], (0, 8, 10, "pat"), (0, 11, 12, "rub")]  # now one recording: the pats touch each other
     assert listed(value.events) == first and value.subjects.tolist() == ["1"]
     assert "one subject" in value.corpus.info["warnings"][0]
+    numbers = parquet(tmp_path, label=pa.array([None, 1, 1, 10, None], pa.int8()), a=[*range(5)], b=[*range(5)])
+    assert listed(numbers.events) == [(0, 1, 3, "1"), (0, 3, 4, "10")]  # whole numbers are gestures
 
 
 def test_one_label_for_all_or_none(tmp_path):
@@ -97,21 +95,12 @@ def test_one_label_for_all_or_none(tmp_path):
     assert listed(quiet.events) == listed(quiet[[1, 0]].events) == [] and quiet.background_frames().tolist() == [9, 3]
 
 
-def test_whole_numbers_are_gestures_and_gaps_between_them_background(tmp_path):
-    columns = {"label": pa.array([None, 1, 1, 10, None], pa.int8()), "a": [*range(5)], "b": [*range(5)]}
-    pq.write_table(pa.table(columns), tmp_path / "day.parquet")
-    assert listed(read(tmp_path / "day.parquet", 50.0, "1x2").events) == [(0, 1, 3, "1"), (0, 3, 4, "10")]
-
-
-def test_labels_that_look_the_same_are_refused(tmp_path):
-    for label in ("\u200b", "pat\u200b", "pa\xadt", "\u202epat"):
+def test_files_that_are_refused(tmp_path):
+    for label in ("\u200b", "pat\u200b", "pa\xadt", "\u202epat"):  # labels that look the same
         lines = ["r1,ann,,1,2", f"r1,ann,{label},1,2"]
         refused(tmp_path, "line 3: label is", "cannot be seen; correct it", lines=lines)
     for label in ("\u0645\u06cc\u200c\u062e", "\u00fc"):  # joiners that join
         assert listed(read(csv(tmp_path, [f"r1,ann,{label},1,2"]), 50.0, "1x2").events) == [(0, 0, 1, label)]
-
-
-def test_files_that_are_refused(tmp_path):
     refused(tmp_path, "no column label", header=HEADER.replace("label", "gesture"))
     refused(tmp_path, "line 6", "recording 'r1' begins a second time", lines=[*rows()[:3], rows()[10], *rows()[3:9]])
     refused(tmp_path, "line 3", "subject is empty", lines=[rows()[0], "r1,,pat,1,2"])
@@ -152,7 +141,7 @@ def test_labels_become_events_and_labels_again(labels):
     assert listed(events) == expected
 
 
-def test_what_is_imported_is_loaded_again(tmp_path, capsys):
+def test_what_is_imported_is_loaded_again_and_serves_as_captures_cut_at_its_labels(tmp_path, capsys):
     path = csv(tmp_path)
     direct = read_captures(path, 50.0, "1x2")
     assert main(["data", "import", "recording", str(path), *(f"{k}={v}" for k, v in OPTIONS.items())]) == 0
@@ -164,21 +153,14 @@ def test_what_is_imported_is_loaded_again(tmp_path, capsys):
     pd.testing.assert_frame_equal(stored.captures, direct.captures)
     pd.testing.assert_frame_equal(recorded(stored).events, recorded(direct).events)
     assert main(["data"]) == 0 and "6 captures, 2 subjects, 2 gestures" in capsys.readouterr().out
-
-
-def test_recordings_serve_as_captures_cut_at_their_labels(tmp_path, capsys):
-    import_corpus("recording", csv(tmp_path), OPTIONS)
     with pytest.raises(InputError, match="no column 'gesture'"):
         whole("arm", where="gesture == 'pat'")
     touches = open_corpus("arm", {})
     assert touches.gestures.tolist() == [event[3] for event in EVENTS]
     assert [t[:, 0, 0].tolist() for t in touches] == [[1, 2], [3], [6], [8], [9], [11]]
     table = bench.extract(data="arm", features="jung28", where="recording == 'r2'")
-    assert capsys.readouterr().err == ("arm: its 2 captures with a gesture are used; background and ? are left out\n")
-    assert table[["subject", "gesture", "recording"]].values.tolist() == [
-        ["bob", "pat", "r2"],
-        ["bob", "rub", "r2"],
-    ]
+    assert table[["subject", "gesture", "recording"]].values.tolist() == [["bob", "pat", "r2"], ["bob", "rub", "r2"]]
+    assert capsys.readouterr().err == "arm: its 2 captures with a gesture are used; background and ? are left out\n"
     import_corpus("recording", csv(tmp_path, [line.replace(line.split(",")[2], "") for line in rows()]), OPTIONS)
     with pytest.raises(InputError, match="all captures are background or .; label"):
         open_corpus("arm", {})
@@ -186,14 +168,13 @@ def test_recordings_serve_as_captures_cut_at_their_labels(tmp_path, capsys):
 
 def test_recordings_and_captures_are_not_mistaken_for_each_other(tmp_path):
     import_corpus("recording", csv(tmp_path), OPTIONS)
-    table = ["subject,gesture,frame,a,b", "ann,pat,0,1,2"]
-    options = OPTIONS | {"name": "cut"}
-    import_corpus("table", csv(tmp_path, table[1:], table[0]), options)
+    captures = csv(tmp_path, ["ann,pat,0,1,2"], "subject,gesture,frame,a,b")
+    import_corpus("table", captures, OPTIONS | {"name": "cut"})
     with pytest.raises(InputError, match="cut holds captures, not recordings; use bench run data=cut"):
-        recordings("cut")
+        whole("cut")
     with pytest.raises(InputError, match="data=leg: not imported"):
-        recordings("leg")
-    import_corpus("table", csv(tmp_path, table[1:], table[0]), OPTIONS)  # takes the name of the recordings
+        whole("leg")
+    import_corpus("table", captures, OPTIONS)  # takes the name of the recordings
     assert len(open_corpus("arm", {})) == 1
 
 
@@ -203,16 +184,19 @@ def test_another_event_is_another_digest():
     assert len({content_digest(captures_in(made(events))) for events in every}) == 4
 
 
-def test_generated_recordings():
+def test_generated_recordings_are_those_of_their_parameters_and_are_stored():
     small = {"variants": ("normal",), "rate_hz": 50.0, "seed": 3}
     value = synth_recordings.generate(subjects=2, **small)
     assert value.corpus.synthetic and value.subjects.tolist() == ["1", "2"]
     for number in (0, 1):  # every gesture once
         assert sorted(value[number].events["gesture"]) == sorted(synth.GESTURES)
     assert value[0].events["gesture"].tolist() != value[1].events["gesture"].tolist()  # in an order of its own
-    again, more = (synth_recordings.generate(subjects=n, **small) for n in (2, 3))
-    other = synth_recordings.generate(subjects=2, **small | {"seed": 4})
-    assert digest(again) == digest(value) == digest(more[:2]) != digest(other)
+    more, other = (synth_recordings.generate(subjects=n, **small | {"seed": seed}) for n, seed in ((3, 3), (2, 4)))
+    assert content_digest(value.corpus) == content_digest(more[:2].corpus) != content_digest(other.corpus)
+    stored = whole("synth", small | {"subjects": 2})
+    assert stored.path and content_digest(stored) == content_digest(captures_in(value))
+    with pytest.raises(InputError, match="data.subjects=0: give at least 1"):
+        whole("synth", {"subjects": 0})
     labels, lengths = value.frame_labels(), value.corpus.lengths
     idle = np.diff(np.flatnonzero(np.append(labels != "", True)), prepend=-1) - 1  # frames between touches
     assert 150 <= idle[idle > 0].min() and idle.max() <= 2 * 500 + 30
@@ -223,10 +207,78 @@ def test_generated_recordings():
     assert quiet[-100:].mean((1, 2)).mean() != pytest.approx(quiet[:100].mean((1, 2)).mean(), abs=0.5)  # drift
 
 
-def test_generated_recordings_are_stored(capsys):
-    few = {"subjects": 1, "variants": ("normal",), "rate_hz": 20.0}
-    value = whole("synth", few)
-    assert value.path and content_digest(value) == content_digest(captures_in(synth_recordings.generate(**few)))
-    assert len(open_corpus("synth", few)) == 14  # captures of the same parameters beside them
-    with pytest.raises(InputError, match="data.subjects=0: give at least 1"):
-        whole("synth", {"subjects": 0})
+def numbered(subjects=("a", "b"), rate_hz=10.0):
+    """Captures whose frames tell which capture and frame they are: 1000 * capture + frame; one taxel."""
+    rows = [(s, g, v) for s in subjects for g in ("pat", "rub", "none") for v in ("hard", "soft")]
+    lengths = [70 if g == "none" else 35 + 5 * i for i, (_, g, _) in enumerate(rows)]
+    arrays = [1000.0 * (i + 1) + np.arange(n, dtype=np.float32).reshape(-1, 1, 1) for i, n in enumerate(lengths)]
+    return Corpus.from_captures(arrays, pd.DataFrame(rows, columns=["subject", "gesture", "cover"]), rate_hz, name="n")
+
+
+def test_a_recording_is_made_of_excerpts_of_the_subject_alone():
+    corpus = numbered(tuple("abcdef"))
+    recordings = composed(*pieces(corpus, "none"))
+    of = corpus.captures
+    for i, subject in enumerate(recordings.subjects):
+        frames = recordings.corpus[i][:, 0, 0]
+        capture = (frames // 1000 - 1).astype(int)
+        assert set(of["subject"][capture]) == {subject}
+        events = recordings.events[recordings.events["recording"] == i]
+        touched = np.zeros(len(frames), bool)
+        used = []
+        for start, end, gesture in events[["start", "end", "gesture"]].itertuples(index=False):
+            assert (np.diff(frames[start:end]) == 1).all()  # one excerpt, in order
+            assert of["gesture"][capture[start]] == gesture and 20 <= end - start <= 60
+            assert of["cover"][capture[start - 1]] == of["cover"][capture[start]]  # its background has its conditions
+            assert start >= 30 and not touched[start - 30 : start].any()  # at least 3 s of background before
+            touched[start:end] = True
+            used.append(capture[start])
+        assert sorted(used) == sorted(np.flatnonzero((of["subject"] == subject) & (of["gesture"] != "none")))
+        assert set(of["gesture"][capture[~touched]]) == {"none"}
+
+
+def test_a_subject_has_the_same_recording_whoever_else_is_there():
+    corpus = numbered()
+    both = composed(*pieces(corpus, "none"))
+    one = composed(*pieces(corpus[np.flatnonzero(corpus.subjects == "b")], "none"))
+    assert np.array_equal(both.corpus[1], one.corpus[0])
+    pd.testing.assert_frame_equal(both[[1]].events, one.events)
+
+
+def test_quiet_ends_of_captures():
+    pressure = np.array([0, 0, 1, 0, 9, 10, 2, 9, 0, 0, 0], dtype=np.float32).repeat(2).reshape(-1, 1, 1)
+    table = pd.DataFrame({"subject": ["a"], "gesture": ["pat"]})
+    corpus = Corpus.from_captures([pressure], table, rate_hz=16.0)
+    touches, quiet = pieces(corpus, "quiet")
+    # a tenth of the range is 1: frames 4 to 15 are touched (1 is not below a tenth); a quarter of a second is 4 frames
+    assert touches[0][:, 0, 0].tolist() == pressure[4:16, 0, 0].tolist()
+    assert [each[:, 0, 0].tolist() for each in quiet] == [[0, 0, 0, 0], [0, 0, 0, 0, 0, 0]]
+    with pytest.raises(InputError, match="background=quiet"):
+        pieces(corpus.changed(starts=np.array([4]), lengths=np.array([12])), "quiet")
+    with pytest.raises(InputError, match="background=rub"):
+        pieces(corpus, "rub")
+
+
+def test_a_subject_without_background_is_refused():
+    corpus = numbered()
+    lacking = corpus[((corpus.subjects != "b") | (corpus.gestures != "none")).nonzero()[0]]
+    with pytest.raises(InputError, match="subject b"):
+        composed(*pieces(lacking, "none"))
+
+
+@given(st.lists(st.lists(st.tuples(st.integers(1, 4), st.sampled_from(["", "pat", "rub"])), min_size=1), min_size=1))
+def test_captures_of_recordings_are_their_frames_and_make_them_again(plans):
+    rows, lengths = [], []
+    for number, plan in enumerate(plans):
+        ends = np.cumsum([frames for frames, _ in plan]).tolist()
+        rows += [(number, end - n, end, gesture) for end, (n, gesture) in zip(ends, plan, strict=True) if gesture]
+        lengths.append(ends[-1])
+    recordings = made(rows, lengths)
+    captures = captures_in(recordings)
+    every = np.concatenate([np.arange(n) for n in lengths])  # every frame once, in order
+    assert np.array_equal(np.concatenate([*captures])[:, 0, 0], every)
+    touched = captures.captures[captures.captures["gesture"] != "background"]
+    assert touched["gesture"].tolist() == recordings.events["gesture"].tolist()
+    again, expected = recorded(captures[captures.subjects != "s1"]), recordings[recordings.subjects != "s1"]
+    assert [a.tolist() for a in again.corpus] == [a.tolist() for a in expected.corpus]
+    pd.testing.assert_frame_equal(again.events, expected.events)

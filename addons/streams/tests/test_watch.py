@@ -1,4 +1,4 @@
-"""`bench watch`: what is learned, what is refused, and what is stored."""
+"""`bench watch`: what is learned, refused and stored; recordings of test subjects under faults."""
 
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -8,25 +8,30 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from addons.streams.tests.made import TINY
-from addons.streams.tests.made import watched as seen
+from addons.streams.tests.made import TINY, leaving_out
 from bench.cli import main
+from bench.corpora import faults
 from bench.corpora.corpus import Corpus
+from bench.corpora.faults import FAULTS, as_readings, as_shares, fault
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
-from bench.outcomes.candidates import candidates
+from bench.outcomes.runs import every_result
 from bench.plan.cells import cells
-from bench.plan.plan import Fold
 from bench.store import connect
+from bench.work.results import FoldResult
 from bench.work.saved import Recogniser, load
 from tests.conftest import predictions, random_corpus, runs
+from tests.results import result as result_of
 from touchbench_people.commands import save_adapted
+from touchbench_streams.detectors.frames import Frames
 from touchbench_streams.detectors.threshold import Threshold
 from touchbench_streams.detectors.ticks import learn
 from touchbench_streams.fold import recordings_of, run_numbers
+from touchbench_streams.page import rows_under, watch_section
 from touchbench_streams.recordings import Recordings, captures_in
+from touchbench_streams.stress import disturbed
 from touchbench_streams.study import Continuous
 from touchbench_streams.synth_recordings import generate
 
@@ -37,18 +42,10 @@ def recordings():
     return generate(subjects=4, variants=("normal",), rate_hz=20.0, rows=3, cols=3)
 
 
-@pytest.fixture(scope="module")
-def watcher(recordings):
-    captures = captures_in(recordings[np.arange(3)])
-    system = Recipe(lda(TouchFeatures()), 0.75, repair=("stuck", "dead")).fit(captures, captures.gestures)
-    return learn(Threshold(), lambda: lda(TouchFeatures()), system, recordings[np.arange(3)], 5.0)[0]
-
-
 @pytest.mark.parametrize("detector, unknown", [("frames", ""), ("threshold", "pat")])
 def test_nothing_of_a_test_subject_is_learned(detector, unknown, recordings):
     (cell,) = cells({"data": "synth", "model": "lda", "features": "touch", "model.window": "0.75"})
     corpus = captures_in(recordings)
-    fold = Fold("4", *(np.flatnonzero((corpus.subjects == "4") == tested) for tested in (False, True)))
     table = corpus.captures.copy()
     touched_rows = (table["subject"] == "4") & (table["gesture"] != "background")
     table.loc[touched_rows, "gesture"] = table.loc[touched_rows, "gesture"].to_numpy()[::-1]
@@ -56,7 +53,8 @@ def test_nothing_of_a_test_subject_is_learned(detector, unknown, recordings):
     tested = np.repeat(corpus.subjects == "4", corpus.lengths)
     frames[tested] = frames[tested][::-1]
     other = corpus.changed(captures=table, frames=frames)
-    results = [Continuous(detector, unknown=unknown).fold(cell, each, fold, 1) for each in (corpus, other)]
+    kind, fold = Continuous(detector, unknown=unknown), leaving_out("4", corpus)
+    results = [kind.fold(cell, each, fold, 1) for each in (corpus, other)]
     assert results[0].chosen == results[1].chosen and (float(str(results[0].chosen["reject"])) > 0) == bool(unknown)
     pd.testing.assert_frame_equal(results[0].trials, results[1].trials)
     assert not results[0].table.equals(results[1].table)  # the test subject was another one
@@ -64,70 +62,40 @@ def test_nothing_of_a_test_subject_is_learned(detector, unknown, recordings):
     assert touches.count("unknown") == bool(unknown) and touches.count("pat") != bool(unknown)
 
 
-@pytest.mark.parametrize(
-    ("words", "fact"),
-    [
-        (["where=variant == 'normal'"], "where="),
-        (["background=quiet"], "background=quiet"),
-        (["unknown=hug"], "unknown=hug"),
-        (["protocol=kfold", "protocol.folds=2"], "protocol=kfold"),
-        (["target=variant"], "target="),
-    ],
-)
-def test_what_cannot_be_watched_is_one_line(words, fact, capsys):
-    assert main(["watch", *TINY, "model=lda", "features=touch", *words]) == 2
-    error = capsys.readouterr().err
-    assert fact in error and error.count("\n") == 1
+def test_false_alarms_of_a_person_without_touches_count():
+    row = {"fold": "4", "subject": "4", "recording": 0, "start": np.nan, "gesture": None}
+    said = {"first": "pat", "label": "pat", "confidence": 1.0}
+    reports = [row | said | {"kind": "report", "reported": at, "end": at + 20} for at in (100, 500, 900)]
+    swept = {"kind": "curve", "offset": 0.0, "hits": 0, "alarms": 3, "reports": 3}
+    table = pd.DataFrame([row | {"kind": "recording", "end": 36_000.0, "refused": 0}, *reports, row | swept])
+    numbers, tables = run_numbers([FoldResult("4", table)], 20.0, "")  # half an hour at 20 Hz
+    assert numbers["false_alarms_per_hour"] == pytest.approx(6) and numbers["touches"] == 0
+    assert tables["per_subject"]["false_alarms_per_hour"].tolist() == pytest.approx([6])
 
 
 def relabelled(recordings, names=None, untouched=()):
     """The same with other names of gestures, and people whose touches are not labelled."""
     events = recordings.events.replace({"gesture": names or {}})
-    kept = ~np.isin(recordings.subjects[events["recording"]], untouched)
-    return Recordings(recordings.corpus, events[kept].reset_index(drop=True))
-
-
-def test_false_alarms_of_a_person_without_touches_count(recordings):
-    """Subject 4 touches as before, but without labels, so each report is a false alarm."""
-    (cell,) = cells({"data": "synth", "model": "lda", "features": "touch", "model.window": "0.75"})
-    corpus = captures_in(relabelled(recordings, untouched="4"))
-    fold = Fold("4", *(np.flatnonzero((corpus.subjects == "4") == tested) for tested in (False, True)))
-    result = Continuous("threshold").fold(cell, corpus, fold, 1)
-    reports = (result.table["kind"] == "report").sum()
-    numbers, tables = run_numbers([result], 20.0, "")
-    rate = reports / (recordings.corpus.lengths[3] / 20 / 3600)
-    assert reports >= 5 and numbers["false_alarms_per_hour"] == pytest.approx(rate) and numbers["touches"] == 0
-    assert tables["per_subject"]["false_alarms_per_hour"].tolist() == pytest.approx([rate])
-    other = {"subject": "5", "end_correct": 0.5, "false_alarms_per_hour": 0.0, "background_s": 1800.0}
-    watched = pd.concat([tables["per_subject"], pd.DataFrame([other])], ignore_index=True)
-    among = candidates([seen("lda", [0.5], 0.0, 1.0, tables={"per_subject": watched})], {}, study="watch")
-    hours = recordings.corpus.lengths[3] / 20 / 3600 + 0.5
-    assert among.table["accuracy"][0] == 50 and among.table["false_alarms"][0] == pytest.approx(reports / hours)
+    kept = ~np.isin(recordings.subjects[events["recording"]], [*untouched])
+    return captures_in(Recordings(recordings.corpus, events[kept].reset_index(drop=True)))
 
 
 @pytest.mark.parametrize(
-    ("names", "untouched", "options", "fact"),
+    ("changes", "options", "fact"),
     [
-        ({}, "1234", {}, "no touch; label"),
-        ({}, "34", {}, "fold 1 trains on touches of 1 subject;"),
-        ({"rub": "unknown"}, "", {"unknown": "pat"}, "unknown=pat: .* has a gesture of this name; rename it"),
-        ({"rub": "unknown"}, "", {"unknown": "unknown"}, ""),
+        ({"untouched": "1234"}, {}, "no touch; label"),
+        ({"untouched": "34"}, {}, "fold 1 trains on touches of 1 subject;"),
+        ({"names": {"rub": "unknown"}}, {"unknown": "pat"}, "unknown=pat: .* has a gesture of this name; rename it"),
+        ({"names": {"rub": "unknown"}}, {"unknown": "unknown"}, ""),
+        ({}, {"background": "quiet"}, "background=quiet: .* class quiet; rename it"),
     ],
 )
-def test_recordings_that_cannot_be_watched_are_refused_before_training(names, untouched, options, fact, recordings):
+def test_recordings_that_cannot_be_watched_are_refused_before_training(changes, options, fact, recordings):
     (cell,) = cells({"data": "synth", "model": "lda", "features": "touch"})
-    corpus = captures_in(relabelled(recordings, names, [*untouched]))
-    sides = [[np.flatnonzero((corpus.subjects == one) == tested) for tested in (False, True)] for one in "12"]
-    folds = [Fold(name, *parts) for name, parts in zip("12", sides, strict=True)]
+    corpus = relabelled(recordings, **changes) if changes else random_corpus(gestures=("pat", "quiet"))
+    folds = [leaving_out(name, corpus) for name in "12"]
     with pytest.raises(InputError, match=fact) if fact else nullcontext():
         Continuous(**options).refuse(SimpleNamespace(corpus=corpus, cell=cell, mixes_subjects=False, folds=folds))
-
-
-def test_a_class_called_quiet_is_not_the_quiet_ends_of_captures(recordings):
-    (cell,) = cells({"data": "synth", "model": "lda", "features": "touch"})
-    corpus = random_corpus(gestures=("pat", "quiet"))
-    with pytest.raises(InputError, match="background=quiet: .* class quiet; rename it"):
-        Continuous(background="quiet").refuse(SimpleNamespace(corpus=corpus, cell=cell, folds=[], mixes_subjects=False))
 
 
 def test_background_without_touches_is_refused(recordings):
@@ -136,26 +104,110 @@ def test_background_without_touches_is_refused(recordings):
         recordings_of(Corpus.from_captures([recordings.corpus[0]], row, 20.0), "rub")
 
 
-def test_the_command_stores_what_it_prints_and_goes_on(capsys):
-    words = ["watch", *TINY, "model=lda", "features=touch", "detector=threshold"]
+def test_the_command_stores_what_it_prints_and_goes_on_with_a_detector_of_a_file_too(quick, tmp_path, capsys):
+    (tmp_path / "my.py").write_text(
+        "from touchbench_streams.detectors.threshold import Threshold\nclass Mine(Threshold): pass\n"
+    )
+    words = ["watch", *TINY, "model=lda", "features=touch", "detector=my.py:Mine", "detector.up=30"]
+    words += ["false_alarms=60", "under=noise"]
     assert main(words) == 0
-    printed = capsys.readouterr().out
-    assert "3 subjects: too few for an interval" in " ".join(printed.split()) and "3/3" in printed
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "3 subjects: too few for an interval" in printed and "3/3" in printed
     (run,) = runs("watch")[1]
-    touches = predictions(connect(), run, "touches")
-    metrics = run.data.metrics
+    assert run.data.params["watch.detector"] == f"{tmp_path / 'my.py'}:Mine[up=30.0]"
+    metrics, touches = run.data.metrics, predictions(connect(), run, "touches")
     assert len(touches) == metrics["touches"] == 42  # 14 gestures of 3 people
     assert touches["found"].mean() == pytest.approx(metrics["touches_found"])
-    assert main(words) == 0
-    assert "already stored" in capsys.readouterr().err
-    assert len(runs("watch")[1]) == 1
+    cases = predictions(connect(), run, "scores_under_faults").set_index("severity")
+    assert cases["touches_found"][0] == pytest.approx(metrics["touches_found"])
+    assert f"{100 * cases['touches_found'][2]:.1f}" in printed.partition("noise 2 │")[2][:80]
+    assert main(words) == 0 and "already stored" in capsys.readouterr().err and len(runs("watch")[1]) == 1
+    (sentence, *_) = watch_section(every_result(connect()), tmp_path, {}).parts[0].sentences
+    assert "detector=my.py:Mine[up=30.0]" in sentence and main(["report"]) == 0
 
 
-def test_a_model_that_is_adapted_watches_with_the_adapted_system(recordings, watcher, tmp_path):
-    captures = captures_in(recordings[np.arange(3)])
-    recogniser = Recogniser(watcher.system, captures, watcher=watcher)
+def test_a_model_that_is_adapted_watches_with_the_adapted_system(recordings, tmp_path):
+    captures, make = captures_in(recordings[:2]), lambda: lda(TouchFeatures())  # noqa: E731
+    system = Recipe(make(), 0.75, repair=("stuck", "dead")).fit(captures, captures.gestures)
+    watcher = learn(Threshold(), make, system, recordings[:2], 5.0)[0]
+    recogniser = Recogniser(system, captures, watcher=watcher)
     path = str(tmp_path / "rec")
     mlflow.pyfunc.save_model(path, **recogniser.model([], captures[0][:3]))
     save_adapted(path, recogniser, captures[:9], captures[:9].gestures, tmp_path / "one")
     one = load(str(tmp_path / "one"))
     assert one.watcher.system is one.estimator and one.watcher.level == watcher.level
+
+
+SCORES = ("touches_found", "first_correct", "end_correct", "false_alarms_per_hour", "refused")
+
+
+@pytest.fixture
+def damages(monkeypatch):
+    """Two further faults: a skin without any contact, and one that changes nothing."""
+    monkeypatch.setattr(faults, "FAULTS", dict(FAULTS))
+
+    @fault("% of all", 1, 2, 3, 4, 5)
+    def dead(frames, amount, rng):
+        return np.zeros_like(frames)
+
+    @fault("% of nothing", 1, 2, 3, 4, 5)
+    def none_at_all(frames, amount, rng):
+        return frames
+
+    return dead.__name__, none_at_all.__name__
+
+
+def test_a_dead_skin_finds_nothing_and_no_fault_is_bench_watch(recordings, damages):
+    (cell,) = cells({"data": "synth", "model": "lda", "features": "touch"})
+    corpus = captures_in(recordings)
+    fold = leaving_out("3", corpus)
+    plain, kind = (Continuous("threshold", 60.0, under=under) for under in ((), damages))
+    alone, both = plain.fold(cell, corpus, fold, 1), kind.fold(cell, corpus, fold, 1)
+    pd.testing.assert_frame_equal(both.table, alone.table)
+    pd.testing.assert_frame_equal(both.trials, alone.trials)
+    assert both.chosen == alone.chosen and not alone.tables
+    plan = SimpleNamespace(corpus=corpus)
+    watched, under = plain.result(plan, {}, [alone]), kind.result(plan, {}, [both])
+    assert all(under[name] == watched[name] for name in SCORES)
+    cases = {(r["fault"], r["severity"]): r for r in under.tables["scores_under_faults"].to_dict("records")}
+    assert [*cases] == [("none", 0), *((name, s) for name in damages for s in range(1, 6))]
+    dead, same, clean = cases["dead", 3], cases["none_at_all", 3], cases["none", 0]
+    assert clean["touches_found"] == watched["touches_found"] > 0.3 and dead["touches_found"] == 0
+    assert all(same[name] == clean[name] for name in SCORES) and dead["amount"] == "3 % of all"
+    assert dead["false_alarms_per_hour"] == dead["refused"] == 0  # `threshold` refuses nothing
+    assert under["touches_found.dead.3"] == 0 and under["refused.dead.3"] == dead["refused"]
+    assert kind.fold_metrics(both, 20.0)["touches_found.none_at_all.1"] == watched["touches_found"]
+    shown = rows_under(result_of("lda", "watch", under.metrics, under.tables))
+    assert [row["case"] for row in shown[:2]] == ["none", "dead 1"]
+
+
+def test_refused_frames_are_counted_as_a_stream_tells_them(recordings):
+    (cell,) = cells({"data": "synth", "model": "lda", "features": "touch"})
+    captures, corpus = captures_in(recordings[[0, 1]]), recordings[[2]].corpus
+    system = cell.estimator().fit(captures, captures.gestures)
+    watcher, _ = learn(Frames(), cell.estimator, system, recordings[[0, 1]], 60.0)
+    frames = corpus.frames.copy()
+    frames[50:130] = frames[49]  # nothing changes
+    frames[200:260] = corpus.full_scale
+    corpus = corpus.changed(frames=frames)
+    stream = watcher.stream(corpus.grid, corpus.rate_hz, corpus.full_scale)
+    status = []
+    for frame in corpus[0]:
+        stream.push(frame.astype(np.float32))
+        status.append(stream.status)
+    counts = pd.Series(status).value_counts()
+    assert watcher.refused(corpus, watcher.evidence(corpus)).tolist() == [len(status) - counts["ok"]]
+    assert counts["saturated"] >= 60
+
+
+def test_recordings_go_through_the_faults_of_captures(recordings):
+    twice = recordings[[0, 0, 1]]
+    shares = as_shares(twice.corpus, np.arange(3))
+    noise, dead = (disturbed(twice, shares, FAULTS[name], 4) for name in ("noise", "dead_taxels"))
+    rng = faults.seeded("noise, recording 2 of 1")
+    expected = as_readings(twice.corpus, FAULTS["noise"].damage(shares[1], 2, rng))
+    assert np.array_equal(noise[1], expected) and not np.array_equal(noise[0], noise[1])
+    broken = [np.flatnonzero(~dead[i].any(axis=0)) for i in range(3)]
+    assert np.array_equal(broken[0], broken[1]) and not np.array_equal(broken[0], broken[2])
+    capture = FAULTS["dead_taxels"].apply(shares[0], 4, "1", 5, 20.0)  # the sensor of a subject is the same
+    assert np.array_equal(dead[0], as_readings(twice.corpus, capture))

@@ -31,7 +31,6 @@ HIGH = 0.2  # of a bar
 Same = Mapping[str, tuple[str, str]]
 ALARMS = "false alarms per hour of background"
 TOLD = ("touches_found", "fragments", "end_correct", "false_alarms_per_hour", "latency_s_p50")  # in a sentence
-ACROSS = 4  # faults beside each other in a figure
 MIDDLE = 3  # severity in the table of the page
 SHOWN = {measure.key: measure for measure in Continuous.shown}
 COLUMNS = (
@@ -46,8 +45,6 @@ CAPTION = (
     f"{MIDDLE} of 5. Means over subjects, 95 % intervals; refused are frames in which the detector refuses or many "
     "taxels are at full scale. recordings_under_faults.csv has all severities."
 )
-DRAWN = "touches found and false alarms per hour under faults that came after training, by severity; 0 is the "
-DRAWN += "recording as it is. Means over subjects, without intervals."
 
 
 def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Section | None:
@@ -59,7 +56,7 @@ def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Sectio
         picture = save(figure, folder, f"0-watch-{i}", context, caption_of)
         notes = dict.fromkeys(note for r in members for note in notes_on(r.system, str(r["data"])))
         parts.append(Part(picture, sentences=[*(sentence(r, same) for r in members), *notes]))
-    parts += fault_parts(results, folder, same)
+    parts += fault_parts(results, same)
     return Section("Continuous touch", parts) if parts else None
 
 
@@ -91,14 +88,7 @@ def watching_figure(results: Sequence[Result], same: Same) -> Figure:
     for i, row in enumerate(results):
         points, look = row.tables["curve"].dropna(), look_of(i, row)
         curve.plot(points["false_alarms_per_hour"], 100 * points["missed"], **look)
-        star = {
-            "marker": "*",
-            "markersize": 14,
-            "markeredgecolor": "black",
-            "linestyle": "",
-            "zorder": 5,
-            "label": "",
-        }
+        star = {"marker": "*", "markersize": 14, "markeredgecolor": "black", "linestyle": "", "zorder": 5, "label": ""}
         learned = row.get("false_alarms_per_hour", np.nan), 100 * (1 - row["touches_found"])
         curve.plot(*learned, **look | star)
     curve.set_xscale("symlog", linthresh=1, linscale=0.3)  # there may be no false alarm at all
@@ -210,51 +200,11 @@ def sheet(results: Sequence[Result]) -> pd.DataFrame:
     return joined(under_faults(results), FAULTS)
 
 
-def fault_parts(results: Sequence[Result], folder: Path, same: Same) -> list[Part]:
-    """A figure and a table for each set of comparable runs under faults; arguments of `watch_section`."""
+def fault_parts(results: Sequence[Result], same: Same) -> list[Part]:
+    """A table for each set of comparable runs under faults; arguments of `watch_section`."""
     parts = []
     counted = [r for r in under_faults(results) if r.get("background_minutes")]  # else no alarms can be counted
-    for i, (context, members) in enumerate(contexts(counted, same, "end_correct"), 1):
-        picture = save(fault_figure(members), folder, f"0-watch-faults-{i}", context, f"{context}: {DRAWN}")
+    for context, members in contexts(counted, same, "end_correct"):
         rows = [row for r in members for row in rows_under(r) if row["severity"] in (0, MIDDLE)]
-        parts.append(Part(picture, Table(COLUMNS, rows), CAPTION.format(context), scarce(members)))
+        parts.append(Part(None, Table(COLUMNS, rows), CAPTION.format(context), scarce(members)))
     return parts
-
-
-def fault_figure(results: Sequence[Result]) -> Figure:
-    """Touches found above false alarms, against severity: a pair of panels for each fault, a line for each system."""
-    tables = [r.tables[FAULTS] for r in results]
-    faults = dict.fromkeys(fault for table in tables for fault in table["fault"] if fault != CLEAN)
-    across, bands = min(ACROSS, len(faults)), -(-len(faults) // ACROSS)
-    size = (max(2.7 * across, 7.0), 3.6 * bands + 0.6 + 0.2 * len(results))
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(2 * bands, across, squeeze=False, sharey="row", height_ratios=[3, 2] * bands)
-    most = max(table["false_alarms_per_hour"].max() for table in tables)
-    for i, fault in enumerate(faults):
-        found, alarms = axes[2 * (i // across) : 2 * (i // across) + 2, i % across]
-        amounts: list[str] = []
-        for k, (r, table) in enumerate(zip(results, tables, strict=True)):
-            part = table[table["fault"].isin([CLEAN, fault])].sort_values("severity")
-            if len(part) == 1:
-                continue
-            found.plot(part["severity"], 100 * part["touches_found"], **look_of(k, r))
-            alarms.plot(part["severity"], part["false_alarms_per_hour"], **look_of(k, r))
-            amounts = part["amount"].tolist()
-        for ax in (found, alarms):
-            ax.set(xlim=(-0.2, len(amounts) - 0.8))
-            ax.grid(alpha=0.25)
-        found.set(ylim=(0, 100), xticks=range(len(amounts)), xticklabels=[])
-        found.set_title(fault.replace("_", " "))
-        numbers = [amount.partition(" ")[0] for amount in amounts[1:]]
-        alarms.set_xticks(range(len(amounts)), ["0", *numbers])
-        alarms.set_yscale("symlog", linthresh=10)
-        alarms.set(ylim=(0, 1.2 * max(most, 10)), xlabel=amounts[-1].partition(" ")[2])
-        alarms.yaxis.set_major_formatter("{x:g}")
-        if i % across == 0:
-            found.set_ylabel("found, %")
-            alarms.set_ylabel("alarms/h")
-    for ax in axes.T.reshape(across, bands, 2)[:, bands - 1][len(faults) - across * (bands - 1) :].flat:
-        ax.set_axis_off()
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower left", frameon=False, handlelength=4)
-    return figure
