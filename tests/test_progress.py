@@ -5,22 +5,6 @@ from bench.work.bar import Bar
 from bench.work.results import FoldResult
 
 
-def test_a_log_has_a_line_for_each_fold_and_the_failures(capsys):
-    with Bar(2) as bar:
-        for title in ("svm", "rf"):
-            bar.begin(title, 3, ["1", "fold02"])
-            assert bar.run.fields["now"] == "fold 1" and bar.run.completed == 1
-            bar.end_fold(
-                FoldResult("1", seconds=200.4, failed={"after": 'Traceback\n  File "x"\nValueError: no replay'})
-            )
-            bar.end_fold(FoldResult("fold02", error='Traceback\n  File "x"\nValueError: too few', seconds=3.0))
-            bar.end()
-    said = capsys.readouterr().err
-    assert "run 1 of 2: svm: fold 1 done after 3 min 20 s, 2 of 3 folds" in said
-    assert "fold 1, after= failed: ValueError: no replay" in said and "fold02 failed: ValueError: too few" in said
-    assert "run 2 of 2: rf: fold02 failed after 3 s, 3 of 3 folds" in said
-
-
 def test_a_grid_has_its_number_of_runs_and_the_time_left_for_all(capsys):
     """By hand; the clock of the bar is set."""
     clock = [0.0]
@@ -38,11 +22,13 @@ def test_a_grid_has_its_number_of_runs_and_the_time_left_for_all(capsys):
         bar.end()
         bar.begin("rf", 2, ["1", "2"])
         assert bar.left == 2 * 15 + 60
-        bar.end_fold(FoldResult("1", error="ValueError: no", seconds=0.0))
+        bar.end_fold(FoldResult("1", error='Traceback\n  File "x"\nValueError: too few', seconds=3.0))
+        bar.end_fold(FoldResult("2", seconds=200.4, failed={"after": 'Traceback\n  File "x"\nValueError: no replay'}))
     said = capsys.readouterr().err
     assert "run 3 of 5, about 4 min left: svm: fold 1 done after 30 s, 3 of 6 folds\n" in said  # 210 s
     assert "run 3 of 5, about 90 s left: svm: fold 4 done after 10 s, 6 of 6 folds\n" in said
-    assert "run 4 of 5" in said
+    assert "fold 1 failed after 3 s, 1 of 2 folds" in said and "fold 1 failed: ValueError: too few" in said
+    assert "fold 2, after= failed: ValueError: no replay" in said
     words = [progress.about(s) for s in (0.2, 8.4, 88, 170, 5400, 6000, 9000)]
     assert words == [f"about {w}" for w in ("1 s", "8 s", "90 s", "3 min", "90 min", "2 h", "2 h")]
 

@@ -34,8 +34,8 @@ def test_only_what_dead_processes_of_this_machine_left_is_swept(tmp_path, dead):
 
 
 def test_the_next_command_removes_what_killed_ones_were_writing(dead):
-    folders = ("tmp", "features", "corpora", "corpora/synth", "corpora/mine")
-    left = [scratch.home() / f / f"{'' if f == 'tmp' else '.'}{HOST}-{dead}-abcdefgh" for f in folders]
+    folders = ("tmp/", "features/.", "corpora/.", "corpora/synth/.", "corpora/mine/.")
+    left = [scratch.home() / f"{folder}{HOST}-{dead}-abcdefgh" for folder in folders]
     for path in left:
         path.mkdir(parents=True)
         (path / "frames.npy").write_bytes(b"half")

@@ -1,5 +1,6 @@
 """What changes the key of a run, and what does not (docs/notes/decisions.md, identity)."""
 
+import importlib
 import os
 import subprocess
 import sys
@@ -12,12 +13,18 @@ from bench import source
 from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
 from bench.circumstances.subjects import Subjects
+from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import Plan, corpus_of, folds_of
-from bench.registry import load
+from bench.registry import forget, load
 
-RUNS = {"run": (), "stress": (Faults(("noise",)),), "stream": (Instants(),), "curve": (Subjects((1,)),)}
+RUNS = {"run": (), "stress": (Faults(("noise",)),), "stream": (Instants(),), "curve": (Subjects((1,)),), "tune": ()}
 EVERY = {*RUNS}
+
+
+def of(name):
+    """The key of a kind of run."""
+    return key(*RUNS[name], tuning={"space": {"C": [1.0, 2.0]}} if name == "tune" else None)
 
 
 def key(*circumstances, threads=1, tuning=None, **values):
@@ -64,22 +71,16 @@ def line(text):
         ("bench.work.replay", code, {"stream"}),
         ("bench.circumstances.subjects", code, {"curve"}),
         ("bench.models.rocket", code, set()),
-        ("bench.models.search.tuning", code, set()),  # svm is not searched
+        ("bench.models.search.tuning", code, {"tune"}),
         ("bench.work.loop", code, set()),
         # what is shown, and chosen by
         *((f"bench.{name}", code, set()) for name in ("reports.views.faults", "measures", "outcomes.candidates")),
     ],
 )
 def test_a_change_of_code_makes_those_runs_stale_that_depend_on_it(module, edit, stale, changed):
-    before = {name: key(*some) for name, some in RUNS.items()}
+    before = {name: of(name) for name in RUNS}
     changed(module, edit)
-    assert {name for name, some in RUNS.items() if key(*some) != before[name]} == stale
-
-
-def test_a_searched_run_depends_on_the_search(changed):
-    before = key(tuning={"space": {"C": [1.0, 2.0]}})
-    changed("bench.models.search.tuning", code)
-    assert key(tuning={"space": {"C": [1.0, 2.0]}}) != before
+    assert {name for name in RUNS if of(name) != before[name]} == stale
 
 
 def test_everything_else_that_numbers_depend_on_is_in_the_key(monkeypatch):
@@ -92,7 +93,7 @@ def test_everything_else_that_numbers_depend_on_is_in_the_key(monkeypatch):
         key(**{"model.C": "2"}),
         key(threads=2),
         key(tuning={"space": {"C": [1.0]}}),
-        *(key(*some) for some in list(RUNS.values())[1:]),
+        *(key(*RUNS[name]) for name in ("stress", "stream", "curve")),
         key(Instants((), 250.0)),
         key(Faults(("noise",)), Subjects((1,))),
     ]
@@ -106,17 +107,17 @@ def test_what_a_file_imports_from_beside_it_or_from_the_path_counts(tmp_path, mo
     """In packages with and without __init__, through modules of theirs, and whether or not they were imported."""
     monkeypatch.setattr(sys, "path", [*sys.path, *([str(tmp_path / "lib")] if on_path else [])])
     monkeypatch.setattr(sys, "modules", dict(sys.modules))  # what is imported here is forgotten
-    package = tmp_path / ("lib" if on_path else "mine") / "nets_of_mine"
+    mine, package = tmp_path / "mine", tmp_path / ("lib" if on_path else "mine") / "nets_of_mine"
     package.mkdir(parents=True)
+    mine.mkdir(exist_ok=True)
     (package / "net.py").write_text("from .layers import SIZE\ndef Net():\n    return SIZE\n")
     (package / "layers.py").write_text("import numpy\nSIZE = 1\n")
     if not late:
         (package / "__init__.py").touch()
-    (tmp_path / "mine").mkdir(exist_ok=True)
-    text = "from nets_of_mine.net import Net\n"
-    text = f"def mine():\n    {text}    return Net()\n" if late else f"{text}def mine():\n    return Net()\n"
-    (tmp_path / "mine" / "wrap.py").write_text(text)
-    part = load("models", f"{tmp_path / 'mine' / 'wrap.py'}:mine")
+    early, inside = ("", "    {}\n") if late else ("{}\n", "")
+    text = f"{early}def mine():\n{inside}    return Net()\n".replace("{}", "from nets_of_mine.net import Net")
+    (mine / "wrap.py").write_text(text)
+    part = load("models", f"{mine / 'wrap.py'}:mine")
     before = source.source_digest(part)
     assert before == source.source_digest(part)
     (package / "layers.py").write_text("import numpy\nSIZE = 2\n")
@@ -125,15 +126,21 @@ def test_what_a_file_imports_from_beside_it_or_from_the_path_counts(tmp_path, mo
 
 
 def test_a_key_does_not_depend_on_what_was_imported_before():
-    root = Path(source.__file__).parent.parent
-    code = "import sys; sys.path.insert(0, sys.argv[1]); from tests.plan.test_identity import key; "
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", f"{code}{first}; print(key())", str(root)],
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for first in ("pass", "import bench.models.rocket, bench.reports.page, bench.work.fit, bench.features.gaus")
-    ]
-    assert said[0] == said[1] == f"{key()}\n"
+    """In a new process it is that of this one, which has imported much."""
+    code = "import sys; sys.path.insert(0, sys.argv[1]); from tests.plan.test_identity import key; print(key())"
+    command = [sys.executable, "-c", code, str(Path(source.__file__).parent.parent)]
+    importlib.import_module("bench.reports.page")
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == f"{key()}\n"
+
+
+def test_files_that_a_system_names_are_part_of_its_key():
+    Path("my.py").write_text("depends = ['table.txt']\ndef tree(): pass\n")
+    keys = []
+    for text in ("1", "2", "1"):
+        Path("table.txt").write_text(text)
+        forget()
+        keys.append(source.source_digest(load("models", "my.py:tree")))
+    assert keys[0] == keys[2] != keys[1]
+    Path("table.txt").unlink()
+    with pytest.raises(InputError, match="depends names 'table.txt'"):
+        source.source_digest(load("models", "my.py:tree"))

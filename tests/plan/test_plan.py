@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.model_selection import GroupKFold, KFold, PredefinedSplit
 
+from bench.commands import tune
 from bench.errors import InputError
 from bench.options import KEYS, keys, parse
 from bench.plan.cells import Part, cells
@@ -24,59 +25,34 @@ def plan_of(corpus, **values):
     return Plan(cell, corpus, tuple(folds_of(cell, corpus)), 1, 1)
 
 
-def test_folds_are_named_after_their_subject():
-    corpus = random_corpus(subjects=3)
-    assert [f.name for f in plan_of(corpus).folds] == ["1", "2", "3"]
-    mixed = plan_of(corpus, protocol="kfold", **{"protocol.folds": "3"})
-    assert [f.name for f in mixed.folds] == ["fold01", "fold02", "fold03"]
+def test_folds_are_named_after_their_subject_where_each_is_tested_once():
+    corpus = random_corpus(subjects=2)
+    assert [f.name for f in plan_of(corpus).folds] == ["1", "2"]
+    for protocol in (KFold(5), "challenge"):  # whose five draws test the same subject
+        assert [f.name for f in plan_of(corpus, protocol=protocol).folds] == [f"fold{i:02d}" for i in range(1, 6)]
 
 
-def test_random_splits_that_test_the_same_subject_are_different_folds():
-    names = [f.name for f in plan_of(random_corpus(subjects=2), protocol="challenge").folds]
-    assert names == [f"fold{i:02d}" for i in range(1, 6)]
-
-
-@pytest.mark.parametrize(
-    ("protocol", "facts"),
-    [
-        ("loso", {"mixes_subjects": "false", "test_over_train": repr(1 / 3), "official_split": ""}),
-        ("kfold", {"mixes_subjects": "true", "test_over_train": repr(1 / 9), "official_split": ""}),
-        (
-            "challenge",
-            {"mixes_subjects": "false", "test_over_train": repr(5 * 9 / (5 * 27)), "official_split": "false"},
-        ),
-        (KFold(3), {"mixes_subjects": "true", "test_over_train": repr(1 / 2), "official_split": ""}),
-    ],
-)
-def test_facts_are_seen_from_the_folds(protocol, facts):
-    """4 subjects of 9 captures: a split of 3 and 1 of them; two halves share no training captures."""
-    corpus = random_corpus(per_class=3) if protocol != "kfold" else random_corpus(per_class=10)
-    assert plan_of(corpus, protocol=protocol).facts == facts
+def test_facts_are_texts_and_say_whether_a_split_is_official():
+    """4 subjects of 9 captures, of which each of five draws tests one."""
+    facts = {"mixes_subjects": "false", "test_over_train": repr(5 * 9 / (5 * 27)), "official_split": "false"}
+    assert plan_of(random_corpus(), protocol="challenge").facts == facts
+    assert plan_of(random_corpus()).facts["official_split"] == ""
 
 
 def test_a_plain_splitter_is_a_protocol_and_says_whom_it_mixes(corpus):
     assert plan_of(corpus, protocol=GroupKFold(2)).label == "GroupKFold[n_splits=2]"
-    assert plan_of(corpus, protocol=KFold()).label == "KFold, subjects mixed"
     seeded = KFold(3, shuffle=True, random_state=1)
     assert plan_of(corpus, protocol=seeded).label == "KFold[n_splits=3, shuffle=True, random_state=1], subjects mixed"
     listed = [plan_of(corpus, protocol=PredefinedSplit(np.arange(len(corpus)) % n)).label for n in (2, 2, 3)]
     assert listed[0] == listed[1] != listed[2] and len(listed[0]) < 80
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "data=synth data.subjects=12 data.variants=rough+gentle where='variant == '\"'\"'rough'\"'\"'' "
-        "target=gesture+variant protocol=kfold protocol.folds=5 model=svm model.C=8.0 features=jung28 "
-        "features.area=capture",
-        "data=haart protocol=challenge model=cnn85 model.frames=40 model.hop=10 seed=3",
-    ],
-)
-def test_the_arguments_of_a_cell_make_it_again(line):
+def test_the_arguments_of_a_cell_make_it_again():
+    line = """data=synth data.subjects=12 data.variants=rough+gentle where="variant == 'rough'" target=gesture+variant
+    protocol=kfold protocol.folds=5 model=svm model.C=8.0 features=jung28 features.area=capture"""
     (cell,) = cells(parse(shlex.split(line), KEYS))
-    again = cell.arguments()
-    assert cells(parse([f"{k}={v}" for k, v in again.items()], KEYS)) == [cell]
-    assert {f"{k}={v}" for k, v in again.items()} == set(shlex.split(line))
+    again = [f"{k}={v}" for k, v in cell.arguments().items()]
+    assert cells(parse(again, KEYS)) == [cell] and {*again} == {*shlex.split(line)}
 
 
 def with_seed(room):
@@ -112,20 +88,16 @@ def test_the_arguments_of_a_cell_repeat_every_seed(protocol, model, features, se
 
 
 def test_commands_that_search_make_the_same_search_again(monkeypatch):
-    from bench.commands import tune
-
     made = []
     monkeypatch.setattr(tune, "evaluated", lambda cells, jobs: made.append(cells))
     for line in (
         "model=svm features=gaus model.C=1.0,2.0 model.gamma=0.5 trials=9 seconds=60 seed=1",
-        "model=cnn85 smallest=frames model.frames=10,85 model.epochs=2",
         "model=rf features=hughes36 smallest=trees model.trees=5,10 seed=2 protocol=kfold protocol.seed=3",
     ):
         tune.searched(parse(line.split(), keys("tune")))
         (cell, *_) = made[-1]
-        assert cell.command == "tune"
         tune.searched(parse([f"{k}={v}" for k, v in cell.arguments().items()], keys("tune")))
-        assert made[-1][0] == cell
+        assert cell.command == "tune" and made[-1][0] == cell
 
 
 def test_a_part_is_shown_with_what_is_not_the_default(tmp_path):
@@ -168,19 +140,14 @@ def test_the_same_capture_is_a_warning_where_subjects_are_mixed_or_the_same(monk
 
 
 def test_cells_on_the_same_captures_and_protocol_share_their_plan(monkeypatch):
-    asked = []
-    corpus = random_corpus(longest=20)
+    asked, computed, corpus = [], [], random_corpus(longest=20)
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *given: asked.append(given) or corpus)
-    computed = []
     monkeypatch.setattr("bench.plan.plan.shared_ratio", lambda folds: computed.append(folds) or shared_ratio(folds))
-    plans = planned(
-        cells({"data": "mine", "model": "lda,bayes", "features": "touch,jung28", "protocol": "loso,holdout"}), 1
-    )
-    assert len(plans) == 8 and len(asked) == 2
-    assert len({id(plan.folds) for plan in plans}) == 2 and len({repr(plan.identity()) for plan in plans}) == 8
-    assert len({repr(plan.facts) for plan in plans}) == 2 == len(computed)
-    again = [planned([plan.cell], 1)[0] for plan in plans]
-    assert [plan.identity() for plan in again] == [plan.identity() for plan in plans]
+    every = {"data": "mine", "model": "lda,bayes", "features": "touch,jung28", "protocol": "loso,holdout"}
+    plans = planned(cells(every), 1)
+    assert len({repr(plan.identity()) for plan in plans}) == 8 and len(asked) == 2
+    assert len({id(plan.folds) for plan in plans}) == len({repr(plan.facts) for plan in plans}) == 2 == len(computed)
+    assert [planned([plan.cell], 1)[0].identity() for plan in plans] == [plan.identity() for plan in plans]
 
 
 @given(st.data())

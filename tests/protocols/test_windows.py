@@ -17,7 +17,7 @@ from bench.plan.cells import cells
 from bench.plan.plan import Fold, planned
 from bench.protocols.windows import WindowKFold
 from bench.work.evaluation import evaluated
-from tests.conftest import random_corpus
+from tests.conftest import SMALL, random_corpus
 from tests.work.fakes import Level, cell_of
 
 
@@ -40,46 +40,40 @@ class Batch(Level):
     """Measures pressure from the mean of the windows that it is given together."""
 
     def level(self, X):
-        level = super().level(X)
-        return level - level.mean()
+        return super().level(X) - super().level(X).mean()
 
 
-def folds_of(system, corpus, protocol):
-    """All folds of a system under the protocol."""
-    windows = protocol.joined(corpus)
+def folds_of(system, protocol):
+    """All windows of 24 captures, and all folds of a system."""
+    windows = protocol.joined(random_corpus(per_class=2, longest=60))
     folds = [Fold(f"fold{i:02d}", *split) for i, split in enumerate(protocol.split(windows))]
-    return [evaluated(cell_of(system), windows, fold, 1)[1] for fold in folds]
+    return windows, [evaluated(cell_of(system), windows, fold, 1)[1] for fold in folds]
 
 
 def test_a_capture_is_scored_once_by_all_its_windows():
-    corpus = random_corpus(per_class=2, longest=60)
-    protocol = WindowKFold(0.1, 0.05, folds=3)
-    folds = folds_of(Level, corpus, protocol)
+    windows, folds = folds_of(Level, WindowKFold(0.1, 0.05, folds=3))
     assert not [effect for fold in folds for effect in fold.batch_effects]
     table = pd.concat([fold.table for fold in folds])
-    windows = Windows(0.1, 0.05)(corpus)
     rows = sorted(zip(table["capture"], table["start"], table["frames"], strict=True))
     assert rows == sorted(zip(windows.index, windows.piece, windows.lengths, strict=True))
     labelled = scores.captures(table).set_index("capture")["predicted"]
-    assert sorted(labelled.index) == list(range(len(corpus)))
+    assert sorted(labelled.index) == list(range(24))
     for capture, label in labelled.items():
         proba = table.loc[table["capture"] == capture, ["p_pat", "p_rub", "p_tap"]].to_numpy()
         assert ["pat", "rub", "tap"][np.mean(proba, axis=0).argmax()] == label
 
 
 def test_a_window_whose_label_depends_on_others_is_found():
-    folds = folds_of(Batch, random_corpus(per_class=2, longest=60), WindowKFold(0.1, folds=3))
-    assert all(fold.batch_effects for fold in folds)
+    assert all(fold.batch_effects for fold in folds_of(Batch, WindowKFold(0.1, folds=3))[1])
 
 
 def test_rows_say_that_the_protocol_is_optimistic_and_faults_are_refused():
-    typed = {"data": "synth", "protocol": "windows", "model": "lda", "features": "jung28", "data.subjects": "2"}
-    typed |= {"data.repetitions": "1", "protocol.folds": "3"}
-    (cell,) = cells(typed)
-    (plan,) = planned([cell], 1)
+    typed = dict(word.split("=") for word in SMALL[:-1])
+    typed |= {"protocol": "windows", "protocol.folds": "3", "model": "lda", "features": "jung28"}
+    (plan,) = planned(cells(typed), 1)
     assert plan.label == "3-fold of 1 s windows, optimistic: subjects mixed, captures mixed"
     assert plan.mixes_subjects and plan.facts["test_over_train"]
     with pytest.raises(InputError, match="protocol=windows.* tests windows, not captures; leave under= out"):
-        planned([replace(cell, circumstances=(Faults(("noise",)),))], 1)
+        planned([replace(plan.cell, circumstances=(Faults(("noise",)),))], 1)
     with pytest.raises(InputError, match=r"protocol\.seconds=0, .* above 0"):
         planned(cells(typed | {"protocol.seconds": "0"}), 1)

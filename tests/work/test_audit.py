@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sklearn.naive_bayes import GaussianNB
 
 import bench
 from bench.cli import main
@@ -14,16 +13,8 @@ from bench.models.classic import rf
 from bench.models.search.tuning import Search
 from bench.registry import load, names, parameters
 from bench.work.audit import CHECKS, FAILED, PASSED, SKIPPED, captures
+from tests.net.numbers import QUICK
 from tests.work.fakes import Level
-
-FEW = {"epochs": 1, "pretraining": 1, "runs": 1}  # parameters by name, to train for a moment
-FEWER = {
-    "auto": {"seconds": float("inf"), "trials": 1, "members": 1},
-    "perceptron": {"updates": 50},
-    "reflex": {"copies": 1},
-    "ren2023_transformer": {"frames": 16},
-    "touchnet": {"updates": 2},
-}
 
 
 class Nearest(Level):
@@ -44,18 +35,6 @@ class FailsToFit(Nearest):
 class ReadsLabels(Nearest):
     def predict_proba(self, X):
         return (X.captures["gesture"].to_numpy()[:, None] == self.classes_).astype(float)
-
-
-class Logits(Nearest):
-    def predict_proba(self, X):
-        return np.log(super().predict_proba(X))
-
-
-class Unknown(Nearest):
-    predict_proba = None
-
-    def predict(self, X):
-        return np.where(self.level(X) > np.median(self.means_), self.classes_[0], "unknown")
 
 
 class Reversed(Nearest):
@@ -182,8 +161,6 @@ def audit_of(kind):
 MISTAKES = [
     (FailsToFit, "fit", "RuntimeError: too few"),
     (ReadsLabels, "no labels needed", "X.captures"),
-    (Logits, "labels and probabilities", "softmax"),
-    (Unknown, "labels and probabilities", "'unknown', which is not one of the trained gestures"),
     (Reversed, "labels and probabilities", "disagree on "),
     (CentresOnTheBatch, "single capture", "of 28 predictions"),
     (Unseeded, "equal seeds", "parameter seed"),
@@ -220,8 +197,6 @@ def test_every_check_has_a_system_that_it_finds():
 def test_systems_without_a_mistake_pass(capsys):
     results, sentences = audit_of(Seeded)
     assert results[FAILED] == set() and results[SKIPPED] == {"training order"} and "seed" in sentences["training order"]
-    table = bench.audit(model=GaussianNB(), features="jung28")
-    assert set(table["result"]) == {PASSED} and set(table["system"]) == {"GaussianNB() · jung28"}
     assert main(["audit", f"model={__file__}:Nearest", "model.power=0.5", "seed=3"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[-2].startswith("Nearest[power=0.5]: 13 passed; ") and "model.power=0.5" in lines[-1]
@@ -246,20 +221,18 @@ def test_the_limit_of_chance_by_hand():
     """28 captures of 14 classes: 9 hits or more have a probability below 0.0005, 8 have not."""
     assert len(captures()) == 70 and len(set(captures().gestures)) == 14
     tail = [sum(comb(28, n) * 13 ** (28 - n) for n in range(least, 29)) / 14**28 for least in (8, 9)]
-    assert tail[1] < 0.0005 < tail[0]
-    results, sentences = audit_of(Nearest)
-    assert results[PASSED] == {check.name for check in CHECKS}
+    assert tail[1] < 0.0005 < tail[0]  # the limit is 8, which tests/net/golden/steps/audit.txt prints
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", names("models"))
 def test_built_in_systems_pass(name, monkeypatch):
-    """With few epochs, trees and trials of a search: the rules are the same, and CI is done in minutes."""
+    """With little to learn: the rules are the same."""
     forest, search = rf._forest, Search.__init__
     monkeypatch.setattr(rf, "_forest", lambda kind, features, trees, *rest: forest(kind, features, 20, *rest))
     monkeypatch.setattr(search, "__defaults__", (None, "3", 4, *search.__defaults__[3:]))
     usual = parameters(load("models", name))
-    few = {key: value for key, value in (FEW | FEWER.get(name, {})).items() if key in usual}
+    few = dict.fromkeys({"epochs", "pretraining", "runs"} & {*usual}, 1) | QUICK.get(name, {})
     table = bench.audit(model=name, **{f"model__{key}": value for key, value in few.items()})
     assert not (failed := table["sentence"][table["result"] == FAILED].tolist()), failed
     assert set(table["check"][table["result"] == SKIPPED]) <= {"training order"}

@@ -1,7 +1,6 @@
 """A system that is saved, loaded elsewhere and labels captures."""
 
 import os
-import shutil
 import subprocess
 import sys
 from importlib.metadata import version
@@ -16,11 +15,13 @@ import pytest
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
+from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.work.fit import fit
 from bench.work.replay import STATE, Calibration, Stopping, Waiting, learned
-from bench.work.saved import Recogniser, load, quiet, step_of
+from bench.work.saved import Recogniser, load, step_of
 from tests.conftest import random_corpus, runs
+from tests.net.build import inside
 from tests.work.fakes import Level
 from tests.work.test_circumstances import CORPUS, TEST, TRAIN, Shy
 
@@ -42,22 +43,14 @@ def as_table(corpus, names=None, origin=0):
 
 @pytest.fixture(scope="module")
 def shipped(tmp_path_factory, empty_store):
-    """A system that `fit` has trained on captures of three subjects, with the captures and what it learned by hand."""
+    """A system that `fit` has trained on captures of three subjects, and the captures."""
     folder = tmp_path_factory.mktemp("shipped")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TOUCHBENCH_HOME", str(folder / "home"))
-        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
-        patch.chdir(folder)
-        patch.setattr("bench.store.create", lambda path: shutil.copy(empty_store, path))
-        (cell,) = cells(CELL)
+    (cell,) = cells(CELL)
+    with inside(folder, empty_store):
         fitted = fit(cell, Path("saved"))
         (run,) = runs("fit")[1]
     corpus = open_corpus(cell.data, cell.data_parameters).select(cell.where)
-    estimator = cell.estimator().fit(corpus, corpus.gestures)
-    stopping, _ = learned(cell.estimator, corpus, np.arange(len(corpus)))
-    return SimpleNamespace(
-        folder=folder, fitted=fitted, run=run, cell=cell, corpus=corpus, estimator=estimator, stopping=stopping
-    )
+    return SimpleNamespace(folder=folder, fitted=fitted, run=run, cell=cell, corpus=corpus)
 
 
 def calibrated(proba, ms, calibration):
@@ -71,18 +64,17 @@ def calibrated(proba, ms, calibration):
 def test_a_saved_system_decides_as_the_estimator_as_surely_as_it_may(shipped, monkeypatch):
     monkeypatch.setenv("TOUCHBENCH_HOME", str(shipped.folder / "home"))
     monkeypatch.chdir(shipped.folder)
-    corpus, estimator = shipped.corpus, shipped.estimator
-    some = corpus[::3].detached()
-    table = as_table(some)
-    assert load("saved").stopping == shipped.stopping and shipped.stopping.calibration.last != 1
-    expected = calibrated(estimator.predict_proba(some), 1000 / 135 * some.lengths, shipped.stopping.calibration)
-    for address in (shipped.fitted.uri, f"runs:/{shipped.fitted.run_id}/model", "saved"):
-        labels = Recogniser.predict(load(address), None, table)
+    corpus, some = shipped.corpus, shipped.corpus[::3].detached()
+    estimator, table = shipped.cell.estimator().fit(corpus, corpus.gestures), as_table(some)
+    stopping, _ = learned(shipped.cell.estimator, corpus, np.arange(len(corpus)))
+    assert load("saved").stopping == stopping and stopping.calibration.last != 1
+    expected = calibrated(estimator.predict_proba(some), 1000 / 135 * some.lengths, stopping.calibration)
+    model = mlflow.pyfunc.load_model("saved")  # as a program without touchbench's functions does
+    for labels in (load(shipped.fitted.uri).predict(None, table), model.predict(table)):
         assert labels["capture"].tolist() == [f"c{i}" for i in range(len(some))]
         assert labels["label"].tolist() == estimator.predict(some).tolist()
         np.testing.assert_allclose(labels[[f"p_{c}" for c in estimator.classes_]], expected, rtol=1e-4)
         np.testing.assert_allclose(labels["confidence"], expected.max(axis=1), rtol=1e-4)
-    model = mlflow.pyfunc.load_model("saved")  # as a program without touchbench's functions does
     for same in (
         table.assign(**{c: table[c].astype(float) for c in table if c.startswith("ch")}),
         table.drop(columns="frame"),  # rows of a capture follow one another
@@ -91,16 +83,13 @@ def test_a_saved_system_decides_as_the_estimator_as_surely_as_it_may(shipped, mo
         assert model.predict(same).equals(labels)
     unnamed = model.predict(table.drop(columns="capture"), params={"rate_hz": 135.0})
     assert unnamed["capture"].tolist() == [str(i + 1) for i in range(len(some))]
-    assert unnamed["label"].equals(labels["label"])
     for wrong, rate_hz, fact in ((table, 54.0, "54"), (table.drop(columns="ch64"), 135.0, "ch64")):
         with pytest.raises(mlflow.MlflowException, match=fact):
             model.predict(wrong, params={"rate_hz": rate_hz})
-    metadata = model.metadata.metadata
-    assert (metadata["grid"], metadata["rate_hz"], metadata["synthetic"]) == ([8, 8], 135.0, True)
-    assert metadata["classes"] == ["pat", "rub", "tap"]
+    told = {"grid": [8, 8], "rate_hz": 135.0, "synthetic": True, "classes": ["pat", "rub", "tap"]}
+    assert model.metadata.metadata.items() >= told.items()
     pins = Path("saved/requirements.txt").read_text().splitlines()
     assert f"scikit-learn=={version('scikit-learn')}" in pins and all("==" in p and "+" not in p for p in pins)
-    assert {"features", "models", "protocols", "work"} <= {path.name for path in Path("saved/code/bench").iterdir()}
     run = shipped.run
     assert {"fit_seconds", "fit_cpu_seconds", "predict_ms_p50", "predict_ms_p99", "parameters"} <= set(run.data.metrics)
     assert run.data.tags["system"] == shipped.cell.system() and run.data.params["captures"] == str(len(corpus))
@@ -116,44 +105,34 @@ def test_the_step_of_readings_is_that_of_the_training_captures_alone():
     assert step_of(whole) == 1.0
 
 
-def test_what_cannot_be_fitted_or_loaded_is_refused(shipped, capsys):
+def test_what_cannot_be_fitted_or_loaded_is_refused(monkeypatch, capsys):
     Path("full").mkdir()
-    Path("full/x").write_text("")
-
-    class Other(mlflow.pyfunc.PythonModel):
-        def predict(self, context, model_input: list[str], params=None):
-            return model_input
-
-    shipped.fitted.recogniser.format, usual = "0", shipped.fitted.recogniser.format
-    with quiet():
-        mlflow.pyfunc.save_model("other", python_model=Other(), pip_requirements=[])
-        mlflow.pyfunc.save_model("old", python_model=shipped.fitted.recogniser, pip_requirements=[])
-    shipped.fitted.recogniser.format = usual
+    Path("full/MLmodel").write_text("")
     for arguments, fact in (
         (["fit", "out=full"], "out=full"),
         (["fit", "where=gesture == 'pat'"], "one gesture"),
-        (["predict", "http://somewhere/model", "y.csv"], "not a saved model"),
         (["predict", "runs:/0123/model", "y.csv"], "runs:/0123/model cannot be loaded"),
-        (["predict", "other", "y.csv"], "other is not a model of touchbench"),
-        (["predict", "old", "y.csv"], "old was saved by another version"),
     ):
-        capsys.readouterr()
         assert main(arguments) == 2, arguments
-        error = capsys.readouterr().err.splitlines()
-        assert fact in error[-1] and len([line for line in error if line.startswith("bench:")]) == 1, arguments
+        assert fact in capsys.readouterr().err.splitlines()[-1]
+    old = Recogniser(Level(), CORPUS)
+    old.format = "0"
+    held = iter([object(), old])
+    monkeypatch.setattr(mlflow.pyfunc, "load_model", lambda _: SimpleNamespace(unwrap_python_model=held.__next__))
+    for fact in ("full is not a model of touchbench", "full was saved by another version"):
+        with pytest.raises(InputError, match=fact):
+            load("full")
 
 
-def test_files_of_every_format_are_labelled_and_a_bad_one_is_one_line(monkeypatch, capsys):
+def test_files_are_labelled_whatever_their_format_and_a_bad_one_is_one_line(monkeypatch, capsys):
     corpus = random_corpus(grid=(3, 4))
     system = Level().fit(corpus, corpus.gestures)
     monkeypatch.setattr("bench.work.saved.load", lambda _: Recogniser(system, corpus))
     table = as_table(corpus, origin=1)
-    table.assign(gesture="?").to_csv("new.csv", index=False, columns=["gesture", *table])
-    table[table.columns[::-1]].to_csv("turned.csv", index=False)  # channels go by their names
-    table.to_parquet("new.parquet", index=False)
+    table.assign(gesture="?")[["gesture", *table.columns[::-1]]].to_csv("new.csv", index=False)
     offsets = np.append(0, np.cumsum(corpus.lengths))
     np.savez("new.npz", frames=corpus.frames, offsets=offsets, capture=[f"c{i}" for i in range(len(corpus))])
-    for path in ("new.csv", "turned.csv", "new.parquet", "new.npz"):
+    for path in ("new.csv", "new.npz"):
         assert main(["predict", "m", path, "rate_hz=100", "out=labels.csv"]) == 0
         labels = pd.read_csv("labels.csv")
         assert list(labels) == ["capture", "label", "confidence", "unlike", "p_pat", "p_rub", "p_tap"]

@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from filelock import FileLock
 
-from bench.cli import main
 from bench.errors import ClusterError, InputError
 from bench.machine import Machine
 from bench.plan.cells import cells
@@ -17,10 +16,8 @@ from bench.plan.plan import planned, share_cores
 from bench.scratch import home
 from bench.work import loop
 from bench.work.fold import forget_peak, peak_memory
-from bench.work.loop import Interrupted, Left, execute, expected, lookup
-from bench.work.tracking import finished
+from bench.work.loop import Interrupted, Left, execute, expected
 from bench.work.workers import Here
-from tests.conftest import predictions, runs
 from tests.work.fakes import DONE, MEASURED, Echo, Memory
 
 SMALL = ["data.subjects=4", "data.variants=normal", "jobs=2"]
@@ -79,6 +76,17 @@ def test_outcomes_come_in_the_order_of_the_plans_and_folds_in_that_of_the_protoc
         assert not (run.folder / "folds").exists()
 
 
+def test_the_time_left_is_that_of_finished_folds(store, plan):
+    """Of the run itself, else of one that differs in its protocol; the folds that failed do not count."""
+    execute(todo(plan, 0))
+    table = pd.DataFrame({"status": ["FINISHED", "FINISHED", "FAILED"], "seconds": [2.0, 4.0, 90.0]})
+    table.to_parquet(store.of_kind("echo")[0].folder / "folds.parquet")
+    protocol = replace(plan.cell.protocol, name="kfold")
+    like = Left(plan.of(replace(plan.cell, study=Echo(0), protocol=protocol)), 4)
+    other, none = expected(store, [like, Left(todo(plan, 2)[0], 4)])
+    assert other == pytest.approx(4 * 3 / min(plan.workers, 4)) and none is None
+
+
 @pytest.mark.parametrize(("how", "error"), [(KeyboardInterrupt, Interrupted), (ClusterError, ClusterError)])
 def test_what_is_cut_off_goes_on_and_ends_the_same(how, error, store, plan, monkeypatch):
     monkeypatch.setattr(Backwards, "stop", 5)
@@ -86,17 +94,6 @@ def test_what_is_cut_off_goes_on_and_ends_the_same(how, error, store, plan, monk
     with pytest.raises(error):
         execute(todo(plan, 0, 1))
     assert len(DONE) == 5 and store.statuses() == ["FINISHED", "KILLED"]
-    whole = store.of_kind("echo")[0]
-    table = pd.DataFrame({"status": ["FINISHED", "FINISHED", "FAILED"], "seconds": [2.0, 4.0, 90.0]})
-    table.to_parquet(whole.folder / "folds.parquet")
-    _, (one, two) = lookup(store, todo(plan, 0, 1, 2))  # of the first run nothing, of the second all but one fold
-    assert [(each.plan.cell.study.number, each.folds) for each in (one, two)] == [(1, 3), (2, 4)]
-    (spent,) = (fold.seconds for fold in finished(store, store.of_kind("echo")[1]).values())
-    folds, workers = replace(plan.cell.protocol, name="kfold"), plan.workers
-    like = Left(plan.of(replace(plan.cell, study=Echo(0), protocol=folds)), 4)
-    own, none, other = expected(store, [one, two, like])
-    assert own == pytest.approx(3 * spent / min(workers, 3)) and none is None
-    assert other == pytest.approx(4 * 3 / min(workers, 4))  # of the first run, whose folds took 2 and 4 seconds
     monkeypatch.setattr(Backwards, "stop", -1)
     resumed = execute(todo(plan, 0, 1))
     assert len(DONE) == 8 and len({*DONE}) == 8 and store.statuses() == ["FINISHED"] * 2
@@ -110,7 +107,7 @@ def test_what_is_cut_off_goes_on_and_ends_the_same(how, error, store, plan, monk
 
 
 def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(store, plan, monkeypatch, capsys):
-    monkeypatch.setattr(Echo, "fails", {"2": SystemExit("enough"), "3": ValueError("not finite\n  at frame 7")})
+    monkeypatch.setattr(Echo, "fails", {"2": SystemExit("enough \udcff"), "3": ValueError("not finite\n  at frame 7")})
     (outcome,) = execute(todo(plan, 0))
     assert [r.name for r in MEASURED[0]] == ["1", "4"] and not outcome.complete and set(outcome.errors) == {"2", "3"}
     assert "ValueError: not finite" in Path(outcome.errors["3"].where).read_text()
@@ -118,7 +115,7 @@ def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
     assert outcome.tables["folds"]["status"].tolist() == ["FINISHED", "FAILED", "FAILED", "FINISHED"]
     errors = outcome.tables["folds"]["error"].tolist()
     said = [error.partition(" (fakes.py, line ")[0] for error in errors]
-    assert said == ["", "SystemExit: enough", "ValueError: not finite", ""] and said != errors
+    assert said == ["", "SystemExit: enough \\udcff", "ValueError: not finite", ""] and said != errors
     err = capsys.readouterr().err
     assert f"fold 2 failed: {errors[1]}\n" in err and f"fold 3 failed: {errors[2]}\n" in err
     Echo.fails.clear()
@@ -145,29 +142,6 @@ def test_a_run_names_its_machines(store, plan, monkeypatch):
     for _ in range(2):  # as it ends, and as it is stored
         (run,) = execute(todo(plan, 0))
         assert run["cpu"] == "fast; slow" and run["simd"] == "avx2; sse"
-
-
-@pytest.mark.measured
-def test_a_run_is_tracked_whole():
-    assert main(["run", "model=svm,cnn85", "model.epochs=2", *SMALL]) == 0
-    store, (svm, cnn) = runs("cell")
-    assert svm.info.status == "FINISHED" and svm.data.tags["synthetic"] == "true"
-    assert svm.data.params["model.C"] == "512.0" and svm.data.params["features"] == "jung54"
-    assert {"corpus_digest", "threads", "cpu", "version.scikit-learn", "protocol"} <= set(svm.data.params)
-    metrics = "accuracy subject_sd pooled_accuracy macro_f1 macro_recall macro_precision fit_seconds "
-    metrics += "predict_ms_p50 predict_ms_p95 parameters flash_bytes ram_bytes peak_rss_bytes"
-    assert {*metrics.split()} <= set(svm.data.metrics) & set(cnn.data.metrics)
-    assert {"window_accuracy", "vote_accuracy"} <= set(cnn.data.metrics)
-    table = predictions(store, svm)
-    assert len(table) == 4 * 14 and list(table["fold"].unique()) == ["1", "2", "3", "4"]
-    assert (table["fold"] == table["subject"]).all() and {"variant", "true", "p_grab", "frames"} <= set(table)
-    right = table.filter(like="p_").idxmax(axis=1).str[2:] == table["true"]
-    assert svm.data.metrics["pooled_accuracy"] == pytest.approx(right.mean())
-    steps = store.client.get_metric_history(svm.info.run_id, "fold/accuracy")
-    assert [m.step for m in steps] == [0, 1, 2, 3]
-    assert [m.value for m in steps] == (right.groupby(table["fold"]).mean()).tolist()
-    history = predictions(store, cnn, "history")
-    assert history["epoch"].tolist() == [1, 2] * 4 and history["loss"].notna().all()
 
 
 def test_peak_memory_is_that_of_the_fold_alone():
