@@ -11,6 +11,7 @@ def test_a_grid_has_its_number_of_runs_and_the_time_left_for_all(capsys):
     with Bar(5, 2, [(4, 100.0), (2, None), (3, 60.0)]) as bar:
         bar.get_time = lambda: clock[0]
         bar.begin("svm", 6, ["1", "2", "3", "4"])  # two of its folds are stored
+        assert (bar.run.fields["now"], bar.run.completed) == ("fold 1", 2)
         assert bar.left is None  # nothing is known of the second one
         clock[0] = 30.0
         bar.end_fold(FoldResult("1", seconds=30.0))

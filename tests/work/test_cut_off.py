@@ -74,17 +74,19 @@ def test_trials_and_choices_of_any_type_are_the_same_in_memory_and_after_a_resum
     """How columns of each type are stored, is in tests/test_values.py."""
     among = pd.DataFrame([[Echo, 8 / 3, "auto"], [Echo, 0.25, 8]], columns=["kind", 7, "C"])
     told = {"trials": among, "chosen": {"states": ("stuck", "dead"), "n": np.int64(3), 7: None}}
+    told["history"] = [{"loss": 1 / 3}, {"loss": 1 / 9}]
     fold, tables = Echo.fold, []
     monkeypatch.setattr(Echo, "fold", lambda *all: replace(fold(*all), **told))
     for killed in (True, False):
         if killed:
             killed_in(monkeypatch, TrackedRun, "close", command)
         (result,) = command()
-        tables.append([result.tables[name] for name in ("trials", "chosen")])
+        tables.append([result.tables[name] for name in ("trials", "chosen", "history")])
         store.kept.clear()
     for one, other in zip(*tables, strict=True):
         pd.testing.assert_frame_equal(one, other, check_exact=True)
-    trials, chosen = tables[0]
+    trials, chosen, history = tables[0]
+    assert history["epoch"].tolist() == [1, 2] * 3 and history["loss"].tolist() == [1 / 3, 1 / 9] * 3
     assert trials["7"].tolist() == [8 / 3, 0.25] * 3 and trials["C"].tolist() == ["auto", "8"] * 3
     assert chosen["states"][0] == "('stuck', 'dead')" and chosen["n"].tolist() == [3] * 3 and chosen["7"].isna().all()
 
