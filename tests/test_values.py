@@ -11,7 +11,7 @@ from rich.console import Console
 
 from bench.columns import run_columns
 from bench.errors import InputError
-from bench.intervals import drawn, ratio_interval, weights
+from bench.intervals import ratio_interval
 from bench.measures import CODE, Cost, Interval, Measure, costs, in_thousands, percent, text, three
 from bench.result import SMALL, Failure, Result, Tables
 from bench.table import Table, of_text, write_sheet
@@ -70,12 +70,9 @@ def test_columns_of_runs_by_hand():
     assert columns["accuracy"].of({}) == "-"
 
 
-def test_people_are_drawn_with_the_usual_seed():
-    people = np.random.default_rng(0).integers(0, 5, (2000, 5))
-    assert drawn(5).tolist() == people.tolist()
-    assert weights([4], 9)[0].tolist() == np.random.default_rng(0).multinomial(4, [0.25] * 4, 9).tolist()
+def test_the_interval_of_a_ratio_is_that_of_people_drawn_with_the_usual_seed():
     hits, captures = np.array([5, 0, 3, 1, 2]), np.array([5, 1, 4, 2, 2])
-    shares = [sum(hits[each]) / sum(captures[each]) for each in people]
+    shares = [sum(hits[each]) / sum(captures[each]) for each in np.random.default_rng(0).integers(0, 5, (2000, 5))]
     assert ratio_interval(np.stack([hits, captures], axis=1)) == pytest.approx(np.quantile(shares, [0.025, 0.975]))
 
 

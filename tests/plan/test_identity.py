@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -22,16 +23,24 @@ RUNS = {"run": (), "stress": (Faults(("noise",)),), "stream": (Instants(),), "cu
 EVERY = {*RUNS}
 
 
+@cache
+def usual(**values):
+    """A cell with its captures and folds."""
+    (cell,) = cells({"data.subjects": "2", "data.variants": "normal", **values})
+    return cell, (corpus := corpus_of(cell)), tuple(folds_of(cell, corpus))
+
+
+def key(*circumstances, threads=1, tuning=None, **values):
+    cell, corpus, folds = usual(**values)
+    return Plan(replace(cell, tuning=tuning, circumstances=circumstances), corpus, folds, 1, threads).key
+
+
 def of(name):
     """The key of a kind of run."""
     return key(*RUNS[name], tuning={"space": {"C": [1.0, 2.0]}} if name == "tune" else None)
 
 
-def key(*circumstances, threads=1, tuning=None, **values):
-    (cell,) = cells({"data.subjects": "2", "data.variants": "normal", **values})
-    cell = replace(cell, tuning=tuning, circumstances=circumstances)
-    corpus = corpus_of(cell)
-    return Plan(cell, corpus, tuple(folds_of(cell, corpus)), 1, threads).key
+unchanged = cache(of)
 
 
 @pytest.fixture
@@ -39,11 +48,13 @@ def changed(monkeypatch):
     """Changes the text of a module as `bench.source` reads it."""
 
     def change(module, edit):
-        read, path = Path.read_bytes, source.path_of(module)
+        read, text, path = source._read, Path.read_bytes, source.path_of(module)
         before = path.read_bytes()
         assert edit(before) != before, f"{module} has nothing to change"
-        monkeypatch.setattr(Path, "read_bytes", lambda self: edit(before) if self == path else read(self))
-        monkeypatch.setattr(source, "_read", source._read.__wrapped__)
+        monkeypatch.setattr(Path, "read_bytes", lambda self: edit(before) if self == path else text(self))
+        monkeypatch.setattr(
+            source, "_read", lambda file, at: (read.__wrapped__ if file == str(path) else read)(file, at)
+        )
 
     return change
 
@@ -67,7 +78,7 @@ def line(text):
         ("bench.scores", code, EVERY),
         ("bench.work.fold", code, EVERY),
         ("bench.circumstances.faults", line, {"stress"}),
-        ("bench.corpora.faults", code, {"stress"}),
+        ("bench.corpora.faults", code, {"stress", "tune"}),
         ("bench.work.replay", code, {"stream"}),
         ("bench.circumstances.subjects", code, {"curve"}),
         ("bench.models.rocket", code, set()),
@@ -78,7 +89,7 @@ def line(text):
     ],
 )
 def test_a_change_of_code_makes_those_runs_stale_that_depend_on_it(module, edit, stale, changed):
-    before = {name: of(name) for name in RUNS}
+    before = {name: unchanged(name) for name in RUNS}
     changed(module, edit)
     assert {name for name in RUNS if of(name) != before[name]} == stale
 

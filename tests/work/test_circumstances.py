@@ -12,19 +12,16 @@ from bench import scores
 from bench.circumstances.faults import Faults
 from bench.circumstances.instants import Instants
 from bench.circumstances.subjects import Subjects, subset
-from bench.cli import main
 from bench.corpora.faults import FAULTS, as_shares, damaged
 from bench.errors import InputError
-from bench.outcomes.runs import every_result
 from bench.plan.cells import cells
 from bench.plan.plan import Fold
 from bench.registry import views
-from bench.store import connect
+from bench.work import loop
 from bench.work.evaluation import folded, run_of
-from bench.work.loop import prepared
 from bench.work.stability import COLUMNS, unharmed
-from tests.conftest import SMALL, random_corpus, with_other_values
-from tests.work.fakes import Level, cell_of
+from tests.conftest import random_corpus, with_other_values
+from tests.work.fakes import Level, Memory, cell_of
 
 FEW = ("noise", "early_end")
 CORPUS = random_corpus(per_class=2, grid=(4, 4))
@@ -132,7 +129,7 @@ def test_abstentions_are_wrong_in_every_circumstance_and_their_share_is_told():
 
 
 def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
-    every = (Faults(FEW), Instants((250.0, 1000.0)), Subjects((1,)))
+    every = (Faults(("noise",)), Instants((250.0, 1000.0)), Subjects((1,)))
     together, measured = once(*every)
     for one in every:
         alone, run = once(one)
@@ -149,27 +146,28 @@ def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
 
 
 def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_again(monkeypatch, capsys):
-    words = ["run", *SMALL, "model=bayes", "features=jung28", "under=noise", "after=250ms"]
-    replayed, done = Instants.fold, []
+    memory, replayed = Memory(), Instants.fold
+    monkeypatch.setattr(loop, "connect", lambda writes: memory)
+    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: CORPUS)
+    (cell,) = cells({"model": "bayes", "features": "jung28"})
 
-    def fold(self, at):
-        done.append(at.fold.name)
+    def run(circumstance):
+        monkeypatch.setattr(Instants, "fold", circumstance)
+        every = (Faults(("noise",)), Instants((250.0,)))
+        return *loop.execute(loop.prepared([replace(cell, circumstances=every)], 1)), capsys.readouterr().err
+
+    def fails(self, at):
         if at.fold.name == "2":
             raise ValueError("no replay")
         return replayed(self, at)
 
-    monkeypatch.setattr(Instants, "fold", fold)
-    assert main(words) == 1
-    said = capsys.readouterr()
-    assert said.err.count("fold 2, after= failed: ValueError: no replay") == 1 and "traceback of the first" in said.err
-    (run,) = every_result(connect())
-    assert run.complete and run["folds"] == 3 and views()["under"].holds(run) and not views()["after"].holds(run)
-    assert {"accuracy", "loss.noise"} <= {*run.metrics} and "replay_accuracy" not in run
-    monkeypatch.setattr(Instants, "fold", replayed)
-    done.clear()
-    assert main(words) == 0 and "fold 2 done" in (said := capsys.readouterr().err) and "fold 1 done" not in said
-    run = next(r for r in every_result(connect()) if views()["under"].holds(r))
-    assert views()["after"].holds(run) and run["replay_accuracy"] > 0 and not run.failed
+    first, said = run(fails)
+    assert said.count("fold 2, after= failed: ValueError: no replay") == 1
+    assert first.complete and views()["under"].holds(first) and not views()["after"].holds(first)
+    assert {"accuracy", "loss.noise"} <= {*first.metrics} and "replay_accuracy" not in first
+    second, said = run(replayed)
+    assert "fold 2 done" in said and "fold 1 done" not in said
+    assert views()["after"].holds(second) and second["replay_accuracy"] > 0 and not second.failed
 
 
 def test_times_in_another_order_are_the_same_run():
@@ -183,5 +181,5 @@ def test_a_column_that_tables_of_labels_need_is_refused_before_anything_runs(mon
     named = CORPUS.changed(captures=CORPUS.captures.assign(level=1))
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: named)
     with pytest.raises(InputError, match="'level'"):
-        prepared([replace(cell, circumstances=(Faults(FEW),))], 1)
-    assert prepared([cell], 1)
+        loop.prepared([replace(cell, circumstances=(Faults(FEW),))], 1)
+    assert loop.prepared([cell], 1)
