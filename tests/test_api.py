@@ -83,7 +83,7 @@ def test_tables_of_runs_and_a_fitted_system(in_net):
     stored = bench.runs(model="bayes", data="people")
     found = stored[stored["loss.noise"].notna()]
     assert {"none", "noise", "dead_taxels"} < {*bench.predictions(found, "labels")["case"]}
-    assert {*bench.predictions(found)["name"]} == {*found["name"]}
+    assert {*bench.predictions(found)["name"]} == {"bayes · jung28"}
     cases = bench.runs(cases=True, run=[*found["run_id"]])
     assert {*cases.loc[cases["case"] == "noise", "level"]} == {1, 2, 3, 4, 5} and {"accuracy", "loss"} < {*cases}
     with pytest.raises(bench.InputError, match="did you mean faults"):
