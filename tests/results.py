@@ -5,7 +5,6 @@ from itertools import count
 import numpy as np
 import pandas as pd
 
-from bench import scores
 from bench.circumstances.faults import Faults
 from bench.circumstances.subjects import Subjects
 from bench.result import Result
@@ -128,18 +127,6 @@ def stressed(system, accuracy, losses, more=(), tables=None, **about):
     }
     metrics |= {f"loss.{fault}": loss for fault, loss in losses.items()} | dict(more)
     return evaluated(system, metrics=metrics, tables=tables, **HAART | {"faults": ", ".join(losses)} | about)
-
-
-def in_c(system="svm", predictions=None, bits=32, metrics=(), c=None, **about):
-    """A result of ``form=c``: labels in Python and, unless others are given, the same in C."""
-    predictions = made_up(per_class=1) if predictions is None else predictions
-    c = predictions if c is None else c
-    labelled = scores.captures(c)
-    people = scores.over_people(labelled)
-    numbers = {"c_accuracy": people["accuracy"], "c_accuracy_low": people["low"], "c_accuracy_high": people["high"]}
-    numbers |= {"c_subject_sd": people["subject_sd"]}
-    numbers |= dict(metrics)
-    return evaluated(system, predictions, metrics=numbers, tables={"c": c}, **{"chip.bits": bits} | about)
 
 
 def streamed(system, start="onset", hop="None", tables=None, metrics=(), **about):

@@ -42,14 +42,14 @@ BAD = [  # arguments, and what the line names
     (["data", "show", "synth", "subject=2"], "did you mean subjects"),
     (["data", "show", "synth", "subjects=2", "data.subjects=3"], "data.subjects="),
     (["data", "show", "synth", "subjects=1", "out=file/x"], "file/x"),
-    (["data", "show", "synth", "subjects=1", "variants=normal", "out=taken"], "taken/films.svg"),
+    (["data", "show", "synth", "subjects=1", "variants=normal", "out=taken"], "taken/captures.svg"),
 ]
 
 
 @pytest.mark.parametrize(("arguments", "fact"), BAD, ids=range(len(BAD)))
 def test_a_bad_line_is_one_line_that_names_the_key_and_writes_nothing(arguments, fact, capsys):
     Path("folder").mkdir()
-    Path("taken/films.svg").mkdir(parents=True)
+    Path("taken/captures.svg").mkdir(parents=True)
     Path("file").write_text("mine")
     os.mkfifo("pipe")
     assert main(arguments) == 2

@@ -4,39 +4,11 @@ import pandas as pd
 import pytest
 
 from bench.errors import InputError
-from bench.outcomes.runs import (
-    NothingTracked,
-    asked_of,
-    every_result,
-    plain,
-    selected,
-    stored,
-    wanted,
-)
+from bench.outcomes.runs import NothingTracked, asked_of, every_result, plain, selected, stored, wanted
 from bench.result import COUNTS
 from bench.tables import file_of, write_table
 from tests.reports.store import keep
-from tests.results import evaluated, in_c, made_up, result, streamed, stressed
-
-
-def test_a_result_is_stored_and_read_as_it_was(store):
-    made = [
-        evaluated("svm · jung54", made_up(3, windows=2), **{"touchbench.conditions": "cover"}),
-        stressed("svm", 0.7, {"noise": 0.1}),
-        streamed("svm"),
-        in_c("svm"),
-    ]
-    ids = [keep(store, one) for one in made]
-    every = {r["run_id"]: r for r in every_result(store)}
-    for one, run_id in zip(made, ids, strict=True):
-        found = every[run_id]
-        assert found.metrics == pytest.approx(one.metrics, nan_ok=True) and found["run_id"] == run_id
-        same = one.about.keys() - {"run_id", "started", "features_name"}
-        assert {k: found[k] for k in same} == {k: one[k] for k in same}
-        assert (found.kind, found.system, found.context, found.folds) == (one.kind, one.system, one.context, one.folds)
-        assert found.complete and found.alone and found.scored
-        for name in one.tables:
-            pd.testing.assert_frame_equal(found.tables[name], one.tables[name])
+from tests.results import evaluated, made_up, result
 
 
 def test_the_newest_of_equal_runs_counts_and_complete_ones_first(store):
@@ -69,35 +41,26 @@ def test_text_stays_text_in_tables(store, tmp_path):
     """Subjects and classes may be numbers, or words that pandas takes for nothing."""
     table = made_up(3).assign(subject="01").replace({"true": {"pat": "NA", "rub": "7"}})
     keep(store, evaluated("a", table))
-    (one,) = stored(store)
-    assert {*one.tables["predictions"]["true"]} == {"NA", "7", "tap"} and {*one.tables["per_subject"]["subject"]} == {
-        "01"
-    }
+    tables = stored(store)[0].tables
+    assert {*tables["predictions"]["true"]} == {"NA", "7", "tap"} and {*tables["per_subject"]["subject"]} == {"01"}
     write_table(pd.DataFrame({"value": [1, "a", 0.5, None]}), tmp_path / "mixed.parquet")
     values = pd.read_parquet(tmp_path / "mixed.parquet")["value"]
     assert values[:3].tolist() == ["1", "a", "0.5"] and values.isna().tolist() == [False, False, False, True]
 
 
-def test_a_table_that_is_gone_is_named(store):
-    run_id = keep(store, evaluated("lda", made_up(3)))
-    (one,) = stored(store)
-    store.path(run_id, one["artifacts"], file_of("predictions")).unlink()
-    assert one.tables.get("predictions") is None
-    with pytest.raises(InputError, match=f"predictions of lda .run {run_id}. is missing"):
-        one.tables["predictions"]
-
-
-def test_a_table_that_is_damaged_is_named(store):
+def test_a_table_that_is_damaged_or_gone_is_named(store):
     run_id = keep(store, evaluated("lda", made_up(3)))
     (one,) = stored(store)
     path = store.path(run_id, one["artifacts"], file_of("predictions"))
-    content = path.read_bytes()
-    path.write_bytes(content[: len(content) // 2])
-    with pytest.raises(
-        InputError, match=f"predictions of lda .run {run_id}. .*parquet is damaged; restore it"
-    ) as error:
+    path.write_bytes(path.read_bytes()[:-100])
+    told = f"predictions of lda .run {run_id}. "
+    with pytest.raises(InputError, match=f"{told}.*parquet is damaged; restore it") as error:
         one.tables["predictions"]
     assert "\n" not in str(error.value)
+    path.unlink()
+    assert one.tables.get("predictions") is None
+    with pytest.raises(InputError, match=f"{told}is missing"):
+        one.tables["predictions"]
 
 
 def test_keys_select_runs_and_latest_the_newest_parameters(store):

@@ -7,7 +7,7 @@ from bench.tables import file_of, write_table
 from tests import results
 from tests.results import made_up, with_hits
 
-__all__ = ["keep", "made_up", "streamed", "stressed", "tracked_run", "with_hits"]
+__all__ = ["keep", "made_up", "stressed", "tracked_run", "with_hits"]
 
 PARAMS = ("corpus_digest", "git", "cpu", "threads", "faults")
 PARTS = {"model_name": "model", "protocol_name": "protocol"}  # names are parameters, words with their values tags
@@ -37,8 +37,3 @@ def tracked_run(store, system, predictions, failed=0, cost=1.0, **about):
 def stressed(store, system, accuracy, losses, more=(), **about):
     """Store a run of ``bench stress``."""
     return keep(store, results.stressed(system, accuracy, losses, more, **about))
-
-
-def streamed(store, system, start="onset", hop="None", **metrics):
-    """Store a run with ``after=``."""
-    return keep(store, results.streamed(system, start, hop, metrics=metrics))
