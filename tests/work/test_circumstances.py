@@ -142,6 +142,11 @@ def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
         parts = ("accuracy", "loss", "replay_accuracy", "failing_slices.", "chance")
         same = {name: value for name, value in run.metrics.items() if name.startswith(parts)}
         assert len(same) > 3 and same.items() <= measured.metrics.items()
+    labels = together.tables["labels"].assign(hit=lambda rows: rows["true"] == rows["predicted"])
+    noisy = labels.loc[(labels["case"] == "noise") & (labels["level"] == 3), "hit"].mean()
+    assert measured.metrics["accuracy.noise.3"] == together.scored["accuracy.noise.3"] == noisy
+    fewer = labels.loc[labels["train_subjects"] == 1, "hit"].mean()
+    assert measured.metrics["accuracy.train_subjects.1"] == together.scored["accuracy.train_subjects.1"] == fewer
     assert "stopping" not in measured.tables and {"fault", "time"} <= {*measured.tables["slices"]["circumstance"]}
 
 
