@@ -1,11 +1,18 @@
-"""Words that only the code uses do not reach users: not in help, pages, printed texts and messages."""
+"""Words: those that only the code uses reach no user; parameters have meanings; no sentence lacks a value."""
 
 import ast
 import re
 from pathlib import Path
 
-from bench.described import help_of, overview
+import pytest
+from jinja2 import UndefinedError
+
+from bench.cli import main
+from bench.described import classifiers, described, help_of, overview
 from bench.options import commands, options
+from bench.registry import names
+from bench.sentences import sentences, shortened
+from tests.test_structure import modules
 
 ROOT = Path(__file__).parent.parent
 FORBIDDEN = re.compile(
@@ -50,7 +57,7 @@ def texts():
     for path in [ROOT / "README.md", *pages, *ROOT.glob("tests/net/golden/[rs][tu]*/*.txt")]:
         yield path.name, path.read_text()
     for path in [*ROOT.glob("reports/templates/*.jinja"), *ROOT.glob("bench/*/templates/*.jinja")]:
-        yield path.name, re.sub(r"\{[{%].*?[}%]\}|<.*?>", "", path.read_text(), flags=re.DOTALL)
+        yield path.name, re.sub(r"\{[{%#].*?[}%#]\}|<.*?>", "", path.read_text(), flags=re.DOTALL)
     for room in ("bench", "features", "models", "protocols", "reports"):
         for path in ROOT.glob(f"{room}/**/*.py"):
             yield from ((f"{path.relative_to(ROOT)}:{line}", text) for line, text in literals(path))
@@ -65,3 +72,50 @@ def test_sentences_of_help_are_short():
     sentences = [s for command in commands().values() for s in re.split(r"[.:;] (?=[A-Za-z0-9])", command.text)]
     sentences += [option.help for name in commands() for option in options(name).values()]
     assert not [s for s in sentences if len(s.split()) > LONGEST]
+
+
+@pytest.mark.parametrize("room", ["features", "models", "protocols"])
+def test_every_parameter_of_every_part_has_a_meaning(room):
+    for name in names(room):
+        one = described(room, name)
+        assert one.summary and [f"{name}.{p.name}" for p in one.parameters if not p.meaning] == []
+
+
+def test_every_default_of_a_classifier_has_an_origin():
+    assert {"bayes", "svm", "xgb"} <= {*classifiers()} and not {"reflex", "cnn85", "jung2014_svm"} & {*classifiers()}
+    for name in classifiers():
+        assert [f"{name}.{p.name}" for p in described("models", name).parameters if not p.source] in (
+            [],
+            [f"{name}.seed"],
+        )
+
+
+def test_help_prints_the_parameters_of_the_parts_that_are_named(capsys):
+    assert main(["run", "features=jung28,touch", "model=svm", "data=haart", "--help"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert out.index("features=jung28:") < out.index("features=touch:") < out.index("model=svm:")
+    for fact in ("model.C= penalty; default 512 (a point of the grid", "features.area=", "no parameters"):
+        assert fact in out
+    assert main(["run", "model=smv", "--help"]) == 2
+    assert capsys.readouterr().err.startswith("bench: model=smv: unknown; did you mean svm?")
+
+
+def test_a_forgotten_value_is_an_error():
+    with pytest.raises(UndefinedError, match="mixed"):
+        sentences("bench.outcomes", "choice", "scope", chosen={}, few="")
+    assert shortened(["a", "b", "c"], 2) == "a; b; and 1 more" and shortened(["a"], 2) == "a"
+
+
+def test_every_block_of_a_template_is_used_and_every_used_one_exists():
+    """Blocks by package and template, as the source calls them."""
+    used, there = set(), set()
+    for path in modules().values():
+        source = path.read_text()
+        used |= {*re.findall(r'"(bench\.\w+)",\s*"(\w+)",\s*"(\w+)"', source)}
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "said":
+                used |= {("bench.outcomes", "choice", block) for block in node.args[0].value.split()}
+        for template in (path.parent / "templates").glob("*.jinja"):
+            package = f"bench.{path.parent.name}"
+            there |= {(package, template.stem, name) for name in re.findall(r"{% block (\w+) %}", template.read_text())}
+    assert used == there != set()

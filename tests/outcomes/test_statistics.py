@@ -1,4 +1,4 @@
-"""The tests of the report against scipy, by hand and against papers; the rule of one standard error in fractions."""
+"""Tests of the report against scipy, by hand and against papers; the rule of one standard error; fronts."""
 
 import itertools
 from fractions import Fraction
@@ -12,6 +12,7 @@ from scipy import stats
 
 from bench.intervals import mean_and_error, within_one_standard_error
 from bench.outcomes import statistics
+from bench.pareto import front
 from studies.published_tables import table
 
 RNG = np.random.default_rng(0)
@@ -54,13 +55,6 @@ def test_the_interval_of_a_difference_has_the_shifts_that_the_test_does_not_reje
     assert np.isnan(statistics.shifts(d[:5])).all()
     test = statistics.paired(pd.Series(d), pd.Series(np.zeros(n)))
     assert (test["p"] < 0.05) == (test["low"] > 0 or test["high"] < 0)
-
-
-def test_the_interval_of_ten_has_the_published_ends():
-    """Ten people: 8 is the largest sum of ranks that is rejected (Wilcoxon 1945), so the 9th of 55 means is an end."""
-    d = np.array([1.83, 0.5, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.3, -0.7])
-    means = sorted((d[i] + d[j]) / 2 for i in range(10) for j in range(i, 10))
-    assert statistics.shifts(d) == pytest.approx((means[8], means[46]))
 
 
 def test_places_by_hand():
@@ -182,3 +176,18 @@ def test_it_is_the_exact_rule_where_several_people_differ():
         assert within_one_standard_error(np.array(lost, dtype=float)) == exactly_within(lost), lost
     assert not within_one_standard_error(np.array([0.1])) and within_one_standard_error(np.array([1e-16]))
     assert mean_and_error(np.array([1.0, 3.0])) == (2.0, 1.0) and np.isnan(mean_and_error(np.array([2.0]))[1])
+
+
+VALUES = st.sampled_from([0.0, 1.0, 2.0, 3.0, np.nan])
+
+
+@given(st.lists(st.tuples(VALUES.filter(lambda v: v == v), VALUES), max_size=12))
+def test_the_front_has_what_no_other_point_beats(points):
+    """A point beats another one that is no more accurate and no cheaper, if it is better in one; nan is on no front."""
+
+    def beats(p, q):
+        return p[0] >= q[0] and p[1] <= q[1] and p != q
+
+    accuracy, cost = np.array(points).reshape(-1, 2).T
+    expected = [q[1] == q[1] and not any(beats(p, q) for p in points) for q in points]
+    assert front(accuracy, cost).tolist() == expected
