@@ -1,14 +1,49 @@
-"""What commands print: the best marked, warnings, and values that can be typed."""
+"""What commands print: how much, warnings, values that can be typed; what a choice loads, and keys beside a scene."""
 
 import shlex
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
-from bench.commands import printing
-from bench.registry import views
+import bench
+from bench.cli import main
 from bench.reports.views.captures import one_label
 from bench.words import quoted
-from tests.results import evaluated, result, with_hits
+from tests.reports.store import made_up, tracked_run
+from tests.results import evaluated, with_hits
+
+
+def test_a_choice_loads_neither_torch_nor_scikit_learn(store):
+    for system in ("lda", "svm"):
+        tracked_run(store, system, made_up())
+    code = "import sys; from bench.cli import main; main(['choose']); print({'torch', 'sklearn'} & set(sys.modules))"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "\nChoose " in out and out.splitlines()[-1] == "set()"
+
+
+def test_at_most_eight_lines_follow_the_table_and_why_prints_the_rest(store, capsys):
+    """Of a protocol that mixes people, with a failed run and four budgets."""
+    for i in range(3):
+        tracked_run(store, f"m{i}", made_up(8, seed=i), cost=3.0 * (i + 1), mixes_subjects="true")
+    tracked_run(store, "failed", made_up(8), failed=1)
+
+    def below(*more):
+        main(["choose", "max_flash=20kB", "max_ram=1MB", "max_decision=9s", "max_predict=9s", *more])
+        return capsys.readouterr().out.rpartition("┘")[2].strip().splitlines()
+
+    brief, every = below(), below("why=yes")
+    (more,) = [line for line in brief if "with why=yes." in line]
+    assert len(brief) <= 8 < len(every) and {*brief} - {more} < {*every}
+    assert int(more.split()[0]) == len([line for line in every if line not in brief])
+
+
+def test_a_key_goes_before_a_line_of_the_scene(store):
+    tracked_run(store, "svm", made_up())
+    Path("robot.toml").write_text('[budget]\nflash = "1kB"\n')
+    assert bench.choose(scene="robot.toml").system is None
+    assert bench.choose(scene="robot.toml", max_flash="1MB").system == "svm"
 
 
 def test_a_run_with_one_label_in_a_fold_is_warned_of():
@@ -16,19 +51,6 @@ def test_a_run_with_one_label_in_a_fold_is_warned_of():
     one = right.assign(**{f"p_{g}": float(g == "pat") for g in ("pat", "rub", "tap")})
     line = one_label([evaluated("lda", right), evaluated("One", one)])
     assert "One in 3 of 3 folds" in line and "lda" not in line and one_label([evaluated("lda", right)]) == ""
-
-
-def test_rows_are_sorted_by_accuracy_within_captures_and_protocol():
-    hits = {"worse": 10, "better": 18, "middle": 14}
-    runs = [
-        evaluated(name, with_hits([n] * 3), protocol=p, protocol_label=p)
-        for p in ("LOSO", "kfold")
-        for name, n in hits.items()
-    ]
-    failed = result("none", metrics={"folds": 0}, failed=3, protocol_label="LOSO")
-    table = printing.runs_table([failed, *runs], views()["run"])
-    names = [row["system"] for row in table.texts]
-    assert names == ["better (best)", "middle", "worse", "none", "better (best)", "middle", "worse"]
 
 
 VALUES = r"""a == 'it"s'; x == '$HOME'; plain; a == '`ls`'; x == 'a!b'"""
