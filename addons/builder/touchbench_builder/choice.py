@@ -303,7 +303,8 @@ def nested(found: rule.Chosen, results: list[Result]) -> pd.DataFrame:
 
 def nothing_fits(choice: rule.Choice, by: str) -> str:
     """Why no system fits, in the sentences of ``bench choose``, and what would help."""
-    lines = rule.said("verdict prices", **rule.told(choice, by, None, 0, False, binding=True))
+    binding = [limit for limit in choice.budgets if limit.over or limit.unknown]
+    lines = rule.said("verdict prices", **rule.told(choice._replace(budgets=binding), by, None, 0, False))
     if missing := lacking():
         lines.append(f"Install {', '.join(missing)}, which measure C.")
     sizes = choice.table[["flash", "ram"]]
