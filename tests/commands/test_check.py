@@ -48,49 +48,49 @@ class Copied(ClassifierMixin, BaseEstimator):
 
 
 def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
-    small = ["model=copied", "data.subjects=4", "data.variants=normal"]
-    gate = ["check", "baseline=here/b.json", "slower=1000"]
-    assert main([*gate, "update=true", *small]) == 0
-    out = capsys.readouterr().out
-    assert "new      copied | synth* | loso: " in out and "here/b.json: 1 system" in out
-    before = Path("here/b.json").read_text()
-    (stored,) = read(Path("here/b.json"))
-    assert len(stored.labels) == 56 and stored.names["seed"] == "none" and 0 < stored.costs["relative"] < 1000
-    assert stored.run == " ".join(small)
+    small = ["data.subjects=4", "data.variants=normal"]
+    baseline, report = Path("here/b.json"), Path("out/check.xml")
 
-    assert main([*gate, "junit=out/check.xml"]) == 0
-    captured = capsys.readouterr()
-    assert "already stored" in captured.err and "same     copied | synth* | loso: " in captured.out
-    assert ElementTree.parse("out/check.xml").getroot().get("failures") == "0"
+    def said(*words, code=0):
+        assert main(["check", f"baseline={baseline}", "slower=1000", *words]) == code
+        return capsys.readouterr()
+
+    out = said("update=true", "model=copied", *small).out
+    assert "new      copied | synth* | loso: " in out and f"{baseline}: 1 system" in out
+    before, (stored,) = baseline.read_text(), read(baseline)
+    assert len(stored.labels) == 56 and stored.names["seed"] == "none" and 0 < stored.costs["relative"] < 1000
+    assert stored.run == " ".join(["model=copied", *small])
+
+    again = said(f"junit={report}")
+    assert "already stored" in again.err and "same     copied | synth* | loso: " in again.out
+    assert ElementTree.parse(report).getroot().get("failures") == "0"
 
     copied(wrong="maps = [np.roll(m, 1) * (1 + (len(f) % 3)) for m, f in zip(maps, X)]")
-    assert main([*gate, "junit=out/check.xml"]) == 1
-    out = capsys.readouterr().out
-    (case,) = ElementTree.parse("out/check.xml").getroot()
-    (line,) = [line for line in out.splitlines() if " labels changed" in line]
+    (line,) = [line for line in said(f"junit={report}", code=1).out.splitlines() if " labels changed" in line]
+    (case,) = ElementTree.parse(report).getroot()
     assert case.find("failure").get("message") == line and not line.startswith("same")
     revision = git_revision() or "unknown"
     assert line.endswith(f", since revision {revision} (last the same: {revision})")
-    assert main([*gate, "stored=yes"]) == 1  # the newest tracked run is the faulty one
+    said("stored=yes", code=1)  # the newest tracked run is the faulty one
 
     copied(fails="raise RuntimeError('no')")
-    assert main(gate) == 1
-    assert "not run  copied | synth* | loso: its folds fail: RuntimeError: no" in capsys.readouterr().out
-    assert main([*gate, "update=true"]) == 1 and Path("here/b.json").read_text() == before
+    assert "not run  copied | synth* | loso: its folds fail: RuntimeError: no" in said(code=1).out
+    said("update=true", code=1)
+    assert baseline.read_text() == before
 
     copied()  # as it was: its run is found again, although a newer one is tracked
-    assert main(gate) == 0
-    assert main(["run", "model=bayes", "features=jung28", *small[1:]]) == 0
-    capsys.readouterr()
+    more = ["model=bayes", "features=jung28", *small]
+    assert main(["run", *more]) == 0
+    more.append("update=true")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
-        assert main([*gate, "update=true", "model=bayes", "features=jung28", *small[1:]]) == 2
-    assert "No space left on device" in capsys.readouterr().err
-    assert Path("here/b.json").read_text() == before and len(list(Path("here").iterdir())) == 1
-    assert main([*gate, "update=true", "model=bayes", "features=jung28", *small[1:]]) == 0
-    out = capsys.readouterr().out
+        assert "No space left on device" in said(*more, code=2).err
+    assert baseline.read_text() == before and len(list(baseline.parent.iterdir())) == 1
+    out = said(*more).out
     assert "same     copied" in out and "new      bayes · jung28 | synth* | loso: " in out
-    assert [m.names["system"] for m in read(Path("here/b.json"))] == ["copied", "bayes · jung28"]
+    assert [m.names["system"] for m in read(baseline)] == ["copied", "bayes · jung28"]
+    out = said("model=bayes", "data=synth").out  # keys select systems of the baseline
+    assert "bayes · jung28" in out and "copied" not in out and "1 of 1 systems are the same" in out
 
 
 BASELINE = Path(__file__).parents[2] / "reports" / "baseline.json"
@@ -103,12 +103,3 @@ def test_the_systems_are_what_the_baseline_says(capsys):
     code = main(["check", f"baseline={BASELINE}", "slower=10"])
     assert code == 0, capsys.readouterr().out
     assert all(measured.synthetic for measured in read(BASELINE))
-
-
-def test_keys_select_systems_of_the_baseline(capsys):
-    small = ["features=jung28", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "jobs=1"]
-    assert main(["check", "baseline=b.json", "update=yes", "model=tree,bayes", *small]) == 0
-    capsys.readouterr()
-    assert main(["check", "baseline=b.json", "slower=1000", "model=bayes", "data=synth"]) == 0
-    out = capsys.readouterr().out
-    assert "bayes · jung28" in out and "tree" not in out and "1 of 1 systems are the same" in out
