@@ -10,6 +10,7 @@ from bench import few, intervals, scores
 from bench.columns import run_columns
 from bench.intervals import ratio_interval
 from bench.outcomes import statistics
+from bench.outcomes.frame import frame
 from bench.reports.comparison import comparison, scored
 from tests.results import evaluated, with_hits
 
@@ -117,6 +118,8 @@ def test_the_accuracy_that_users_see_is_the_mean_over_subjects_with_its_t_interv
     run = evaluated(predictions=table)
     ends = stats.t.interval(0.95, 4, each.mean(), stats.sem(each))
     assert run_columns()[0].cell(run) == pytest.approx((each.mean(), ends[0], min(ends[1], 100)))
+    shown = frame([run]).iloc[0]
+    assert shown[["accuracy", "low", "high"]].tolist() == pytest.approx([each.mean(), ends[0], min(ends[1], 100)])
     row = comparison(scored({"g": [run]})).iloc[0]
     assert row[["accuracy", "low"]].tolist() == pytest.approx([each.mean(), ends[0]])
     assert row["pooled_accuracy"] == pytest.approx(100 * 72 / 112) != row["accuracy"]
