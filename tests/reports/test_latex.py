@@ -12,6 +12,7 @@ import pytest
 import bench
 from bench.cli import main
 from bench.reports.latex import COSTS, SCORES, escaped, latex, papers, sheet, side_by_side
+from bench.result import MARK
 from tests.reports.store import tracked_run
 from tests.results import evaluated, with_hits
 
@@ -44,6 +45,14 @@ def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
     table = sheet([one]).set_index("system")
     assert {"LOSO: accuracy %", "LOSO: macro_f1 %", "fit_seconds", "flash kB"} < {*table}
     assert table.loc["a", "LOSO: SD %"] == pytest.approx(seeds.std(ddof=1)) and "‡" in table.loc["a", "note"]
+
+
+def test_a_comparison_has_intervals_its_best_without_a_mark_and_its_p():
+    rows = [row(f"a {MARK}", 90.0), row("b & co_1", 85.04), row("c", 80.0, p_holm=0.0004, against="b & co_1")]
+    text = latex([*rows, row("d", 70.0, unit="window", data="x (synthetic)")])
+    shown = (r"\textbf{85.0 [40.0, 60.1]}", "80.0 [40.0, 60.1]", "$<$ 0.001", r"against b \& co\_1", r"a $<$ 50 \% \#1")
+    assert [words for words in shown if words not in text] == [] and text.count("textbf") == 1
+    assert "generated" in text and "by window" in text
 
 
 def test_text_is_escaped_and_control_characters_are_gone():
