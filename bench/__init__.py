@@ -234,7 +234,7 @@ def choose(**values: object) -> Chosen:
     """Choose the cheapest stored system within one standard error of the best.
 
     Args:
-        values: keys of ``bench choose``, such as ``max_flash="64kB"``; those of `runs` select among stored runs.
+        values: keys of ``bench choose``, such as ``max_flash="64kB"``. The keys of `runs` select the candidates.
     """
     from bench.commands.choose import chosen
     from bench.options import keys, values_of

@@ -12,7 +12,7 @@ PREDICT = "one capture from raw frames to label, on one thread of the quiet mach
 
 
 def run_columns(output: str = "") -> list[Measure]:
-    """Columns of the tables of evaluations, and numbers that runs track, with a meaning; all, or those of an output."""
+    """Columns of tables of runs; an entry with a meaning is tracked. An ``output`` selects its columns."""
     page, csv, every = ("page",), ("csv",), OUTPUTS
     share = "mean over subjects of the share of correctly classified captures; `_low`, `_high`: 95 % t-interval"
     pooled = "share of correctly classified captures of all subjects; `_low`, `_high`: 95 % bootstrap over subjects"

@@ -141,8 +141,10 @@ class Store:
             return None if path is None else read_table(path, name, this, columns)
 
         def listed() -> Sequence[str]:
-            files = map(PurePosixPath, self.names(run_id, artifacts) if names is None else ())
-            return names or [file.stem for file in files if file.name == file_of(file.stem)]
+            if names is not None:
+                return names
+            files = map(PurePosixPath, self.names(run_id, artifacts))
+            return [file.stem for file in files if file.name == file_of(file.stem)]
 
         return Tables({}, read, f"{this} is missing in the store; {AGAIN}", listed)
 

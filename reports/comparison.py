@@ -156,7 +156,7 @@ def runs_section(rows: Sequence[Row], order: list[str]) -> dict[str, Any]:
     return {
         "table": Table([text("name", "system"), *ON_PAGE], kept, remarks=remarks, groups=[*heads]),
         "few": [f"{group}. {few.too_few(scarce[group])}" for group in order if group in scarce],
-        "definitions": definitions(pd.Series([row["system"] for row in kept])),
+        "definitions": definitions(row["system"] for row in kept),
         "all": len(rows),
         "each": each,
     }

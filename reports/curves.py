@@ -28,10 +28,17 @@ def levels(key: str, noun: str, results: Sequence[Result]) -> Figure:
 
 
 def curves(
-    noun: str, lines: Sequence[tuple[int, str, pd.DataFrame]], clean: Sequence[float] = (), title: str = ""
+    noun: str,
+    lines: Sequence[tuple[int, str, pd.DataFrame]],
+    clean: Sequence[float] = (),
+    title: str = "",
+    inches: float = 5.2,
 ) -> Figure:
-    """Shares by ``level`` with intervals, each with the number and the name of its system; clean accuracy is dotted."""
-    figure, axes = new_figure((8.5, 4.2), margins=(0.7, 2.6, 0.6, 0.35), title=title)
+    """Shares by ``level`` with intervals, each with the number and the name of its system; clean accuracy is dotted.
+
+    The axes are so many ``inches`` wide.
+    """
+    figure, axes = new_figure((inches + 3.3, 4.2), margins=(0.7, 2.6, 0.6, 0.35), title=title)
     ax = axes[0, 0]
     for i, name, curve in lines:
         curve = curve.sort_values("level")

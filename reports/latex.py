@@ -80,8 +80,8 @@ def _one(part: Sequence[Row], position: int) -> str:
     """One table, its best accuracy in bold."""
     table = Table([text("system", read=_named), *run_columns("latex")], part)
     cells = table.shown().rename(columns={m.name: HEADINGS.get(m.key, m.name) for m in table.columns})
-    compared = [not row["system"].endswith(MARK) and row["accuracy"] for row in part]
-    best = np.array(compared) == max(compared) if len(part) > 1 else np.zeros(1, bool)
+    compared = [nan if row["system"].endswith(MARK) or len(part) == 1 else row["accuracy"] for row in part]
+    best = np.array(compared) == np.fmax.reduce(compared)  # nothing equals NaN
     names, values = _classifiers(row["system"] for row in part)
     return values + _written(cells, {HEADINGS["accuracy"]: best}, _caption(part, names), f"{position}")
 

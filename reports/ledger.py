@@ -196,7 +196,7 @@ def slopes(rows: pd.DataFrame, title: str) -> Figure:
         lines.append(
             (i, system, pd.DataFrame(dict(zip(("level", "accuracy", "low", "high"), (place, *ends), strict=True))))
         )
-    figure = curves("", lines, title=title)
+    figure = curves("", lines, title=title, inches=1.5 * len(names))
     keys = dict(zip(rows["protocol"], rows["key"], strict=True))
     mixed = dict(zip(rows["protocol"], rows["mixes_subjects"], strict=True))
     marks = ["optimistic" if "optimistic" in n else "subjects mixed" if mixed[n] else "new subjects" for n in names]

@@ -262,10 +262,10 @@ class Survey:
         for _, part in self.duplicates[self.duplicates["group"] <= NAMED].groupby("group"):
             rows = part.drop(columns=["group", "differs", "quiet"]).to_dict("records")
             lines.append(" = ".join(map(_labels, rows[:2])) + (f" and {len(rows) - 2} more" if len(rows) > 2 else ""))
-        people = firsts["differs"].str.contains(r"\bsubject\b")
+        several = firsts["differs"].str.contains(r"\b(?:subject|gesture)\b")
         summary = (
             f"Duplicates: {len(self.duplicates)} captures have the same frames as another one, in {len(firsts)} "
-            f"groups; {people.sum()} of them under several subjects"
+            f"groups; {several.sum()} of them under several subjects or gestures"
         )
         if firsts["quiet"].any():
             summary += f"; {firsts['quiet'].sum()} may be equal by chance: fewer than {CHANGES} readings change"

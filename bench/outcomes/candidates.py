@@ -56,13 +56,13 @@ class Candidates:
         return self.first.mixed
 
     def without(self, person: int, names: Iterable[str]) -> Candidates:
-        """The same without one person; of the costs that depend on people, those of these names are computed again."""
+        """The candidates without one person. Costs of these ``names`` that depend on people are computed again."""
         kept = self.subjects.drop(columns=self.subjects.columns[person])
         lost, counts = (np.delete(part, person, axis=-1) for part in (self.losses, self.counts))
         return replace(self, subjects=kept, losses=lost, counts=counts).with_costs(names)
 
     def with_costs(self, names: Iterable[str]) -> Candidates:
-        """The same with the costs of these names that depend on which people are counted."""
+        """The candidates with the costs of these ``names`` that depend on which people are counted."""
         among = {name: among(self) for name in names if (among := costs()[name].among) is not None}
         return replace(self, table=self.table.assign(**among))
 

@@ -132,8 +132,11 @@ def compared(one: Side, other: Side) -> Compared:
     numbers, gained = statistics.paired(*columns), statistics.gains(*columns)
     captures = first.join(second[["prediction", "right"]].add_prefix("other_")).rename_axis("id").reset_index()
     return Compared(
-        *(one.name, other.name, one.on or other.on, accuracy),
-        *(numbers["difference"], numbers["low"], numbers["high"], numbers["p"]),
+        system=one.name,
+        other=other.name,
+        on=one.on or other.on,
+        accuracy=accuracy,
+        **{name: numbers[name] for name in ("difference", "low", "high", "p")},
         smallest=max(numbers["difference"] - numbers["low"], numbers["high"] - numbers["difference"]),
         subjects=len(accuracy),
         gain=[*accuracy.index[gained > 0]],

@@ -36,7 +36,7 @@ class View:
     ranked: ClassVar[bool] = False  # the most accurate result of several is marked in it
     searches: ClassVar[bool] = False  # what a search has chosen in each fold is printed
     score: ClassVar[str] = "accuracy"  # number by which results are ranked
-    costs: ClassVar[tuple[Cost, ...]] = ()  # by which systems are chosen, besides those of every run
+    costs: ClassVar[tuple[Cost, ...]] = ()  # further costs by which systems are chosen
     # Parameters that two results share if they may be compared: words with ``{}`` for the value, and the usual value,
     # which needs no words.
     alike: ClassVar[Mapping[str, tuple[str, str]]] = {}

@@ -81,7 +81,7 @@ def jung(frames, corpus, area="frame", crossings=False):
 
 
 def ta(frames, corpus, levels):
-    """The 273 features; levels are those of the first two captures, which are for training."""
+    """The 273 features, with levels of the first two captures, which are the training part."""
     P, T, rate, full_scale = frames.astype(float), len(frames), corpus.rate_hz, corpus.full_scale
     m, s = P.mean(axis=(1, 2)), frames.sum(axis=(1, 2), dtype=float)
     seen = np.concatenate([corpus[i].mean(axis=(1, 2)) for i in range(2)])

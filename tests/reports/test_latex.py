@@ -52,6 +52,8 @@ def test_a_comparison_has_intervals_its_best_without_a_mark_and_its_p():
     text = latex([*rows, row("d", 70.0, unit="window", data="x (synthetic)")])
     shown = (r"\textbf{85.0 [40.0, 60.1]}", "80.0 [40.0, 60.1]", "$<$ 0.001", r"against b \& co\_1", r"a $<$ 50 \% \#1")
     assert [words for words in shown if words not in text] == [] and text.count("textbf") == 1
+    marked = [row(f"{system} {MARK}", 80) for system in "ab"]
+    assert "textbf" not in latex(marked)  # none of them is compared
     assert "generated" in text and "by window" in text
 
 

@@ -305,7 +305,7 @@ def nothing_fits(choice: rule.Choice, by: str) -> str:
     """Why no system fits, in the sentences of ``bench choose``, and what would help."""
     binding = [limit for limit in choice.budgets if limit.over or limit.unknown]
     lines = rule.said("verdict prices", **rule.told(choice._replace(budgets=binding), by, None, 0, False))
-    if missing := lacking():
+    if (missing := lacking()) and any(limit.unknown for limit in binding):
         lines.append(f"Install {', '.join(missing)}, which measure C.")
     sizes = choice.table[["flash", "ram"]]
     holding = [

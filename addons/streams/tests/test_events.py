@@ -278,6 +278,6 @@ def test_the_threshold_is_learned_on_subjects_whom_the_system_has_not_seen():
     captures = Corpus.from_captures(frames * 2, pd.DataFrame({"subject": names * 2, "gesture": "pat"}), 5.0)
     whole = Corpus.from_captures(frames, pd.DataFrame({"subject": names, "gesture": ""}), 5.0)
     recordings = Recordings(whole, event_table([(i, 0, 9, "pat") for i in range(6)]))
-    assert learn_reject(Fitted, captures, recordings, Told(None)) == 0.1  # of 0.1, 0.2, ... 0.6
+    assert learn_reject(Fitted, captures, recordings, Told(None)) == 0.1  # the lowest of six confidences, 0.1 to 0.6
     with pytest.raises(InputError, match="none was found"):
         learn_reject(Fitted, captures, recordings, Told(None, hears=False))

@@ -116,7 +116,7 @@ def imported():
 
 
 def still(seed, changed=""):
-    """The readings of further background; those of one subject are others."""
+    """Import readings of further background, in which the readings of one subject can be replaced."""
     subjects = np.repeat([*STILL], [*STILL.values()])
     frames = np.random.default_rng(7).integers(0, 9, (len(subjects), 9))
     frames[subjects == changed] = np.random.default_rng(seed).integers(0, 1024, (np.sum(subjects == changed), 9))

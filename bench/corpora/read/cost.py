@@ -123,20 +123,20 @@ def write(corpus: Corpus, path: Path) -> None:
             raise InputError(
                 f"{corpus.name}: CoST's format needs {needed}; give format=table, which holds any captures"
             )
-    codes = [
-        captures["subject"],
-        captures["variant"].map(VARIANTS.index) + 1,
-        captures["gesture"].map(GESTURES.index) + 1,
-    ]
+    variants, gestures = captures["variant"].map(VARIANTS.index) + 1, captures["gesture"].map(GESTURES.index) + 1
+    codes = np.stack([captures["subject"], variants, gestures], axis=1).astype(np.int32)
     columns = [*LABELS, *([SYNTHETIC] if corpus.synthetic else []), *CHANNELS]
     try:
         with replacing(path) as beside, open(beside, "wb") as f:
             f.write(", ".join(columns).encode() + b"\n")
-            for frames, *labels in zip(corpus, *codes, strict=True):
-                rows = [np.full(len(frames), int(label)) for label in labels] + [np.arange(1, len(frames) + 1)]
-                rows += [np.ones(len(frames), int)] if corpus.synthetic else []
-                table = pa.table([*rows, *frames[:, ::-1].reshape(-1, 64).T], names=columns)
-                pacsv.write_csv(table, f, pacsv.WriteOptions(include_header=False))
+            for i in range(0, len(corpus), 256):  # a call for each capture takes twice as long
+                some = corpus[i : i + 256]
+                labels = np.repeat(codes[i : i + 256], some.lengths, axis=0)
+                frame = np.concatenate([np.arange(1, n + 1, dtype=np.int32) for n in some.lengths])
+                mark = np.ones((len(frame), int(corpus.synthetic)), np.int32)
+                values = np.concatenate([*some])[:, ::-1].reshape(-1, 64)
+                rows = np.column_stack([labels, frame, mark, values]).T.copy()
+                pacsv.write_csv(pa.table([*rows], names=columns), f, pacsv.WriteOptions(include_header=False))
     except OSError as e:
         raise InputError(f"{path} cannot be written ({e.strerror}); choose another place") from e
 

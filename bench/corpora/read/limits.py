@@ -153,7 +153,9 @@ def check(values: np.ndarray, full_scale: float, where: str, first: int = 1, nam
     """
     wrong = ~((values >= 0) & (values <= np.float64(highest_of(full_scale))))  # a NaN is neither
     large = (values > np.float64(EXACT)) & ~wrong
-    wrong[large] = [value == int(value) and float(np.float32(value)) != value for value in values[large].tolist()]
+    some = values[large]
+    with np.errstate(invalid="ignore", over="ignore"):  # the nearest float32 may be beyond the type
+        wrong[large] = (some == np.floor(some)) & (some.astype(np.float32).astype(some.dtype) != some)
     if wrong.any():
         i, j = np.argwhere(wrong)[0]
         value = values[i, j]
