@@ -77,6 +77,23 @@ def test_every_name_of_the_contract_is_on_the_page_of_ones_own_system():
     assert not [each.name for each in hooks if f"`{each.name}" not in DOCS["your_system.md"]]
 
 
+@pytest.mark.parametrize(
+    "name", ["plain.py:discriminants", "with_aeon.py:minirocket", "with_sktime.py:neighbours", "with_torch.py:tiny"]
+)
+def test_an_adapter_is_less_than_five_lines_and_runs(name, capsys):
+    file, _, factory = name.partition(":")
+    body = OWN[file].split("def ")[1].strip().splitlines()
+    assert len(body) < 5
+    for package in re.findall(r"^from (aeon|sktime)", OWN[file], flags=re.MULTILINE):
+        pytest.importorskip(package)
+    Path(file).write_text(OWN[file])
+    assert main(["run", f"model={name}", *SMALL]) == 0
+    store, (run,) = runs("cell")
+    table = predictions(store, run)
+    assert run.data.tags["system"].startswith(factory) and len(table.groupby("capture")) == 3 * 14 * 2
+    assert run.data.metrics["flash_bytes"] > 0 and run.data.metrics["ram_bytes"] > 0
+
+
 def tracked():
     """Each number of a run in MLflow: its name, unit and meaning."""
     named = {"seconds": "s", "ms": "ms", "bytes": "bytes", "slowdown": "factor", "relative": "factor"}
@@ -93,23 +110,6 @@ def test_the_page_of_the_store_has_every_number_of_a_run_with_unit_and_meaning(i
     variant = re.compile("^(vote|window)_|(?<=accuracy)_(low|high)$|_p(50|95|99)$")
     names = {variant.sub("", name) for r in plain for name in r.metrics}
     assert {"abstained"} | names - {*COUNTS} == {variant.sub("", name) for name, *_ in rows}
-
-
-@pytest.mark.parametrize(
-    "name", ["plain.py:discriminants", "with_aeon.py:minirocket", "with_sktime.py:neighbours", "with_torch.py:tiny"]
-)
-def test_an_adapter_is_less_than_five_lines_and_runs(name, capsys):
-    file, _, factory = name.partition(":")
-    body = OWN[file].split("def ")[1].strip().splitlines()
-    assert len(body) < 5
-    for package in re.findall(r"^from (aeon|sktime)", OWN[file], flags=re.MULTILINE):
-        pytest.importorskip(package)
-    Path(file).write_text(OWN[file])
-    assert main(["run", f"model={name}", *SMALL]) == 0
-    store, (run,) = runs("cell")
-    table = predictions(store, run)
-    assert run.data.tags["system"].startswith(factory) and len(table.groupby("capture")) == 3 * 14 * 2
-    assert run.data.metrics["flash_bytes"] > 0 and run.data.metrics["ram_bytes"] > 0
 
 
 @pytest.mark.live

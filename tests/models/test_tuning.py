@@ -63,10 +63,10 @@ def test_a_grid_is_searched_as_a_plain_loop_would(inner, splitter):
     subjects = corpus.subjects.astype(str)
     expected = by_hand(corpus, list(splitter.split(subjects, groups=subjects)))
     search = svms(inner=inner).fit(corpus, corpus.gestures)
-    best = max(expected.values())
+    best = max(expected.values()) - 1e-9  # means that are summed in another order differ
     trials = search.trials_.set_index(["svm.C", "svm.gamma"])
     assert set(trials.index) == set(expected) and len(trials) == 6
-    assert (search.chosen_["svm.C"], search.chosen_["svm.gamma"]) == min(k for k, v in expected.items() if v == best)
+    assert (search.chosen_["svm.C"], search.chosen_["svm.gamma"]) == min(k for k, v in expected.items() if v >= best)
     for point, row in trials[trials["state"] == "complete"].iterrows():
         assert row["accuracy"] == pytest.approx(expected[point]) and row["subjects"] == 5
     again = svm(clone(SELECTED), C=search.chosen_["svm.C"], gamma=search.chosen_["svm.gamma"]).fit(
