@@ -63,8 +63,8 @@ def without_numba(config):
 # Files that take longest begin first, so that none of them is alone at the end. The first makes `net_store`, for which
 # the second process need not wait: its first files do without.
 LONG = (
-    "test_net.py test_gates.py test_package.py test_server.py test_readme.py test_numbers.py test_next.py test_report.py "
-    "test_export.py test_watch.py test_c.py test_chip.py"
+    "test_net.py test_gates.py test_package.py test_server.py test_readme.py test_numbers.py test_next.py "
+    "test_report.py test_export.py test_watch.py test_c.py test_chip.py"
 ).split()
 
 
