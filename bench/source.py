@@ -9,7 +9,7 @@ import inspect
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
@@ -144,12 +144,19 @@ def versions(also: Iterable[str] = ()) -> dict[str, str]:
     names = ("touchbench", "numpy", "pandas", "scipy", "scikit-learn", "optuna", "xgboost", "xgboost-cpu", "torch")
     for name in (*names, *also):
         try:
-            installed[name] = version(name)
+            installed[name] = _version(name)
         except PackageNotFoundError:  # xgboost has two distributions, one of them is installed
             continue
     return installed
 
 
+@cache
+def _version(name: str) -> str:
+    """Version of an installed package, which is read from its files once."""
+    return version(name)
+
+
+@cache
 def git_revision() -> str:
     """Revision of the checkout that touchbench runs from, with ``+changes`` if it has any; empty without git."""
     words = "describe --always --exclude=* --abbrev=12 --dirty=+changes"

@@ -205,9 +205,9 @@ class Store:
         )
 
     @reached()
-    def keep(self, run_id: str, path: Path, where: str = "") -> None:
-        """Store a file, or the files of a folder, with a run."""
-        place = self._place(self.client.get_run(run_id).info.artifact_uri)
+    def keep(self, address: str, path: Path, where: str = "") -> None:
+        """Store a file, or the files of a folder, with the artifacts of a run."""
+        place = self._place(address)
         (place.log_artifacts if path.is_dir() else place.log_artifact)(str(path), where or None)
 
     @reached()

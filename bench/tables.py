@@ -42,6 +42,9 @@ def uniform(table: pd.DataFrame) -> pd.DataFrame:
 
     What is in memory and what is stored are the same if both went through this.
     """
+    plain = all(isinstance(name, str) for name in table) and table.columns.is_unique and table.columns.name is None
+    if plain and object not in table.dtypes.tolist():
+        return table
     names: list[str] = []
     for name in map(str, table):
         names.append(next(n for n in (name, *(f"{name}.{i}" for i in range(1, 2 + len(names)))) if n not in names))

@@ -68,7 +68,7 @@ def test_a_store_lies_in_its_folder_whatever_its_name_is_and_wherever_it_is_move
     (tmp_path / "note.txt").write_text("kept")
     here = store.connect()
     run = here.create("first", {"touchbench.kind": "cell"})
-    here.keep(run.info.run_id, tmp_path / "note.txt")
+    here.keep(run.info.artifact_uri, tmp_path / "note.txt")
     shutil.copytree(first, copy := tmp_path / "copy")
     before = sorted(first.rglob("*"))
     monkeypatch.chdir(copy)
@@ -76,7 +76,7 @@ def test_a_store_lies_in_its_folder_whatever_its_name_is_and_wherever_it_is_move
     (again,) = there.of_kind("cell")
     assert there.path(again.info.run_id, again.info.artifact_uri, "note.txt").resolve().is_relative_to(copy)
     assert [file.path for file in MlflowClient(store.store_uri()).list_artifacts(run.info.run_id)] == ["note.txt"]
-    there.keep(there.create("second", {"touchbench.kind": "cell"}).info.run_id, tmp_path / "note.txt")
+    there.keep(there.create("second", {"touchbench.kind": "cell"}).info.artifact_uri, tmp_path / "note.txt")
     assert len([*copy.glob("mlruns/*/*/artifacts/note.txt")]) == 2 and sorted(first.rglob("*")) == before
     assert {path.name for path in tmp_path.iterdir()} <= {name, "copy", "note.txt", "home"}
 
@@ -197,7 +197,7 @@ def test_steps_and_files_of_runs_are_kept_and_dropped(tmp_path):
     result = connected.result(connected.client.get_run(run.run_id))
     assert result["gone"] != result["gone"] and "fold/accuracy" not in result
     (tmp_path / "a.csv").write_text("1")
-    connected.keep(run.run_id, tmp_path / "a.csv", "folds")
+    connected.keep(run.artifact_uri, tmp_path / "a.csv", "folds")
     assert connected.path(run.run_id, run.artifact_uri, "folds/a.csv").read_text() == "1"
     assert connected.names(run.run_id, run.artifact_uri, "folds") == ["a.csv"]
     connected.drop(run.artifact_uri, "folds")

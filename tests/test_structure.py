@@ -6,6 +6,7 @@ An import counts wherever it stands: in a function and for types alone, too. Par
 import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -200,8 +201,9 @@ def test_help_comes_at_once(tmp_path):
     assert any(seconds(code, tmp_path) < 4.5 * seconds("pass", tmp_path) for _ in range(3))
 
 
-def test_a_run_loads_what_it_uses(tmp_path):
+def test_a_run_loads_what_it_uses(tmp_path, empty_store):
     """Whatever add-ons are installed: no other command, no circumstance, no step of systems that have none."""
+    shutil.copy(empty_store, tmp_path / "mlflow.db")
     words = "run data.subjects=2 data.variants=normal data.repetitions=1 protocol=loso model=svm features=touch jobs=1"
     code = f"import sys; from bench.cli import main; assert main({words.split()}) == 0; print(*sys.modules)"
     said = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)

@@ -99,7 +99,7 @@ def drawn(store: Store) -> Iterator[str]:
             except InputError as e:  # such as a table that was deleted: the others go on
                 warn(f"warning: no figure of run {run_id}: {e}")
                 continue
-            store.keep(run_id, Path(folder))
+            store.keep(artifacts, Path(folder))
 
 
 def _answers(port: str) -> bool:

@@ -108,7 +108,7 @@ class TrackedRun:
             path = Path(folder) / f"{place}.txt"
             if result.error or result.failed:
                 path.write_text(result.error or "\n".join(result.failed.values()), encoding="utf-8")
-                self.store.keep(self.made.run_id, path, FOLDS)
+                self.store.keep(self.made.artifact_uri, path, FOLDS)
                 name = ", ".join([result.name, *(f"{key}=" for key in result.failed)])
                 self.reasons[result.name] = result.reason
                 where = self.store.where(self.made.artifact_uri, f"{FOLDS}/{path.name}")
@@ -120,7 +120,7 @@ class TrackedRun:
             scored = set(result.scored) - set(costs([result]))
             numbers = {OF_FOLDS + name: result.scored[name] for name in result.scored if name in scored}
             self.store.log(self.made.run_id, numbers, step=place)
-            self.store.keep(self.made.run_id, path.with_suffix(".zip"), FOLDS)
+            self.store.keep(self.made.artifact_uri, path.with_suffix(".zip"), FOLDS)
         self.done[result.name] = result
 
     def close(self) -> Result:
@@ -142,7 +142,7 @@ class TrackedRun:
                 write_table(table, Path(folder) / file_of(name))
                 if name in FOR_PEOPLE:
                     table.to_csv(Path(folder) / f"{name}.csv", index=False)
-            self.store.keep(run_id, Path(folder))
+            self.store.keep(artifacts, Path(folder))
         self.store.mark(run_id, status)
         if status == "FINISHED" and not failed:
             self.store.drop(artifacts, FOLDS)

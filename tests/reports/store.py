@@ -18,12 +18,13 @@ def keep(store, result):
     """Store a result; the id of its run."""
     params = {k for k in result.about if k in PARAMS or ("." in k and not k.startswith("touchbench."))}
     tags = {k: v for k, v in result.about.items() if k not in {*params, *PARTS, *OF_THE_STORE}}
-    run = store.create(result["system"], tags).info.run_id
+    info = store.create(result["system"], tags).info
+    run = info.run_id
     store.log(run, result.metrics, {k: result[k] for k in params} | {v: result[k] for k, v in PARTS.items()})
     with tempfile.TemporaryDirectory() as folder:
         for name in result.tables:
             write_table(result.tables[name], Path(folder) / file_of(name))
-        store.keep(run, Path(folder))
+        store.keep(info.artifact_uri, Path(folder))
     store.mark(run, result["status"])
     return run
 

@@ -41,8 +41,8 @@ class Memory(Store):
         data.tags.update(tags or {})
         data.steps.setdefault(step, {}).update(metrics or {})
 
-    def keep(self, run_id, path, where=""):
-        folder = self.kept[run_id].folder / where
+    def keep(self, address, path, where=""):
+        folder = Path(address) / where
         folder.mkdir(exist_ok=True)
         copytree(path, folder, dirs_exist_ok=True) if path.is_dir() else copy(path, folder)
 
