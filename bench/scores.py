@@ -42,15 +42,14 @@ def captures(predictions: pd.DataFrame, vote: bool = False) -> pd.DataFrame:
     classes = classes_of(predictions)
     columns = [PREFIX + c for c in classes]
     keys = ["fold", "capture"]
-    groups = predictions.groupby(keys, sort=False)
-    score = groups[columns].mean()
+    score = predictions.groupby(keys, sort=False)[columns].mean()
     if vote:
         proba = predictions[columns].to_numpy()
         votes = np.eye(len(classes))[proba.argmax(axis=1)] * (proba.max(axis=1, keepdims=True) > 0)
         ballots = pd.DataFrame(votes, columns=columns)
         ballots[keys] = predictions[keys].to_numpy()
         score = score + ballots.groupby(keys, sort=False)[columns].sum().to_numpy() * 2  # means are at most 1
-    rows = groups.first().drop(columns=columns).reset_index()
+    rows = predictions.drop(columns=columns).drop_duplicates(keys, ignore_index=True)
     return rows.assign(predicted=most_probable(score.to_numpy(), classes))
 
 
