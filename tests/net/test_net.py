@@ -91,10 +91,11 @@ def test_mistakes_are_refused_in_the_same_words(work, golden):
 def test_the_api_returns_what_it_returned(work, golden):
     """Objects as they are printed, their tables as columns, types and rows."""
     on = dict(key.split("=", 1) for key in ON)
-    people, jung = {"data": "people", "jobs": 1}, {"features": "jung28"}
+    people, jung = {"data": "people", "jobs": 1}, {"features": "jung28"}  # runs that are stored
+    faults = {"faults": ["noise", "dead_taxels"], "train_subjects": [1, 2]}
     objects = {
         "run": bench.run(model=["tree", "bayes"], **jung, **people),
-        "stress": bench.stress(model=["tree", "bayes"], faults=["noise", "dead_taxels"], **jung, **people),
+        "stress": bench.stress(model=["tree", "bayes"], **faults, **jung, **people),
         "replay": bench.run(model="tree", after="each", stopping=True, start="middle", data="three", jobs=1, **jung),
         "runs": bench.runs(data="people"),
         "choose": bench.choose(**on, max_flash="64kB"),
