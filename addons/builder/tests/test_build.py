@@ -54,7 +54,11 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
         assert main(BUILD) == 130 and "the same command continues" in capsys.readouterr().err
     assert not Path("robot").exists() and not [*Path().glob(".robot*")]
     before = {run.info.run_id for run in connect().runs()}
-    assert main(BUILD) == 0
+    Path("robot").mkdir()  # an earlier build
+    Path("robot/certificate.json").write_text("{}")
+    assert main(BUILD) == 2 and "replace=yes" in capsys.readouterr().err
+    Path("robot/mine.txt").touch()
+    assert main([*BUILD, "replace=yes"]) == 0 and not Path("robot/mine.txt").exists()
     assert {run.info.run_id for run in connect().runs()} == before, "a run or a model was made twice"
 
     facts = json.loads(Path("robot/certificate.json").read_text())
@@ -87,9 +91,6 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
     code, text = said("make", "-s", "test")
     assert code and "2 of 3 captures as in Python" in text and "instead of" in text
 
-    assert main(BUILD) == 2 and "replace=yes" in capsys.readouterr().err
-    Path("robot/mine.txt").touch()
-    assert main([*BUILD, "replace=yes"]) == 0 and not Path("robot/mine.txt").exists()
     check(facts, capsys)
 
 

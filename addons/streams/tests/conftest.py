@@ -3,7 +3,14 @@
 import pytest
 
 from addons.chip.tests.test_chip import costs  # noqa: F401
+from addons.streams.tests.made import FEW
 from tests.reports.conftest import quick  # noqa: F401
+
+
+@pytest.fixture
+def few_gestures(monkeypatch):
+    """Generated recordings have a few gestures, so they are short."""
+    monkeypatch.setattr("touchbench_streams.synth_recordings.GESTURES", FEW)
 
 
 @pytest.fixture(autouse=True)

@@ -5,17 +5,29 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
+from bench.corpora import synth
 from bench.corpora.library import import_corpus
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, planned
 from bench.scratch import home
 from tests.results import HAART, result
+from touchbench_streams import synth_recordings
 from touchbench_streams.study import Continuous
-from touchbench_streams.synth_recordings import generate
 
 TINY = "data=synth data.subjects=3 data.variants=normal data.rate_hz=20 data.rows=3 data.cols=3 jobs=1".split()
-PEOPLE = generate(subjects=3, variants=("normal",), rows=3, cols=3, rate_hz=15.0)
+FEW = {name: synth.GESTURES[name] for name in ("grab", "pat", "poke", "rub", "stroke", "tap")}
+
+
+def generated(**fields):
+    """Generated people with one touch of each of a few gestures, on 3 x 3 taxels."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(synth_recordings, "GESTURES", FEW)
+        return synth_recordings.generate(variants=("normal",), rows=3, cols=3, **fields)
+
+
+PEOPLE = generated(subjects=3, rate_hz=15.0)
 WATCHED = pd.DataFrame(  # 100 s at 50 Hz, 10 s of it touched; one touch is found, one missed, one false alarm raised
     [("recording", np.nan, 5000, None, np.nan, None, None, np.nan)]
     + [("touch", 500, 750, "pat", np.nan, None, None, np.nan), ("touch", 1000, 1250, "rub", np.nan, None, None, np.nan)]

@@ -98,12 +98,12 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     times=st.tuples(*[st.integers(1, 5)] * 3),
 )
 def test_many_levels_at_once_report_what_each_does_alone(steps, times):
-    detector = Frames()
-    detector.times_ = Times(*times)
+    frames = Frames()
+    frames.times_ = Times(*times)
     evidence = np.array(steps).cumsum(axis=0) * [1, 0] + np.array(steps) * [0, 1]
-    levels = np.array([-3.0, 0.0, 1.5, 4.0])
-    expected = Detector.reported(detector, evidence, levels)
-    assert [each.tolist() for each in detector.reported(evidence, levels)] == [each.tolist() for each in expected]
+    for detector, levels in ((frames, np.array([-3.0, 0.0, 1.5, 4.0])), (Threshold(), np.array([0.5, 1.0, 2.0, 4.0]))):
+        found, expected = (of.reported(detector, evidence, levels) for of in (type(detector), Detector))
+        assert [each.tolist() for each in found] == [each.tolist() for each in expected]
 
 
 @given(

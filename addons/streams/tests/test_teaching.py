@@ -70,18 +70,19 @@ def test_a_detector_without_c_is_not_exported(tmp_path, capsys):
 @pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
 def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, capsys):
     words = ["run", "form=c", "model=lda", "bits=8", "features=touch", "model.window=1", "data.variants=normal"]
-    assert main([*words, "data.subjects=3", "data.repetitions=1", "data.rate_hz=20"]) == 0
+    words += ["where=gesture in ('pat', 'press', 'rub')", "data.subjects=3", "data.rate_hz=20"]
+    assert main([*words, "data.repetitions=1"]) == 0
     assert "not measured: background=quiet: no capture of synth begins or ends with 0.25 s" in capsys.readouterr().err
     monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
     monkeypatch.setattr("touchbench_streams.teaching.usual", lambda corpus, background: "press")
-    assert main([*words, "data.subjects=3", "data.repetitions=2", "data.rate_hz=20", "detector=threshold"]) == 0
+    assert main([*words, "data.repetitions=2", "detector=threshold"]) == 0
     printed = capsys.readouterr()
     assert "not measured" not in printed.err
     table = printed.out.partition("touch_watch")[2].replace("│", " ")
     assert " ".join(table.split()).count("8 threshold 31.0 15.0 420 110,000 260,000 1,200,000") == 1
     unmeasured, measured = runs("cell")[1]
     assert {name: measured.data.metrics[name] for name in WATCHED} == WATCHED
-    assert measured.data.metrics["chip_watch_defined"] == 13  # gestures without press, the background
+    assert measured.data.metrics["chip_watch_defined"] == 2  # gestures without press, the background
     assert not {*unmeasured.data.metrics} & {*WATCHED}
 
 

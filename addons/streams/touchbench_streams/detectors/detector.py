@@ -154,15 +154,17 @@ def sweep(
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
     reported = [one.reported(series, levels) for one, series in zip(detectors, evidence, strict=True)]
-    rows = []
-    for k, level in enumerate(levels):
-        parts = [pd.DataFrame({"recording": i, "reported": (each[k] + 1) * count}) for i, each in enumerate(reported)]
-        reports = pd.concat(parts, ignore_index=True).astype(np.int64)
-        touch = touches_of(recordings.events, reports, rate_hz, doubtful=recordings.doubtful)
-        hits = len(np.unique(touch[touch >= 0]))
-        found = hits / max(len(recordings.events), 1)
-        rows.append((level, int((touch == FALSE_ALARM).sum()), hours, found, hits, int((touch != DOUBTFUL).sum())))
-    return pd.DataFrame(rows, columns=["level", "alarms", "hours", "found", "hits", "reports"])
+    parts = [(i, k, ticks) for i, each in enumerate(reported) for k, ticks in enumerate(each)]
+    recording, place = np.repeat([part[:2] for part in parts], [len(part[2]) for part in parts], axis=0).T
+    frames = (np.concatenate([part[2] for part in parts]) + 1) * count
+    reports = pd.DataFrame({"recording": recording, "reported": frames})
+    touch = touches_of(recordings.events, reports, rate_hz, doubtful=recordings.doubtful)
+    once = np.unique(np.stack([place, touch])[:, touch >= 0], axis=1)[0]  # a touch counts once at each level
+    told = place[touch == FALSE_ALARM], once, place[touch != DOUBTFUL]
+    alarms, hits, counted = (np.bincount(each, minlength=len(levels)) for each in told)
+    found = hits / max(len(recordings.events), 1)
+    columns = {"level": levels, "alarms": alarms, "hours": hours, "found": found, "hits": hits, "reports": counted}
+    return pd.DataFrame(columns)
 
 
 def worth(settings: pd.DataFrame, false_alarms: float) -> pd.Series:

@@ -217,7 +217,9 @@ class Frames(Detector):
         """
         odds, gauges = self._log_odds(signals), disturbance(signals)
         for kind, other, shift in self.disturbed_:
-            odds = np.where(gauges[:, [kind]] > self.limits_[kind], other._log_odds(signals) + [shift, 0], odds)
+            unlike = gauges[:, [kind]] > self.limits_[kind]
+            if unlike.any():
+                odds = np.where(unlike, other._log_odds(signals) + [shift, 0], odds)
         return np.column_stack([odds, (gauges > self._most).any(axis=1)])
 
     def refused(self, evidence: np.ndarray) -> np.ndarray:

@@ -84,6 +84,16 @@ class Threshold(Detector):
         """Rules of a new stream."""
         return TwoInARow(level)
 
+    def reported(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
+        """All levels at once."""
+        since, known = np.zeros(len(levels), np.int64), np.zeros(len(levels), bool)
+        reports = np.zeros((len(levels), len(evidence)), bool)
+        for report, excess in zip(reports.T, evidence[:, 0].astype(np.float64), strict=True):
+            since = (since + 1) * (excess > np.where(known, ENDS * levels, levels))
+            report[:] = (since == 2) & ~known
+            known = (since > 0) & (known | report)
+        return [np.flatnonzero(each) for each in reports]
+
     def in_c(self) -> InC:
         """As `touchbench_streams.detectors.detector.Detector.in_c`."""
         constants = (
