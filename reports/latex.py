@@ -199,8 +199,11 @@ def _paper(data: tuple[str, str], protocols: Mapping[str, list[Result]], asked: 
     columns: list[tuple[Measure, tuple[str, str], str]] = [(text("system"), ("", "system"), "")]
     for name, head in heads.items():
         accuracy, sd, macro = f"{head}: accuracy %", f"{head}: SD %", f"{head}: macro_f1 %"
+        named: dict[str, list[Result]] = {}
+        for r in protocols[name]:
+            named.setdefault(r.system, []).append(r)
         for system, scores in people[name].iterrows():
-            seeds = [r for r in protocols[name] if r.system == system]
+            seeds = named.get(str(system), [])
             row = rows.setdefault(str(system), {"system": str(system)})
             row |= {accuracy: scores.mean(), sd: scores.std(ddof=1), macro: mean(r["macro_f1"] for r in seeds)}
             if name == ordered[0]:
