@@ -71,11 +71,15 @@ def commands() -> dict[str, Command]:
 
 def following(name: str, model: str, recogniser: Any) -> tuple[list[str], list[str]]:
     """What packages offer to type after a command that has saved or used a model, and why they offer nothing."""
-    lines, reasons = list[str](), list[str]()
+    lines: list[str] = []
+    reasons: list[str] = []
     for one in commands().values():
         if name in one.follows:
             why = imported(f"{one.module}:{one.unfit}")(recogniser) if one.unfit else ""
-            (reasons if why else lines).append(why or one.follows[name].format(model))
+            if why:
+                reasons.append(why)
+            else:
+                lines.append(one.follows[name].format(model))
     return lines, reasons
 
 
