@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
     from bench.corpora.corpus import Corpus
     from bench.corpora.survey import Survey
-    from bench.outcomes.choice import Chosen
-    from bench.outcomes.compare import Compared
     from bench.plan.plan import Plan
-    from bench.work.fit import Fitted
+    from bench.reading.choice import Chosen
+    from bench.reading.compare import Compared
+    from bench.running.fit import Fitted
 
 
 def run(**values: object) -> pd.DataFrame:
@@ -63,7 +63,7 @@ def plans(**values: object) -> list[Plan]:
     Returns:
         Plans with ``corpus``, ``folds`` (``name``, positions ``train`` and ``test``) and ``cell.estimator()``.
     """
-    from bench.options import KEYS, backend_of, values_of
+    from bench.grammar.options import KEYS, backend_of, values_of
     from bench.plan.cells import cells
     from bench.plan.plan import planned
 
@@ -78,8 +78,8 @@ def tune(**values: object) -> pd.DataFrame:
         values: keys of ``bench tune``, such as ``trials``, as `run` takes them; a list of ``model__X`` is tried.
     """
     from bench.commands.tune import searched
-    from bench.options import keys, values_of
-    from bench.outcomes.frame import frame
+    from bench.grammar.options import keys, values_of
+    from bench.reading.frame import frame
 
     return frame(searched(values_of(values, keys("tune"))))
 
@@ -91,7 +91,7 @@ def fit(**values: object) -> Fitted:
         values: keys of ``bench fit``, as `run` takes them.
     """
     from bench.commands.fit import trained
-    from bench.options import keys, values_of
+    from bench.grammar.options import keys, values_of
 
     return trained(values_of(values, keys("fit")))
 
@@ -108,13 +108,17 @@ def audit(**values: object) -> pd.DataFrame:
     import pandas as pd
 
     from bench.commands.audit import audited
-    from bench.options import keys, values_of
+    from bench.grammar.options import keys, values_of
 
     audits = audited(values_of(values, keys("audit")))
-    return pd.DataFrame([{"system": cell.system(), **vars(each)} for cell, verdicts in audits for each in verdicts])
+    return pd.DataFrame(
+        [{"system": cell.system(), **vars(each)} for cell, verdicts in audits for each in verdicts]
+    )
 
 
-def corpus(data: str = "synth", where: str = "", target: str = "gesture", **parameters: object) -> Corpus:
+def corpus(
+    data: str = "synth", where: str = "", target: str = "gesture", **parameters: object
+) -> Corpus:
     """The captures of a corpus: ``len``, ``captures`` (a table), one array [frames, rows, cols] each, ``plot(i)``.
 
     Args:
@@ -129,7 +133,11 @@ def corpus(data: str = "synth", where: str = "", target: str = "gesture", **para
 
 
 def look(
-    data: str = "synth", where: str = "", out: str | Path | None = None, target: str = "gesture", **parameters: object
+    data: str = "synth",
+    where: str = "",
+    out: str | Path | None = None,
+    target: str = "gesture",
+    **parameters: object,
 ) -> Survey:
     """Survey a corpus, as ``bench data show`` does; the result prints as the same sentences.
 
@@ -157,7 +165,7 @@ def extract(**values: object) -> pd.DataFrame:
         values: ``data``, ``where``, ``target``, ``features`` and ``seed`` of `run`.
     """
     from bench.commands.data import extracted
-    from bench.options import KEYS, values_of
+    from bench.grammar.options import KEYS, values_of
 
     return extracted(values_of(values, KEYS.keys() - {"protocol", "model", "jobs"}))
 
@@ -174,12 +182,14 @@ def runs(cases: bool = False, **values: object) -> pd.DataFrame:
         with its 95 % t-interval (``low``, ``high``) and SD, and every other number; system, model, features,
         parameters, seed, unit, subset, target, data and protocol; ``complete``, ``alone``, ``folds`` and ``run_id``.
     """
-    from bench.outcomes.frame import frame
+    from bench.reading.frame import frame
 
     return frame(_stored(values), cases)
 
 
-def predictions(runs: pd.DataFrame | None = None, table: str = "predictions", **values: object) -> pd.DataFrame:
+def predictions(
+    runs: pd.DataFrame | None = None, table: str = "predictions", **values: object
+) -> pd.DataFrame:
     """The labels of stored runs as one table, or another table of theirs.
 
     Args:
@@ -191,7 +201,7 @@ def predictions(runs: pd.DataFrame | None = None, table: str = "predictions", **
     Returns:
         The rows of the table with the ``name`` and ``run_id`` of their run.
     """
-    from bench.outcomes.frame import tables
+    from bench.reading.frame import tables
 
     return tables(_stored(values if runs is None else {**values, "run": [*runs["run_id"]]}), table)
 
@@ -224,7 +234,7 @@ def ledger(**values: object) -> pd.DataFrame:
     Returns:
         A row per captures, system and protocol: `bench.reports.ledger.ledger`.
     """
-    from bench.outcomes.runs import of_captures
+    from bench.reading.runs import of_captures
     from bench.reports.ledger import ledger
 
     return ledger(of_captures(_stored(values)))
@@ -237,7 +247,7 @@ def choose(**values: object) -> Chosen:
         values: keys of ``bench choose``, such as ``max_flash="64kB"``. The keys of `runs` select the candidates.
     """
     from bench.commands.choose import chosen
-    from bench.options import keys, values_of
+    from bench.grammar.options import keys, values_of
 
     return chosen(values_of(values, keys("choose")))
 
@@ -249,10 +259,10 @@ def groups(**values: object) -> pd.DataFrame:
         values: the runs whose most accurate system is used, as `runs` selects them; ``batch`` of `choose`.
 
     Returns:
-        One row per number of groups, from one per gesture down to 2: `bench.outcomes.groups.groupings`.
+        One row per number of groups, from one per gesture down to 2: `bench.reading.groups.groupings`.
     """
     from bench.commands.groups import KEYS, grouped
-    from bench.options import values_of
+    from bench.grammar.options import values_of
 
     return grouped(values_of(values, KEYS))[0]
 
@@ -270,8 +280,8 @@ def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
     Returns:
         Text for a document that loads booktabs and graphicx.
     """
-    from bench.outcomes.frame import grouped
-    from bench.outcomes.runs import of_captures
+    from bench.reading.frame import grouped
+    from bench.reading.runs import of_captures
     from bench.reports import latex
     from bench.reports.comparison import scored
     from bench.reports.latex import columns_of, papers, side_by_side
@@ -285,9 +295,9 @@ def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
 
 
 def _stored(values: Mapping[str, object]) -> list:
-    from bench.options import STORED, values_of
-    from bench.outcomes.runs import asked_of, every_result, wanted
-    from bench.store import connect
+    from bench.grammar.options import STORED, values_of
+    from bench.reading.runs import asked_of, every_result, wanted
+    from bench.store.client import connect
 
     asked = asked_of(values_of(values, {option.key for option in STORED}))
     return wanted(every_result(connect(), asked), asked)

@@ -9,9 +9,9 @@ import os
 import sys
 
 from bench.errors import ClusterError, HiddenError, InputError, StoreError, nearest
-from bench.options import keys, rooms
-from bench.registry import imported, load, names
-from bench.scratch import scratch
+from bench.grammar.options import keys, rooms
+from bench.ground.registry import imported, load, names
+from bench.ground.scratch import scratch
 
 LONGEST = 300  # characters of a message
 GARBAGE = 50_000  # new objects between two looks for circles of them; Python's 700 take a seventh of a report's time
@@ -31,7 +31,10 @@ def main(arguments: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt as e:
-        print(f"bench: {str(e) or 'interrupted; the same command starts again from the beginning'}", file=sys.stderr)
+        print(
+            f"bench: {str(e) or 'interrupted; the same command starts again from the beginning'}",
+            file=sys.stderr,
+        )
         return 130
     except (InputError, HiddenError, StoreError, ClusterError, MemoryError, OSError) as e:
         code, text = _failure(e)
@@ -56,7 +59,7 @@ def _failure(error: Exception) -> tuple[int, str]:
 def _done(arguments: list[str]) -> int:
     """Do a command; its exit code."""
     if not arguments or arguments[0] in ("-h", "--help", "help"):
-        from bench.described import overview
+        from bench.grammar.described import overview
 
         print(overview())
         return 0
@@ -78,12 +81,14 @@ def _done(arguments: list[str]) -> int:
             from bench.commands.run import command as run
 
             return run(name, rest)
-        return imported(f"{command.module}:{name}" if command.module else f"bench.commands.{name}:command")(rest)
+        return imported(
+            f"{command.module}:{name}" if command.module else f"bench.commands.{name}:command"
+        )(rest)
 
 
 def _help(name: str, arguments: list[str]) -> str:
     """The help of a command; where its arguments name parts, the parameters of these."""
-    from bench.described import help_of, help_of_parts
+    from bench.grammar.described import help_of, help_of_parts
 
     known = keys(name)
     words = [a for a in arguments if (key := a.partition("=")[0]) in rooms() and key in known]
@@ -97,27 +102,38 @@ def _check(name: str, arguments: list[str]) -> None:
             raise InputError("an argument contains a NUL character; remove it")
         if argument.startswith("--") and argument.strip("-"):
             key, equals, value = argument.lstrip("-").replace("-", "_").partition("=")
-            value = value if equals else next((a for a in arguments[i + 1 :] if not a.startswith("-")), "VALUE")
+            value = (
+                value
+                if equals
+                else next((a for a in arguments[i + 1 :] if not a.startswith("-")), "VALUE")
+            )
             what = f": {key}={value}" if key in keys(name) else f"; {nearest(key, keys(name))}"
             raise InputError(f"{argument}: options are written key=value, without dashes{what}")
     try:
         os.getcwd()  # where it is gone, nothing relative can be found
     except OSError as e:
-        raise InputError(f"the working folder is missing ({e.strerror}); change to another one") from e
+        raise InputError(
+            f"the working folder is missing ({e.strerror}); change to another one"
+        ) from e
 
 
 def _open_output() -> None:
     """Let standard output take whatever is printed: where it is closed, and names of files that are no text."""
     if sys.stdout is None:
         sys.stdout = open(os.devnull, "w")  # for as long as the process lives
-    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors in ("strict", "surrogateescape"):
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors in (
+        "strict",
+        "surrogateescape",
+    ):
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def _line(text: str) -> str:
     """An error in one line; a long one loses its middle, as what to do stands at the end."""
     text = " ".join(text.split())
-    text = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)  # what a terminal would obey
+    text = "".join(
+        c if c.isprintable() else repr(c)[1:-1] for c in text
+    )  # what a terminal would obey
     most = LONGEST - len("bench: ")
     kept = (most - 3) // 2
     return f"bench: {text if len(text) <= most else f'{text[:kept]} … {text[-kept:]}'}"

@@ -27,11 +27,17 @@ from sklearn.pipeline import Pipeline
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError, PredictionError, nearest
 from bench.features.base import FeatureSet
+from bench.ground.registry import required
 from bench.models.space import Space
-from bench.registry import required
 
 SUM = 1e-3  # by which probabilities of a capture may miss a sum of 1: they may be float32, or printed and read
-TABLES = {"sklearn", "xgboost", "lightgbm", "catboost", "imblearn"}  # packages whose estimators learn from tables
+TABLES = {
+    "sklearn",
+    "xgboost",
+    "lightgbm",
+    "catboost",
+    "imblearn",
+}  # packages whose estimators learn from tables
 STARRED = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 Value = TypeVar("Value")
 Part = TypeVar("Part")
@@ -101,7 +107,11 @@ class Method(Generic[Value]):
             return None
         count = len(self.parameters)
         same = tuple(p.name for p in found[:count]) == self.parameters
-        return method if same and all(p.default is not p.empty or p.kind in STARRED for p in found[count:]) else None
+        return (
+            method
+            if same and all(p.default is not p.empty or p.kind in STARRED for p in found[count:])
+            else None
+        )
 
 
 # Attributes of a factory
@@ -167,11 +177,19 @@ def window(estimator: System, rate_hz: float) -> int | None:
         except InputError:
             raise
         except Exception as e:  # a system of the user's may raise anything
-            raise InputError(f"length({rate_hz:g}) of the system raises {type(e).__name__}: {e}") from e
+            raise InputError(
+                f"length({rate_hz:g}) of the system raises {type(e).__name__}: {e}"
+            ) from e
         if not isinstance(frames, int | np.integer | None):
-            raise InputError(f"length({rate_hz:g}) of the system gives {frames!r}; give a number of frames, or None")
+            raise InputError(
+                f"length({rate_hz:g}) of the system gives {frames!r}; give a number of frames, or None"
+            )
         return None if frames is None else int(frames)
-    frames = estimator.get_params(deep=False).get("frames") if isinstance(estimator, BaseEstimator) else None
+    frames = (
+        estimator.get_params(deep=False).get("frames")
+        if isinstance(estimator, BaseEstimator)
+        else None
+    )
     return frames if isinstance(frames, int) else None
 
 
@@ -184,7 +202,9 @@ def features(estimator: System) -> dict[str, Features]:
     """The feature sets inside: a pipeline's step ``features`` or first built-in set, a search's ``features``."""
     if isinstance(estimator, Pipeline):
         first = estimator.steps[0][1]
-        step = estimator.named_steps.get("features", first if isinstance(first, FeatureSet) else None)
+        step = estimator.named_steps.get(
+            "features", first if isinstance(first, FeatureSet) else None
+        )
         return {type(step).__name__.lower(): step} if isinstance(step, BaseEstimator) else {}
     sets = getattr(estimator, "features", None)
     return dict(sets) if isinstance(sets, dict) else {}
@@ -198,7 +218,9 @@ def conditions(estimator: System) -> tuple[str, ...]:
     names = set()
     for part in parts_of(estimator):
         if isinstance(declared := getattr(part, "conditions", ()), str):
-            raise InputError(f"conditions = {declared!r}: give a tuple of names, such as ({declared!r},)")
+            raise InputError(
+                f"conditions = {declared!r}: give a tuple of names, such as ({declared!r},)"
+            )
         names |= {*declared}
     return tuple(sorted(names))
 
@@ -208,13 +230,20 @@ def check_conditions(estimator: System, corpus: Corpus) -> None:
     secret = {"subject", "gesture", *corpus.target.split("+")}
     for name in conditions(estimator):
         if name in secret:
-            raise InputError(f"conditions: the system declares {name!r}, which a prediction must not use; remove it")
+            raise InputError(
+                f"conditions: the system declares {name!r}, which a prediction must not use; remove it"
+            )
         if name not in corpus.captures:
             others = [str(c) for c in corpus.captures if c not in secret]
-            raise InputError(f"conditions: {corpus.name} has no column {name!r}; {nearest(name, others)}")
+            raise InputError(
+                f"conditions: {corpus.name} has no column {name!r}; {nearest(name, others)}"
+            )
         values = corpus.captures[name]
         for what, of in (("class", corpus.gestures), ("subject", corpus.subjects)):
-            if values.nunique() > 1 and pd.Series(of).groupby(values.to_numpy(), dropna=False).nunique().max() == 1:
+            if (
+                values.nunique() > 1
+                and pd.Series(of).groupby(values.to_numpy(), dropna=False).nunique().max() == 1
+            ):
                 raise InputError(
                     f"conditions: each value of {name!r} has one {what}, so it tells the {what}; remove it"
                 )
@@ -239,7 +268,9 @@ def abstention(estimator: System) -> str | None:
     In place of its probabilities stands a row of NaN.
     """
     parts = (part for system in (estimator, inside(estimator)) for part in parts_of(system))
-    return next((label for part in parts if isinstance(label := getattr(part, "abstains", None), str)), None)
+    return next(
+        (label for part in parts if isinstance(label := getattr(part, "abstains", None), str)), None
+    )
 
 
 def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
@@ -256,7 +287,9 @@ def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
     if method := DECIDE.of(estimator):
         table, proba = method(X)
         return table, probable(estimator, proba, len(table), "decide")
-    return pd.DataFrame({"capture": np.arange(len(X)), "start": 0, "frames": X.lengths}), probabilities(estimator, X)
+    return pd.DataFrame(
+        {"capture": np.arange(len(X)), "start": 0, "frames": X.lengths}
+    ), probabilities(estimator, X)
 
 
 def has_probabilities(estimator: System) -> bool:
@@ -274,9 +307,13 @@ def probabilities(estimator: System, X: Corpus) -> np.ndarray:
 
 def labels(estimator: System, X: Corpus) -> np.ndarray:
     """``predict(X)``: the label of each capture as text, a class or its `abstention`; a `PredictionError` otherwise."""
-    given = np.asarray(estimator.predict(blinded(estimator, X)), dtype=object).ravel()  # CatBoost gives a column
+    given = np.asarray(
+        estimator.predict(blinded(estimator, X)), dtype=object
+    ).ravel()  # CatBoost gives a column
     if len(given) != len(X):
-        raise PredictionError(f"predict gives {len(given)} labels for {len(X)} captures; give one each")
+        raise PredictionError(
+            f"predict gives {len(given)} labels for {len(X)} captures; give one each"
+        )
     strange = ~np.isin(given, np.asarray(estimator.classes_, dtype=object))
     if strange.any() and (label := abstention(estimator)) is not None:
         strange &= given != label
@@ -296,12 +333,16 @@ def probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarra
     """
     proba = np.asarray(proba)
     if proba.shape != (shape := (rows, len(estimator.classes_))):
-        raise PredictionError(f"{method} gives probabilities of shape {proba.shape} for {shape} decisions and classes_")
+        raise PredictionError(
+            f"{method} gives probabilities of shape {proba.shape} for {shape} decisions and classes_"
+        )
     total, least = proba.sum(axis=1), proba.min(axis=1)
     sound = (least >= -SUM) & (np.abs(total - 1) <= SUM)
     if sound.all():
         return proba
-    if abstention(estimator) is not None:  # windows of a capture on which it abstains leave a sum below 1
+    if (
+        abstention(estimator) is not None
+    ):  # windows of a capture on which it abstains leave a sum below 1
         proba = np.where(np.isnan(proba).all(axis=1, keepdims=True), 0, proba)
         total = proba.sum(axis=1)
         sound = (proba.min(axis=1) >= -SUM) & (total <= 1 + SUM)
@@ -371,7 +412,11 @@ def reads_tables(system: object) -> bool:
     if isinstance(system, Pipeline):
         return reads_tables(system.steps[0][1])
     values = system.get_params(deep=False) if isinstance(system, BaseEstimator) else {}
-    parts = [part[1] for key in ("transformer_list", "estimators", "transformers") for part in values.get(key) or []]
+    parts = [
+        part[1]
+        for key in ("transformer_list", "estimators", "transformers")
+        for part in values.get(key) or []
+    ]
     inner = (part for part in (*parts, values.get("estimator")) if isinstance(part, BaseEstimator))
     return _of_tables(type(system)) and all(map(reads_tables, inner))
 
@@ -379,7 +424,10 @@ def reads_tables(system: object) -> bool:
 def _of_tables(kind: type) -> bool:
     """Whether a class, or one it is derived from, is of a package whose estimators learn from tables."""
     modules = [each.__module__ for each in kind.__mro__]
-    return any(m.split(".")[0] in TABLES and not m.startswith(("sklearn.base", "sklearn.utils")) for m in modules)
+    return any(
+        m.split(".")[0] in TABLES and not m.startswith(("sklearn.base", "sklearn.utils"))
+        for m in modules
+    )
 
 
 def copied(part: Part) -> Part:
@@ -391,7 +439,9 @@ def parts_of(part: object) -> Iterator[object]:
     """An object, and the estimators, classes and functions among its parameters."""
     yield part
     if isinstance(part, BaseEstimator):
-        yield from (v for v in part.get_params().values() if isinstance(v, BaseEstimator) or is_code(v))
+        yield from (
+            v for v in part.get_params().values() if isinstance(v, BaseEstimator) or is_code(v)
+        )
 
 
 def is_code(value: object) -> TypeGuard[type | FunctionType]:

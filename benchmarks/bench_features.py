@@ -52,11 +52,16 @@ def seconds_of(call: object, *arguments: object) -> float:
 def main() -> None:
     """Print seconds and added memory per corpus, and milliseconds per capture, of each set."""
     makers = {"random": random_corpus, "generated": lambda: generate(subjects=31, repetitions=6)}
-    for name, make in makers.items():  # random first: the peak of generating would hide what is added
+    for (
+        name,
+        make,
+    ) in makers.items():  # random first: the peak of generating would hide what is added
         corpus = make()
         long = int(np.flatnonzero(corpus.lengths >= 200)[0])
         one = Corpus.from_captures([corpus[long][:200]], corpus.captures[:1], corpus.rate_hz)
-        print(f"{name}: {len(corpus)} captures, {len(corpus.frames)} frames, {corpus.frames.nbytes / 2**20:.0f} MiB")
+        print(
+            f"{name}: {len(corpus)} captures, {len(corpus.frames)} frames, {corpus.frames.nbytes / 2**20:.0f} MiB"
+        )
         for features in SETS:
             part = corpus[::10] if isinstance(features, Hughes36) else corpus
             features.fit(part, part.gestures)

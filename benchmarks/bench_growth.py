@@ -13,9 +13,9 @@ from math import log
 import numpy as np
 
 import bench
-from bench import pareto
 from bench.corpora.steps import Repair
 from bench.features.touch import TouchFeatures
+from bench.values import pareto
 
 PEOPLE = [10, 31, 100]
 GRID = {"model": ["lda", "bayes"], "features": ["jung28", "jung54", "touch", "gaus", "hughes36"]}
@@ -34,7 +34,9 @@ def measured(words: str, sizes: list[int], made: Callable[[int], Callable[[], ob
         peak = tracemalloc.get_traced_memory()[1] / 1e6
         del held
         tracemalloc.stop()
-        exponent = f", exponent {log(spent / before[1]) / log(size / before[0]):.2f}" if before else ""
+        exponent = (
+            f", exponent {log(spent / before[1]) / log(size / before[0]):.2f}" if before else ""
+        )
         print(f"{words} {size}: {spent:.2f} s, {peak:.1f} MB{exponent}", flush=True)
         before = size, spent
 
@@ -61,7 +63,9 @@ def fits(people: int) -> Callable[[], object]:
     (plan,) = planned(people, model="lda", features="touch")
     gestures = plan.corpus.gestures
     plan.cell.estimator().fit(plan.corpus[:500], gestures[:500])  # stores the features
-    return lambda: [plan.cell.estimator().fit(plan.corpus[f.train], gestures[f.train]) for f in plan.folds]
+    return lambda: [
+        plan.cell.estimator().fit(plan.corpus[f.train], gestures[f.train]) for f in plan.folds
+    ]
 
 
 def fronts(systems: int) -> Callable[[], object]:
@@ -73,7 +77,9 @@ def fronts(systems: int) -> Callable[[], object]:
 def repair(side: int) -> Callable[[], object]:
     """Repaired taxels of 168 captures on a square skin."""
     (plan,) = bench.plans(data__subjects=4, data__rows=side, data__cols=side, model="lda", jobs=1)
-    return lambda: [Repair(("stuck", "dead"))(plan.corpus[i : i + 1]) for i in range(len(plan.corpus))]
+    return lambda: [
+        Repair(("stuck", "dead"))(plan.corpus[i : i + 1]) for i in range(len(plan.corpus))
+    ]
 
 
 if __name__ == "__main__":

@@ -32,9 +32,13 @@ def spent(code: str, folder: str) -> tuple[float, float]:
     paths = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
     paths.pop("MLFLOW_TRACKING_URI", None)
     began, before = time.perf_counter(), os.times()
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, cwd=folder, env=paths)
+    subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, cwd=folder, env=paths
+    )
     after = os.times()
-    processor = after.children_user + after.children_system - before.children_user - before.children_system
+    processor = (
+        after.children_user + after.children_system - before.children_user - before.children_system
+    )
     return processor, time.perf_counter() - began
 
 
@@ -42,7 +46,10 @@ def main() -> None:
     """Print a line for each system."""
     corpora = [TINY, *(["data=haart"] if "haart" in imported() else [])]
     for words in [f"{corpus} model={system}" for corpus in corpora for system in SYSTEMS]:
-        keywords = {key.replace(".", "__"): value for key, value in (word.split("=") for word in words.split())}
+        keywords = {
+            key.replace(".", "__"): value
+            for key, value in (word.split("=") for word in words.split())
+        }
         script = SCRIPT.format(keywords=keywords)
         with tempfile.TemporaryDirectory() as folder:
             spent(script, folder)  # generates the captures

@@ -18,7 +18,7 @@ import pandas as pd
 from scipy.stats import spearmanr
 
 import bench
-from bench.work.fold import computing, fitted, latency
+from bench.running.fold import computing, fitted, latency
 
 SYSTEMS = ["svm", "bayes", "lda", "rf", "et", "xgb", "tree", "softmax", "perceptron"]
 LOOPS = 4
@@ -33,8 +33,13 @@ def measured(plan: object) -> dict[str, float]:
     with computing(THREADS):
         numbers = fitted(system, plan.corpus[fold.train])
     with computing(1):
-        predict_ms, _, walls, pace = latency(system, plan.corpus[fold.test], int(plan.corpus.lengths.max()))
-    medians = {"predict_ms": np.median(predict_ms), "predict_wall_ms": np.median(walls["predict_wall_ms"])}
+        predict_ms, _, walls, pace = latency(
+            system, plan.corpus[fold.test], int(plan.corpus.lengths.max())
+        )
+    medians = {
+        "predict_ms": np.median(predict_ms),
+        "predict_wall_ms": np.median(walls["predict_wall_ms"]),
+    }
     return numbers | medians | pace
 
 
@@ -50,7 +55,9 @@ def main(data: str) -> None:
         loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
         try:
             for plan in plans:
-                rows.append({"system": plan.cell.system(), "round": f"{number} {state}"} | measured(plan))
+                rows.append(
+                    {"system": plan.cell.system(), "round": f"{number} {state}"} | measured(plan)
+                )
                 print(f"{rows[-1]['round']}: {rows[-1]['system']}", file=sys.stderr)
         finally:
             for loop in loops:

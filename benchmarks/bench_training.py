@@ -21,7 +21,13 @@ from torch.utils.data import DataLoader, TensorDataset
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
 from bench.models.nets.cnn85 import CNN85, SelectiveSGD
-from bench.models.nets.hughes2017 import COST, Hughes2017, Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
+from bench.models.nets.hughes2017 import (
+    COST,
+    Hughes2017,
+    Hughes2017AERNN,
+    Hughes2017CNN,
+    Hughes2017CNNRNN,
+)
 from bench.models.nets.ren2023 import Ren2023Transformer
 from bench.models.nets.taxel_major import taxel_major
 from bench.models.nets.time_blocks import TimeConv3d
@@ -54,7 +60,9 @@ class Padded(nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Logits of every step, padded ones included."""
-        return self.head(self.rnn(self.encoder(x.flatten(0, 1)).unflatten(0, x.shape[:2]))[0]).transpose(1, 2)
+        return self.head(
+            self.rnn(self.encoder(x.flatten(0, 1)).unflatten(0, x.shape[:2]))[0]
+        ).transpose(1, 2)
 
 
 def ordinary(net: nn.Module) -> nn.Module:
@@ -140,15 +148,20 @@ def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
     }
     count = len(samples) // batch * batch
     print(
-        f"{name}: {len(samples)} samples, batches of {batch}, {threads} threads, torch {torch.__version__}", flush=True
+        f"{name}: {len(samples)} samples, batches of {batch}, {threads} threads, torch {torch.__version__}",
+        flush=True,
     )
     speeds = {key: [] for key in epochs}
     for _ in range(rounds):
         for key, epoch in epochs.items():
             wall, cpu = time.perf_counter(), time.process_time()
             epoch()
-            speeds[key].append((count / (time.perf_counter() - wall), count / (time.process_time() - cpu)))
-        print("  " + "   ".join(f"{key} {speeds[key][-1][0]:8.1f} /s" for key in epochs), flush=True)
+            speeds[key].append(
+                (count / (time.perf_counter() - wall), count / (time.process_time() - cpu))
+            )
+        print(
+            "  " + "   ".join(f"{key} {speeds[key][-1][0]:8.1f} /s" for key in epochs), flush=True
+        )
     wall, cpu = np.median(np.array(speeds["ours"]) / np.array(speeds["plain"]), axis=0)
     print(f"  ours over plain: {wall:.2f} (processor time {cpu:.2f})", flush=True)
 

@@ -15,12 +15,38 @@ from bench.features.selection import select
 from bench.features.signals import Touch, table, weighted
 
 SIGNALS = (
-    *("mean_pressure", "centroid_row", "centroid_column", "max_pressure", "max_row", "max_column", "polar_moment"),
-    *("area", "convex_area", "major_axis", "minor_axis", "eccentricity", "orientation", "equivalent_diameter"),
+    *(
+        "mean_pressure",
+        "centroid_row",
+        "centroid_column",
+        "max_pressure",
+        "max_row",
+        "max_column",
+        "polar_moment",
+    ),
+    *(
+        "area",
+        "convex_area",
+        "major_axis",
+        "minor_axis",
+        "eccentricity",
+        "orientation",
+        "equivalent_diameter",
+    ),
     *("euler_number", "solidity"),
 )
 STATISTICS = (
-    *("mean", "median", "variance", "minimum", "maximum", "energy", "hurst", "mobility", "complexity"),
+    *(
+        "mean",
+        "median",
+        "variance",
+        "minimum",
+        "maximum",
+        "energy",
+        "hurst",
+        "mobility",
+        "complexity",
+    ),
     *("ar1", "ar2", "ar3", "ar4"),
 )
 NAMES = pd.Index([f"{signal}_{statistic}" for signal, statistic in product(SIGNALS, STATISTICS)])
@@ -92,7 +118,9 @@ class Balli(FeatureSet):
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run."""
         if self.selected < 0:
-            raise InputError(f"features.selected={self.selected}: give at least 1, or 0 for all 208")
+            raise InputError(
+                f"features.selected={self.selected}: give at least 1, or 0 for all 208"
+            )
 
     def keeps(self, frames: int, taxels: int) -> int:
         """Signals of the capture and one frame."""
@@ -151,11 +179,17 @@ def signals(touch: Touch) -> list[np.ndarray]:
 def _region(mask: np.ndarray, grid: tuple[int, int]) -> list[np.ndarray]:
     """Area to solidity of the region that a mask [frames, taxels] marks in each frame."""
     row, col = np.indices(grid).reshape(2, -1).astype(np.float64)
-    moments = mask @ np.stack([row**0, row, col, row * row, col * col, row * col], axis=1)  # whole numbers, exact
+    moments = mask @ np.stack(
+        [row**0, row, col, row * row, col * col, row * col], axis=1
+    )  # whole numbers, exact
     area, r, c, rr, cc, rc = moments.T
     touched = area > 0
     square = np.where(touched, area * area, 1)
-    across, down, both = (area * cc - c * c) / square, (area * rr - r * r) / square, (area * rc - r * c) / square
+    across, down, both = (
+        (area * cc - c * c) / square,
+        (area * rr - r * r) / square,
+        (area * rc - r * c) / square,
+    )
     apart = np.hypot(down - across, 2 * both)  # difference of the eigenvalues
     middle = down + across + 1 / 6
     major, minor = (middle + apart) / 2, (middle - apart) / 2
@@ -183,7 +217,9 @@ def convex_area(mask: np.ndarray) -> np.ndarray:
     if mask.shape[0] > mask.shape[1]:  # the cost grows with the third power of the rows
         mask = mask.swapaxes(0, 1)
     rows, cols, frames = mask.shape
-    reach = np.full((2, rows, frames), -np.inf)  # to the right, and to the left as a negative number
+    reach = np.full(
+        (2, rows, frames), -np.inf
+    )  # to the right, and to the left as a negative number
     for c in range(cols):
         np.copyto(reach[0], c + 1, where=mask[:, c])
         np.copyto(reach[1], c + 1 - cols, where=mask[:, cols - 1 - c])
@@ -243,7 +279,9 @@ def statistics(touch: Touch, signal: np.ndarray) -> list[np.ndarray]:
 
 def _median(touch: Touch, signal: np.ndarray) -> np.ndarray:
     ordered = touch.ascending(np.ascontiguousarray(signal.T)).T
-    return (ordered[touch.first + (touch.lengths - 1) // 2] + ordered[touch.first + touch.lengths // 2]) / 2
+    return (
+        ordered[touch.first + (touch.lengths - 1) // 2] + ordered[touch.first + touch.lengths // 2]
+    ) / 2
 
 
 def _hurst(touch: Touch, signal: np.ndarray, still: np.ndarray) -> np.ndarray:
@@ -266,15 +304,22 @@ def _hurst(touch: Touch, signal: np.ndarray, still: np.ndarray) -> np.ndarray:
         ratio = (chunk.max(axis=1) - chunk.min(axis=1)) * moves / np.where(moves, deviation, 1)
         count = np.add.reduceat(moves, offset[long], axis=0, dtype=np.float64)
         defined = count > 0
-        y = np.log2(np.where(defined, np.add.reduceat(ratio, offset[long], axis=0), 1) / np.maximum(count, 1))
-        sums[:, long] += defined * np.stack([np.ones_like(y), np.full_like(y, x), y, np.full_like(y, x * x), x * y])
+        y = np.log2(
+            np.where(defined, np.add.reduceat(ratio, offset[long], axis=0), 1)
+            / np.maximum(count, 1)
+        )
+        sums[:, long] += defined * np.stack(
+            [np.ones_like(y), np.full_like(y, x), y, np.full_like(y, x * x), x * y]
+        )
         n *= 2
     points, x, y, xx, xy = sums
     line = points > 1
     return np.where(line, (points * xy - x * y) / np.where(line, points * xx - x * x, 1), 0.5)
 
 
-def _hjorth(touch: Touch, signal: np.ndarray, variance: np.ndarray, still: np.ndarray) -> list[np.ndarray]:
+def _hjorth(
+    touch: Touch, signal: np.ndarray, variance: np.ndarray, still: np.ndarray
+) -> list[np.ndarray]:
     """Mobility and complexity; ``variance`` is 0 where the signal is constant."""
     variances = [variance]
     for order in (1, 2):
@@ -285,7 +330,10 @@ def _hjorth(touch: Touch, signal: np.ndarray, variance: np.ndarray, still: np.nd
         mean = touch.sum(signal) / count
         spread = touch.sum(((signal - mean[touch.capture]) * late) ** 2) / count
         variances.append(np.where(np.sqrt(spread) <= still, 0, spread))
-    ratios = [np.sqrt(b / np.where(a > 0, a, np.inf)) for a, b in zip(variances[:-1], variances[1:], strict=True)]
+    ratios = [
+        np.sqrt(b / np.where(a > 0, a, np.inf))
+        for a, b in zip(variances[:-1], variances[1:], strict=True)
+    ]
     return [ratios[0], ratios[1] / np.where(ratios[0] > 0, ratios[0], np.inf)]
 
 

@@ -36,7 +36,9 @@ class FeatureSet(TransformerMixin, BaseEstimator):
     """
 
     learns = False
-    conditions: tuple[str, ...] = ()  # columns of the captures that it needs besides frames (`bench.contract`)
+    conditions: tuple[
+        str, ...
+    ] = ()  # columns of the captures that it needs besides frames (`bench.contract`)
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the features of every capture."""
@@ -101,7 +103,9 @@ class OfFunction(TransformerMixin, BaseEstimator):
         table = pd.DataFrame(self.function(X, **self.parameters)).rename(columns=str)
         if len(table) != len(X):
             name = self.function.__name__
-            raise InputError(f"{name} gives {len(table)} rows for {len(X)} captures; give a row of numbers for each")
+            raise InputError(
+                f"{name} gives {len(table)} rows for {len(X)} captures; give a row of numbers for each"
+            )
         return table
 
     def __sklearn_is_fitted__(self) -> bool:
@@ -111,12 +115,17 @@ class OfFunction(TransformerMixin, BaseEstimator):
 def extracts_alone(features: object) -> bool:
     """Return True for a feature set whose table is what it extracts, whatever it is fitted to."""
     kind = type(features)
-    return isinstance(features, FeatureSet) and (kind.fit, kind.transform) == (FeatureSet.fit, FeatureSet.transform)
+    return isinstance(features, FeatureSet) and (kind.fit, kind.transform) == (
+        FeatureSet.fit,
+        FeatureSet.transform,
+    )
 
 
 def labels(capture: np.ndarray, copy: np.ndarray) -> pd.MultiIndex:
     """Capture and copy of each row of a table; three times as fast as pandas' own way."""
-    levels, codes = zip(*(np.unique(each, return_inverse=True) for each in (capture, copy)), strict=True)
+    levels, codes = zip(
+        *(np.unique(each, return_inverse=True) for each in (capture, copy)), strict=True
+    )
     return pd.MultiIndex(levels, codes, names=["capture", "copy"], verify_integrity=False)
 
 
@@ -127,12 +136,20 @@ def labelled(X: pd.DataFrame | np.ndarray) -> TypeGuard[pd.DataFrame]:
 
 def captures_of(X: pd.DataFrame | np.ndarray) -> np.ndarray:
     """Capture of each row, numbered from 0; each of its own if rows are not labelled."""
-    return np.unique(X.index.get_level_values("capture"), return_inverse=True)[1] if labelled(X) else np.arange(len(X))
+    return (
+        np.unique(X.index.get_level_values("capture"), return_inverse=True)[1]
+        if labelled(X)
+        else np.arange(len(X))
+    )
 
 
 def undamaged(X: pd.DataFrame | np.ndarray) -> np.ndarray:
     """Rows without damage, bool [rows]."""
-    return np.asarray(X.index.get_level_values("copy") == 0) if labelled(X) else np.ones(len(X), dtype=bool)
+    return (
+        np.asarray(X.index.get_level_values("copy") == 0)
+        if labelled(X)
+        else np.ones(len(X), dtype=bool)
+    )
 
 
 def one_of(parameter: str, value: str, values: Sequence[str]) -> None:

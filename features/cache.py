@@ -20,12 +20,17 @@ from sklearn.base import BaseEstimator
 from bench.corpora.corpus import Corpus, origin
 from bench.corpora.folder import Damaged, open_folder, stamp
 from bench.features.signals import blocks
-from bench.scratch import home, replacing
-from bench.source import source_digest
+from bench.ground.scratch import home, replacing
+from bench.ground.source import source_digest
 
 BLOCK = 1 << 24  # sensor values of captures whose features are computed at once
-_source: Callable[..., str] = lru_cache(maxsize=64)(source_digest)  # code that is loaded does not change
-PIECES = ("of capture", "piece")  # columns of a kept table that tell its rows, where steps were taken
+_source: Callable[..., str] = lru_cache(maxsize=64)(
+    source_digest
+)  # code that is loaded does not change
+PIECES = (
+    "of capture",
+    "piece",
+)  # columns of a kept table that tell its rows, where steps were taken
 
 
 def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
@@ -37,7 +42,9 @@ def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
     contents = _contents(features, stored.digest, stored.steps)
     if (table := _kept(contents)) is None:
         corpus = open_folder(stored.path) if _writable(_path(contents).parent) else None
-        if corpus is None or corpus.digest != stored.digest:  # replaced by another corpus while this one is mapped
+        if (
+            corpus is None or corpus.digest != stored.digest
+        ):  # replaced by another corpus while this one is mapped
             return features.extract(X)
         table = _extracted(features, corpus.blind(visible), stored.steps)
         _keep(table, contents)
@@ -97,7 +104,9 @@ def _contents(features: BaseEstimator, digest: str, steps: tuple) -> tuple[str, 
 
 def _path(contents: tuple[str, ...]) -> Path:
     """Where a table is kept."""
-    return home() / "features" / f"{hashlib.sha256(repr(contents).encode()).hexdigest()[:32]}.parquet"
+    return (
+        home() / "features" / f"{hashlib.sha256(repr(contents).encode()).hexdigest()[:32]}.parquet"
+    )
 
 
 @lru_cache(maxsize=4)

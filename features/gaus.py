@@ -15,10 +15,31 @@ from bench.features.signals import Touch, table, taxel_names
 
 FAMILIES = ("sd", "bmh", "msd", "smmhh", "lbptop")
 RANGES = ("none", "touch", "high")
-STATISTICS = ("mean", "median", "min", "max", "area", "q1", "q3", "iqr", "variance", "skewness", "kurtosis")
+STATISTICS = (
+    "mean",
+    "median",
+    "min",
+    "max",
+    "area",
+    "q1",
+    "q3",
+    "iqr",
+    "variance",
+    "skewness",
+    "kurtosis",
+)
 LONGEST_RUN = 5
 PLANES = {"xy": (0, 1), "xt": (2, 1), "yt": (2, 0)}  # axes of an array [rows, cols, frames]
-RING = ((-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1))  # once round the centre
+RING = (
+    (-1, -1),
+    (-1, 0),
+    (-1, 1),
+    (0, 1),
+    (1, 1),
+    (1, 0),
+    (1, -1),
+    (0, -1),
+)  # once round the centre
 # A pattern that changes at most twice on its way round is uniform.
 UNIFORM = [p for p in range(256) if (p ^ (p >> 1 | p % 2 << 7)).bit_count() <= 2]
 
@@ -67,9 +88,13 @@ class Gaus(FeatureSet):
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run."""
         families = self.families if isinstance(self.families, (tuple, list)) else ()
-        if not families or any(family not in FAMILIES or families.count(family) > 1 for family in families):
+        if not families or any(
+            family not in FAMILIES or families.count(family) > 1 for family in families
+        ):
             text = "+".join(map(str, families)) or self.families
-            raise InputError(f"features.families={text}: give some of {'+'.join(FAMILIES)}, each once")
+            raise InputError(
+                f"features.families={text}: give some of {'+'.join(FAMILIES)}, each once"
+            )
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the features of every capture."""
@@ -115,8 +140,12 @@ def _sd(touch: Touch, values: np.ndarray) -> np.ndarray:
     touched |= high
     count = _in_ranges(touched, high)
     spread = np.sqrt(touch.variance(count))
-    over_time = np.stack([touch.mean(count), spread, np.maximum.reduceat(count, touch.first)], axis=2)
-    ever = _in_ranges(*(np.logical_or.reduceat(signal, touch.first, axis=1) for signal in (touched, high)))
+    over_time = np.stack(
+        [touch.mean(count), spread, np.maximum.reduceat(count, touch.first)], axis=2
+    )
+    ever = _in_ranges(
+        *(np.logical_or.reduceat(signal, touch.first, axis=1) for signal in (touched, high))
+    )
     return np.column_stack([over_time.reshape(len(ever), -1), ever]) / touch.taxels
 
 
@@ -128,7 +157,9 @@ def _half(touch: Touch, values: np.ndarray) -> np.ndarray:
 
 def _in_ranges(touched: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Number of taxels in each range [n, 3], of signals [taxels, n]; what is high is also touched."""
-    return np.stack([(~touched).sum(axis=0), (touched & ~high).sum(axis=0), high.sum(axis=0)], axis=1)
+    return np.stack(
+        [(~touched).sum(axis=0), (touched & ~high).sum(axis=0), high.sum(axis=0)], axis=1
+    )
 
 
 def _bmh(touch: Touch, values: np.ndarray) -> np.ndarray:
@@ -147,10 +178,24 @@ def _msd(touch: Touch, values: np.ndarray) -> np.ndarray:
         power = power * centred
         moments.append(np.add.reduceat(power, touch.first, axis=1) / touch.lengths)
     variance, third, fourth = moments
-    spread = np.where(variance > 0, variance, 1)  # equal values have an exact mean and no variance at all
+    spread = np.where(
+        variance > 0, variance, 1
+    )  # equal values have an exact mean and no variance at all
     skewness = third / spread**1.5
     kurtosis = np.where(variance > 0, fourth / spread**2 - 3, 0)
-    columns = [mean, median, lowest, highest, total / touch.rate_hz, q1, q3, q3 - q1, variance, skewness, kurtosis]
+    columns = [
+        mean,
+        median,
+        lowest,
+        highest,
+        total / touch.rate_hz,
+        q1,
+        q3,
+        q3 - q1,
+        variance,
+        skewness,
+        kurtosis,
+    ]
     return np.stack(columns, axis=-1).transpose(1, 0, 2).reshape(len(touch.lengths), -1)
 
 
@@ -181,14 +226,18 @@ def _pyramid(touch: Touch, values: np.ndarray) -> np.ndarray:
     level, levels = values.reshape(*touch.grid, -1), [values]
     while level.shape[:2] != (1, 1):
         for axis in (0, 1):
-            level = np.add.reduceat(level, np.arange(0, level.shape[axis], 2), axis=axis, dtype=values.dtype)
+            level = np.add.reduceat(
+                level, np.arange(0, level.shape[axis], 2), axis=axis, dtype=values.dtype
+            )
         levels.append(level.reshape(-1, level.shape[2]))
     return np.concatenate(levels)
 
 
 def _runs(touch: Touch, signals: np.ndarray) -> np.ndarray:
     """Number of runs of exactly 1, 2, ... frames [captures, n * longest]; signals are False in first frames."""
-    flat = signals.ravel()  # one signal after the other; first frames keep the runs of captures and signals apart
+    flat = (
+        signals.ravel()
+    )  # one signal after the other; first frames keep the runs of captures and signals apart
     edges = np.flatnonzero(flat[1:] != flat[:-1]) + 1
     begin, end = edges[::2], edges[1::2]
     if len(end) < len(begin):

@@ -33,7 +33,9 @@ class Steps:
     def __init__(self, lengths: np.ndarray) -> None:
         self.sequence = np.argsort(-lengths, kind="stable")
         first = (np.cumsum(lengths) - lengths)[self.sequence]
-        running = len(lengths) - np.searchsorted(np.sort(lengths), np.arange(lengths.max()), side="right")
+        running = len(lengths) - np.searchsorted(
+            np.sort(lengths), np.arange(lengths.max()), side="right"
+        )
         edges = np.concatenate([[0], np.cumsum(running)])
         self.spans = list(pairwise(edges.tolist()))
         time = np.repeat(np.arange(len(running)), running)
@@ -72,7 +74,9 @@ def forward(
     return state, scale
 
 
-def backward(emission: np.ndarray, scale: np.ndarray, transition: np.ndarray, steps: Steps) -> np.ndarray:
+def backward(
+    emission: np.ndarray, scale: np.ndarray, transition: np.ndarray, steps: Steps
+) -> np.ndarray:
     """Density of the frames after each, given its state, relative to that given the past [states, frames].
 
     Args:
@@ -187,7 +191,9 @@ class GaussianHMMs:
         self.variance_ = np.empty((classes, self.states, values))
         for i, frames in enumerate(parts):
             some = frames[:: -(-len(frames) // FRAMES_TO_START)]
-            self.mean_[i] = some.mean(axis=0)  # of states that k-means does not fill, as there are too few frames
+            self.mean_[i] = some.mean(
+                axis=0
+            )  # of states that k-means does not fill, as there are too few frames
             self.variance_[i] = some.var(axis=0)
             clusters = min(self.states, len(np.unique(some, axis=0)))
             label = KMeans(clusters, n_init=1, random_state=self.seed).fit(some).labels_
@@ -205,7 +211,9 @@ class GaussianHMMs:
         density -= 0.5 * constant.sum(axis=1)[:, None]
         return density
 
-    def _maximise(self, i: int, share: np.ndarray, first: np.ndarray, moves: np.ndarray, both: np.ndarray) -> None:
+    def _maximise(
+        self, i: int, share: np.ndarray, first: np.ndarray, moves: np.ndarray, both: np.ndarray
+    ) -> None:
         occupied = share.sum(axis=1)
         occurs = occupied > SMALLEST_SHARE
         mean, square = np.split(share[occurs] @ both / occupied[occurs, None], 2, axis=1)

@@ -30,7 +30,13 @@ FARTHEST = 1e3  # standard deviations
 LEAST_LIKELY = -100.0  # per frame
 LEVEL = pd.Index(
     [
-        *("g1_log_level", "g2_temporal_sd", "g3_log_temporal_sd", "g4_frequency", "g5_log_amplitude"),
+        *(
+            "g1_log_level",
+            "g2_temporal_sd",
+            "g3_log_temporal_sd",
+            "g4_frequency",
+            "g5_log_amplitude",
+        ),
         *("g6_row_of_maximum", "g7_col_of_maximum", "g8_duration"),
     ]
 )
@@ -76,7 +82,9 @@ class Hughes36(FeatureSet):
 
     learns = True
 
-    def __init__(self, states: int = 5, iterations: int = 20, epochs: int = 20, seed: int = 0) -> None:
+    def __init__(
+        self, states: int = 5, iterations: int = 20, epochs: int = 20, seed: int = 0
+    ) -> None:
         self.states = states
         self.iterations = iterations
         self.epochs = epochs
@@ -92,7 +100,9 @@ class Hughes36(FeatureSet):
         """Learn the autoencoder and the models from captures and their class names."""
         self.check()
         self.classes_, codes = np.unique(np.asarray(y), return_inverse=True)
-        self.encoder_ = _encoder(_some_frames(X, FRAMES_TO_ENCODE, self.seed), self.epochs, self.seed)
+        self.encoder_ = _encoder(
+            _some_frames(X, FRAMES_TO_ENCODE, self.seed), self.epochs, self.seed
+        )
         self.models_, self.standard_ = [], []
         for observe in self._observers():
             frames = np.concatenate([observe(X[block]) for block in blocks(X)])
@@ -100,10 +110,14 @@ class Hughes36(FeatureSet):
             sd[sd <= 1e-9 * np.abs(mean)] = 1  # a constant up to rounding
             self.standard_.append((mean, sd))
             frames = _standardised(frames, mean, sd)
-            self.models_.append(GaussianHMMs(self.states, self.iterations, self.seed).fit(frames, X.lengths, codes))
+            self.models_.append(
+                GaussianHMMs(self.states, self.iterations, self.seed).fit(frames, X.lengths, codes)
+            )
         ragged = len(np.unique(X.lengths)) > 1
         self.level_ = LEVEL if ragged else LEVEL[:-1]
-        likelihoods = [f"hmm_{kind}_{gesture}" for kind in ("moments", "code") for gesture in self.classes_]
+        likelihoods = [
+            f"hmm_{kind}_{gesture}" for kind in ("moments", "code") for gesture in self.classes_
+        ]
         self.names_ = pd.Index([*likelihoods, *self.level_])
         return self
 
@@ -116,8 +130,12 @@ class Hughes36(FeatureSet):
             for block in blocks(X, FRAMES_TO_SCORE * X.grid[0] * X.grid[1]):
                 part = X[block]
                 frames = _standardised(observe(part), *self.standard_[i])
-                likelihood = self.models_[i].log_likelihood(frames, part.lengths) / part.lengths[:, None]
-                columns[block, i * classes : (i + 1) * classes] = np.maximum(likelihood, LEAST_LIKELY)
+                likelihood = (
+                    self.models_[i].log_likelihood(frames, part.lengths) / part.lengths[:, None]
+                )
+                columns[block, i * classes : (i + 1) * classes] = np.maximum(
+                    likelihood, LEAST_LIKELY
+                )
         others = self.unlearnt(X)[self.level_]
         likelihoods = pd.DataFrame(columns, others.index, self.names_[: 2 * classes])
         return pd.concat([likelihoods, others], axis=1)
@@ -129,7 +147,9 @@ class Hughes36(FeatureSet):
     @property
     def parameters_(self) -> int:
         """Learnt numbers: the encoder, the hidden Markov models, means and SDs of their inputs."""
-        models = sum(a.size for m in self.models_ for a in (m.start_, m.transition_, m.mean_, m.variance_))
+        models = sum(
+            a.size for m in self.models_ for a in (m.start_, m.transition_, m.mean_, m.variance_)
+        )
         encoder = sum(a.size for layer in self.encoder_ for a in layer)
         return models + encoder + sum(a.size for pair in self.standard_ for a in pair)
 
@@ -172,7 +192,9 @@ def _encoder(frames: np.ndarray, epochs: int, seed: int) -> list[tuple[np.ndarra
     from torch import nn
 
     mean = frames.mean(axis=0, dtype=np.float64)
-    sd = np.sqrt(frames.var(axis=0, dtype=np.float64).mean())  # one, or the noise of untouched taxels would count
+    sd = np.sqrt(
+        frames.var(axis=0, dtype=np.float64).mean()
+    )  # one, or the noise of untouched taxels would count
     sd = sd if sd > FLOOR else 1.0
     frames = torch.from_numpy(((frames - mean) / sd).astype(np.float32))
     sizes = [frames.shape[1], *HIDDEN, *HIDDEN[-2::-1], frames.shape[1]]
@@ -183,7 +205,9 @@ def _encoder(frames: np.ndarray, epochs: int, seed: int) -> list[tuple[np.ndarra
         layers = []
         for i, layer in enumerate(linear):
             last = i in (code, len(linear) - 1)
-            nn.init.xavier_uniform_(layer.weight, gain=1.0 if last else 4.0)  # a sigmoid is flat: at most 1/4
+            nn.init.xavier_uniform_(
+                layer.weight, gain=1.0 if last else 4.0
+            )  # a sigmoid is flat: at most 1/4
             layers += [layer] if last else [layer, nn.Sigmoid()]
         net = nn.Sequential(*layers)
         batch = min(BATCH, len(frames))
@@ -198,7 +222,10 @@ def _encoder(frames: np.ndarray, epochs: int, seed: int) -> list[tuple[np.ndarra
                 loss.backward()
                 adam.step()
                 schedule.step()
-    learnt = [(layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy()) for layer in linear]
+    learnt = [
+        (layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy())
+        for layer in linear
+    ]
     weight, bias = learnt[0]
     learnt[0] = weight / sd, bias - weight @ mean / sd
     return learnt[: code + 1]
@@ -242,7 +269,9 @@ def _dominant(touch: Touch) -> tuple[np.ndarray, np.ndarray]:
     """Frequency with the largest amplitude of the total in the band, and that amplitude; 0 where there is none."""
     frequency, amplitude = np.zeros((2, len(touch.lengths)))
     centred = touch.total - touch.mean(touch.total)[touch.capture]
-    moved = np.maximum.reduceat(touch.total, touch.first) - np.minimum.reduceat(touch.total, touch.first)
+    moved = np.maximum.reduceat(touch.total, touch.first) - np.minimum.reduceat(
+        touch.total, touch.first
+    )
     for i in np.flatnonzero(moved > 1e-9 * touch.full_scale):
         length = int(touch.lengths[i])
         points = max(length, SHORTEST_FFT)
@@ -250,7 +279,9 @@ def _dominant(touch: Touch) -> tuple[np.ndarray, np.ndarray]:
         inside = np.flatnonzero((bins >= BAND_HZ[0]) & (bins <= BAND_HZ[1]))
         if len(inside):
             size = np.abs(rfft(centred[touch.first[i] : touch.first[i] + length], points)[inside])
-            best = (size >= size.max() * (1 - 1e-9)).argmax()  # of equal ones the first; rounding must not choose
+            best = (
+                size >= size.max() * (1 - 1e-9)
+            ).argmax()  # of equal ones the first; rounding must not choose
             frequency[i] = bins[inside[best]]
             amplitude[i] = 2 * size[best] / length
     return frequency, amplitude

@@ -73,17 +73,26 @@ def _names(rows: int, cols: int, peaks: str) -> pd.Index:
 
 def crossings(touch: Touch) -> np.ndarray:
     """Feature 22 of 2014: upward crossings of mean + 1 SD of the summed pressure [captures]."""
-    return touch.upward_crossings(touch.total, touch.mean(touch.total) + np.sqrt(touch.variance(touch.total)))
+    return touch.upward_crossings(
+        touch.total, touch.mean(touch.total) + np.sqrt(touch.variance(touch.total))
+    )
 
 
 def first_names(rows: int, cols: int, moved: str, peaks: str) -> list[str]:
     """Names of features 1-28 on a grid; ``moved`` is the word for 24-27, ``peaks`` the name of 22."""
-    side = [f"f04_row{i}_pressure" for i in range(1, rows + 1)] + [f"f12_col{i}_pressure" for i in range(1, cols + 1)]
+    side = [f"f04_row{i}_pressure" for i in range(1, rows + 1)] + [
+        f"f12_col{i}_pressure" for i in range(1, cols + 1)
+    ]
     return [
         *("f01_mean_pressure", "f02_max_pressure", "f03_pressure_variability"),
         *side,
         *("f20_contact_area", "f21_peak_contact_area", peaks, "f23_mean_crossings"),
-        *(f"f24_row_{moved}_mean", f"f25_row_{moved}_sum", f"f26_col_{moved}_mean", f"f27_col_{moved}_sum"),
+        *(
+            f"f24_row_{moved}_mean",
+            f"f25_row_{moved}_sum",
+            f"f26_col_{moved}_mean",
+            f"f27_col_{moved}_sum",
+        ),
         "f28_duration",
     ]
 

@@ -15,7 +15,12 @@ from bench.features.signals import Touch, table, weighted
 BINS = 8
 LATER = (  # names of features 29-43
     *(f"f{29 + i}_values_bin{i + 1}" for i in range(BINS)),
-    *("f37_spatial_peaks_mean", "f38_spatial_peaks_variance", "f39_peak_distance", "f40_peak_distance_change"),
+    *(
+        "f37_spatial_peaks_mean",
+        "f38_spatial_peaks_variance",
+        "f39_peak_distance",
+        "f40_peak_distance_change",
+    ),
     *("f41_row_derivative", "f42_col_derivative", "f43_derivative"),
 )
 EDGE_DEGREES = 5.0
@@ -82,7 +87,14 @@ def names(rows: int, cols: int) -> pd.Index:
         *first_names(rows, cols, "travel", PEAKS["maxima"]),
         *LATER,
         *("f44_variance", "f45_up_right", "f46_up_left", "f47_down_left", "f48_down_right"),
-        *("f49_step_mean", "f50_step_sd", "f51_step_sum", "f52_step_range", "f53_row_frequency", "f54_col_frequency"),
+        *(
+            "f49_step_mean",
+            "f50_step_sd",
+            "f51_step_sum",
+            "f52_step_range",
+            "f53_row_frequency",
+            "f54_col_frequency",
+        ),
     ]
     return pd.Index(named)
 
@@ -100,7 +112,13 @@ def spatial_peaks(touch: Touch, highest: np.ndarray) -> list[np.ndarray]:
     both[touch.first] = False
     change = touch.sum(np.abs(touch.step(per_frame)) * both) / np.maximum(touch.sum(both), 1)
     count_change = touch.step_mean(np.abs(touch.step(count)))
-    return [touch.mean(count), touch.variance(count), touch.sum(summed) / np.maximum(peaks, 1), change, count_change]
+    return [
+        touch.mean(count),
+        touch.variance(count),
+        touch.sum(summed) / np.maximum(peaks, 1),
+        change,
+        count_change,
+    ]
 
 
 def derivatives(touch: Touch) -> list[np.ndarray]:
@@ -135,4 +153,10 @@ def _movement(touch: Touch) -> list[np.ndarray]:
     rest[touch.first[touch.lengths > 1]] = np.inf  # a first frame is no step
     shortest = np.minimum.reduceat(rest, touch.first)
     direction = (touch.sum(shares).T / touch.steps).T
-    return [direction, mean, np.sqrt(touch.step_mean(square)), touch.sum(length), longest - shortest]
+    return [
+        direction,
+        mean,
+        np.sqrt(touch.step_mean(square)),
+        touch.sum(length),
+        longest - shortest,
+    ]

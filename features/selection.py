@@ -14,7 +14,13 @@ from bench.features.base import FeatureSet, constant
 
 LDA_RIDGE = 1e-3  # of standardised columns
 FOLDS = 5
-COUNTS = (2, 4, 8, 16, 32)  # of columns, besides all of them, where the smallest number that suffices is sought
+COUNTS = (
+    2,
+    4,
+    8,
+    16,
+    32,
+)  # of columns, besides all of them, where the smallest number that suffices is sought
 STEPS = 3  # times `selected`
 
 
@@ -113,7 +119,9 @@ class Discriminant:
         # Sets share most columns: one product with a weight of 0 for columns that a set has not is the fastest
         sparse = np.zeros((len(columns), *offset.shape))
         sparse[position.reshape(sets.shape), np.arange(len(sets))[:, None]] = weights
-        score = (self.test[:, columns] @ sparse.reshape(len(columns), -1)).reshape(-1, *offset.shape)
+        score = (self.test[:, columns] @ sparse.reshape(len(columns), -1)).reshape(
+            -1, *offset.shape
+        )
         score += offset
         return np.count_nonzero(self.classes[score.argmax(axis=2)] == self.truth[:, None], axis=0)
 
@@ -125,7 +133,9 @@ def _float(parts: list[Discriminant], columns: int, selected: int) -> np.ndarray
     steps = 0
     while len(chosen) < selected:
         rest = np.setdiff1d(np.arange(columns), chosen)
-        hits = _hits(parts, np.column_stack([np.tile(chosen, (len(rest), 1)).astype(np.int64), rest]))
+        hits = _hits(
+            parts, np.column_stack([np.tile(chosen, (len(rest), 1)).astype(np.int64), rest])
+        )
         chosen = [*chosen, int(rest[hits.argmax()])]
         steps += 1
         if len(chosen) not in best or hits.max() > best[len(chosen)][0]:

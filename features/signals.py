@@ -80,7 +80,9 @@ class Touch:
         ordered = signals.copy()
         for first, length in zip(self.first.tolist(), self.lengths.tolist(), strict=True):
             # a radix sort of 16-bit integers, three times as fast as the default
-            ordered[:, first : first + length].sort(axis=1, kind="stable" if signals.itemsize == 2 else None)
+            ordered[:, first : first + length].sort(
+                axis=1, kind="stable" if signals.itemsize == 2 else None
+            )
         return ordered
 
     def step_mean(self, signal: np.ndarray) -> np.ndarray:
@@ -136,8 +138,12 @@ class Touch:
         pressed = self.total > 0
         middle = (np.array(self.grid) + 1) / 2
         sides = (self.rows, self.cols)
-        moment = np.stack([weighted(side, np.arange(1.0, side.shape[1] + 1)) for side in sides], axis=1)
-        return np.where(pressed[:, None], moment / np.where(pressed, self.total, 1)[:, None], middle)
+        moment = np.stack(
+            [weighted(side, np.arange(1.0, side.shape[1] + 1)) for side in sides], axis=1
+        )
+        return np.where(
+            pressed[:, None], moment / np.where(pressed, self.total, 1)[:, None], middle
+        )
 
     @cached_property
     def travel(self) -> np.ndarray:
@@ -223,7 +229,9 @@ class Touch:
         centred = signals - self.mean(signals)[self.capture]
         moved = np.maximum.reduceat(signals, self.first) - np.minimum.reduceat(signals, self.first)
         bins = np.zeros((len(self.lengths), signals.shape[1]))
-        for i, (first, length) in enumerate(zip(self.first.tolist(), self.lengths.tolist(), strict=True)):
+        for i, (first, length) in enumerate(
+            zip(self.first.tolist(), self.lengths.tolist(), strict=True)
+        ):
             if length > 1:
                 amplitude = np.abs(rfft(centred[first : first + length], axis=0)[1:])
                 bins[i] = (amplitude >= amplitude.max(axis=0) * (1 - 1e-9)).argmax(axis=0) + 1
@@ -259,7 +267,9 @@ def blocks(corpus: Corpus, values: int = 2**20) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges) if a < b]
 
 
-def table(corpus: Corpus, names: pd.Index, columns: Callable[[Touch], list[np.ndarray]]) -> pd.DataFrame:
+def table(
+    corpus: Corpus, names: pd.Index, columns: Callable[[Touch], list[np.ndarray]]
+) -> pd.DataFrame:
     """Run ``columns(touch)`` over blocks of captures and name its columns."""
     parts = [np.column_stack(columns(Touch(corpus[block]))) for block in blocks(corpus)]
     return pd.DataFrame(np.concatenate([np.empty((0, len(names))), *parts]), columns=names)

@@ -81,7 +81,9 @@ def mean_pressure(corpus: Corpus) -> np.ndarray:
     return np.concatenate([np.empty(0), *parts]) / (corpus.grid[0] * corpus.grid[1])
 
 
-def crossings_per_second(signal: np.ndarray, lengths: np.ndarray, levels: np.ndarray, rate_hz: float) -> np.ndarray:
+def crossings_per_second(
+    signal: np.ndarray, lengths: np.ndarray, levels: np.ndarray, rate_hz: float
+) -> np.ndarray:
     """Rate at which a signal passes each level, up or down, per second [captures, levels].
 
     Args:
@@ -162,10 +164,21 @@ def _names(rows: int, cols: int) -> pd.Index:
 def _unlearnt(rows: int, cols: int) -> pd.Index:
     return pd.Index(
         [
-            *("frames", "mean_pressure", "max_pressure", "median_pressure", "pressure_sd", "derivative"),
+            *(
+                "frames",
+                "mean_pressure",
+                "max_pressure",
+                "median_pressure",
+                "pressure_sd",
+                "derivative",
+            ),
             *("temporal_peaks", "mean_crossings"),
             *(f"values_bin{i + 1}" for i in range(BINS)),
-            *(f"{taxel}_{what}" for what in ("mean", "sd", "pressed") for taxel in taxel_names(rows, cols)),
+            *(
+                f"{taxel}_{what}"
+                for what in ("mean", "sd", "pressed")
+                for taxel in taxel_names(rows, cols)
+            ),
             *(f"fft{i}" for i in range(1, COEFFICIENTS + 1)),
             *(f"dct{i}" for i in range(COEFFICIENTS)),
             "frequency",

@@ -21,15 +21,55 @@ POINT = 1e-3  # of a side: a spread below is that of a point
 STILL = 1e-5  # what moves less, rounding moves, and another precision elsewhere
 LAGS_S = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
 SIGNALS = (
-    *("total", "peak", "change", "rise", "relative_change", "net_change", "one_way", "row", "col", "spread"),
-    *("elongation", "half_area", "concentration", "speed", "flow", "explained", "flow_row", "flow_col", "likeness"),
+    *(
+        "total",
+        "peak",
+        "change",
+        "rise",
+        "relative_change",
+        "net_change",
+        "one_way",
+        "row",
+        "col",
+        "spread",
+    ),
+    *(
+        "elongation",
+        "half_area",
+        "concentration",
+        "speed",
+        "flow",
+        "explained",
+        "flow_row",
+        "flow_col",
+        "likeness",
+    ),
 )
-STEPWISE = ("change", "rise", "relative_change", "net_change", "one_way", "speed", "flow", "explained")
+STEPWISE = (
+    "change",
+    "rise",
+    "relative_change",
+    "net_change",
+    "one_way",
+    "speed",
+    "flow",
+    "explained",
+)
 OF_STEPS = tuple(map(SIGNALS.index, (*STEPWISE, "flow_row", "flow_col", "likeness")))
 SPECTRAL = tuple(
     map(
         SIGNALS.index,
-        ("total", "change", "row", "col", "relative_change", "net_change", "flow_row", "flow_col", "half_area"),
+        (
+            "total",
+            "change",
+            "row",
+            "col",
+            "relative_change",
+            "net_change",
+            "flow_row",
+            "flow_col",
+            "half_area",
+        ),
     )
 )
 LAGGED = tuple(map(SIGNALS.index, ("total", "row", "col")))
@@ -75,7 +115,9 @@ class TouchFeatures(FeatureSet):
                 frames = np.arange(length)
                 raw = stored[starts[rows][:, None] + frames].reshape(len(rows), length, -1)
                 shares = raw.astype(np.float32) / np.float32(corpus.full_scale)
-                table[rows] = statistics(values[first[rows][:, None] + frames], shares, corpus.rate_hz)
+                table[rows] = statistics(
+                    values[first[rows][:, None] + frames], shares, corpus.rate_hz
+                )
         return pd.DataFrame(table, columns=names(), copy=False)
 
     def keeps(self, frames: int, taxels: int) -> int:
@@ -106,7 +148,9 @@ def _signals_of(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
     """Signals of all frames that captures have, each frame once, and where those of each capture begin."""
     starts = storage(corpus)[1]
     lowest, ends = starts.min(), starts + corpus.lengths
-    opened = np.zeros(ends.max() - lowest + 1, dtype=np.int64)  # captures that begin less those that end
+    opened = np.zeros(
+        ends.max() - lowest + 1, dtype=np.int64
+    )  # captures that begin less those that end
     np.add.at(opened, starts - lowest, 1)
     np.add.at(opened, ends - lowest, -1)
     covered = opened.cumsum() > 0
@@ -121,7 +165,9 @@ def _signals_between(corpus: Corpus, begin: int, end: int) -> np.ndarray:
     values = np.empty((end - begin, len(SIGNALS)))
     for first in range(begin, end, size):
         before = max(first - 1, begin)
-        frames = stored[before : min(first + size, end)].astype(np.float32) / np.float32(corpus.full_scale)
+        frames = stored[before : min(first + size, end)].astype(np.float32) / np.float32(
+            corpus.full_scale
+        )
         values[first - begin : first - begin + size] = signals(frames)[first - before :]
     return values
 
@@ -157,14 +203,20 @@ def signals(p: np.ndarray) -> np.ndarray:
     both = total + np.concatenate([total[:1], total[:-1]])
 
     r, c = (np.arange(rows) + 0.5) / rows, (np.arange(cols) + 0.5) / cols
-    row, col = (np.where(total > 0, _ratio(_dot(m, w), total), 0.5) for m, w in ((by_row, r), (by_col, c)))
+    row, col = (
+        np.where(total > 0, _ratio(_dot(m, w), total), 0.5) for m, w in ((by_row, r), (by_col, c))
+    )
     down, right = r - row[:, None], c - col[:, None]
     high = _ratio(np.einsum("ij,ij,ij->i", by_row, down, down), total)
     wide = _ratio(np.einsum("ij,ij,ij->i", by_col, right, right), total)
-    askew = _ratio(_dot(np.einsum("ijk,k->ij", p, c.astype(np.float32)), r), total) - row * col * (total > 0)
+    askew = _ratio(_dot(np.einsum("ijk,k->ij", p, c.astype(np.float32)), r), total) - row * col * (
+        total > 0
+    )
     spread = np.sqrt(np.maximum(high + wide, 0))
     # Of pressure on one taxel, what is left of both is rounding.
-    elongation = _ratio(np.sqrt((high - wide) ** 2 + 4 * askew**2), np.where(spread > POINT, high + wide, 0)).clip(0, 1)
+    elongation = _ratio(
+        np.sqrt((high - wide) ** 2 + 4 * askew**2), np.where(spread > POINT, high + wide, 0)
+    ).clip(0, 1)
     travel = np.hypot(np.diff(row, prepend=row[:1]), np.diff(col, prepend=col[:1]))
 
     flow_row, flow_col, explained = _flow(p, step)
@@ -245,7 +297,9 @@ def statistics(x: np.ndarray, shares: np.ndarray, rate_hz: float) -> np.ndarray:
     x = x.copy()
     x[:, 0, OF_STEPS] = x[:, 1, OF_STEPS] if n > 1 else 0
     still = np.ptp(x, axis=1) <= STILL * np.maximum(np.abs(x[:, 0]), 1)
-    np.copyto(x, x[:, :1].copy(), where=still[:, None])  # in place: sums depend on how numbers lie in memory
+    np.copyto(
+        x, x[:, :1].copy(), where=still[:, None]
+    )  # in place: sums depend on how numbers lie in memory
     mean = x.sum(axis=1) / n
     centred = x - mean[:, None]
     square = centred * centred
@@ -309,9 +363,16 @@ def _spectrum(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
     power = power / (len(begins) * (window**2).sum() * points)
     first = np.floor(BANDS[:-1] * points / 2 + 1e-9).astype(int)
     total = power.sum(axis=1)
-    bands = np.log((np.add.reduceat(power, first, axis=1) + 1e-6 * total[:, None] + 1e-12) / (total[:, None] + 1e-12))
+    bands = np.log(
+        (np.add.reduceat(power, first, axis=1) + 1e-6 * total[:, None] + 1e-12)
+        / (total[:, None] + 1e-12)
+    )
     share = np.arange(1, power.shape[1] + 1) / points
-    return [bands.reshape(w, -1), np.log(total + 1e-8), _ratio(np.einsum("wfs,f->ws", power, share), total)]
+    return [
+        bands.reshape(w, -1),
+        np.log(total + 1e-8),
+        _ratio(np.einsum("wfs,f->ws", power, share), total),
+    ]
 
 
 def _lagged(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
@@ -319,7 +380,9 @@ def _lagged(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
     n = x.shape[1]
     variance = (x * x).mean(axis=1)
     varies = variance > 1e-12
-    lags = [max(1, round(seconds * rate_hz)) for seconds in LAGS_S]  # of a lag beyond the capture the sum is empty
+    lags = [
+        max(1, round(seconds * rate_hz)) for seconds in LAGS_S
+    ]  # of a lag beyond the capture the sum is empty
     sums = [(x[:, lag:] * x[:, : max(n - lag, 0)]).sum(axis=1) for lag in lags]
     return [np.where(varies, each / n / np.where(varies, variance, 1), 0) for each in sums]
 
@@ -327,7 +390,9 @@ def _lagged(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
 def _space(shares: np.ndarray) -> list[np.ndarray]:
     """Sorted mean, SD and largest of the taxels, read at equally spaced places, and the entropy of each."""
     mean = shares.mean(axis=1, dtype=np.float64)
-    away = shares - mean[:, None].astype(np.float32)  # squares of the shares themselves would hide a small SD
+    away = shares - mean[:, None].astype(
+        np.float32
+    )  # squares of the shares themselves would hide a small SD
     variance = np.einsum("ijk,ijk->ik", away, away).astype(np.float64) / shares.shape[1]
     taxels = mean.shape[1]
     at = np.linspace(0, taxels - 1, SPREAD)

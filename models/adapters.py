@@ -36,7 +36,9 @@ class FromSeries(ClassifierMixin, BaseEstimator):
     def fit(self, X: Corpus, y: np.ndarray) -> FromSeries:
         """Learn from captures and their class names."""
         self.series_ = Series(self.channels, self.length).fit(X)
-        self.classifier_ = clone(self.classifier).fit(self.series_.transform(X).astype(np.float64), np.asarray(y, str))
+        self.classifier_ = clone(self.classifier).fit(
+            self.series_.transform(X).astype(np.float64), np.asarray(y, str)
+        )
         self.classes_ = np.asarray(self.classifier_.classes_)
         return self
 

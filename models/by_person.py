@@ -48,13 +48,21 @@ class ByPerson(Pipeline):
         """Learn from captures and their class names."""
         (_, features), (_, classifier) = self.steps
         wall, cpu = time.perf_counter(), time.process_time()
-        persons = _persons(X) if extracts_alone(features) and origin(X).path is not None and not origin(X).steps else []
+        persons = (
+            _persons(X)
+            if extracts_alone(features) and origin(X).path is not None and not origin(X).steps
+            else []
+        )
         width = len(features.fit(X).get_feature_names_out()) if persons else 0
         if not persons or 8 * len(persons) * width**2 > MOST:
             super().fit(X, y)
             self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
             return self
-        about = cache_key(features, origin(X).digest), type(classifier), repr(sorted(classifier.get_params().items()))
+        about = (
+            cache_key(features, origin(X).digest),
+            type(classifier),
+            repr(sorted(classifier.get_params().items())),
+        )
         by_key = {_key(X, rows, y[rows]): rows for rows in persons}
         kept = KEPT.get(about, {})
         if 8 * len(by_key.keys() | kept.keys()) * width**2 > MOST:
@@ -64,7 +72,10 @@ class ByPerson(Pipeline):
         seconds = sum((kept[key][1] for key in by_key if key in kept), np.zeros(2))
         self._keep({key: rows for key, rows in by_key.items() if key not in kept}, X, y, kept)
         classifier.fit_summed([kept[key][0] for key in by_key])
-        self.fit_seconds_ = time.perf_counter() - wall + seconds[0], time.process_time() - cpu + seconds[1]
+        self.fit_seconds_ = (
+            time.perf_counter() - wall + seconds[0],
+            time.process_time() - cpu + seconds[1],
+        )
         return self
 
     def _keep(self, persons: dict[bytes, np.ndarray], X: Corpus, y: np.ndarray, kept: dict) -> None:

@@ -57,13 +57,18 @@ class Guarded(MostProbable):
     def doubts(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Weight of the network, 0 to 1 [rows]; missing values are unusual."""
         with np.errstate(over="ignore"):  # beyond float32 is unusual, too
-            usual = np.abs(np.asarray(X, dtype=np.float32) - self.mean_) <= np.float32(UNUSUAL) * self.sd_
+            usual = (
+                np.abs(np.asarray(X, dtype=np.float32) - self.mean_)
+                <= np.float32(UNUSUAL) * self.sd_
+            )
         return np.minimum((~usual).mean(axis=1) / self.doubt, 1)
 
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""
         doubt = self.doubts(X)[:, None]
-        with np.errstate(over="ignore", invalid="ignore"):  # of an endless feature, no number, which is not used
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # of an endless feature, no number, which is not used
             values = np.asarray(X, dtype=np.float32)
             linear = np.where(doubt < 1, self.linear_.predict_proba(values), 0)
         return (1 - doubt) * linear + doubt * self.robust_.predict_proba(values)
@@ -77,4 +82,9 @@ class Guarded(MostProbable):
     def parameters_(self) -> int:
         """Learnt numbers of both, and of the comparison of rows."""
         usual = self.mean_.size + self.sd_.size
-        return usual + self.linear_.coef_.size + self.linear_.intercept_.size + self.robust_.parameters_
+        return (
+            usual
+            + self.linear_.coef_.size
+            + self.linear_.intercept_.size
+            + self.robust_.parameters_
+        )

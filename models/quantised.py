@@ -43,9 +43,13 @@ def in_bits(system: Pipeline, bits: int) -> Pipeline:
     *before, (name, classifier) = system.steps
     few, weights = copy(classifier), np.size(getattr(classifier, "coef_", ()))
     if isinstance(classifier, Guarded):
-        few.linear_ = _about(classifier.linear_, classifier.mean_.astype(float), classifier.sd_.astype(float), bits)
+        few.linear_ = _about(
+            classifier.linear_, classifier.mean_.astype(float), classifier.sd_.astype(float), bits
+        )
         few.robust_ = copy(classifier.robust_)
-        few.robust_.coefs_ = [back(w.T.astype(float), bits).T.astype(np.float32) for w in classifier.robust_.coefs_]
+        few.robust_.coefs_ = [
+            back(w.T.astype(float), bits).T.astype(np.float32) for w in classifier.robust_.coefs_
+        ]
         weights = few.linear_.coef_.size + sum(w.size for w in few.robust_.coefs_)
     elif isinstance(classifier, Discriminants):
         few = _about(classifier, classifier.learnt_.mean, classifier.learnt_.sd, bits)
@@ -54,10 +58,14 @@ def in_bits(system: Pipeline, bits: int) -> Pipeline:
     elif isinstance(classifier, GaussianBayes):
         triangles, diagonals = zip(*map(lower, classifier.factors_), strict=True)
         rows = back(np.stack(triangles), bits)
-        few.factors_ = [_filled(row, diagonal) for row, diagonal in zip(rows, diagonals, strict=True)]
+        few.factors_ = [
+            _filled(row, diagonal) for row, diagonal in zip(rows, diagonals, strict=True)
+        ]
         weights = rows.size
     else:
-        raise InputError(f"model.bits={bits}: {type(classifier).__name__} is not measured in few bits; leave it out")
+        raise InputError(
+            f"model.bits={bits}: {type(classifier).__name__} is not measured in few bits; leave it out"
+        )
     few.bytes_saved_ = (4 - bits // 8) * weights
     return Pipeline([*before, (name, few)])
 

@@ -19,11 +19,11 @@ from bench.corpora.steps import Faulted, Repair, Scale, Step, Turned, Windows
 from bench.errors import InputError
 from bench.features.base import FeatureSet, extracts_alone, labels
 from bench.features.cache import PIECES, after
-from bench.machine import ensure
+from bench.ground.machine import ensure
+from bench.ground.registry import parameters as defaults_of
 from bench.models.by_person import ByPerson
 from bench.models.most_probable import MostProbable
 from bench.models.quantised import BITS, can_be, in_bits
-from bench.registry import parameters as defaults_of
 
 LONGEST_S = 3600.0  # of a window
 PLAIN = (Pipeline, ByPerson)  # whose fit is that of their steps
@@ -71,11 +71,17 @@ class Recipe(MostProbable):
             )
         if self.hop and not self.window:
             raise InputError(f"model.hop={self.hop:g} needs model.window=")
-        if self.window and (contract.decides_often(self.system) or contract.window(self.system, 1.0)):
-            raise InputError(f"model.window={self.window:g}: the system cuts its own windows; leave it out")
+        if self.window and (
+            contract.decides_often(self.system) or contract.window(self.system, 1.0)
+        ):
+            raise InputError(
+                f"model.window={self.window:g}: the system cuts its own windows; leave it out"
+            )
         if self.bits not in BITS:
             raise InputError(f"model.bits={self.bits}: give 32 or 8")
-        if self.bits != 32 and not (type(self.system) in PLAIN and can_be(self.system.steps[-1][1])):
+        if self.bits != 32 and not (
+            type(self.system) in PLAIN and can_be(self.system.steps[-1][1])
+        ):
             raise InputError(
                 f"model.bits={self.bits}: reflex, lda, softmax, bayes and hughes2017_cnn have it; leave it out"
             )
@@ -142,12 +148,16 @@ class Recipe(MostProbable):
         seen, row = taken(X, self.steps())
         table, proba = contract.decide(self.system_, seen)
         of = table["capture"].to_numpy()
-        start = table["start"].to_numpy() + (origin(seen).piece[of] - origin(X).piece[row[of]]) % COPY
+        start = (
+            table["start"].to_numpy() + (origin(seen).piece[of] - origin(X).piece[row[of]]) % COPY
+        )
         return table.assign(capture=row[of], start=start), proba
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probabilities over the decisions on each capture [captures, classes]."""
-        if not contract.decides_often(self.system_):  # no table of decisions is needed, a tenth of a robot's time
+        if not contract.decides_often(
+            self.system_
+        ):  # no table of decisions is needed, a tenth of a robot's time
             seen, row = taken(X, self.steps())
             return mean_of(contract.probabilities(self.system_, seen), row)
         table, proba = self.decide(X)
@@ -170,15 +180,23 @@ class Recipe(MostProbable):
     trials_ = _inside(contract.trials, "system_")
 
 
-def build(factory: Callable, feature_set: contract.Features | None, **parameters: object) -> contract.System:
+def build(
+    factory: Callable, feature_set: contract.Features | None, **parameters: object
+) -> contract.System:
     """Build a system as `bench.contract.build` does, wrapped in its steps if some of the parameters are of `besides`.
 
     Names joined by + give several values.
     """
     defaults = besides(factory)
-    options: dict[str, Any] = {k: _typed(v, defaults[k]) for k, v in parameters.items() if k in defaults}
-    system = contract.build(factory, feature_set, **{k: v for k, v in parameters.items() if k not in defaults})
-    return Recipe(system, **options) if any(v != defaults[k] for k, v in options.items()) else system
+    options: dict[str, Any] = {
+        k: _typed(v, defaults[k]) for k, v in parameters.items() if k in defaults
+    }
+    system = contract.build(
+        factory, feature_set, **{k: v for k, v in parameters.items() if k not in defaults}
+    )
+    return (
+        Recipe(system, **options) if any(v != defaults[k] for k, v in options.items()) else system
+    )
 
 
 def besides(factory: Callable) -> dict[str, object]:
@@ -211,7 +229,11 @@ def rows_of(stored: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.n
 
 def _typed(value: object, default: object) -> object:
     """Names joined by +, which a search draws, as a tuple where the default is one."""
-    return tuple(filter(None, value.split("+"))) if isinstance(default, tuple) and isinstance(value, str) else value
+    return (
+        tuple(filter(None, value.split("+")))
+        if isinstance(default, tuple) and isinstance(value, str)
+        else value
+    )
 
 
 def taken(X: Corpus, steps: list[Step]) -> tuple[Corpus, np.ndarray]:
@@ -233,4 +255,7 @@ def behind(system: contract.System) -> tuple[list[Step], contract.System]:
 
 def mean_of(proba: np.ndarray, capture: np.ndarray) -> np.ndarray:
     """Mean of the rows of each capture, which lie together [captures, classes]."""
-    return np.add.reduceat(proba, np.flatnonzero(np.diff(capture, prepend=-1))) / np.bincount(capture)[:, None]
+    return (
+        np.add.reduceat(proba, np.flatnonzero(np.diff(capture, prepend=-1)))
+        / np.bincount(capture)[:, None]
+    )

@@ -88,7 +88,9 @@ class Reflex(MostProbable):
             InputError: one of them.
         """
         if not 0 < self.early <= self.window:
-            raise InputError(f"model.early={self.early:g}: give seconds above 0, at most model.window={self.window:g}")
+            raise InputError(
+                f"model.early={self.early:g}: give seconds above 0, at most model.window={self.window:g}"
+            )
         if not 1 <= self.units <= 4096:
             raise InputError(f"model.units={self.units}: give 1 to 4096")
         if not 0 < self.doubt <= 1:

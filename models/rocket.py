@@ -90,7 +90,9 @@ class Rocket(MostProbable):
         left_out = [one for _, one in inner_folds(X.subjects.astype(str), "loso")]
         with _own_randomness():
             channels = Series(self.channels).fit(X[:1]).channels_
-            for transform in self._transforms(84):  # so that numba compiles outside of what is timed
+            for transform in self._transforms(
+                84
+            ):  # so that numba compiles outside of what is timed
                 transform.fit_transform(np.zeros((2, channels, SHORTEST), dtype=np.float32))
             wall, cpu = time.perf_counter(), time.process_time()
             self.classes_, codes = np.unique(y, return_inverse=True)
@@ -101,7 +103,9 @@ class Rocket(MostProbable):
                 transform.fit(sample)
         features = self._features(X)
         self.scaler_ = StandardScaler().fit(features)
-        if self.transform == "multirocket_hydra":  # Hydra's guard against patterns that hardly any capture holds
+        if (
+            self.transform == "multirocket_hydra"
+        ):  # Hydra's guard against patterns that hardly any capture holds
             counts = self.transforms_[1].transform(sample[:1]).shape[1]
             self.scaler_.scale_[-counts:] += (features[:, -counts:] == 0).mean(axis=0) ** 4
         self._scale(features)
@@ -126,7 +130,11 @@ class Rocket(MostProbable):
 
     def _transforms(self, kernels: int) -> list[TransformerMixin]:
         """Those of aeon, untrained, on one thread."""
-        from aeon.transformations.collection.convolution_based import HydraTransformer, MiniRocket, MultiRocket
+        from aeon.transformations.collection.convolution_based import (
+            HydraTransformer,
+            MiniRocket,
+            MultiRocket,
+        )
 
         if self.transform == "minirocket":
             return [MiniRocket(kernels, random_state=self.seed)]
@@ -160,7 +168,13 @@ class Rocket(MostProbable):
         """Numbers learnt or drawn: for channels, convolutions (not their 84 fixed kinds), features and ridge."""
         check_is_fitted(self, "coef_")
         drawn = sum(np.asarray(a).size for transform in self.transforms_ for a in _drawn(transform))
-        return drawn + 2 * (self.series_.channels_ + len(self.coef_)) + self.coef_.size + self.intercept_.size + 1
+        return (
+            drawn
+            + 2 * (self.series_.channels_ + len(self.coef_))
+            + self.coef_.size
+            + self.intercept_.size
+            + 1
+        )
 
     @property
     def activations_(self) -> int:
@@ -174,7 +188,9 @@ class Rocket(MostProbable):
             picked = hydra._hydra.idx[0].shape[-1] if channels > 1 else 0
             groups = hydra._hydra.h
             # with the differences besides; Hydra: the channels that each group picks, their sum, its responses
-            numbers = max(numbers + channels, 2 * channels + groups * (picked + 1 + hydra.n_kernels))
+            numbers = max(
+                numbers + channels, 2 * channels + groups * (picked + 1 + hydra.n_kernels)
+            )
         return numbers * self.series_.length_ + sum(self.coef_.shape)
 
 
@@ -215,7 +231,9 @@ class Ridge:
         predicted = np.empty_like(self.targets)
         for group in groups:
             mine = self.vectors[group]
-            rest = (mine * (penalty / (self.values + penalty))) @ mine.T - 1 / len(self.targets)  # I - H_gg
+            rest = (mine * (penalty / (self.values + penalty))) @ mine.T - 1 / len(
+                self.targets
+            )  # I - H_gg
             predicted[group] = self.targets[group] - np.linalg.solve(rest, residuals[group])
         return predicted
 
@@ -224,7 +242,9 @@ def _tempered(scores: np.ndarray, codes: np.ndarray) -> tuple[float, float]:
     """The lowest mean log loss of a softmax of scores over a temperature, and that temperature."""
 
     def loss(log: float) -> float:
-        return float(-log_softmax(scores / np.exp(log), axis=1)[np.arange(len(codes)), codes].mean())
+        return float(
+            -log_softmax(scores / np.exp(log), axis=1)[np.arange(len(codes)), codes].mean()
+        )
 
     lowest = minimize_scalar(loss, bounds=(-5, 5), method="bounded")
     return float(lowest.fun), float(np.exp(lowest.x))

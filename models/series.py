@@ -49,7 +49,9 @@ class Series(TransformerMixin, BaseEstimator):
             signals = (self._signals(touch) - self.level_.mean_) / self.level_.scale_
             for one in np.split(signals, touch.first[1:]):
                 frames, at = np.arange(len(one)), np.linspace(0, len(one) - 1, self.length_)
-                yield np.stack([np.interp(at, frames, channel) for channel in one.T]).astype(np.float32)
+                yield np.stack([np.interp(at, frames, channel) for channel in one.T]).astype(
+                    np.float32
+                )
 
     def transform(self, X: Corpus) -> np.ndarray:
         """All of them, float32 [captures, channels, length_]."""
@@ -64,5 +66,7 @@ class Series(TransformerMixin, BaseEstimator):
         """The channels of some captures, float64 [frames, channels]."""
         area = touch.share_above(np.full(len(touch.peak), CONTACT * touch.full_scale))
         signals = [touch.total, touch.centre, touch.peak, area]
-        chosen = {"signals": signals, "taxels": [touch.frames], "both": [touch.frames, *signals]}[self.channels]
+        chosen = {"signals": signals, "taxels": [touch.frames], "both": [touch.frames, *signals]}[
+            self.channels
+        ]
         return np.column_stack(chosen).astype(np.float64)

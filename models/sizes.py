@@ -24,7 +24,9 @@ def sizes(estimator: contract.System, taxels: int, frames: int) -> dict[str, int
     """
     learnt = parameter_count(estimator)
     constants = sum(map(_constants, _deciding(estimator)))
-    saved = sum(contract.bytes_saved(step) for part in _deciding(estimator) for step in _steps(part))
+    saved = sum(
+        contract.bytes_saved(step) for part in _deciding(estimator) for step in _steps(part)
+    )
     return {
         "parameters": learnt,
         "flash_bytes": BYTES * (learnt + constants) - saved,
@@ -49,7 +51,9 @@ def working_numbers(estimator: contract.System, taxels: int, frames: int) -> int
     classes, steps = len(chosen.classes_), _steps(chosen)
     width = getattr(steps[-1], "n_features_in_", None)
     if len(steps) > 1 and width:
-        return int(before + contract.kept(steps[0], frames, taxels) + width + _beside(steps[-1]) + classes)
+        return int(
+            before + contract.kept(steps[0], frames, taxels) + width + _beside(steps[-1]) + classes
+        )
     return before + frames * taxels + classes
 
 
@@ -75,9 +79,13 @@ def _deciding(estimator: contract.System) -> list[contract.System]:
 def _constants(part: contract.System) -> int:
     """Numbers that must be kept besides the learnt ones: the scaling of features, what batch norms divide by."""
     if modules := [value for value in _attributes(part).values() if _is_network(value)]:
-        return sum(b.numel() for module in modules for b in module.buffers() if b.is_floating_point())
+        return sum(
+            b.numel() for module in modules for b in module.buffers() if b.is_floating_point()
+        )
     *before, last = _steps(part)
-    return contract.constants(last) + sum(2 * step.n_features_in_ for step in before[1:] if _scales(step))
+    return contract.constants(last) + sum(
+        2 * step.n_features_in_ for step in before[1:] if _scales(step)
+    )
 
 
 def parameter_count(estimator: contract.System) -> int:
@@ -96,7 +104,9 @@ def parameter_count(estimator: contract.System) -> int:
 def _count(part: contract.System) -> int:
     *before, last = _steps(part)
     features = contract.learnt_numbers(before[0]) or 0 if before else 0
-    return int(features + sum(_learnt(step) for step in before[1:] if not _scales(step)) + _learnt(last))
+    return int(
+        features + sum(_learnt(step) for step in before[1:] if not _scales(step)) + _learnt(last)
+    )
 
 
 def _steps(estimator: contract.System) -> list[BaseEstimator]:
@@ -129,29 +139,45 @@ def _learnt(part: BaseEstimator) -> int:
     if "tree_" in values:
         return _trees([part])
     if type(part).__module__.startswith("xgboost"):
-        trees = part.get_booster().get_dump()  # a line per node; as a table it takes ten times as long
+        trees = (
+            part.get_booster().get_dump()
+        )  # a line per node; as a table it takes ten times as long
         return sum(2 * tree.count("\n") + tree.count("leaf=") + 2 for tree in trees)
     if "estimators_" in values:  # the members of an ensemble are all there is
-        members = [*part.estimators_.ravel()] if isinstance(part.estimators_, np.ndarray) else part.estimators_
+        members = (
+            [*part.estimators_.ravel()]
+            if isinstance(part.estimators_, np.ndarray)
+            else part.estimators_
+        )
         last = [values["final_estimator_"]] if "final_estimator_" in values else []
         if not last and all("tree_" in _attributes(member) for member in members):
             return _trees(members)
         return sum(parameter_count(member) for member in [*members, *last])
     settings = part.get_params(deep=False) if isinstance(part, BaseEstimator) else {}
-    return sum(_numbers(value) for name, value in values.items() if name not in {*settings, *NOT_LEARNT})
+    return sum(
+        _numbers(value) for name, value in values.items() if name not in {*settings, *NOT_LEARNT}
+    )
 
 
 def _trees(members: list) -> int:
     """Two numbers a node, one a tree, and what leaves hold, equal ones once."""
-    trees = [getattr(member.tree_, "tree_", member.tree_) for member in members]  # of a tree that was pruned as well
-    leaves = np.concatenate([tree.value[tree.children_left < 0].reshape(-1, tree.value[0].size) for tree in trees])
-    distinct = ~pd.DataFrame(leaves.astype(np.float32)).duplicated()  # by hashes: sorting rows takes ten times as long
+    trees = [
+        getattr(member.tree_, "tree_", member.tree_) for member in members
+    ]  # of a tree that was pruned as well
+    leaves = np.concatenate(
+        [tree.value[tree.children_left < 0].reshape(-1, tree.value[0].size) for tree in trees]
+    )
+    distinct = ~pd.DataFrame(
+        leaves.astype(np.float32)
+    ).duplicated()  # by hashes: sorting rows takes ten times as long
     return sum(2 * tree.node_count + 1 for tree in trees) + int(distinct.sum()) * leaves.shape[1]
 
 
 def _numbers(value: object) -> int:
     """Numbers that a fitted attribute holds, whatever it is made of."""
-    if isinstance(value, np.ndarray) and value.dtype.names and "is_leaf" in value.dtype.names:  # histogram boosting
+    if (
+        isinstance(value, np.ndarray) and value.dtype.names and "is_leaf" in value.dtype.names
+    ):  # histogram boosting
         return 2 * len(value) + int(value["is_leaf"].sum())
     if isinstance(value, np.ndarray) and value.dtype != object:
         return value.size if value.dtype.kind in "iuf" else 0
@@ -163,9 +189,14 @@ def _numbers(value: object) -> int:
         return sum(map(_numbers, value.values() if isinstance(value, dict) else value))
     if isinstance(value, BaseEstimator):
         return parameter_count(value)
-    return _learnt(value) if _is_network(value) or type(value).__module__.startswith("sklearn.") else 0
+    return (
+        _learnt(value) if _is_network(value) or type(value).__module__.startswith("sklearn.") else 0
+    )
 
 
 def _is_network(value: object) -> TypeGuard[nn.Module]:
     """A module of PyTorch, without importing it."""
-    return any(c.__module__ == "torch.nn.modules.module" and c.__name__ == "Module" for c in type(value).__mro__)
+    return any(
+        c.__module__ == "torch.nn.modules.module" and c.__name__ == "Module"
+        for c in type(value).__mro__
+    )

@@ -22,7 +22,9 @@ class Range:
 
 Space = dict[str, Range | Sequence]
 Trial = dict[str, object]  # a value of each parameter
-Tuning = dict[str, Any]  # of a cell: its space, arguments of `bench.models.search.tuning.Search`, and smallest=
+Tuning = dict[
+    str, Any
+]  # of a cell: its space, arguments of `bench.models.search.tuning.Search`, and smallest=
 
 
 def distribution(values: Range | Sequence) -> BaseDistribution:
@@ -32,7 +34,9 @@ def distribution(values: Range | Sequence) -> BaseDistribution:
     if not isinstance(values, Range):
         return CategoricalDistribution(list(values))
     whole = isinstance(values.low, int) and isinstance(values.high, int)
-    return (IntDistribution if whole else FloatDistribution)(values.low, values.high, log=values.log)
+    return (IntDistribution if whole else FloatDistribution)(
+        values.low, values.high, log=values.log
+    )
 
 
 def suggested(draft: Draft, name: str, values: Range | Sequence) -> object:
@@ -40,4 +44,6 @@ def suggested(draft: Draft, name: str, values: Range | Sequence) -> object:
     if not isinstance(values, Range):
         return draft.suggest_categorical(name, list(values))
     whole = isinstance(values.low, int) and isinstance(values.high, int)
-    return (draft.suggest_int if whole else draft.suggest_float)(name, values.low, values.high, log=values.log)
+    return (draft.suggest_int if whole else draft.suggest_float)(
+        name, values.low, values.high, log=values.log
+    )

@@ -21,7 +21,9 @@ def stratified(X: Corpus, y: object, folds: int, seed: int | np.random.RandomSta
     rare, most = _rarest(y)
     if folds < 2 or most < folds:
         what = f"give 2 to {most} folds" if most > 1 else f"two are needed; {_without(rare)}"
-        raise InputError(f"protocol.folds={folds}: gesture {rare} of {X.name} has {most} captures here; {what}")
+        raise InputError(
+            f"protocol.folds={folds}: gesture {rare} of {X.name} has {most} captures here; {what}"
+        )
     yield from StratifiedKFold(folds, shuffle=True, random_state=seed).split(np.zeros(len(y)), y)
 
 
@@ -179,7 +181,9 @@ class Holdout:
         """
         y = X.gestures if y is None else np.asarray(y)
         if not 0 < self.test < 1:
-            raise InputError(f"protocol.test={self.test}: give a share between 0 and 1, such as 0.35")
+            raise InputError(
+                f"protocol.test={self.test}: give a share between 0 and 1, such as 0.35"
+            )
         splitter = StratifiedShuffleSplit(1, test_size=self.test, random_state=self.seed)
         try:
             yield from splitter.split(np.zeros(len(y)), y)

@@ -34,7 +34,9 @@ class Challenge:
 
     def official_split(self, corpus: Corpus) -> bool:
         """True if the corpus declares the split of the challenge."""
-        return "split" in corpus.captures and bool(corpus.captures["split"].isin(["train", "test"]).any())
+        return "split" in corpus.captures and bool(
+            corpus.captures["split"].isin(["train", "test"]).any()
+        )
 
     def get_n_splits(self, X: Corpus, y: object = None, groups: object = None) -> int:
         """1 where the corpus declares its split, else the number of repeats."""
@@ -51,7 +53,9 @@ class Challenge:
             split = X.captures["split"].to_numpy(dtype=object)
             train, test = np.flatnonzero(split == "train"), np.flatnonzero(split == "test")
             if not len(train) or not len(test):
-                raise InputError(f"protocol=challenge: {len(train)} training and {len(test)} test captures are left")
+                raise InputError(
+                    f"protocol=challenge: {len(train)} training and {len(test)} test captures are left"
+                )
             if both := set(groups[train]) & set(groups[test]):
                 raise InputError(
                     f"protocol=challenge: subject {min(both)} of {X.name} is in both parts of its column split; mend it"

@@ -9,7 +9,9 @@ from bench.corpora.steps import Windows
 from bench.errors import InputError
 from bench.protocols.captures import stratified
 
-Parts = list[tuple[np.ndarray, np.ndarray]]  # no further training windows, and tested ones, none of them of one capture
+Parts = list[
+    tuple[np.ndarray, np.ndarray]
+]  # no further training windows, and tested ones, none of them of one capture
 Folds = Iterator[tuple[np.ndarray, np.ndarray, Parts]]
 
 
@@ -27,7 +29,9 @@ class WindowKFold:
         seed: random seed of the shuffle.
     """
 
-    def __init__(self, seconds: float = 1.0, hop: float = 0.0, folds: int = 10, seed: int = 0) -> None:
+    def __init__(
+        self, seconds: float = 1.0, hop: float = 0.0, folds: int = 10, seed: int = 0
+    ) -> None:
         self.seconds = seconds
         self.hop = hop
         self.folds = folds
@@ -45,7 +49,9 @@ class WindowKFold:
             InputError: a length that cannot be.
         """
         if not (0 < self.seconds < np.inf and 0 <= self.hop < np.inf):
-            raise InputError(f"protocol.seconds={self.seconds:g}, protocol.hop={self.hop:g}: give seconds above 0")
+            raise InputError(
+                f"protocol.seconds={self.seconds:g}, protocol.hop={self.hop:g}: give seconds above 0"
+            )
         return Windows(self.seconds, self.hop)(corpus)
 
     def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:

@@ -18,19 +18,34 @@ from typing import Any
 from bench.corpora.read.archive import opened
 from bench.corpora.read.limits import called, check_file
 from bench.errors import InputError
-from bench.progress import warn
-from bench.registry import run_views
+from bench.ground.progress import warn
+from bench.ground.registry import run_views
+from bench.ground.scratch import replacing
 from bench.reports.comparison import command
-from bench.result import COMPARABLE, SAME_SYSTEM, Result, Tables, several
-from bench.scratch import replacing
-from bench.tables import file_of, read_table, write_table
+from bench.store.tables import file_of, read_table, write_table
+from bench.values.result import COMPARABLE, SAME_SYSTEM, Result, Tables, several
 
 FORMAT = 1
-HEAD, RUNS, TABLES, REPORT = "touchbench.json", "runs.json", "tables", "report"  # names in the zip file
+HEAD, RUNS, TABLES, REPORT = (
+    "touchbench.json",
+    "runs.json",
+    "tables",
+    "report",
+)  # names in the zip file
 TIME = (1980, 1, 1, 0, 0, 0)  # of every file; the earliest that a zip file can hold
 OF_STORE = ("artifacts", "mlflow.")  # beginnings of names of what says only where a run was stored
-NEEDED = (*COMPARABLE, *SAME_SYSTEM, "synthetic", "touchbench.kind", "run_id", "status", "started")  # of each run
-FOLDER = re.compile(r"(?:/|[A-Za-z]:[/\\]).*[/\\](?=[^/\\]+\.py(:\w+)?$)")  # of a part in a file of the user's
+NEEDED = (
+    *COMPARABLE,
+    *SAME_SYSTEM,
+    "synthetic",
+    "touchbench.kind",
+    "run_id",
+    "status",
+    "started",
+)  # of each run
+FOLDER = re.compile(
+    r"(?:/|[A-Za-z]:[/\\]).*[/\\](?=[^/\\]+\.py(:\w+)?$)"
+)  # of a part in a file of the user's
 BROKEN = "damaged, or no zip file ({}); get it again"
 README = """A report of touchbench {version} with everything behind it.
 
@@ -47,7 +62,7 @@ To repeat the runs, import the corpora first; bench data shows their digests:
 
 
 class Bundle:
-    """A store of the runs in a bundle, with the methods of `bench.store.Store` for reading.
+    """A store of the runs in a bundle, with the methods of `bench.store.client.Store` for reading.
 
     Attributes:
         options: options of ``bench report`` with which its page was made.
@@ -72,17 +87,23 @@ class Bundle:
                     f"reads format {FORMAT}; install that one"
                 )
             self.tables: dict[str, list[str]] = {}  # of each run
-            for run_id, table in re.findall(rf"^{TABLES}/(.+)/(.+)\.parquet$", "\n".join(names), re.MULTILINE):
+            for run_id, table in re.findall(
+                rf"^{TABLES}/(.+)/(.+)\.parquet$", "\n".join(names), re.MULTILINE
+            ):
                 self.tables.setdefault(run_id, []).append(table)
             if damaged := archive.testzip():
                 raise ValueError(damaged)
             self.options = {str(key): str(value) for key, value in head["options"].items()}
             self.runs: list[dict[str, dict[str, Any]]] = json.loads(archive.read(RUNS))
             for run in self.runs:
-                if missing := [name for name in NEEDED if name not in {*run["about"], *run["metrics"]}]:
+                if missing := [
+                    name for name in NEEDED if name not in {*run["about"], *run["metrics"]}
+                ]:
                     raise ValueError(f"a run lacks {missing[0]}")
         if strange := sum(run["about"]["touchbench.kind"] not in run_views() for run in self.runs):
-            warn(f"{several(strange, 'run')} of {called(path)} left out: install the add-ons that made them")
+            warn(
+                f"{several(strange, 'run')} of {called(path)} left out: install the add-ons that made them"
+            )
 
     def of_kind(self, *kinds: str, data: str = "") -> list[dict[str, dict[str, Any]]]:
         """The runs of some kinds: all, or those on one corpus."""
@@ -98,9 +119,18 @@ class Bundle:
             if name not in held:
                 return None
             with opened(self.path, BROKEN) as (archive, _):
-                return read_table(io.BytesIO(archive.read(f"{TABLES}/{run_id}/{file_of(name)}")), name, this, columns)
+                return read_table(
+                    io.BytesIO(archive.read(f"{TABLES}/{run_id}/{file_of(name)}")),
+                    name,
+                    this,
+                    columns,
+                )
 
-        return Result(run["about"], run["metrics"], Tables({}, read, f"{this} is missing; get it again", lambda: held))
+        return Result(
+            run["about"],
+            run["metrics"],
+            Tables({}, read, f"{this} is missing; get it again", lambda: held),
+        )
 
     def add(self, folder: Path, files: Iterable[Path]) -> None:
         """Add the files of a report in a folder."""
@@ -110,7 +140,9 @@ class Bundle:
 
 
 @contextmanager
-def writing(path: Path, results: Collection[Result], options: Mapping[str, str]) -> Iterator[Bundle]:
+def writing(
+    path: Path, results: Collection[Result], options: Mapping[str, str]
+) -> Iterator[Bundle]:
     """Write results and the options of their report as a bundle, and yield it, to make and add the report.
 
     Raises:
@@ -123,7 +155,9 @@ def writing(path: Path, results: Collection[Result], options: Mapping[str, str])
                     _add(archive, name, content)
             yield Bundle(beside)
     except OSError as e:
-        raise InputError(f"bundle={path} cannot be written ({e.strerror or e}); choose another place") from e
+        raise InputError(
+            f"bundle={path} cannot be written ({e.strerror or e}); choose another place"
+        ) from e
 
 
 def _files(results: Collection[Result], options: Mapping[str, str]) -> Iterator[tuple[str, bytes]]:
@@ -156,7 +190,12 @@ def _portable(about: Mapping[str, Any]) -> dict[str, Any]:
     """What a run is without the store and the folders of this machine."""
     kept = {key: value for key, value in about.items() if not key.startswith(OF_STORE)}
     texts = [value for value in kept.values() if isinstance(value, str)]
-    folders = sorted({found[0] for text in texts if (found := FOLDER.match(text))}, key=len, reverse=True)
+    folders = sorted(
+        {found[0] for text in texts if (found := FOLDER.match(text))}, key=len, reverse=True
+    )
     for folder in folders:
-        kept = {key: value.replace(folder, "") if isinstance(value, str) else value for key, value in kept.items()}
+        kept = {
+            key: value.replace(folder, "") if isinstance(value, str) else value
+            for key, value in kept.items()
+        }
     return kept

@@ -15,15 +15,15 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.ticker import LogLocator, MaxNLocator
 
-from bench.intervals import interval
-from bench.measures import Cost, costs, costs_of, three
-from bench.outcomes.choice import Choice, named
-from bench.pareto import staircase
+from bench.reading.choice import Choice, named
 from bench.reports.figures import SYNTHETIC
 from bench.reports.layout import fragment
 from bench.reports.summary import Summary, family
-from bench.sentences import sentences
-from bench.table import rows_of
+from bench.values.intervals import interval
+from bench.values.measures import Cost, costs, costs_of, three
+from bench.values.pareto import staircase
+from bench.values.sentences import sentences
+from bench.values.table import rows_of
 
 SHAPES = {  # of a family, around its point
     "features": '<circle r="5"/>',
@@ -37,7 +37,14 @@ HEIGHT, ABOVE = 290, 24  # pixels of the plot and above it
 EDGES = 9.0, 95.0  # percent of the width from the lowest to the highest cost
 NARROW = 430  # width in pixels at which names of the front and the choice still have room
 LETTER, LINE = 7, 14  # pixels of a letter and of a line
-PLACES = [("start", 7, -8), ("end", -7, -8), ("end", -11, 4), ("start", 7, 17), ("end", -7, 17), ("start", 11, 4)]
+PLACES = [
+    ("start", 7, -8),
+    ("end", -7, -8),
+    ("end", -11, 4),
+    ("start", 7, 17),
+    ("end", -7, 17),
+    ("start", 11, 4),
+]
 Drawn = tuple[str, str] | None
 
 
@@ -50,13 +57,17 @@ class Axis(NamedTuple):
 
     def at(self, values: Any) -> Any:
         """Places of values, from 0 to 1."""
-        return ((np.log10(values) if self.log else np.asarray(values)) - self.low) / (self.high - self.low)
+        return ((np.log10(values) if self.log else np.asarray(values)) - self.low) / (
+            self.high - self.low
+        )
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
         """Places and words of round values."""
         if self.log:
-            locator = LogLocator(subs=(1, 2, 5) if self.high - self.low < 2.2 else (1,), numticks=99)
+            locator = LogLocator(
+                subs=(1, 2, 5) if self.high - self.low < 2.2 else (1,), numticks=99
+            )
             values = locator.tick_values(10**self.low, 10**self.high)
         else:
             values = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(self.low, self.high)
@@ -79,9 +90,16 @@ def marks(summary: Summary, models: Mapping[str, str], published: Collection[str
         kind = "changed" if models[row["system"]] in published else "other"
         kind = "published" if row["system"] in published else kind
         kinds.append(row["mark"] if row["mark"] in LOOKS else kind)
-    made = {"name": [named(row) for row in rows_of(rows)], "kind": kinds, "verdict": rows["verdict"]}
+    made = {
+        "name": [named(row) for row in rows_of(rows)],
+        "kind": kinds,
+        "verdict": rows["verdict"],
+    }
     made |= {"family": [family(models[system]) for system in rows["system"]]}
-    made |= {"chosen": rows.index == summary.choice.chosen, "out": rows["verdict"].str.startswith("ruled out")}
+    made |= {
+        "chosen": rows.index == summary.choice.chosen,
+        "out": rows["verdict"].str.startswith("ruled out"),
+    }
     made |= {"accuracy": rows["accuracy"], "low": bounds[:, 0], "high": bounds[:, 1]}
     return pd.DataFrame(made | {cost: rows[cost] for cost in summary.costs}, index=rows.index)
 
@@ -127,9 +145,21 @@ def cost_chart(
     for i, point in enumerate(points.itertuples(index=False)):
         looks = {"hollow": point.kind == "changed", "chosen": point.chosen, "out": point.out}
         looks |= {"front": i in front, "named": i in kept}
-        mark = {"name": point.name, "about": _about(point, cost), "x": places[i, 0], "y": places[i, 1]}
-        mark |= {"low": low[i], "high": high[i], "side": sides[i], "looks": [look for look, so in looks.items() if so]}
-        marks.append(mark | {"shape": Markup(SHAPES[point.kind if point.kind in LOOKS else point.family])})
+        mark = {
+            "name": point.name,
+            "about": _about(point, cost),
+            "x": places[i, 0],
+            "y": places[i, 1],
+        }
+        mark |= {
+            "low": low[i],
+            "high": high[i],
+            "side": sides[i],
+            "looks": [look for look, so in looks.items() if so],
+        }
+        marks.append(
+            mark | {"shape": Markup(SHAPES[point.kind if point.kind in LOOKS else point.family])}
+        )
     caption = sentences(
         *("bench.reports", "sentences", "chart"),
         kinds={*points["kind"]},
@@ -142,7 +172,11 @@ def cost_chart(
         left=left,
         synthetic=f"Synthetic: {SYNTHETIC}." if "(synthetic)" in group else "",
     )[0]
-    limit = None if budget is None else (left_edge + width * float(across.at(budget)), cost.amount(budget))
+    limit = (
+        None
+        if budget is None
+        else (left_edge + width * float(across.at(budget)), cost.amount(budget))
+    )
     text = fragment(
         "chart.jinja",
         about=f"{group}: {caption.split('. ')[0]}.",
@@ -174,7 +208,9 @@ def _tall(values: np.ndarray) -> Axis:
     return Axis(middle - reach, middle + reach)
 
 
-def _sides(places: np.ndarray, names: Sequence[str], kept: Sequence[int]) -> list[tuple[str, int, int]]:
+def _sides(
+    places: np.ndarray, names: Sequence[str], kept: Sequence[int]
+) -> list[tuple[str, int, int]]:
     """Anchor and shift in pixels of each name; those that are kept cover each other and other points the least."""
     sides = [PLACES[int(x > 50)] for x in places[:, 0]]
     spots, taken = places * [NARROW / 100, 1], np.empty((0, 4))
@@ -182,9 +218,17 @@ def _sides(places: np.ndarray, names: Sequence[str], kept: Sequence[int]) -> lis
     def cover(i: int, side: tuple[str, int, int]) -> float:
         left, top, right, bottom = box(i, side)
         within = (
-            (spots[:, 0] > left - 5) & (spots[:, 0] < right + 5) & (spots[:, 1] > top - 5) & (spots[:, 1] < bottom + 5)
+            (spots[:, 0] > left - 5)
+            & (spots[:, 0] < right + 5)
+            & (spots[:, 1] > top - 5)
+            & (spots[:, 1] < bottom + 5)
         )
-        apart = (taken[:, 0] > right) | (taken[:, 2] < left) | (taken[:, 1] > bottom) | (taken[:, 3] < top)
+        apart = (
+            (taken[:, 0] > right)
+            | (taken[:, 2] < left)
+            | (taken[:, 1] > bottom)
+            | (taken[:, 3] < top)
+        )
         return within.sum() + 10 * (~apart).sum() + max(0, -left, right - NARROW) / 10
 
     def box(i: int, side: tuple[str, int, int]) -> tuple[float, float, float, float]:

@@ -13,17 +13,23 @@ from typing import Any
 
 import pandas as pd
 
-from bench import few
-from bench.columns import run_columns, unit_headings
-from bench.described import definitions
-from bench.measures import Cost, Measure, Row, text
-from bench.outcomes import statistics
-from bench.outcomes.frame import by_subject, names
+from bench.grammar.described import definitions
+from bench.reading import statistics
+from bench.reading.frame import by_subject, names
 from bench.reports.contexts import busy
-from bench.result import Result, notes_on, seed_number
-from bench.table import Table, of_text, rows_of
+from bench.values import few
+from bench.values.columns import run_columns, unit_headings
+from bench.values.measures import Cost, Measure, Row, text
+from bench.values.result import Result, notes_on, seed_number
+from bench.values.table import Table, of_text, rows_of
 
-SAME = ["data", "subset_key", "target_key", "protocol_key", "system"]  # of published.csv, and without _key of a run
+SAME = [
+    "data",
+    "subset_key",
+    "target_key",
+    "protocol_key",
+    "system",
+]  # of published.csv, and without _key of a run
 # Metrics' prefix: what a row labels, how its windows are combined, and the units of published numbers beside it.
 SCORED = {
     "": ("capture", "mean probability", ("capture", "subject mean")),
@@ -45,11 +51,15 @@ Tested = tuple[pd.DataFrame, pd.DataFrame]  # accuracies of subjects, and statis
 def published() -> pd.DataFrame:
     """The numbers of the papers, one row each; ``*_key`` columns are in the words that runs are tracked with."""
     with (files("bench.reports") / "published.csv").open() as f:
-        return pd.read_csv(f, dtype={"system": str}, keep_default_na=True).fillna({"system": "", "nearest_key": ""})
+        return pd.read_csv(f, dtype={"system": str}, keep_default_na=True).fillna(
+            {"system": "", "nearest_key": ""}
+        )
 
 
 def scored(
-    groups: Mapping[str, Sequence[Result]], against: str = "", before: Mapping[str, Tested] | None = None
+    groups: Mapping[str, Sequence[Result]],
+    against: str = "",
+    before: Mapping[str, Tested] | None = None,
 ) -> list[Row]:
     """A row per run and way to score it, best first within each data, subset, protocol and unit.
 
@@ -64,13 +74,17 @@ def scored(
         for name, r in zip(names(results), results, strict=True):
             for row in views(r):
                 tested = row["combined"] != "majority vote" and row["unit"] == "capture"
-                rows.append({**row, **first, "name": name} | (tests.get(r.system, {}) if tested else {}))
+                rows.append(
+                    {**row, **first, "name": name} | (tests.get(r.system, {}) if tested else {})
+                )
     best: dict[tuple, float] = {}
     for row in rows:
         key = (*context_of(row), row["system"])
         best[key] = max(best.get(key, 0), row["accuracy"])
     placed = lambda row: -best[*context_of(row), row["system"]]  # noqa: E731
-    return sorted(rows, key=lambda r: (*context_of(r), placed(r), r["system"], seed_number(r["seed"])))
+    return sorted(
+        rows, key=lambda r: (*context_of(r), placed(r), r["system"], seed_number(r["seed"]))
+    )
 
 
 def context_of(row: Row) -> tuple[str, ...]:
@@ -83,14 +97,20 @@ def comparison(rows: Sequence[Row]) -> pd.DataFrame:
 
     ``accuracy`` is the mean over subjects with its t-interval, ``pooled_accuracy`` is over captures.
     """
-    stored = [Measure(m.source) if isinstance(m, Cost) and m.source else m for m in run_columns("csv")]
+    stored = [
+        Measure(m.source) if isinstance(m, Cost) and m.source else m for m in run_columns("csv")
+    ]
     table = Table([text("name"), text("system"), *stored], rows).frame()
     table = table.rename(columns={"accuracy_low": "low", "accuracy_high": "high"})
-    table = table.reindex(columns=[*dict.fromkeys(["name", "system", "accuracy", "low", "high", *table])])
+    table = table.reindex(
+        columns=[*dict.fromkeys(["name", "system", "accuracy", "low", "high", *table])]
+    )
     return table.astype(dict.fromkeys(TESTED, float))  # also where nothing is tested
 
 
-def _tests(results: Sequence[Result], against: str, tested: Tested | None) -> dict[str, dict[str, object]]:
+def _tests(
+    results: Sequence[Result], against: str, tested: Tested | None
+) -> dict[str, dict[str, object]]:
     """By system, its difference from the compared one; empty where nothing can be compared."""
     subjects, rows = tested or (by_subject([r for r in results if r.alone])[0], None)
     if len(subjects) < 2 or subjects.shape[1] < 2:
@@ -98,7 +118,10 @@ def _tests(results: Sequence[Result], against: str, tested: Tested | None) -> di
     if rows is None:
         rows = statistics.against_best(statistics.kept_of(subjects, against), against=against)
     against = statistics.base_of(subjects, against)
-    return {str(row["system"]): {k: row[k] for k in TESTED} | {"against": against} for row in rows_of(rows)}
+    return {
+        str(row["system"]): {k: row[k] for k in TESTED} | {"against": against}
+        for row in rows_of(rows)
+    }
 
 
 def views(result: Result) -> Iterator[Row]:
@@ -111,7 +134,11 @@ def views(result: Result) -> Iterator[Row]:
         if f"{prefix}accuracy" not in result:
             continue
         windowed = result.get("windows", 0) > 0
-        scored = {k.removeprefix(prefix): v for k, v in result.metrics.items() if prefix and k.startswith(prefix)}
+        scored = {
+            k.removeprefix(prefix): v
+            for k, v in result.metrics.items()
+            if prefix and k.startswith(prefix)
+        }
         yield {
             **result.metrics,
             **scored,
@@ -141,7 +168,10 @@ def _published(result: Result, units: Sequence[str]) -> str | None:
     if result["synthetic"] == "true":
         return None
     same = _numbers().get((*(result[k.removesuffix("_key")] for k in SAME[:-1]), result.system), [])
-    return "; ".join(f"{r.accuracy:g} ({r.unit_key}, {r.id})" for r in same if r.unit_key in units) or None
+    return (
+        "; ".join(f"{r.accuracy:g} ({r.unit_key}, {r.id})" for r in same if r.unit_key in units)
+        or None
+    )
 
 
 def runs_section(rows: Sequence[Row], order: list[str]) -> dict[str, Any]:
@@ -152,7 +182,9 @@ def runs_section(rows: Sequence[Row], order: list[str]) -> dict[str, Any]:
     heads = heads.groupby(heads, sort=False).head(each)
     kept = [rows[i] for i in heads.index]
     remarks = [notes_on(row["system"], str(row["data"])) + busy(row) for row in kept]
-    scarce = {row["group"]: int(row["subjects"]) for row in rows[::-1] if row["subjects"] < few.INTERVAL}
+    scarce = {
+        row["group"]: int(row["subjects"]) for row in rows[::-1] if row["subjects"] < few.INTERVAL
+    }
     return {
         "table": Table([text("name", "system"), *ON_PAGE], kept, remarks=remarks, groups=[*heads]),
         "few": [f"{group}. {few.too_few(scarce[group])}" for group in order if group in scarce],
@@ -174,10 +206,16 @@ def command(result: Result) -> str:
 def provenance(groups: Mapping[str, Sequence[Result]]) -> pd.DataFrame:
     """Origin of each run, a row each, oldest first: its name, command, corpus, revision, machine and MLflow id."""
     rows = []
-    for group, r in sorted(((g, r) for g, results in groups.items() for r in results), key=lambda p: p[1]["started"]):
+    for group, r in sorted(
+        ((g, r) for g, results in groups.items() for r in results), key=lambda p: p[1]["started"]
+    ):
         git, cpu, threads = (r.get(name) or "-" for name in MACHINE)
         about = {"group": group, "system": r.system, "seed": r["seed"], "command": command(r)}
-        about |= {"corpus digest": r["corpus_digest"][:16], "git": git, "CPU, threads": f"{cpu}, {threads}"}
+        about |= {
+            "corpus digest": r["corpus_digest"][:16],
+            "git": git,
+            "CPU, threads": f"{cpu}, {threads}",
+        }
         rows.append(about | {"run": r["run_id"]})
     return pd.DataFrame(rows)
 
@@ -193,9 +231,14 @@ def software(results: Sequence[Result]) -> pd.DataFrame:
 def provenance_section(results: Sequence[Result], table: pd.DataFrame) -> dict[str, Any]:
     """Corpora, versions, and the command of every run."""
     counted = Counter((r["data"], r["synthetic"], r["corpus_digest"]) for r in results)
-    rows = [(data + " (synthetic)" * (s == "true"), digest, n) for (data, s, digest), n in sorted(counted.items())]
+    rows = [
+        (data + " (synthetic)" * (s == "true"), digest, n)
+        for (data, s, digest), n in sorted(counted.items())
+    ]
     return {
-        "corpora": of_text(pd.DataFrame(rows, columns=("data", "corpus_digest", "runs")).astype(str)),
+        "corpora": of_text(
+            pd.DataFrame(rows, columns=("data", "corpus_digest", "runs")).astype(str)
+        ),
         "versions": of_text(software(results).astype(str)),
         "commands": of_text(table.iloc[:ROWS], code=("command",)),
         "all": len(table),

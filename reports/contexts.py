@@ -9,13 +9,13 @@ from typing import Any
 
 import pandas as pd
 
-from bench import few
-from bench.measures import known, text
-from bench.outcomes.frame import grouped
+from bench.ground.words import BUSY
+from bench.reading.frame import grouped
 from bench.reports.figures import Picture, save
-from bench.result import Result, Row, notes_on, seed_number
-from bench.table import Table
-from bench.words import BUSY
+from bench.values import few
+from bench.values.measures import known, text
+from bench.values.result import Result, Row, notes_on, seed_number
+from bench.values.table import Table
 
 CONTEXTS = 3  # captures-and-protocol groups that are drawn
 METHODS = 10  # of a context
@@ -51,7 +51,14 @@ def section(view: Any, results: Sequence[Result], folder: Path) -> Section | Non
         columns = [text("system", read=lambda r: r.method), *view.on_page(members)]
         remarks = [notes_on(r["system"], str(r["data"])) for r in members]
         sentences = scarce(members) if view.intervals else []
-        parts.append(Part(picture, Table(columns, members, remarks=remarks), f"{context}: {caption}", sentences))
+        parts.append(
+            Part(
+                picture,
+                Table(columns, members, remarks=remarks),
+                f"{context}: {caption}",
+                sentences,
+            )
+        )
     heading = view.section_heading or view.heading or view.noun.capitalize() or view.key
     return Section(heading, parts, view.line) if parts else None
 
@@ -70,13 +77,19 @@ def contexts(
     counted = lambda r: sum(name.startswith(more) for name in r.metrics) if more else 0  # noqa: E731
     complete = [r for r in results if r.complete][::-1]  # the newest first
     groups = []
-    for words, runs in grouped(sorted(complete, key=lambda r: (seed_number(r["seed"]), -counted(r))), same).items():
+    for words, runs in grouped(
+        sorted(complete, key=lambda r: (seed_number(r["seed"]), -counted(r))), same
+    ).items():
         first: dict[str, Result] = {}
         for r in runs:
             first.setdefault(r["system"], r)
-        groups.append((words, [*first.values()], any(first[r["system"]]["seed"] != r["seed"] for r in runs)))
+        groups.append(
+            (words, [*first.values()], any(first[r["system"]]["seed"] != r["seed"] for r in runs))
+        )
     named = []
-    for words, members, several in sorted(groups, key=lambda g: (g[1][0]["synthetic"], -len(g[1])))[:CONTEXTS]:
+    for words, members, several in sorted(groups, key=lambda g: (g[1][0]["synthetic"], -len(g[1])))[
+        :CONTEXTS
+    ]:
         best = sorted(members, key=lambda r: -r[score])[:METHODS]
         left = len(members) - len(best)
         told = f", {left} less accurate systems left out" * bool(left)
@@ -86,12 +99,16 @@ def contexts(
 
 def scarce(results: Sequence[Result]) -> list[str]:
     """A sentence for each number of subjects of some results that is too small for an interval."""
-    people = sorted({int(r["subjects"]) for r in results if r.get("subjects", few.INTERVAL) < few.INTERVAL})
+    people = sorted(
+        {int(r["subjects"]) for r in results if r.get("subjects", few.INTERVAL) < few.INTERVAL}
+    )
     return [f"{few.too_few(n)}." for n in people]
 
 
 def noted(
-    table: pd.DataFrame, data_of: Mapping[str, str] | None = None, people_of: Mapping[str, int] | None = None
+    table: pd.DataFrame,
+    data_of: Mapping[str, str] | None = None,
+    people_of: Mapping[str, int] | None = None,
 ) -> pd.DataFrame:
     """A table of systems with footnotes in a column ``note``, also on too few subjects; as it is without any."""
     names = [name for name in ("system", "other", "choice") if name in table]
@@ -103,7 +120,11 @@ def noted(
     notes = []
     for *systems, on, n in zip(*(table[name] for name in names), data, people, strict=True):
         words = [f"{few.too_few(int(n))}."] if n < few.TEST else []  # False where it is unknown
-        notes.append(" ".join(dict.fromkeys([*words, *(w for s in systems for w in notes_on(str(s), str(on)))])))
+        notes.append(
+            " ".join(
+                dict.fromkeys([*words, *(w for s in systems for w in notes_on(str(s), str(on)))])
+            )
+        )
     return table.assign(note=notes) if any(notes) else table
 
 
@@ -111,7 +132,9 @@ def busy(row: Row) -> list[str]:
     """The footnote of a run that was made on a busy machine."""
     if (known(row.get("slowdown")) or 1) <= BUSY:
         return []
-    return ["Times were measured beside other programs and are converted to those of the quiet machine."]
+    return [
+        "Times were measured beside other programs and are converted to those of the quiet machine."
+    ]
 
 
 def listed(names: Sequence[str], most: int = 4) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from bench.corpora.survey import DURATIONS, PRESSURE, Survey
 from bench.reports.figures import SYNTHETIC, Picture, new_figure, plain, save
 from bench.reports.layout import page
-from bench.table import Table, of_text
+from bench.values.table import Table, of_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +42,9 @@ def _sections(found: Survey) -> list[tuple[str, str, Table | None]]:
     """Heading, words and table of each part of the page; no table where there is nothing to list."""
     parts: list[tuple[str, str, pd.DataFrame | None]] = []
     if (target := found.corpus.target) != "gesture":
-        parts.append(("Classes", f"Captures and subjects of each class of target={target}.", found.classes))
+        parts.append(
+            ("Classes", f"Captures and subjects of each class of target={target}.", found.classes)
+        )
     parts += [
         ("Durations", f"{DURATIONS}.", found.durations),
         ("Pressure", f"{PRESSURE}.", found.pressure),
@@ -70,7 +72,9 @@ def _frame(ax: Axes, frame: np.ndarray, most: float) -> None:
     from matplotlib.colors import PowerNorm
 
     ax.set(xticks=[], yticks=[])
-    ax.imshow(frame, cmap="magma", norm=PowerNorm(ROOT, vmin=0, vmax=most, clip=True), aspect="auto")
+    ax.imshow(
+        frame, cmap="magma", norm=PowerNorm(ROOT, vmin=0, vmax=most, clip=True), aspect="auto"
+    )
 
 
 def film_figure(found: Survey, group: str, folder: Path) -> Picture:
@@ -79,19 +83,31 @@ def film_figure(found: Survey, group: str, folder: Path) -> Picture:
     wide, high = (max(SIDE * side / max(corpus.grid), 0.3) for side in corpus.grid[::-1])
     size = (2.75 + (FILMED + 2) * (wide + GAP), 0.85 + len(names) * (high + 2 * GAP))
     title = f"Mean pressure and a typical capture of each gesture, {plain([group])[0]}"
-    figure, axes = new_figure(size, (len(names), FILMED + 2), (1.95, 0.8, 0.45, 0.4), (GAP, 2 * GAP), title)
+    figure, axes = new_figure(
+        size, (len(names), FILMED + 2), (1.95, 0.8, 0.45, 0.4), (GAP, 2 * GAP), title
+    )
     most = max(float(found.means.max()), 1e-9)
     for row, gesture, mean in zip(axes, names, found.means, strict=False):
         capture = found.typical[gesture]
         position = int(np.flatnonzero(corpus.index == capture)[0])
         frames = corpus[position]
-        shown = (len(frames) * (np.arange(FILMED) + 0.5) / FILMED).astype(int)  # the frame in the middle of each eighth
+        shown = (len(frames) * (np.arange(FILMED) + 0.5) / FILMED).astype(
+            int
+        )  # the frame in the middle of each eighth
         highest = max(float(frames[shown].max()), 1e-9)
-        words = [gesture, f"mean: 0 to {_value(most)}", f"capture {capture}: 0 to {_value(highest)}"]
+        words = [
+            gesture,
+            f"mean: 0 to {_value(most)}",
+            f"capture {capture}: 0 to {_value(highest)}",
+        ]
         words.append(f"subject {corpus.subjects[position]}")
-        row[0].text(-0.1, 1, "\n".join(plain(words, 26)), ha="right", va="top", transform=row[0].transAxes)
+        row[0].text(
+            -0.1, 1, "\n".join(plain(words, 26)), ha="right", va="top", transform=row[0].transAxes
+        )
         _frame(row[0], mean, most)
-        row[0].plot(found.odd_taxels["col"], found.odd_taxels["row"], "x", color="cyan", markersize=5)
+        row[0].plot(
+            found.odd_taxels["col"], found.odd_taxels["row"], "x", color="cyan", markersize=5
+        )
         for ax, frame in zip(row[1:], frames[shown], strict=False):
             _frame(ax, frame, highest)
         _total(row[-1], frames, corpus.rate_hz, shown)

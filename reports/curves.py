@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from bench.reports.figures import bars, log_ticks, look, new_figure, plain
-from bench.result import Result
+from bench.values.result import Result
 
 NAME = 36  # characters of a line of a method's name
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature
@@ -44,7 +44,15 @@ def curves(
         curve = curve.sort_values("level")
         middle, low, high = (100 * curve[end].to_numpy() for end in ("accuracy", "low", "high"))
         ends = bars(middle, low, high)
-        ax.errorbar(curve["level"], middle, yerr=ends, capsize=3, markersize=5, label=plain([name])[0], **look(i))
+        ax.errorbar(
+            curve["level"],
+            middle,
+            yerr=ends,
+            capsize=3,
+            markersize=5,
+            label=plain([name])[0],
+            **look(i),
+        )
     for i, accuracy in enumerate(clean):
         ax.axhline(100 * accuracy, color=f"C{i % 10}", linewidth=0.8, linestyle=":")
     ax.set(xlabel=noun, ylabel="correctly classified captures, %")
@@ -66,12 +74,22 @@ def heat_map(losses: pd.DataFrame, clean: Sequence[float], context: str) -> Figu
     for i, j in np.ndindex(methods, faults):
         value = points.iloc[i, j]
         text = "-" if np.isnan(value) else f"{value:.0f}".replace("-0", "0")
-        ax.text(j, i, text, ha="center", va="center", color="white" if image.norm(value) > 0.55 else "black")
+        ax.text(
+            j,
+            i,
+            text,
+            ha="center",
+            va="center",
+            color="white" if image.norm(value) > 0.55 else "black",
+        )
     words = [fault.replace("_", " ") for fault in points.columns]
     ax.set_xticks(range(faults), words, rotation=40, ha="right", rotation_mode="anchor")
     names = [f"{m} ({100 * c:.0f} % clean)" for m, c in zip(points.index, clean, strict=True)]
     ax.set_yticks(range(methods), [fill(name, NAME) for name in names])
-    figure.suptitle(f"Points of accuracy lost under each fault, mean over five severities\n{context}", fontsize=10)
+    figure.suptitle(
+        f"Points of accuracy lost under each fault, mean over five severities\n{context}",
+        fontsize=10,
+    )
     return figure
 
 
@@ -83,12 +101,17 @@ def touch_seen(results: Sequence[Result]) -> Figure:
     """
     figure = Figure(figsize=(11, 5.1 + 0.22 * len(results)), layout="constrained")
     seen, mean = axes = figure.subplots(1, 2, sharey=True)
-    begin = "from the onset" if results[0]["stream.start"] == "onset" else "from the middle of the capture"
+    begin = (
+        "from the onset"
+        if results[0]["stream.start"] == "onset"
+        else "from the middle of the capture"
+    )
     data, subset, protocol = results[0].context
     seen.set_title(f"{data}, {subset}\n{protocol}", fontsize=9)
     mean.set_title(f"{begin}\nfixed windows and adaptive stopping", fontsize=9)
     seen.set(
-        xlabel="ms of touch seen; a capture that has ended keeps its label", ylabel="correctly classified captures, %"
+        xlabel="ms of touch seen; a capture that has ended keeps its label",
+        ylabel="correctly classified captures, %",
     )
     mean.set(xlabel="mean ms of touch seen before the label")
     seen.axvspan(*(1000 / rate for rate in PUBLISHED_PER_SECOND[::-1]), color="0.85", zorder=0)
@@ -99,18 +122,30 @@ def touch_seen(results: Sequence[Result]) -> Figure:
         style = look(i) | {"markersize": 5}
         fixed, stopping, colour = r.tables["instants"], r.tables.get("stopping"), style["color"]
         (entries[r.method],) = seen.plot(fixed["ms"], 100 * fixed["accuracy"], **style)
-        seen.fill_between(fixed["ms"], 100 * fixed["low"], 100 * fixed["high"], alpha=0.12, color=colour)
+        seen.fill_between(
+            fixed["ms"], 100 * fixed["low"], 100 * fixed["high"], alpha=0.12, color=colour
+        )
         mean.plot(fixed["mean_ms"], 100 * fixed["accuracy"], **style | {"linestyle": "-"})
         if stopping is not None:
             stopping = stopping.sort_values("mean_ms")
             mean.plot(stopping["mean_ms"], 100 * stopping["accuracy"], **style | dashed)
-            end, low, high = (100 * np.array([r.get(f"adaptive_{k}", np.nan)]) for k in ("accuracy", "low", "high"))
-            mean.errorbar(
-                r["adaptive_ms"], end, yerr=bars(end, low, high), capsize=3, fmt="*", color=colour, zorder=5, **star
+            end, low, high = (
+                100 * np.array([r.get(f"adaptive_{k}", np.nan)])
+                for k in ("accuracy", "low", "high")
             )
-    entries["left: one decision at published rates, {} to {} a second".format(*PUBLISHED_PER_SECOND)] = Rectangle(
-        (0, 0), 1, 1, color="0.85"
-    )
+            mean.errorbar(
+                r["adaptive_ms"],
+                end,
+                yerr=bars(end, low, high),
+                capsize=3,
+                fmt="*",
+                color=colour,
+                zorder=5,
+                **star,
+            )
+    entries[
+        "left: one decision at published rates, {} to {} a second".format(*PUBLISHED_PER_SECOND)
+    ] = Rectangle((0, 0), 1, 1, color="0.85")
     grey = {"color": "0.3"}
     entries["right: adaptive stopping, one point a threshold (line: fixed windows)"] = Line2D(
         [], [], marker="o", **grey, **dashed
@@ -121,5 +156,12 @@ def touch_seen(results: Sequence[Result]) -> Figure:
         ax.set_xscale("log")
         log_ticks(ax.xaxis)
         ax.grid(alpha=0.3)
-    figure.legend([*entries.values()], [*entries], loc="outside lower left", fontsize=8, frameon=False, handlelength=4)
+    figure.legend(
+        [*entries.values()],
+        [*entries],
+        loc="outside lower left",
+        fontsize=8,
+        frameon=False,
+        handlelength=4,
+    )
     return figure

@@ -9,11 +9,21 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench import few, intervals, scores
-from bench.intervals import interval
-from bench.outcomes import statistics
-from bench.reports.figures import LINE, MARKERS, WIDEST, Picture, bars, new_figure, plain, save, width_of
-from bench.result import Result, seed_number
+from bench.reading import statistics
+from bench.reports.figures import (
+    LINE,
+    MARKERS,
+    WIDEST,
+    Picture,
+    bars,
+    new_figure,
+    plain,
+    save,
+    width_of,
+)
+from bench.values import few, intervals, scores
+from bench.values.intervals import interval
+from bench.values.result import Result, seed_number
 
 WRITTEN = 20  # classes up to which the numbers fit into their cells
 SYSTEMS = 2  # systems of a group whose predictions are read and drawn
@@ -36,13 +46,18 @@ def pictures(
             continue
         labelled, classes = scores.captures(table), scores.classes_of(table)
         if not recalls:
-            figures["confusion"] = confusion_figure(scores.confusion(labelled, classes), system, group)
+            figures["confusion"] = confusion_figure(
+                scores.confusion(labelled, classes), system, group
+            )
         recalls[system] = recall_interval(labelled, classes)
     if recalls:
         figures["gestures"] = gesture_figure(recalls, group)
     if len(subjects):
         figures["subjects"] = strip_plot(subjects, group)
-    return {kind: save(drawn, folder, f"{file}-{kind}", group, words) for kind, (drawn, words) in figures.items()}
+    return {
+        kind: save(drawn, folder, f"{file}-{kind}", group, words)
+        for kind, (drawn, words) in figures.items()
+    }
 
 
 def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Figure, str]:
@@ -53,11 +68,17 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
     side = max(2.4, 0.34 * min(k, WRITTEN))
     edge = width_of(counts.columns) + 0.4
     beside = 2 * (side + edge) + 0.4 <= WIDEST
-    size = (2 * (side + edge) + 0.4, side + edge + 0.75) if beside else (side + edge + 0.2, 2 * (side + edge) + 1.15)
+    size = (
+        (2 * (side + edge) + 0.4, side + edge + 0.75)
+        if beside
+        else (side + edge + 0.2, 2 * (side + edge) + 1.15)
+    )
     title = f"{plain([system])[0]}\n{group}"
     margins, between = (edge, 0.2, edge, 0.75), (edge + 0.2, edge + 0.4)
     figure, axes = new_figure(size, (1, 2) if beside else (2, 1), margins, between, title)
-    for ax, shown, words in zip(axes.flat, (values, share), ("captures", "% of the true gesture"), strict=True):
+    for ax, shown, words in zip(
+        axes.flat, (values, share), ("captures", "% of the true gesture"), strict=True
+    ):
         edges = np.arange(len(names) + 1) - 0.5, np.arange(k + 1) - 0.5
         ax.pcolormesh(*edges, share, cmap="Blues", vmin=0, vmax=100, clip_on=False)
         ax.set(aspect="equal", ylim=(k - 0.5, -0.5), xlabel="predicted", ylabel="true", title=words)
@@ -67,7 +88,10 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
             colour = "white" if share[i, j] > 60 else "black"
             ax.text(j, i, f"{shown[i, j]:.0f}", ha="center", va="center", color=colour)
     unwritten = "" if k <= WRITTEN else " The numbers are in confusion.csv of the run."
-    return figure, f"Confusion of captures by {system}: counts, and percent of each true gesture.{unwritten}"
+    return (
+        figure,
+        f"Confusion of captures by {system}: counts, and percent of each true gesture.{unwritten}",
+    )
 
 
 def gesture_figure(tables: dict[str, pd.DataFrame], group: str) -> tuple[Figure, str]:
@@ -79,11 +103,21 @@ def gesture_figure(tables: dict[str, pd.DataFrame], group: str) -> tuple[Figure,
     ax = axes[0, 0]
     for i, (system, table) in enumerate(tables.items()):
         y = np.arange(len(classes)) + 0.7 * ((i + 0.5) / len(tables) - 0.5)
-        look = {"fmt": MARKERS[i % len(MARKERS)], "color": f"C{i}", "markersize": 5, "elinewidth": 0.9, "capsize": 2}
+        look = {
+            "fmt": MARKERS[i % len(MARKERS)],
+            "color": f"C{i}",
+            "markersize": 5,
+            "elinewidth": 0.9,
+            "capsize": 2,
+        }
         ends = bars(table["recall"], table["low"], table["high"])
         ax.errorbar(table["recall"], y, xerr=ends, label=plain([system])[0], **look)
     ax.set_yticks(np.arange(len(classes)), plain(classes))
-    ax.set(ylim=(len(classes) - 0.4, -0.6), xlim=(-2, 102), xlabel="correctly classified captures of the gesture, %")
+    ax.set(
+        ylim=(len(classes) - 0.4, -0.6),
+        xlim=(-2, 102),
+        xlabel="correctly classified captures of the gesture, %",
+    )
     ax.grid(axis="x", alpha=0.25)
     figure.legend(loc="lower center", ncols=1, frameon=False)
     known = any(table["low"].notna().any() for table in tables.values())
@@ -94,7 +128,9 @@ def gesture_figure(tables: dict[str, pd.DataFrame], group: str) -> tuple[Figure,
 def draw(result: Result, folder: Path) -> None:
     """Draw the confusions of a run into a folder."""
     group = ", ".join(result.context)
-    figure, caption = confusion_figure(result.tables["confusion"].set_index("true"), result.method, group)
+    figure, caption = confusion_figure(
+        result.tables["confusion"].set_index("true"), result.method, group
+    )
     save(figure, folder, "confusion", group, caption)
 
 
@@ -105,7 +141,14 @@ def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
     figure, axes = new_figure((9.5, LINE * 1.5 * len(kept) + 0.85), margins=margins, title=group)
     ax = axes[0, 0]
     values, rows = kept.to_numpy(dtype=float), np.arange(len(kept))
-    ax.plot(values.ravel(), rows.repeat(values.shape[1]), "|", color="0.35", markersize=8, markeredgewidth=1)
+    ax.plot(
+        values.ravel(),
+        rows.repeat(values.shape[1]),
+        "|",
+        color="0.35",
+        markersize=8,
+        markeredgewidth=1,
+    )
     low, high = np.array([interval(v) for v in values]).T.clip(0, 100)
     ax.hlines(rows, low, high, color="tab:blue", linewidth=3, alpha=0.35, zorder=1)
     ax.plot(values.mean(axis=1), rows, "o", color="tab:blue", markersize=5)
@@ -121,12 +164,18 @@ def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
     )
 
 
-def drawn_confusions(labelled: pd.DataFrame, classes: list[str], draws: int, seed: int) -> np.ndarray:
+def drawn_confusions(
+    labelled: pd.DataFrame, classes: list[str], draws: int, seed: int
+) -> np.ndarray:
     """Confusions of whole subjects drawn with replacement, [draws, true, predicted]; the last is of abstentions."""
     people, person = np.unique(labelled["subject"], return_inverse=True)
-    true, predicted = (pd.Index(classes).get_indexer(pd.Index(labelled[name])) for name in ("true", "predicted"))
+    true, predicted = (
+        pd.Index(classes).get_indexer(pd.Index(labelled[name])) for name in ("true", "predicted")
+    )
     counts = np.zeros((len(people), len(classes), len(classes) + 1), np.int64)
-    np.add.at(counts, (person[true >= 0], true[true >= 0], predicted[true >= 0]), 1)  # -1 without a label
+    np.add.at(
+        counts, (person[true >= 0], true[true >= 0], predicted[true >= 0]), 1
+    )  # -1 without a label
     return np.einsum("ds,sij->dij", intervals.weights([len(counts)], draws, seed)[0], counts)
 
 
@@ -146,7 +195,9 @@ def macro_interval(
     return float(low), float(high)
 
 
-def recall_interval(labelled: pd.DataFrame, classes: list[str], draws: int = 2000, seed: int = 0) -> pd.DataFrame:
+def recall_interval(
+    labelled: pd.DataFrame, classes: list[str], draws: int = 2000, seed: int = 0
+) -> pd.DataFrame:
     """Percent of each class that is labelled correctly (``recall``), with its interval; NaN where no capture is."""
     counts = scores.confusion(labelled, classes).to_numpy()
     table = pd.DataFrame({"recall": _recalls(counts), "low": np.nan, "high": np.nan}, index=classes)

@@ -21,13 +21,25 @@ def embedded(text: str, about: str, styles: dict[str, str]) -> str:
         )
     markers = {f"#{path.get('id')}": path for path in root.iter("path") if path.get("id")}
     inches, box = float(root.get("width", "0pt")[:-2]) / 72, root.get("viewBox", "")
-    (root,) = _shorter(root, {key: path for key, path in markers.items() if not CURVED.search(path.get("d", ""))})
+    (root,) = _shorter(
+        root, {key: path for key, path in markers.items() if not CURVED.search(path.get("d", ""))}
+    )
     for element in root.iter():
         if style := element.attrib.pop("style", ""):
             element.set("class", styles.setdefault(style, f"s{len(styles)}"))
         for name in {*ROUNDED} & {*element.attrib}:
-            element.set(name, re.sub(r"-?\d+\.\d+", lambda number: _short(float(number[0])), element.attrib[name]))
-    root.attrib = {"role": "img", "aria-label": about, "style": f"--inches: {inches:.2f}", "viewBox": box}
+            element.set(
+                name,
+                re.sub(
+                    r"-?\d+\.\d+", lambda number: _short(float(number[0])), element.attrib[name]
+                ),
+            )
+    root.attrib = {
+        "role": "img",
+        "aria-label": about,
+        "style": f"--inches: {inches:.2f}",
+        "viewBox": box,
+    }
     return tostring(root, "unicode").replace(" />", "/>")
 
 
@@ -39,7 +51,11 @@ def _shorter(element: Element, markers: dict[str, Element]) -> list[Element]:
         style = _rules(element) | _rules(marker)
         at = float(element.get("x", "0")), float(element.get("y", "0"))
         return [
-            Element("path", d=_path(marker.get("d", ""), *at), style="; ".join(f"{k}: {v}" for k, v in style.items()))
+            Element(
+                "path",
+                d=_path(marker.get("d", ""), *at),
+                style="; ".join(f"{k}: {v}" for k, v in style.items()),
+            )
         ]
     if element.tag == "path":
         if element.get("style") == PAPER or f"#{element.get('id')}" in markers:
@@ -48,7 +64,11 @@ def _shorter(element: Element, markers: dict[str, Element]) -> list[Element]:
     children = [new for child in element for new in _shorter(child, markers)]
     element[:] = _joined(children) if all(child.tag == "path" for child in children) else children
     grouping = element.tag in ("g", "defs") and (element.tag == "g" or not children)
-    return [*element] if grouping and not element.attrib and element.find("title") is None else [element]
+    return (
+        [*element]
+        if grouping and not element.attrib and element.find("title") is None
+        else [element]
+    )
 
 
 def _rules(element: Element) -> dict[str, str]:
@@ -71,7 +91,9 @@ def _path(data: str, x: float = 0, y: float = 0) -> str:
     """A path moved by so much, with one number for each level or upright line."""
     made, before = "", ["", ""]
     for command, numbers in re.findall("([MLCQz])([^MLCQz]*)", data):
-        place = [_short(float(number) + (y if i % 2 else x)) for i, number in enumerate(numbers.split())]
+        place = [
+            _short(float(number) + (y if i % 2 else x)) for i, number in enumerate(numbers.split())
+        ]
         if command == "L" and place != before and before[0] == place[0]:
             made += f"V{place[1]}"
         elif command == "L" and place != before and before[1] == place[1]:

@@ -58,8 +58,15 @@ def new_figure(
     inner_width = (width - left - right - between[0] * (columns - 1)) / columns
     inner_height = (height - bottom - top - between[1] * (rows - 1)) / rows
     axes = figure.subplots(rows, columns, squeeze=False)
-    edges = {"left": left / width, "right": 1 - right / width, "bottom": bottom / height, "top": 1 - top / height}
-    figure.subplots_adjust(**edges, wspace=between[0] / inner_width, hspace=between[1] / inner_height)
+    edges = {
+        "left": left / width,
+        "right": 1 - right / width,
+        "bottom": bottom / height,
+        "top": 1 - top / height,
+    }
+    figure.subplots_adjust(
+        **edges, wspace=between[0] / inner_width, hspace=between[1] / inner_height
+    )
     if title:
         figure.suptitle(title.replace("$", r"\$"), y=1 - 0.08 / height, va="top")
     return figure, axes
@@ -83,8 +90,12 @@ def save(figure: Figure, folder: Path, name: str, group: str, caption: str) -> P
     for text in figure.findobj(Text):
         text.set_fontsize(TEXT)  # for which places were computed
     write_svg(figure, picture.path)
-    drawing = re.sub(f'<g id="{TITLE}(.*?)">', r"<g><title>\1</title>", picture.path.read_text(encoding="utf-8"))
-    drawing = re.sub('<g id="[^"]*"(/?)>', r"<g\1>", drawing)  # which every figure of a page would have
+    drawing = re.sub(
+        f'<g id="{TITLE}(.*?)">', r"<g><title>\1</title>", picture.path.read_text(encoding="utf-8")
+    )
+    drawing = re.sub(
+        '<g id="[^"]*"(/?)>', r"<g\1>", drawing
+    )  # which every figure of a page would have
     picture.path.write_text(drawing, encoding="utf-8")
     return picture
 
@@ -106,7 +117,11 @@ def bars(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 def look(i: int) -> dict[str, object]:
     """Colour, marker and dashes of the line of a system, which differ in print, too."""
-    return {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "linestyle": DASHES[i % len(DASHES)]}
+    return {
+        "color": f"C{i % 10}",
+        "marker": MARKERS[i % len(MARKERS)],
+        "linestyle": DASHES[i % len(DASHES)],
+    }
 
 
 def log_ticks(axis: Axis, subs: tuple[int, ...] = (1, 2, 5)) -> None:

@@ -20,10 +20,12 @@ from markupsafe import Markup
 
 from bench.reports.embedded import embedded
 from bench.reports.figures import SYNTHETIC, Picture
-from bench.sentences import environment
+from bench.values.sentences import environment
 
 ROOM = files("bench.reports")
-UNNAMED = re.compile(r'(<svg class="mark(?![^"]* named)[^"]*".*?)<text [^>]*>[^<]*</text></svg>')  # marks of a chart
+UNNAMED = re.compile(
+    r'(<svg class="mark(?![^"]* named)[^"]*".*?)<text [^>]*>[^<]*</text></svg>'
+)  # marks of a chart
 ESCAPED = {ord(sign): f"\\{sign}" for sign in "\\`*_{}[]<>|#~"}  # in markdown
 
 
@@ -33,11 +35,20 @@ def page(template: str | Path, title: str, script: str = "", **values: object) -
     A template of another package is a path. Only the ``script`` of this room runs: the page has its digest.
     """
     styles: dict[str, str] = {}
-    body = Markup(_filled(template, "html", values | {"title": title}, partial(inline_svg, styles=styles)))
-    style, code = (Markup(ROOM.joinpath(f).read_text(encoding="utf-8")) if f else "" for f in ("page.css", script))
+    body = Markup(
+        _filled(template, "html", values | {"title": title}, partial(inline_svg, styles=styles))
+    )
+    style, code = (
+        Markup(ROOM.joinpath(f).read_text(encoding="utf-8")) if f else ""
+        for f in ("page.css", script)
+    )
     style += Markup("".join(f".{name}{{{rule}}}" for rule, name in styles.items()))
     digest = b64encode(hashlib.sha256(code.encode()).digest()).decode() if code else ""
-    return _filled("page.jinja", "html", {"title": title, "body": body, "style": style, "code": code, "digest": digest})
+    return _filled(
+        "page.jinja",
+        "html",
+        {"title": title, "body": body, "style": style, "code": code, "digest": digest},
+    )
 
 
 def fragment(template: str, **values: object) -> str:
@@ -52,7 +63,10 @@ def markdown(template: str, **values: object) -> str:
 
 
 def _filled(
-    template: str | Path, form: str, values: dict[str, object], drawing: Callable[[Picture], Markup] | None = None
+    template: str | Path,
+    form: str,
+    values: dict[str, object],
+    drawing: Callable[[Picture], Markup] | None = None,
 ) -> str:
     """A template filled in, in one of the two forms; ``drawing`` embeds a figure."""
     path = Path(template)
@@ -98,7 +112,9 @@ def inline_svg(picture: Picture, styles: dict[str, str]) -> Markup:
     Its width is in inches, so that the page draws all of them on one scale.
     """
     text = picture.path.read_text(encoding="utf-8")
-    if 'class="fluid"' in text[:200]:  # as wide as there is room, and with a label; the script names the marks
+    if (
+        'class="fluid"' in text[:200]
+    ):  # as wide as there is room, and with a label; the script names the marks
         return Markup(UNNAMED.sub(r"\1</svg>", text).replace(' role="img" tabindex="-1"', ""))
     first, *more = picture.caption.removesuffix(".").split(". ")
     about = ". ".join([first, *(sentence for sentence in more if SYNTHETIC in sentence)])

@@ -16,14 +16,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench import scores
-from bench.columns import run_columns
-from bench.measures import Measure, costs, known, percent, three
 from bench.reports.comparison import views
 from bench.reports.summary import Summary, family
-from bench.result import Result, seed_number
+from bench.values import scores
+from bench.values.columns import run_columns
+from bench.values.measures import Measure, costs, known, percent, three
+from bench.values.result import Result, seed_number
 
-ELSEWHERE = {"accuracy", "difference", "p_holm"}  # columns of runs that the table of systems has otherwise
+ELSEWHERE = {
+    "accuracy",
+    "difference",
+    "p_holm",
+}  # columns of runs that the table of systems has otherwise
 LABELS = 500_000  # captures of all systems that the page has room for
 DIGITS = 5  # of percent; the script takes differences as equal that are nearer than 1e-4
 
@@ -53,19 +57,30 @@ def packed(summary: Summary, models: Mapping[str, str]) -> str:
     shown = {m.name for m in table.columns}
     cheap = {summary.column(name).name for name in summary.costs if costs()[name].better == "low"}
     each = [seeds.get(row["system"], []) if row["plain"] else [] for row in rows]
-    folded = [[measure.of(one) for measure in below] for part in each if len(part) > 1 for one in part]
-    heads = [{"name": m.name, "key": m.key, "shown": m.name in shown} for m in kept if m.name in texts[0]]
+    folded = [
+        [measure.of(one) for measure in below] for part in each if len(part) > 1 for one in part
+    ]
+    heads = [
+        {"name": m.name, "key": m.key, "shown": m.name in shown} for m in kept if m.name in texts[0]
+    ]
     heads = [head | {"up": m.left or m.name in cheap} for head, m in zip(heads, below, strict=True)]
     data = {"key": summary.key, "people": [*map(str, among.subjects)], "columns": heads}
     data |= {name: labelled[name] for name in ("gestures", "captures", "true")}
-    data |= {"name": [row["name"] for row in rows], "family": [family(models[row["system"]]) for row in rows]}
+    data |= {
+        "name": [row["name"] for row in rows],
+        "family": [family(models[row["system"]]) for row in rows],
+    }
     data |= {"chosen": [*table.bold], "marks": [line["marks"] for line in table.lines]}
     data |= {"cells": _turned(row.values() for row in texts), "seeds": _turned(folded)}
     data |= {"counts": [len(part) if len(part) > 1 else 0 for part in each]}
     scores = among.subjects.loc[[row["id"] for row in rows]].round(DIGITS)
     data |= {"scores": [[None if v != v else v for v in scores[person]] for person in scores]}
-    data |= {"hits": [labelled["hits"].get(row["system"], "") if row["plain"] else "" for row in rows]}
-    return b64encode(gzip.compress(json.dumps(data, separators=(",", ":")).encode(), mtime=0)).decode()
+    data |= {
+        "hits": [labelled["hits"].get(row["system"], "") if row["plain"] else "" for row in rows]
+    }
+    return b64encode(
+        gzip.compress(json.dumps(data, separators=(",", ":")).encode(), mtime=0)
+    ).decode()
 
 
 def _turned(rows: Iterable[Iterable[str]]) -> list[tuple[str, ...]]:
@@ -81,7 +96,11 @@ def _of_seed(measure: Measure) -> Measure:
         return percent(measure.key, measure.heading, ends=measure.ends)
     if measure.key in ("rank", "difference", "test"):
         return replace(measure, read=lambda row: None)
-    return replace(costs()[measure.key], heading=measure.name, form=three) if measure.key in costs() else measure
+    return (
+        replace(costs()[measure.key], heading=measure.name, form=three)
+        if measure.key in costs()
+        else measure
+    )
 
 
 def _mean(seeds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -104,19 +123,30 @@ def _labels(summary: Summary, runs: Mapping[str, Sequence[Result]]) -> dict[str,
         if len(found["captures"]) * (len(hits) + 1) > LABELS:
             break
         tables, classes = runs[system][0].tables, found["gestures"]
-        columns = tables.columns("predictions", ["capture", *(scores.PREFIX + name for name in classes)])
+        columns = tables.columns(
+            "predictions", ["capture", *(scores.PREFIX + name for name in classes)]
+        )
         if columns is None:
             continue
         captures, *proba = columns
-        if hits and len(np.unique(captures)) == len(captures):  # a prediction each, as of most systems
-            labels, order = scores.most_probable(np.column_stack(proba), classes), np.argsort(captures)
+        if hits and len(np.unique(captures)) == len(
+            captures
+        ):  # a prediction each, as of most systems
+            labels, order = (
+                scores.most_probable(np.column_stack(proba), classes),
+                np.argsort(captures),
+            )
             captures, labels = captures[order], labels[order]
         else:
             predictions = tables["predictions"]
             table = scores.captures(predictions).drop_duplicates("capture").sort_values("capture")
             captures, labels = (table[name].to_numpy() for name in ("capture", "predicted"))
         if not hits:
-            found = {"gestures": scores.classes_of(predictions), "captures": captures, "true": table["true"].to_numpy()}
+            found = {
+                "gestures": scores.classes_of(predictions),
+                "captures": captures,
+                "true": table["true"].to_numpy(),
+            }
         if np.array_equal(captures, found["captures"]):
             hits[system] = "".join(np.where(labels == found["true"], "1", "0"))
     found["true"] = pd.Index(found["gestures"]).get_indexer(pd.Index(found["true"])).tolist()

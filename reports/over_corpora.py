@@ -12,17 +12,19 @@ import numpy as np
 import pandas as pd
 from scipy.stats import rankdata
 
-from bench import few
-from bench.intervals import percentiles, weights
-from bench.measures import Measure, text
-from bench.outcomes import statistics
-from bench.outcomes.frame import by_subject
+from bench.reading import statistics
+from bench.reading.frame import by_subject
 from bench.reports.contexts import Part, Section
-from bench.result import Result, notes_on
-from bench.table import Table, rows_of
+from bench.values import few
+from bench.values.intervals import percentiles, weights
+from bench.values.measures import Measure, text
+from bench.values.result import Result, notes_on
+from bench.values.table import Table, rows_of
 
 SAME = ("synthetic", "subset", "target", "protocol")  # tags that all ranked corpora share
-COLUMNS = "system mean_rank low high accuracy difference difference_low difference_high p_holm".split()
+COLUMNS = (
+    "system mean_rank low high accuracy difference difference_low difference_high p_holm".split()
+)
 CAPTION = (
     "{}: mean rank of each system over {} people, 1 for the most accurate, with 95 % bootstrap intervals (people drawn "
     "within each corpus); then accuracy (and place) on each corpus. Ranks depend on which systems are compared. "
@@ -39,19 +41,29 @@ def rankings(groups: Mapping[str, Sequence[Result]]) -> dict[str, pd.DataFrame]:
     largest = lambda group: max((r.get("subjects", 0), r["started"]) for r in group[1])  # noqa: E731
     for name, results in sorted(groups.items(), key=largest, reverse=True):
         first = results[0]
-        if first["protocol_name"] == "loso" and "+" not in first["data"] and not first.get("touchbench.changes"):
+        if (
+            first["protocol_name"] == "loso"
+            and "+" not in first["data"]
+            and not first.get("touchbench.changes")
+        ):
             sets.setdefault(tuple(str(first[tag]) for tag in SAME), []).append((name, results))
     found = {}
-    for _, members in sorted((key, each) for key, each in sets.items() if len({r[0]["data"] for _, r in each}) > 1):
+    for _, members in sorted(
+        (key, each) for key, each in sets.items() if len({r[0]["data"] for _, r in each}) > 1
+    ):
         chosen: dict[str, str] = {}
         tables: dict[str, pd.DataFrame] = {}
         for name, results in members:
             data, digest = str(results[0]["data"]), str(results[0]["corpus_digest"])
-            if data not in tables and digest not in chosen.values():  # the largest version of a corpus counts
+            if (
+                data not in tables and digest not in chosen.values()
+            ):  # the largest version of a corpus counts
                 chosen[name] = digest
                 tables[data] = by_subject([r for r in results if r.alone])[0]
         if (table := ranking(tables)) is not None:
-            names = [name for name, data in zip(chosen, tables, strict=True) if f"{data}_place" in table]
+            names = [
+                name for name, data in zip(chosen, tables, strict=True) if f"{data}_place" in table
+            ]
             found["; ".join(names)] = table
     return found
 
@@ -63,7 +75,10 @@ def ranking(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
     """
     tables = {data: table.dropna().round(9) for data, table in tables.items()}
     sets = [names for n in range(2, len(tables) + 1) for names in combinations(tables, n)]
-    shared = {names: sorted(set.intersection(*({*tables[name].index} for name in names))) for names in sets}
+    shared = {
+        names: sorted(set.intersection(*({*tables[name].index} for name in names)))
+        for names in sets
+    }
     people = {names: [tables[name].shape[1] for name in names] for names in sets}
     sets = [names for names in sets if len(shared[names]) > 1]
     if not sets:
@@ -72,7 +87,12 @@ def ranking(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
     parts = {name: tables[name].loc[shared[names]] for name in names}
     ranks = [rankdata(-part, axis=0) for part in parts.values()]
     everyone = pd.concat(parts, axis=1)
-    made = {"system": shared[names], "mean_rank": np.hstack(ranks).mean(axis=1), "low": np.nan, "high": np.nan}
+    made = {
+        "system": shared[names],
+        "mean_rank": np.hstack(ranks).mean(axis=1),
+        "low": np.nan,
+        "high": np.nan,
+    }
     table = pd.DataFrame(made | {"accuracy": everyone.mean(axis=1).to_numpy()})
     if min(people[names]) >= few.INTERVAL:
         sums = [each @ drawn.T for each, drawn in zip(ranks, weights(people[names]), strict=True)]
@@ -80,7 +100,9 @@ def ranking(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
     for name, part in parts.items():
         mean = part.mean(axis=1).round(9).to_numpy()
         table[f"{name}_accuracy"], table[f"{name}_place"] = mean, rankdata(-mean)
-    table = table.sort_values(["mean_rank", "accuracy"], ascending=[True, False], kind="stable", ignore_index=True)
+    table = table.sort_values(
+        ["mean_rank", "accuracy"], ascending=[True, False], kind="stable", ignore_index=True
+    )
     tests = statistics.against_best(everyone.loc[table["system"]])
     tests = tests.rename(columns={"low": "difference_low", "high": "difference_high"})
     table = table.merge(tests[["system", *COLUMNS[5:]]], on="system")
@@ -93,12 +115,25 @@ def section(found: Mapping[str, pd.DataFrame]) -> Section | None:
     parts = []
     for title, table in found.items():
         corpora = [name.removesuffix("_place") for name in table if name.endswith("_place")]
-        columns = [text("system"), Measure("mean_rank", "mean rank [95 %]", form=".2f", ends="mean_rank")]
+        columns = [
+            text("system"),
+            Measure("mean_rank", "mean rank [95 %]", form=".2f", ends="mean_rank"),
+        ]
         columns += [text(f"{data} % (place)") for data in corpora]
-        rows = rows_of(table.rename(columns={"low": "mean_rank_low", "high": "mean_rank_high"}).head(statistics.RANKED))
+        rows = rows_of(
+            table.rename(columns={"low": "mean_rank_low", "high": "mean_rank_high"}).head(
+                statistics.RANKED
+            )
+        )
         for row, data in product(rows, corpora):
             row[f"{data} % (place)"] = f"{row[f'{data}_accuracy']:.1f} ({row[f'{data}_place']:g})"
-        remarks = [[note for data in corpora for note in notes_on(row["system"], data)] for row in rows]
+        remarks = [
+            [note for data in corpora for note in notes_on(row["system"], data)] for row in rows
+        ]
         caption = CAPTION.format(title, table.attrs["people"])
         parts.append(Part(None, Table(columns, rows, remarks=remarks), caption))
-    return Section("Over several corpora", parts, "systems ranked within each person") if parts else None
+    return (
+        Section("Over several corpora", parts, "systems ranked within each person")
+        if parts
+        else None
+    )

@@ -11,19 +11,27 @@ from typing import Any
 
 import pandas as pd
 
-from bench import few
 from bench.errors import InputError, nearest
-from bench.measures import costs
-from bench.options import makers
-from bench.outcomes.candidates import repeated
-from bench.outcomes.frame import grouped
-from bench.outcomes.runs import every_result, every_run, of_captures, wanted
-from bench.progress import warn
-from bench.registry import imported, load, names, views
+from bench.grammar.options import makers
+from bench.ground.progress import warn
+from bench.ground.registry import imported, load, names, views
+from bench.ground.scratch import owner, sweep
+from bench.ground.words import typed
+from bench.reading.candidates import repeated
+from bench.reading.frame import grouped
+from bench.reading.runs import every_result, every_run, of_captures, wanted
 from bench.reports import history, ledger, over_corpora
 from bench.reports.bundle import Bundle
 from bench.reports.chart import cost_chart, marks
-from bench.reports.comparison import UNITS, comparison, provenance, provenance_section, published, runs_section, scored
+from bench.reports.comparison import (
+    UNITS,
+    comparison,
+    provenance,
+    provenance_section,
+    published,
+    runs_section,
+    scored,
+)
 from bench.reports.contexts import Part, Section, listed, noted
 from bench.reports.details import pictures
 from bench.reports.figures import Picture
@@ -33,11 +41,11 @@ from bench.reports.live import packed
 from bench.reports.papers import against as beside_papers
 from bench.reports.papers import best_published, published_section, yours
 from bench.reports.summary import Summary, labels, largest_groups, summary_of
-from bench.result import MARKED, Result, Row, several
-from bench.scratch import owner, sweep
-from bench.store import Store
-from bench.table import write_sheet
-from bench.words import typed
+from bench.store.client import Store
+from bench.values import few
+from bench.values.measures import costs
+from bench.values.result import MARKED, Result, Row, several
+from bench.values.table import write_sheet
 
 
 def write_report(
@@ -52,14 +60,16 @@ def write_report(
     """Write ``index.html``, ``comparison.md``, LaTeX tables, a CSV file for each table, figures as SVG.
 
     Tests compare with the system ``against``, in each group that has it, else with the best one. ``asked`` selects
-    runs as `bench.outcomes.runs.selected` does, ``paper`` columns of ``paper.tex`` and ``paper.csv``.
+    runs as `bench.reading.runs.selected` does, ``paper`` columns of ``paper.tex`` and ``paper.csv``.
     ``over_revisions`` adds each system over git revisions.
     """
     results = wanted(every_result(store, asked), asked or {})
     runs = of_captures(results)
     systems = sorted({r.system for r in runs if r.complete and r.alone})
     if against and against not in systems:
-        raise InputError(f"against={against}: no complete run of this system is stored; {nearest(against, systems)}")
+        raise InputError(
+            f"against={against}: no complete run of this system is stored; {nearest(against, systems)}"
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
         sweep(folder, ".")
@@ -67,7 +77,9 @@ def write_report(
             revisions = every_run(store, asked) if over_revisions else None
             written = _write(Path(beside), runs, results, budgets or {}, against, paper, revisions)
             (folder / "figures").mkdir(exist_ok=True)
-            for name in written:  # a report that is stopped while it is made leaves the earlier one as it was
+            for name in (
+                written
+            ):  # a report that is stopped while it is made leaves the earlier one as it was
                 os.replace(Path(beside) / name, folder / name)
         for old in (folder / "figures").glob("[0-9]*-*.[ps][nv]g"):
             if old.relative_to(folder) not in written:  # of an earlier report
@@ -93,7 +105,9 @@ def _write(
     largest, left_out = largest_groups(groups)
     summaries = summarised(largest, results, budgets, against, figures)
     ranked = over_corpora.rankings(groups)
-    rows = scored(groups, against, {group.name: (group.subjects, group.rows) for group in summaries})
+    rows = scored(
+        groups, against, {group.name: (group.subjects, group.rows) for group in summaries}
+    )
     tables = csv_tables(groups, results, summaries, ranked, rows)
     over_revisions, tables["history"] = history.section(revisions or [], figures)
     if revisions is not None and over_revisions is None:
@@ -115,17 +129,25 @@ def _write(
             *under_protocols,
             *filter(None, [over_revisions]),
         ],
-        "unmeasured": unmeasured(results, next((group.arguments for group in summaries if group.arguments), "")),
-        "published": published_section(pd.concat([tables["published"], yours(runs)], ignore_index=True)),
+        "unmeasured": unmeasured(
+            results, next((group.arguments for group in summaries if group.arguments), "")
+        ),
+        "published": published_section(
+            pd.concat([tables["published"], yours(runs)], ignore_index=True)
+        ),
         "few": few.INTERVAL,
         "runs": runs_section(rows, [*largest, *left_out]) if runs else None,
         "provenance": provenance_section(shown_runs, tables["provenance"]),
     }
-    tables = {name: table for name, table in tables.items() if (runs and name != "history") or len(table)}
+    tables = {
+        name: table for name, table in tables.items() if (runs and name != "history") or len(table)
+    }
     tables |= {"paper": sheet(made)} if made else {}
     tables |= {"protocols": of_protocols} if len(of_protocols) else {}
     for name, table in tables.items():
-        write_sheet(table.rename(columns=UNITS) if name == "comparison" else table, folder / f"{name}.csv")
+        write_sheet(
+            table.rename(columns=UNITS) if name == "comparison" else table, folder / f"{name}.csv"
+        )
     texts = {"comparison.tex": latex(rows), "paper.tex": side_by_side(made)} if runs else {}
     texts["comparison.md"] = markdown("report.jinja", **values)
     texts["index.html"] = page("report.jinja", script="page.js", **values)
@@ -148,7 +170,9 @@ def summarised(
     known = {*published()["system"]} - {""}
     protocols = [str(members[0]["protocol_name"]) for members in groups.values()]
     made = []
-    for i, (label, (name, members)) in enumerate(zip(labels(groups), groups.items(), strict=True), 1):
+    for i, (label, (name, members)) in enumerate(
+        zip(labels(groups), groups.items(), strict=True), 1
+    ):
         group, file = summary_of(name, members, alone, budgets, against), f"{i}-{slug(name)}"
         group.label, group.key = label, protocols[i - 1]
         if group.key in protocols[: i - 1]:
@@ -181,7 +205,11 @@ def csv_tables(
         parts = [table.assign(group=name) for name, table in tables.items()]
         return pd.concat([pd.DataFrame(columns=columns or None), *parts], ignore_index=True)
 
-    of_views = {name: table for view, members in shown(results) for name, table in view.sheets(members).items()}
+    of_views = {
+        name: table
+        for view, members in shown(results)
+        for name, table in view.sheets(members).items()
+    }
     tables = {name: table for name, table in of_views.items() if len(table)} | {
         "comparison": comparison(rows),
         "published": beside_papers([r for members in groups.values() for r in members]),
@@ -211,12 +239,23 @@ def _of_protocols(results: Sequence[Result]) -> list[Any]:
 
 
 def sections(
-    summaries: Sequence[Summary], results: Sequence[Result], ranked: Mapping[str, pd.DataFrame], folder: Path
+    summaries: Sequence[Summary],
+    results: Sequence[Result],
+    ranked: Mapping[str, pd.DataFrame],
+    folder: Path,
 ) -> list[Section]:
     """The sections of circumstances, of people and of several corpora; those of one heading are one."""
     made = [view.section(members, folder) for view, members in shown(results)]
-    if people := [Part(picture=group.pictures["subjects"]) for group in summaries if "subjects" in group.pictures]:
-        made.append(Section("People", people, next((group.people for group in summaries if group.people), "")))
+    if people := [
+        Part(picture=group.pictures["subjects"])
+        for group in summaries
+        if "subjects" in group.pictures
+    ]:
+        made.append(
+            Section(
+                "People", people, next((group.people for group in summaries if group.people), "")
+            )
+        )
     joined: dict[str, Section] = {}
     for section in [*filter(None, made), *filter(None, [over_corpora.section(ranked)])]:
         before = joined.get(section.heading, Section(section.heading))
@@ -229,4 +268,6 @@ def unmeasured(results: Sequence[Result], arguments: str) -> list[tuple[str, str
     """Commands that would measure what no result has, each with its summary."""
     held = {view.key for view, _ in shown(results)}
     words = repeated(arguments)
-    return [(typed(name, words), one.summary) for name, one in makers().items() if one.makes not in held]
+    return [
+        (typed(name, words), one.summary) for name, one in makers().items() if one.makes not in held
+    ]

@@ -12,13 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from bench import few, scores
-from bench.measures import NONE, Measure, known, text
 from bench.reports.comparison import SAME, published
 from bench.reports.contexts import listed
 from bench.reports.details import macro_interval
-from bench.result import Result, Row, seed_number
-from bench.table import Table, rows_of
+from bench.values import few, scores
+from bench.values.measures import NONE, Measure, known, text
+from bench.values.result import Result, Row, seed_number
+from bench.values.table import Table, rows_of
 
 NAMES = {"cost": "CoST", "haart": "HAART", "cuddlebot": "CuddleBot", "shear": "a sheared skin"}
 SHARED = ["data", "subset", "protocol", "words"]  # of published numbers that stand together
@@ -34,10 +34,15 @@ PAPER = (  # columns of published.csv that published.csv of the report has, too
     "id reference year data subset protocol unit unit_key features n_features classifier accuracy sd confidence system "
     "table4 table4_sd"
 ).split()
-PRINTED = {"accuracy": "published", "sd": "published_sd"}  # columns of the papers' file that are called otherwise here
+PRINTED = {
+    "accuracy": "published",
+    "sd": "published_sd",
+}  # columns of the papers' file that are called otherwise here
 WHOLE = ("capture", "subject mean", "capture vote")  # units of whole captures
 MINE, YOURS = "yours", 5  # reference of rows without a paper, and how many of a protocol
-NOTHING = dict.fromkeys(("ours", "low", "high", "ours_sd", "subjects", "difference"), np.nan) | {"seed": ""}
+NOTHING = dict.fromkeys(("ours", "low", "high", "ours_sd", "subjects", "difference"), np.nan) | {
+    "seed": ""
+}
 
 
 def against(results: Sequence[Result]) -> pd.DataFrame:
@@ -46,15 +51,21 @@ def against(results: Sequence[Result]) -> pd.DataFrame:
     Only complete runs of the very system count, with the parameters of the paper, on captures of people. ``note`` has
     a remark a line.
     """
-    real = sorted((r for r in results if r["synthetic"] != "true"), key=lambda r: seed_number(r["seed"]))
+    real = sorted(
+        (r for r in results if r["synthetic"] != "true"), key=lambda r: seed_number(r["seed"])
+    )
     here, ours = {r["data"] for r in real}, _by(real, "model_name")
     rows = []
     for paper in published().itertuples():
         runs = ours.get(tuple(getattr(paper, k) for k in SAME), [])
-        measured = [m for run in runs if run.system == paper.system and (m := _measured(run, paper))]
+        measured = [
+            m for run in runs if run.system == paper.system and (m := _measured(run, paper))
+        ]
         others = sorted({run.system for run in runs} - {paper.system})
         as_printed = {PRINTED.get(c, c): getattr(paper, c) for c in PAPER} | NOTHING
-        notes = [paper.correction] if isinstance(paper.correction, str) else []  # of what the paper claims
+        notes = (
+            [paper.correction] if isinstance(paper.correction, str) else []
+        )  # of what the paper claims
         for each in measured or [_nothing(paper, here, others)]:
             rows.append(as_printed | each | {"note": "\n".join(notes + each["note"])})
     return pd.DataFrame(rows)
@@ -66,19 +77,31 @@ def yours(results: Sequence[Result]) -> pd.DataFrame:
     Of a system, the lowest seed; those that a paper published stand in their own rows (`against`).
     """
     keys, rows = SAME[:-1], []
-    real = sorted((r for r in results if r["synthetic"] != "true"), key=lambda r: -seed_number(r["seed"]))
+    real = sorted(
+        (r for r in results if r["synthetic"] != "true"), key=lambda r: -seed_number(r["seed"])
+    )
     ours = _by(real)
     numbers = published().dropna(subset="accuracy")
     for _, papers in numbers.groupby([*keys, "subset", "protocol", "unit_key"], sort=False):
         best = next(papers.nlargest(1, "accuracy").itertuples())
         here, named = ours.get(tuple(getattr(best, k) for k in keys), []), {*papers["system"]}
-        lowest = {r.system: r for r in here if r.complete and r.system not in named}  # the last one stays
-        values = {system: value for system, r in lowest.items() if not np.isnan(value := _value(r, best.unit_key)[1])}
+        lowest = {
+            r.system: r for r in here if r.complete and r.system not in named
+        }  # the last one stays
+        values = {
+            system: value
+            for system, r in lowest.items()
+            if not np.isnan(value := _value(r, best.unit_key)[1])
+        }
         shown = {c: getattr(best, c) for c in ("data", "subset", "protocol", "unit", "unit_key")}
         for system in sorted(values, key=lambda name: -values[name])[:YOURS]:
             each = _measured(lowest[system], best)
             assert each is not None
-            rows.append(shown | each | {"reference": MINE, "classifier": system, "note": "\n".join(each["note"])})
+            rows.append(
+                shown
+                | each
+                | {"reference": MINE, "classifier": system, "note": "\n".join(each["note"])}
+            )
     return pd.DataFrame(rows)
 
 
@@ -86,7 +109,9 @@ def _by(results: Sequence[Result], *more: str) -> dict[tuple, list[Result]]:
     """Results by what published numbers are on, and by more."""
     found: dict[tuple, list[Result]] = {}
     for r in results:
-        found.setdefault(tuple(r[name] for name in (*(k.removesuffix("_key") for k in SAME[:-1]), *more)), []).append(r)
+        found.setdefault(
+            tuple(r[name] for name in (*(k.removesuffix("_key") for k in SAME[:-1]), *more)), []
+        ).append(r)
     return found
 
 
@@ -117,8 +142,14 @@ def _nothing(paper: object, here: set[str], others: list[str]) -> Row:
     if paper.data not in here:
         return {"verdict": "data not here", "note": []}
     if "other" in (paper.protocol_key, paper.unit_key):
-        return {"verdict": "not run", "note": ["Its protocol or unit is not published, so there is no comparison."]}
-    return {"verdict": "not run", "note": [f"Run with other parameters: {', '.join(others)}."] if others else []}
+        return {
+            "verdict": "not run",
+            "note": ["Its protocol or unit is not published, so there is no comparison."],
+        }
+    return {
+        "verdict": "not run",
+        "note": [f"Run with other parameters: {', '.join(others)}."] if others else [],
+    }
 
 
 def _value(run: Result, unit: str) -> tuple[str, float]:
@@ -176,7 +207,8 @@ def published_section(beside: pd.DataFrame) -> dict[str, object]:
     """Every published number beside ours; those on corpora that nothing is tracked on are a closed table."""
     table = beside.rename(columns={"low": "ours_low", "high": "ours_high"})
     words = [
-        UNITS[key][0] if key in UNITS else unit for key, unit in zip(table["unit_key"], table["unit"], strict=True)
+        UNITS[key][0] if key in UNITS else unit
+        for key, unit in zip(table["unit_key"], table["unit"], strict=True)
     ]
     table = table.assign(words=words, away=table["verdict"] == "data not here")
     table["place"] = table.groupby(["away", *SHARED], sort=False, dropna=False).ngroup()
@@ -186,7 +218,9 @@ def published_section(beside: pd.DataFrame) -> dict[str, object]:
     return {
         "here": _shown([row for row in rows if not row["away"]]),
         "away": _shown([row for row in rows if row["away"]]),
-        "elsewhere": f"published numbers on {listed(elsewhere)}, which {have} no runs here" if elsewhere else "",
+        "elsewhere": f"published numbers on {listed(elsewhere)}, which {have} no runs here"
+        if elsewhere
+        else "",
         "counts": beside.loc[beside["ours"].notna() & (beside["reference"] != MINE), "verdict"]
         .value_counts()
         .to_dict(),
@@ -203,7 +237,10 @@ def _shown(rows: Sequence[Row]) -> Table:
 
 def _on(row: Row) -> str:
     """Data, subset, protocol and unit of a published number, in words."""
-    words = [f"{name} not published" if row[name] == "unknown" else row[name] for name in ("subset", "protocol")]
+    words = [
+        f"{name} not published" if row[name] == "unknown" else row[name]
+        for name in ("subset", "protocol")
+    ]
     unit = "unit not published" if row["words"] == "unknown" else row["words"]
     return f"{NAMES.get(row['data'], row['data'])}: {'; '.join([*words, unit])}"
 

@@ -9,21 +9,26 @@ import numpy as np
 import pandas as pd
 from scipy.stats import kendalltau
 
-from bench import scores
 from bench.errors import InputError
-from bench.measures import Measure, percent, text
+from bench.ground.words import CLEAN
 from bench.reports.contexts import noted
 from bench.reports.curves import curves, heat_map
 from bench.reports.figures import write_svg
 from bench.reports.layout import markdown, slug
-from bench.result import Result, notes_on
-from bench.sentences import sentences
-from bench.table import Table, of_text, rows_of, write_sheet
-from bench.words import CLEAN
-from bench.work.stability import ALPHA, joined, learning, unharmed
+from bench.values import scores
+from bench.values.measures import Measure, percent, text
+from bench.values.result import Result, notes_on
+from bench.values.sentences import sentences
+from bench.values.stability import ALPHA, joined, learning, unharmed
+from bench.values.table import Table, of_text, rows_of, write_sheet
 
 TOP = 10  # rows of a table
-FILES = {"faults": "faults", "half_margins": "margins", "conditions": "conditions", "slices": "slices"}
+FILES = {
+    "faults": "faults",
+    "half_margins": "margins",
+    "conditions": "conditions",
+    "slices": "slices",
+}
 FAULTS = (
     "Accuracy in percent at severities 1 to 5, mean loss in points, and the lowest severity at which accuracy is "
     "significantly below that of the system."
@@ -57,7 +62,9 @@ def write_all(results: Sequence[Result], out: Path) -> list[str]:
         try:
             write(members, folder)
         except OSError as e:
-            raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
+            raise InputError(
+                f"{folder} cannot be written ({e.strerror}); choose another out="
+            ) from e
         words = "failing subjects, classes, conditions and faults, with figures"
         lines[folder] = f"{title}: {words}: {folder / 'stability.md'}"
     return [*lines.values()]
@@ -75,7 +82,9 @@ def write(results: Sequence[Result], folder: Path) -> None:
         old.unlink()
     for name, table in tables.items():
         write_sheet(noted(table), folder / f"stability_{name}.csv")
-    words = markdown("stability.jinja", context=", ".join(results[0].context), sections=[*sections(results)])
+    words = markdown(
+        "stability.jinja", context=", ".join(results[0].context), sections=[*sections(results)]
+    )
     (folder / "stability.md").write_text(words, encoding="utf-8")
     _draw(results, folder)
 
@@ -84,12 +93,19 @@ def _draw(results: Sequence[Result], folder: Path) -> None:
     """Write the losses under faults and the learning curves, where there are any, as SVG."""
     context = ", ".join(results[0].context)
     if len(results[0].tables["faults"]):
-        losses = pd.DataFrame({r.method: r.tables["margins"].set_index("fault")["loss"] for r in results}).T
+        losses = pd.DataFrame(
+            {r.method: r.tables["margins"].set_index("fault")["loss"] for r in results}
+        ).T
         figure = heat_map(losses, [r["accuracy"] for r in results], context)
         write_svg(figure, folder / "stability_heat_map.svg")
     if any("learning" in r.tables for r in results):
-        learned = [learning(r.tables["labels"]).rename(columns={"train_subjects": "level"}) for r in results]
-        lines = [(i, r.method, curve) for i, (r, curve) in enumerate(zip(results, learned, strict=True))]
+        learned = [
+            learning(r.tables["labels"]).rename(columns={"train_subjects": "level"})
+            for r in results
+        ]
+        lines = [
+            (i, r.method, curve) for i, (r, curve) in enumerate(zip(results, learned, strict=True))
+        ]
         figure = curves("training subjects", lines, title=context)
         write_svg(figure, folder / "stability_training_subjects.svg")
 
@@ -107,9 +123,13 @@ def sections(results: Sequence[Result]) -> Iterator[tuple[str, str, Table | None
     for r in results:
         yield f"Failing groups: {r.method}", *_failing(r)
     if len(results) > 1 and under_faults:
-        note = "By mean accuracy over severities; Kendall's tau compares the order with the clean one."
+        note = (
+            "By mean accuracy over severities; Kendall's tau compares the order with the clean one."
+        )
         table = ranks(results).replace({"fault": {CLEAN: "clean"}})
-        systems = [Measure(name, form="g") for name in table if name not in ("fault", "kendall_tau")]
+        systems = [
+            Measure(name, form="g") for name in table if name not in ("fault", "kendall_tau")
+        ]
         tau = Measure("kendall_tau", "Kendall's tau", form=".2f")
         yield "Ranks", note, Table([text("fault"), *systems, tau], rows_of(table))
     if any("learning" in r.tables for r in results):
@@ -129,7 +149,10 @@ def _clean(results: Sequence[Result]) -> Table:
             names[f"worst {factor}"] = None
             row[f"worst {factor}"] = f"{worst['value']}: {100 * worst['accuracy']:.1f}"
         rows.append(row)
-    columns = [text("system", read=lambda row: row["result"].method), Measure("units", "captures", form=".0f")]
+    columns = [
+        text("system", read=lambda row: row["result"].method),
+        Measure("units", "captures", form=".0f"),
+    ]
     columns += [percent("accuracy", "accuracy [95 %]", ends="accuracy"), *map(text, names)]
     return Table(columns, rows, remarks=[notes_on(r.system, str(r["data"])) for r in results])
 
@@ -138,7 +161,10 @@ def _worst_faults(results: Sequence[Result]) -> Table:
     """Accuracy at each severity of the faults that cost most."""
     rows, severities = [], []
     for r in results:
-        slices, margins = r.tables["slices"], r.tables["margins"].sort_values("loss", ascending=False).head(TOP)
+        slices, margins = (
+            r.tables["slices"],
+            r.tables["margins"].sort_values("loss", ascending=False).head(TOP),
+        )
         by = r.tables["faults"].pivot(index="fault", columns="severity", values="accuracy")
         failing = slices[(slices["kind"] == "fault") & slices["failing"]]
         lowest = failing.groupby("fault")["severity"].min().astype(str)
@@ -172,7 +198,11 @@ def _learning(results: Sequence[Result]) -> Table:
     accuracy = percent("accuracy", ends="accuracy")
     shown = {}
     for r in results:
-        curve = rows_of(learning(r.tables["labels"]).rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
+        curve = rows_of(
+            learning(r.tables["labels"]).rename(
+                columns={"low": "accuracy_low", "high": "accuracy_high"}
+            )
+        )
         shown[r.method] = {f"{row['train_subjects']:g}": accuracy.of(row) for row in curve}
     return of_text(pd.DataFrame(shown).fillna("-").rename_axis("training subjects").reset_index())
 
@@ -190,8 +220,27 @@ def seeds(results: Sequence[Result]) -> pd.DataFrame:
         changed = int((both.nunique(axis=1) > 1).sum())
         accuracy = np.array([r["accuracy"] for r in same])
         spread = accuracy.mean(), accuracy.std(ddof=1), accuracy.min(), accuracy.max()
-        rows.append([system, ", ".join(r["seed"] for r in same), *spread, len(both), changed, changed / len(both)])
-    names = ["system", "seeds", "accuracy", "sd", "lowest", "highest", "captures", "changed", "share_changed"]
+        rows.append(
+            [
+                system,
+                ", ".join(r["seed"] for r in same),
+                *spread,
+                len(both),
+                changed,
+                changed / len(both),
+            ]
+        )
+    names = [
+        "system",
+        "seeds",
+        "accuracy",
+        "sd",
+        "lowest",
+        "highest",
+        "captures",
+        "changed",
+        "share_changed",
+    ]
     return pd.DataFrame(rows, columns=names)
 
 
@@ -211,5 +260,8 @@ def ranks(results: Sequence[Result]) -> pd.DataFrame:
     means = means.reindex(index=table["fault"].unique(), columns=table["system"].unique())
     order = means.rank(axis=1, ascending=False)
     alone = len(means.columns) < 2
-    tau = [np.nan if alone else kendalltau(means.loc[CLEAN], means.loc[fault]).statistic for fault in means.index]
+    tau = [
+        np.nan if alone else kendalltau(means.loc[CLEAN], means.loc[fault]).statistic
+        for fault in means.index
+    ]
     return order.assign(kendall_tau=tau).rename_axis("fault").reset_index()

@@ -11,30 +11,32 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench import few
-from bench.candidate import Losses, Wish
 from bench.errors import InputError
-from bench.intervals import interval
-from bench.measures import Measure, costs, costs_of, known, p_value, text, three
-from bench.outcomes import statistics
-from bench.outcomes.candidates import PLAIN, Candidates, candidates
-from bench.outcomes.choice import Choice, decide, expectation, expected, named, reasons
-from bench.outcomes.frame import by_subject
-from bench.outcomes.scene import EVERY
-from bench.registry import circumstance_views, names
+from bench.ground.registry import circumstance_views, names
+from bench.ground.words import typed
+from bench.reading import statistics
+from bench.reading.candidates import PLAIN, Candidates, candidates
+from bench.reading.choice import Choice, decide, expectation, expected, named, reasons
+from bench.reading.frame import by_subject
+from bench.reading.scene import EVERY
 from bench.reports.figures import Picture
-from bench.result import COMPARABLE, MIXED, Result, notes_on
-from bench.scores import captures
-from bench.sentences import sentences
-from bench.table import Table, rows_of
-from bench.words import typed
+from bench.values import few
+from bench.values.candidate import Losses, Wish
+from bench.values.intervals import interval
+from bench.values.measures import Measure, costs, costs_of, known, p_value, text, three
+from bench.values.result import COMPARABLE, MIXED, Result, notes_on
+from bench.values.scores import captures
+from bench.values.sentences import sentences
+from bench.values.table import Table, rows_of
 
 GROUPS = 3  # groups that get a verdict, statistics and figures
 BY = "flash"  # the cost that is to be low, unless bench choose is told another
 COSTS = 3  # of the answer and of the table; the chart has all
-FIRST = "\N{ALMOST EQUAL TO}"  # behind the place of a system that the test cannot tell from the first
+FIRST = (
+    "\N{ALMOST EQUAL TO}"  # behind the place of a system that the test cannot tell from the first
+)
 SENTENCES = 2  # of the answer; the others are closed
-STATISTICS = (  # columns of `bench.outcomes.statistics.against_best`
+STATISTICS = (  # columns of `bench.reading.statistics.against_best`
     text("system"),
     Measure("accuracy", "mean over subjects %"),
     Measure("difference", form="+.1f", ends="difference"),
@@ -50,7 +52,9 @@ class Summary:
 
     name: str  # captures and protocol in words
     results: Sequence[Result]
-    subjects: pd.DataFrame  # accuracy in percent [systems, subjects], best first; empty without complete runs
+    subjects: (
+        pd.DataFrame
+    )  # accuracy in percent [systems, subjects], best first; empty without complete runs
     rows: pd.DataFrame  # statistics of each system against the compared one
     against: str = ""  # the system to compare with, if that was asked for
     lines: Sequence[str] = ()  # the verdict, its reasons, and all else that is known of the choice
@@ -61,7 +65,9 @@ class Summary:
     label: str = ""  # of the group's tab
     key: str = ""  # of the same in an address
     live: str = ""  # what the script of the page needs (`bench.reports.live`)
-    charts: list[dict[str, Any]] = field(default_factory=list)  # ``label``, the name of a cost, and ``picture``
+    charts: list[dict[str, Any]] = field(
+        default_factory=list
+    )  # ``label``, the name of a cost, and ``picture``
     pictures: Mapping[str, Picture] = field(default_factory=dict)  # by kind
 
     @property
@@ -99,7 +105,9 @@ class Summary:
     @cached_property
     def pairs(self) -> pd.DataFrame:
         """Tests of all pairs of the most accurate systems."""
-        kept = statistics.kept_of(self.subjects, self.against) if len(self.subjects) else self.subjects
+        kept = (
+            statistics.kept_of(self.subjects, self.against) if len(self.subjects) else self.subjects
+        )
         return statistics.pairs(kept.iloc[: statistics.PAIRED])
 
     @property
@@ -107,7 +115,9 @@ class Summary:
         """Limits of the conclusions, in sentences."""
         folds = next(int(r["folds"]) for r in self.results if r.complete and r.alone)
         selected = self.against not in {*self.rows["system"]}
-        return statistics.warnings(self.subjects.shape[1], len(self.rows), folds, self.mixed, selected)
+        return statistics.warnings(
+            self.subjects.shape[1], len(self.rows), folds, self.mixed, selected
+        )
 
     @property
     def compared(self) -> Table | None:
@@ -115,7 +125,11 @@ class Summary:
         if not len(self.rows):
             return None
         rows = self.rows.rename(columns={"low": "difference_low", "high": "difference_high"})
-        return Table(STATISTICS, rows_of(rows), remarks=[notes_on(system, self.data) for system in rows["system"]])
+        return Table(
+            STATISTICS,
+            rows_of(rows),
+            remarks=[notes_on(system, self.data) for system in rows["system"]],
+        )
 
     @cached_property
     def costs(self) -> list[str]:
@@ -123,7 +137,11 @@ class Summary:
         if self.choice is None:
             return []
         table, shared = self.choice.table, costs_of("")
-        seen = {name for name in shared if (table[name].notna() if shared[name].linear else table[name] > 0).any()}
+        seen = {
+            name
+            for name in shared
+            if (table[name].notna() if shared[name].linear else table[name] > 0).any()
+        }
         if table["worst_tenth"].equals(table["worst_person"]):
             seen -= {"worst_tenth"}
         return [name for name in shared if name in seen | {*self.budgets}]
@@ -144,8 +162,14 @@ class Summary:
         return {
             "name": named(row),
             "accuracy": f"{row['accuracy']:.1f} %",
-            "interval": few.too_few(n) if np.isnan(low) else f"95 % CI {low:.1f} to {high:.1f}, {n} subjects",
-            "costs": ", ".join(f"{cost.amount(a)} {cost.words}" for cost, a in amounts.items() if known(a) is not None),
+            "interval": few.too_few(n)
+            if np.isnan(low)
+            else f"95 % CI {low:.1f} to {high:.1f}, {n} subjects",
+            "costs": ", ".join(
+                f"{cost.amount(a)} {cost.words}"
+                for cost, a in amounts.items()
+                if known(a) is not None
+            ),
         }
 
     @property
@@ -173,19 +197,32 @@ class Summary:
         table = table.sort_values("accuracy", ascending=False, kind="stable")
         if not len(table):
             return None
-        people, least = self.among.subjects.loc[table.index].to_numpy(float), self.subjects.loc[self.base].mean()
+        people, least = (
+            self.among.subjects.loc[table.index].to_numpy(float),
+            self.subjects.loc[self.base].mean(),
+        )
         places = statistics.ranks(statistics.kept_of(self.subjects, self.against))
-        ranks = {r.Index: f"{r.best}-{r.worst}".removesuffix(f"-{r.best}") for r in places.itertuples()}
+        ranks = {
+            r.Index: f"{r.best}-{r.worst}".removesuffix(f"-{r.best}") for r in places.itertuples()
+        }
         alike = [*places.index[places["best"] == 1]]
         rows = []
         for i, row, scores in zip(table.index, rows_of(table), people, strict=True):
             low, high = np.clip(interval(scores), 0, 100)
             plain = row["unit"] == "capture" and not row["mark"]
-            row |= {"id": i, "name": named(row), "accuracy_low": low, "accuracy_high": high, "plain": plain}
+            row |= {
+                "id": i,
+                "name": named(row),
+                "accuracy_low": low,
+                "accuracy_high": high,
+                "plain": plain,
+            }
             row["shown"] = row["name"] + " (chosen)" * (i == chosen)
             row["rank"] = ranks.get(row["system"], "not tested") if plain else "not tested"
             row["rank"] += f" {FIRST}" * (plain and row["system"] in alike and len(alike) > 1)
-            row["difference"] = np.nan if plain and row["system"] == self.base else row["accuracy"] - least
+            row["difference"] = (
+                np.nan if plain and row["system"] == self.base else row["accuracy"] - least
+            )
             rows.append(row | {"test": self._test(row["system"]) if plain else "not tested"})
         measures = [
             text("system", read="shown"),
@@ -201,7 +238,11 @@ class Summary:
 
     def column(self, name: str) -> Measure:
         """The column of a cost."""
-        return Measure(name, costs()[name].heading or f"{costs()[name].title} {costs()[name].unit}".strip(), form=three)
+        return Measure(
+            name,
+            costs()[name].heading or f"{costs()[name].title} {costs()[name].unit}".strip(),
+            form=three,
+        )
 
     def _test(self, system: str) -> str:
         """Corrected p of a system against the compared one, n.s., or the reason why there is none."""
@@ -217,16 +258,26 @@ class Summary:
         """A sentence on the spread of the best system over several people."""
         if not len(self.subjects) or self.subjects.shape[1] < 2:
             return ""
-        return sentences("bench.reports", "sentences", "people", name=self.name, best=self.subjects.iloc[0])[0]
+        return sentences(
+            "bench.reports", "sentences", "people", name=self.name, best=self.subjects.iloc[0]
+        )[0]
 
 
 def family(model: str) -> str:
     """``networks``, ``features`` (classifiers on features), or ``own`` for a model that is none of ours."""
     place = names("models").get(model, "")
-    return "own" if not place.startswith("bench.models.") else "networks" if ".nets." in place else "features"
+    return (
+        "own"
+        if not place.startswith("bench.models.")
+        else "networks"
+        if ".nets." in place
+        else "features"
+    )
 
 
-def largest_groups(groups: Mapping[str, Sequence[Result]]) -> tuple[dict[str, Sequence[Result]], list[str]]:
+def largest_groups(
+    groups: Mapping[str, Sequence[Result]],
+) -> tuple[dict[str, Sequence[Result]], list[str]]:
     """Results by group, and the names of groups beyond `GROUPS`.
 
     People stand before generated captures, protocols that say something of new persons before those that mix subjects,
@@ -247,32 +298,46 @@ def largest_groups(groups: Mapping[str, Sequence[Result]]) -> tuple[dict[str, Se
 def labels(groups: Mapping[str, Sequence[Result]]) -> list[str]:
     """The names of tabs: protocols, if these tell the groups apart; else the groups."""
     protocols = [results[0].context[2] for results in groups.values()]
-    alike = len({results[0].context[:2] for results in groups.values()}) == 1 and len({*protocols}) == len(protocols)
+    alike = len({results[0].context[:2] for results in groups.values()}) == 1 and len(
+        {*protocols}
+    ) == len(protocols)
     return protocols if alike else [*groups]
 
 
 def summary_of(
-    name: str, results: Sequence[Result], every: Sequence[Result], budgets: Mapping[str, float], against: str = ""
+    name: str,
+    results: Sequence[Result],
+    every: Sequence[Result],
+    budgets: Mapping[str, float],
+    against: str = "",
 ) -> Summary:
     """Tests and choice of a group; figures are not drawn yet."""
     subjects, rows = tested(results, against)
     first = results[0]
     lossy = [c for c in circumstance_views() if any(cost.losses for cost in c.costs)]
-    lost = any(c.holds(r) for r in every for c in lossy) or any(costs()[cost].losses for cost in budgets)
+    lost = any(c.holds(r) for r in every for c in lossy) or any(
+        costs()[cost].losses for cost in budgets
+    )
     asked = {key: [first[key]] for key in COMPARABLE}
     try:
         wish = Wish(PLAIN, budgets.get("decision"))
         among = candidates(every, asked, wish, losses=Losses(EVERY) if lost else None)
     except InputError as e:
-        return Summary(name, results, subjects, rows, against, [f"Nothing can be chosen here: {e}."])
+        return Summary(
+            name, results, subjects, rows, against, [f"Nothing can be chosen here: {e}."]
+        )
     choice = decide(among.table, among.subjects, BY, dict(budgets), None)
     others = expected(among, choice.chosen, BY, budgets, None)
     lines = reasons(choice, BY, None, among.subjects.shape[1], among.mixed)
     lines += [*expectation(others, among, choice.chosen), *among.notes]
     systems = among.table["system"].unique()
-    lines += dict.fromkeys(note for system in systems for note in notes_on(str(system), str(first["data"])))
+    lines += dict.fromkeys(
+        note for system in systems for note in notes_on(str(system), str(first["data"]))
+    )
     if len(systems) == 1:
-        lines.insert(1, f"Only {systems[0]} has a run here, so there is no other system to compare.")
+        lines.insert(
+            1, f"Only {systems[0]} has a run here, so there is no other system to compare."
+        )
     words = _command(among.table, first, every)
     limits = [costs()[cost].argument(value) for cost, value in budgets.items()]
     command = " ".join([words, *limits]) if words else ""
@@ -286,10 +351,15 @@ def _command(table: pd.DataFrame, first: Result, results: Sequence[Result]) -> s
     protocol = {k: v for k, v in arguments.items() if k.split(".")[0] == "protocol"}
     named_by = ["data", "subset", "target", "protocol_name", *(k for k in protocol if "." in k)]
     same = [r for r in results if all(r.get(name) == first.get(name) for name in named_by)]
-    if not arguments or len({tuple(str(r.get(name)) for name in (*COMPARABLE, "protocol")) for r in same}) > 1:
+    if (
+        not arguments
+        or len({tuple(str(r.get(name)) for name in (*COMPARABLE, "protocol")) for r in same}) > 1
+    ):
         return ""
     target = {"target": first["target"]} if first["target"] != "gesture" else {}
-    return typed("choose", {"data": arguments["data"], "where": first["subset"]} | target | protocol)
+    return typed(
+        "choose", {"data": arguments["data"], "where": first["subset"]} | target | protocol
+    )
 
 
 def tested(results: Sequence[Result], against: str = "") -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -305,8 +375,12 @@ def tested(results: Sequence[Result], against: str = "") -> tuple[pd.DataFrame, 
     complete = [r for r in results if r.complete and r.system in kept.index]
     shared, by_fold = next(r for r in results if r.complete)["test_over_train"], None
     ratio = float(shared) if shared else None  # None where folds share no training captures
-    if ratio is not None and set(fold_accuracy(complete[0])) != set(kept.columns):  # folds that are not subjects
-        table = pd.DataFrame([fold_accuracy(r) for r in complete], index=[r.system for r in complete])
+    if ratio is not None and set(fold_accuracy(complete[0])) != set(
+        kept.columns
+    ):  # folds that are not subjects
+        table = pd.DataFrame(
+            [fold_accuracy(r) for r in complete], index=[r.system for r in complete]
+        )
         by_fold = table.groupby(level=0).mean().reindex(kept.index)
     rows = statistics.against_best(kept, by_fold, ratio, against)
     rows = rows.assign(seeds=rows["system"].map(seeds))

@@ -66,11 +66,17 @@ def hughes_counts(number: str) -> tuple[pd.DataFrame, np.ndarray] | None:
     if number == "V":
         return None
     if TABLES[number][0] == "haart":
-        totals = np.array([HAART_TEST.get(c, 36) for c in percent.index]) * (HAART_WINDOWS if number == "II" else 1)
+        totals = np.array([HAART_TEST.get(c, 36) for c in percent.index]) * (
+            HAART_WINDOWS if number == "II" else 1
+        )
         counts = (percent.T * totals / 100).T
         return counts if number == "II" else counts.round(), totals
-    rows = [implied_counts(row.to_numpy(), COST_TEST.get(name, 120)) for name, row in percent.iterrows()]
-    return pd.DataFrame([r for r, _ in rows], percent.index, percent.columns), np.array([n for _, n in rows])
+    rows = [
+        implied_counts(row.to_numpy(), COST_TEST.get(name, 120)) for name, row in percent.iterrows()
+    ]
+    return pd.DataFrame([r for r, _ in rows], percent.index, percent.columns), np.array(
+        [n for _, n in rows]
+    )
 
 
 def implied_counts(percent: np.ndarray, least: int) -> tuple[np.ndarray, int]:
@@ -92,7 +98,10 @@ def implied_counts(percent: np.ndarray, least: int) -> tuple[np.ndarray, int]:
         for total in range(least, 3 * least):
             counts = np.round(percent * total / 100)
             there = total if percent.sum() > 99 else round(percent.sum() * total / 100)
-            if np.abs(100 * counts / total - percent).max() <= tolerance and abs(counts.sum() - there) <= slack:
+            if (
+                np.abs(100 * counts / total - percent).max() <= tolerance
+                and abs(counts.sum() - there) <= slack
+            ):
                 return counts, total
     raise ValueError(f"no total from {least} to {3 * least - 1} gives {percent}")
 
@@ -127,13 +136,29 @@ def recomputed(papers: pd.DataFrame) -> pd.DataFrame:
     """
     claims = papers.set_index("id")["accuracy"]
     rows = [
-        ("Albawi et al. 2018, Table 3", "windows", claims["albawi2018-headline"], measures(albawi_counts()), 0.05),
-        ("Jung et al. 2017, Table 8", "captures", claims["jung2017-svm-rbf-all"], measures(jung_counts()), 0.5),
+        (
+            "Albawi et al. 2018, Table 3",
+            "windows",
+            claims["albawi2018-headline"],
+            measures(albawi_counts()),
+            0.05,
+        ),
+        (
+            "Jung et al. 2017, Table 8",
+            "captures",
+            claims["jung2017-svm-rbf-all"],
+            measures(jung_counts()),
+            0.5,
+        ),
     ]
     for numeral, (data, claim, unit) in TABLES.items():
         counts = hughes_counts(numeral)
         measured = {"macro_recall": hughes_percent(numeral).to_numpy().diagonal().mean()}
-        measured = dict.fromkeys(("right", "of", "pooled"), np.nan) | measured if counts is None else measures(*counts)
+        measured = (
+            dict.fromkeys(("right", "of", "pooled"), np.nan) | measured
+            if counts is None
+            else measures(*counts)
+        )
         name = f"Hughes et al. 2017, Table {numeral} ({'HAART' if data == 'haart' else 'CoST'})"
         rows.append((name, unit, claims[claim], measured, 0.105))
     tables = pd.DataFrame([{"source": s, "unit": u, "claimed": c, **m} for s, u, c, m, _ in rows])
@@ -157,7 +182,9 @@ def swaps(albawi: pd.DataFrame, jung: pd.DataFrame) -> pd.DataFrame:
         order = [dict([pair, pair[::-1]] if pair else []).get(n, n) for n in names]
         exchanged = _confusions(albawi.loc[order, order].to_numpy(dtype=float))
         rows.append([*(pair or ("", "")), np.corrcoef(exchanged, other)[0, 1]])
-    return pd.DataFrame(rows, columns=["first", "second", "correlation"]).sort_values("correlation", ascending=False)
+    return pd.DataFrame(rows, columns=["first", "second", "correlation"]).sort_values(
+        "correlation", ascending=False
+    )
 
 
 def _confusions(counts: np.ndarray) -> np.ndarray:
@@ -169,7 +196,9 @@ def main() -> None:
     """Print the recomputed accuracies, and the exchange of two labels that makes two papers most alike."""
     print(recomputed(published()).round(2).to_string(index=False))
     exchanged = swaps(albawi_counts(), jung_counts())
-    print(f"\nAlbawi et al. 2018 against Jung et al. 2017:\n{exchanged.iloc[[0]].round(2).to_string(index=False)}")
+    print(
+        f"\nAlbawi et al. 2018 against Jung et al. 2017:\n{exchanged.iloc[[0]].round(2).to_string(index=False)}"
+    )
     print(f"as printed: {exchanged.loc[exchanged['first'] == '', 'correlation'].item():.2f}")
 
 

@@ -6,7 +6,9 @@ import subprocess
 import sys
 from functools import cache
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # small networks are slower on two threads than on one
+os.environ.setdefault(
+    "OMP_NUM_THREADS", "1"
+)  # small networks are slower on two threads than on one
 
 import numpy as np
 import pandas as pd
@@ -14,11 +16,12 @@ import pytest
 from filelock import FileLock
 from hypothesis import HealthCheck, settings
 
-from bench import measures, registry
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import open_folder, write_folder
-from bench.store import connect, create
-from bench.work.workers import Here
+from bench.ground import registry
+from bench.running.workers import Here
+from bench.store.client import connect, create
+from bench.values import measures
 
 # The command in a process of its own. What a shell starts in the background ignores Ctrl-C, and so do its children.
 BENCH = [
@@ -29,7 +32,10 @@ BENCH = [
 ]
 
 # A busy machine is no failure. HYPOTHESIS_PROFILE=nightly looks fifty times as long.
-patient = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]}
+patient = {
+    "deadline": None,
+    "suppress_health_check": [HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+}
 settings.register_profile("ci", parent=settings(), max_examples=20, derandomize=True, **patient)
 settings.register_profile("nightly", parent=settings(), max_examples=1000, **patient)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
@@ -74,8 +80,14 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_addoption(parser):
-    parser.addoption("--golden", action="store_true", help="write tests/net/golden anew: what users see")
-    parser.addoption("--exact", action="store_true", help="compare stored numbers to the last digit, as made here")
+    parser.addoption(
+        "--golden", action="store_true", help="write tests/net/golden anew: what users see"
+    )
+    parser.addoption(
+        "--exact",
+        action="store_true",
+        help="compare stored numbers to the last digit, as made here",
+    )
 
 
 @pytest.fixture(autouse=True)
@@ -108,14 +120,14 @@ def prepared_store(request, monkeypatch):
     """New stores are copies of an empty one, but for tests that are marked ``real_store``."""
     if not request.node.get_closest_marker("real_store"):
         copied = lambda path: shutil.copy(request.getfixturevalue("empty_store"), path)  # noqa: E731
-        monkeypatch.setattr("bench.store.create", copied)
+        monkeypatch.setattr("bench.store.client.create", copied)
 
 
 @pytest.fixture(autouse=True)
 def folds_here(request, monkeypatch):
     """Folds are done in this process, but for tests that are marked ``pool``: starting workers takes seconds."""
     if not request.node.get_closest_marker("pool"):
-        monkeypatch.setattr("bench.work.loop.Processes", Here)
+        monkeypatch.setattr("bench.running.loop.Processes", Here)
 
 
 @pytest.fixture(autouse=True)
@@ -136,14 +148,22 @@ def shorten_measurements(patch):
     """Time 3 captures once beside less work, instead of 5 twice, and predict 2 alone instead of 8."""
     for name in ("work.fold", "work.replay"):
         patch.setattr(f"bench.{name}.TIMED_CAPTURES", 3)
-    patch.setattr("bench.timing.AROUND", 1)
-    patch.setattr("bench.timing.REPEATS", 1)
-    patch.setattr("bench.timing.reference", lambda: sum(range(5000)))
-    patch.setattr("bench.work.fold.AGAIN", 4)
-    patch.setattr("bench.work.fold.ALONE", 2)
+    patch.setattr("bench.ground.timing.AROUND", 1)
+    patch.setattr("bench.ground.timing.REPEATS", 1)
+    patch.setattr("bench.ground.timing.reference", lambda: sum(range(5000)))
+    patch.setattr("bench.running.fold.AGAIN", 4)
+    patch.setattr("bench.running.fold.ALONE", 2)
 
 
-def random_corpus(subjects=4, per_class=3, gestures=("pat", "rub", "tap"), grid=(8, 8), longest=40, seed=0, **fields):
+def random_corpus(
+    subjects=4,
+    per_class=3,
+    gestures=("pat", "rub", "tap"),
+    grid=(8, 8),
+    longest=40,
+    seed=0,
+    **fields,
+):
     """Captures of different lengths and levels, so that classes can be told apart but not perfectly."""
     rng = np.random.default_rng(seed)
     arrays, about = [], []
@@ -151,7 +171,11 @@ def random_corpus(subjects=4, per_class=3, gestures=("pat", "rub", "tap"), grid=
         for c, gesture in enumerate(gestures):
             for repetition in range(1, per_class + 1):
                 frames = int(rng.integers(1, longest))
-                arrays.append(rng.poisson(20 + 60 * c + 5 * subject, (frames, *grid)).clip(0, 1023).astype(np.uint16))
+                arrays.append(
+                    rng.poisson(20 + 60 * c + 5 * subject, (frames, *grid))
+                    .clip(0, 1023)
+                    .astype(np.uint16)
+                )
                 about.append((str(subject), gesture, repetition))
     captures = pd.DataFrame(about, columns=["subject", "gesture", "repetition"])
     return Corpus.from_captures(arrays, captures, 100.0, name="random", **fields)
@@ -161,14 +185,18 @@ def with_other_values(corpus, captures):
     """The same corpus with random values in some captures, to show that they are not looked at."""
     frames = corpus.frames.copy()
     for start, length in zip(corpus.starts[captures], corpus.lengths[captures], strict=True):
-        frames[start : start + length] = np.random.default_rng(1).integers(0, 1023, (length, *corpus.grid))
+        frames[start : start + length] = np.random.default_rng(1).integers(
+            0, 1023, (length, *corpus.grid)
+        )
     return corpus.changed(frames=frames)
 
 
 def runs(kind):
     """The store and its runs of a kind, the oldest first."""
     store = connect()
-    return store, sorted(store.runs(f"tags.`touchbench.kind` = '{kind}'"), key=lambda run: run.info.start_time)
+    return store, sorted(
+        store.runs(f"tags.`touchbench.kind` = '{kind}'"), key=lambda run: run.info.start_time
+    )
 
 
 def predictions(store, run, name="predictions"):

@@ -5,18 +5,20 @@ from itertools import count
 import numpy as np
 import pandas as pd
 
-from bench.circumstances.faults import Faults
-from bench.circumstances.subjects import Subjects
-from bench.result import Result
-from bench.work.results import FoldResult, measured
-from bench.work.stability import sliced
+from bench.running.circumstances.faults import Faults
+from bench.running.circumstances.subjects import Subjects
+from bench.running.results import FoldResult, measured
+from bench.values.result import Result
+from bench.values.stability import sliced
 
 GESTURES = ("pat", "rub", "tap")
 NAMES = ("fold", "capture", "start", "frames", "true", "subject", *(f"p_{g}" for g in GESTURES))
 _started = count(1)  # later results are newer
 
 
-def made_up(subjects=4, per_class=4, skill=0.7, seed=0, windows=1, gestures=GESTURES, hard=False, folds=None):
+def made_up(
+    subjects=4, per_class=4, skill=0.7, seed=0, windows=1, gestures=GESTURES, hard=False, folds=None
+):
     """A predictions table; a subject's captures are right with a probability around ``skill``."""
     rng = np.random.default_rng(seed)
     rows = []
@@ -53,12 +55,27 @@ def result(system="svm", kind="cell", metrics=(), tables=None, failed=0, **about
     usual = {
         "touchbench.kind": kind,
         "touchbench.depends_on_batch": "false",
-        **{"data": "synth", "synthetic": "true", "corpus_digest": "d" * 64, "subset": "all", "target": "gesture"},
-        **{"protocol": "loso", "protocol_label": "LOSO", "system": system, "model": system.split(" · ")[0]},
+        **{
+            "data": "synth",
+            "synthetic": "true",
+            "corpus_digest": "d" * 64,
+            "subset": "all",
+            "target": "gesture",
+        },
+        **{
+            "protocol": "loso",
+            "protocol_label": "LOSO",
+            "system": system,
+            "model": system.split(" · ")[0],
+        },
         **{"features": "jung54", "features_name": "jung54", "seed": "0"},
         **{"mixes_subjects": "false", "test_over_train": "", "official_split": ""},
         **{"git": "abc", "cpu": "one", "threads": "1", "version.python": "3"},
-        **{"run_id": f"run{number}", "started": number, "status": "FAILED" if failed else "FINISHED"},
+        **{
+            "run_id": f"run{number}",
+            "started": number,
+            "status": "FAILED" if failed else "FINISHED",
+        },
     }
     about = usual | {k: v if k == "started" else str(v) for k, v in about.items()}
     parts = {f"{part}_name": about[part].split("[")[0] for part in ("model", "protocol")}
@@ -66,10 +83,25 @@ def result(system="svm", kind="cell", metrics=(), tables=None, failed=0, **about
     return Result(parts | about, counts | dict(metrics), tables or {})
 
 
-def evaluated(system="svm", predictions=None, failed=0, cost=1.0, kind="cell", metrics=(), tables=None, **about):
+def evaluated(
+    system="svm",
+    predictions=None,
+    failed=0,
+    cost=1.0,
+    kind="cell",
+    metrics=(),
+    tables=None,
+    **about,
+):
     """A result of ``bench run`` with these predictions."""
     predictions = made_up(per_class=1) if predictions is None else predictions
-    sizes = {"fit_seconds": 3.0, "parameters": 1000, "flash_bytes": 4000, "ram_bytes": 500, "peak_rss_bytes": 2e8}
+    sizes = {
+        "fit_seconds": 3.0,
+        "parameters": 1000,
+        "flash_bytes": 4000,
+        "ram_bytes": 500,
+        "peak_rss_bytes": 2e8,
+    }
     names = [*predictions["fold"].unique()]
     folds = [
         FoldResult(
@@ -110,11 +142,18 @@ def under_stress(table, system="svm", **about):
         measured, made = one.result(asked, [], 50.0)
         numbers, tables, about = numbers | measured, tables | made, one.params() | about
     words = {Faults.key: Faults.word}
-    measured, made = sliced(pd.concat([clean, faulty], ignore_index=True), words, about.get("target", "gesture"))
+    measured, made = sliced(
+        pd.concat([clean, faulty], ignore_index=True), words, about.get("target", "gesture")
+    )
     return result(system, metrics=numbers | measured, tables=tables | made, **about)
 
 
-HAART = {"data": "haart", "synthetic": "false", "corpus_digest": "d", "protocol_label": "LOSO (10 subjects)"}
+HAART = {
+    "data": "haart",
+    "synthetic": "false",
+    "corpus_digest": "d",
+    "protocol_label": "LOSO (10 subjects)",
+}
 
 
 def stressed(system, accuracy, losses, more=(), tables=None, **about):
@@ -126,16 +165,36 @@ def stressed(system, accuracy, losses, more=(), tables=None, **about):
         "worst.subject": accuracy / 2,
     }
     metrics |= {f"loss.{fault}": loss for fault, loss in losses.items()} | dict(more)
-    return evaluated(system, metrics=metrics, tables=tables, **HAART | {"faults": ", ".join(losses)} | about)
+    return evaluated(
+        system, metrics=metrics, tables=tables, **HAART | {"faults": ", ".join(losses)} | about
+    )
 
 
 def streamed(system, start="onset", hop="None", tables=None, metrics=(), **about):
     """A result of ``after=each``, with its tables."""
-    numbers = {"replay_accuracy": 0.7, "adaptive_accuracy": 0.65, "adaptive_ms": 812.0, "mean_ms": 900.0}
+    numbers = {
+        "replay_accuracy": 0.7,
+        "adaptive_accuracy": 0.65,
+        "adaptive_ms": 812.0,
+        "mean_ms": 900.0,
+    }
     numbers |= {"replay_ms_p50": 1.04, "replay_ms_p95": 2.0} | dict(metrics)
-    table = pd.DataFrame({"ms": [100.0, 900], "mean_ms": [100.0, 900], "accuracy": [0.4, 0.7], "low": 0.3, "high": 0.8})
+    table = pd.DataFrame(
+        {
+            "ms": [100.0, 900],
+            "mean_ms": [100.0, 900],
+            "accuracy": [0.4, 0.7],
+            "low": 0.3,
+            "high": 0.8,
+        }
+    )
     usual = {"instants": table, "stopping": table} | (tables or {})
-    options = {"stream.start": start, "stream.hop_ms": hop, "stream.after": "each", "stream.stopping": True}
+    options = {
+        "stream.start": start,
+        "stream.hop_ms": hop,
+        "stream.after": "each",
+        "stream.stopping": True,
+    }
     return evaluated(system, metrics=numbers, tables=usual, **HAART | options | about)
 
 

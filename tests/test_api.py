@@ -9,7 +9,7 @@ from sklearn.svm import SVC
 
 import bench
 from bench.features.jung28 import Jung28
-from bench.options import settings
+from bench.grammar.options import settings
 from tests.conftest import predictions, runs
 from tests.reports.store import tracked_run, with_hits
 
@@ -17,7 +17,9 @@ TINY = {"data__subjects": 3, "data__variants": ("normal",), "data__repetitions":
 
 
 def test_a_corpus_can_be_looked_at():
-    corpus = bench.corpus("synth", where="gesture == 'pat'", subjects=2, variants=("normal",), repetitions=1)
+    corpus = bench.corpus(
+        "synth", where="gesture == 'pat'", subjects=2, variants=("normal",), repetitions=1
+    )
     assert set(corpus.gestures) == {"pat"} and len(corpus) == 2
     figure = corpus.plot(1)
     grid, course, *_ = figure.axes
@@ -28,21 +30,32 @@ def test_a_corpus_can_be_looked_at():
 
 def test_results_and_run_show_what_is_tracked(in_net, capsys):
     on = {"data": "people", "where": "all", "target": "gesture", "protocol": "loso"}
-    table = bench.run(model=["tree", "bayes"], features="jung28", seed=None, data="people", jobs=1)  # the same cells
+    table = bench.run(
+        model=["tree", "bayes"], features="jung28", seed=None, data="people", jobs=1
+    )  # the same cells
     assert "already stored" in capsys.readouterr().err
     tracked = {run.info.run_id: run.data for run in runs("cell")[1]}
     scale = {"accuracy": 100, "macro_f1": 100, "flash_bytes": 1}
     for row in table.to_dict("records"):
         data = tracked[row["run_id"]]
-        assert [row[name] for name in scale] == pytest.approx([s * data.metrics[name] for name, s in scale.items()])
-        assert {"corpus_digest", "threads", "cpu", "version.scikit-learn", "protocol"} <= {*data.params}
+        assert [row[name] for name in scale] == pytest.approx(
+            [s * data.metrics[name] for name, s in scale.items()]
+        )
+        assert {"corpus_digest", "threads", "cpu", "version.scikit-learn", "protocol"} <= {
+            *data.params
+        }
     assert table["system"].tolist() == ["tree · jung28", "bayes · jung28"]
-    assert bench.runs(model="bayes", **on).set_index("run_id")["accuracy"][table["run_id"][1]] == table["accuracy"][1]
+    assert (
+        bench.runs(model="bayes", **on).set_index("run_id")["accuracy"][table["run_id"][1]]
+        == table["accuracy"][1]
+    )
     every = bench.runs()
     for printed in (table, every):
         head = printed.to_string(max_cols=8).splitlines()[0].split()
         assert head[:4] == ["name", "accuracy", "low", "high"] and head[-2:] == ["data", "protocol"]
-    assert {*tracked} <= {*every["run_id"]} and not every[["name", "data", "subset", "protocol"]].duplicated().any()
+    assert {*tracked} <= {*every["run_id"]} and not every[
+        ["name", "data", "subset", "protocol"]
+    ].duplicated().any()
     with pytest.raises(bench.InputError):
         bench.runs(model="svm")
     assert bench.choose(max_flash="1B", model="bayes", **on).system is None
@@ -64,8 +77,13 @@ def test_what_cannot_be_compared_is_refused(store):
 
 def test_objects_give_what_their_names_give():
     own = lambda C=5: make_pipeline(Jung28(), StandardScaler(), SVC(C=C))  # noqa: E731
-    table = bench.run(model=[own(), SVC(C=5)], features=Jung28(), protocol=LeaveOneGroupOut(), **TINY)
-    assert table["system"].tolist() == ["Jung28() > StandardScaler() > SVC(C=5)", "SVC(C=5) · Jung28()"]
+    table = bench.run(
+        model=[own(), SVC(C=5)], features=Jung28(), protocol=LeaveOneGroupOut(), **TINY
+    )
+    assert table["system"].tolist() == [
+        "Jung28() > StandardScaler() > SVC(C=5)",
+        "SVC(C=5) · Jung28()",
+    ]
     assert (table["protocol"] == "LeaveOneGroupOut").all() and (table["folds"] == "3/3").all()
     corpus = bench.corpus("synth", subjects=3, variants=("normal",), repetitions=1)
     expected = []
@@ -75,7 +93,9 @@ def test_objects_give_what_their_names_give():
     store, (first, _) = runs("cell")
     labels = predictions(store, first).filter(like="p_").idxmax(axis=1).str[2:]
     assert labels.tolist() == expected
-    ids = [bench.run(model=own(C), protocol=LeaveOneGroupOut(), **TINY)["run_id"][0] for C in (5, 6)]
+    ids = [
+        bench.run(model=own(C), protocol=LeaveOneGroupOut(), **TINY)["run_id"][0] for C in (5, 6)
+    ]
     assert ids[0] == table["run_id"][0] and ids[1] != ids[0]  # an equal object is the same run
 
 
@@ -85,12 +105,17 @@ def test_tables_of_runs_and_a_fitted_system(in_net):
     assert {"none", "noise", "dead_taxels"} < {*bench.predictions(found, "labels")["case"]}
     assert {*bench.predictions(found)["name"]} == {"bayes · jung28"}
     cases = bench.runs(cases=True, run=[*found["run_id"]])
-    assert {*cases.loc[cases["case"] == "noise", "level"]} == {1, 2, 3, 4, 5} and {"accuracy", "loss"} < {*cases}
+    assert {*cases.loc[cases["case"] == "noise", "level"]} == {1, 2, 3, 4, 5} and {
+        "accuracy",
+        "loss",
+    } < {*cases}
     with pytest.raises(bench.InputError, match="did you mean faults"):
         bench.predictions(found, "fault")
     fitted = bench.fit(stopping=False, model="bayes", features="jung28", data="people")
     assert len(fitted.recogniser.label(bench.corpus("people"))) == 32 and fitted.uri in repr(fitted)
-    tuned = bench.tune(model="tree", features="jung28", model__level=[1, 9], inner="2", data="people", jobs=1)
+    tuned = bench.tune(
+        model="tree", features="jung28", model__level=[1, 9], inner="2", data="people", jobs=1
+    )
     assert tuned["system"][0].startswith("tuned tree[level=1|9")
 
 

@@ -40,10 +40,16 @@ def test_scripts_and_workers_of_the_folder():
     for package in ("models", "features", "protocols", "reports", "tests"):
         Path(package).mkdir()
         Path(package, "__init__.py").touch()
-    for path, text in {"models/mine.py": MINE, "features/mean.py": MEAN, "script.py": SCRIPT}.items():
+    for path, text in {
+        "models/mine.py": MINE,
+        "features/mean.py": MEAN,
+        "script.py": SCRIPT,
+    }.items():
         Path(path).write_text(text)
     env = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    done = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True, timeout=600, env=env)
+    done = subprocess.run(
+        [sys.executable, "script.py"], capture_output=True, text=True, timeout=600, env=env
+    )
     assert done.returncode == 0, done.stderr[-2000:]
     alone, spawned = done.stdout.splitlines()[-2:]
     assert alone == spawned and len(alone.split()) == 2

@@ -11,7 +11,7 @@ import pytest
 
 from bench.cli import main
 from bench.commands.ui import drawn
-from bench.store import connect
+from bench.store.client import connect
 from tests.commands.test_server import free_port
 from tests.conftest import BENCH
 
@@ -26,7 +26,10 @@ BAD = [  # arguments, and what the line names
     (["run", "data=a\0b"], "NUL"),
     (["run", "data=\x1b[31mred"], "data="),
     (["run", "where=" + 500 * "x"], "where="),
-    *((["stress", "data.subjects=4", f"train_subjects={n}"], f"train_subjects={n}") for n in ("few", "4")),
+    *(
+        (["stress", "data.subjects=4", f"train_subjects={n}"], f"train_subjects={n}")
+        for n in ("few", "4")
+    ),
     (["run", "after=each", "hop_ms=1"], "hop_ms=1"),
     *(([name, "data.subjects=4", "out=file/x"], "file/x") for name in ("stress",)),
     (["run", "after=each", "stopping=yes", "data.subjects=2"], "one subject"),
@@ -63,7 +66,9 @@ def test_a_bad_line_is_one_line_that_names_the_key_and_writes_nothing(arguments,
 
 @pytest.mark.parametrize("arguments", [["--help"], ["data"]])
 def test_output_that_is_closed_is_no_error(arguments):
-    done = subprocess.run([*BENCH, *arguments], stderr=subprocess.PIPE, preexec_fn=lambda: os.close(1))
+    done = subprocess.run(
+        [*BENCH, *arguments], stderr=subprocess.PIPE, preexec_fn=lambda: os.close(1)
+    )
     assert (done.returncode, done.stderr) == (0, b"")
 
 
@@ -78,7 +83,9 @@ def test_the_ui_opens_a_view_with_columns_that_runs_have(in_net, monkeypatch, ca
     assert main(["ui", f"port={port}"]) == 0
     key = re.search(r"viewStateShareKey=(\w+)", capsys.readouterr().out)[1]
     store = connect()
-    view = json.loads(store.client.get_experiment(store.experiment_id).tags[f"mlflow.sharedViewState.{key}"])
+    view = json.loads(
+        store.client.get_experiment(store.experiment_id).tags[f"mlflow.sharedViewState.{key}"]
+    )
     shown = store.runs()
     kinds = {run.info.run_name.split()[0] for run in shown}
     assert kinds == {"run", "tune"}
@@ -91,12 +98,17 @@ def test_the_ui_opens_a_view_with_columns_that_runs_have(in_net, monkeypatch, ca
 def test_figures_of_runs_are_drawn_once(in_net, monkeypatch):
     drawings = []
     figure = "matplotlib.figure.Figure.savefig"
-    monkeypatch.setattr(figure, lambda self, path, **_: drawings.append(Path(path).write_text("<svg/>")))
+    monkeypatch.setattr(
+        figure, lambda self, path, **_: drawings.append(Path(path).write_text("<svg/>"))
+    )
     store = connect()
     for _ in range(2):
         runs = store.of_kind("cell")
         assert {*drawn(store)} == {run.info.run_id for run in runs}
-        names = [(r.info.run_name.split()[0], {*store.names(r.info.run_id, r.info.artifact_uri)}) for r in runs]
+        names = [
+            (r.info.run_name.split()[0], {*store.names(r.info.run_id, r.info.artifact_uri)})
+            for r in runs
+        ]
         assert all("confusion.svg" in files for kind, files in names if kind in ("run", "tune"))
     assert len(drawings) == sum(file.endswith(".svg") for _, files in names for file in files)
 

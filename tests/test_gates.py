@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 
 import bench
-from bench import registry
 from bench.cli import main
-from bench.described import help_of, overview
-from bench.outcomes.runs import every_result
+from bench.grammar.described import help_of, overview
+from bench.ground import registry
+from bench.reading.runs import every_result
 from tests.conftest import SMALL, runs
 
 
@@ -46,7 +46,11 @@ def test_a_new_circumstance_is_one_file_and_appears_everywhere(plug, monkeypatch
     """Fewer captures of each class: printed, in a CSV file, on the page with a figure, a candidate, with a budget."""
     plug(POINTS.replace("lost = example:LOST\n", ""), EXAMPLE, "example")
     monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
-    assert "each=" in help_of("run") and "max_each_loss=" in help_of("choose") and "max_each_loss=" in help_of("report")
+    assert (
+        "each=" in help_of("run")
+        and "max_each_loss=" in help_of("choose")
+        and "max_each_loss=" in help_of("report")
+    )
     code, printed = done(["run", *SMALL, "model=tree,usual", "features=jung28", "each=2,1"])
     assert code == 0 and "Accuracy in percent by training captures of each class" in printed
     (store, stored_runs) = runs("cell")
@@ -54,12 +58,18 @@ def test_a_new_circumstance_is_one_file_and_appears_everywhere(plug, monkeypatch
         labels = every_result(store)[0].tables["labels"]
         assert {*labels["circumstance"]} == {"", "each"} and {*labels["level"]} == {0, 1, 2}
         number = f"{100 * run.data.metrics['accuracy.each.1']:.1f}"
-        row = [line for line in printed.splitlines() if line.startswith(f"│ {run.data.tags['system']}")][-1]
+        row = [
+            line for line in printed.splitlines() if line.startswith(f"│ {run.data.tags['system']}")
+        ][-1]
         loss = (
             run.data.metrics["accuracy"]
             - (run.data.metrics["accuracy.each.1"] + run.data.metrics["accuracy.each.2"]) / 2
         )
-        assert run.data.metrics["loss.each"] == pytest.approx(loss) and f"{100 * loss:.1f}" in row and number in row
+        assert (
+            run.data.metrics["loss.each"] == pytest.approx(loss)
+            and f"{100 * loss:.1f}" in row
+            and number in row
+        )
     assert done(["run", *SMALL, "model=tree", "features=jung28", "each=0"])[0] == 2
     table = bench.choose(data="synth").choice.table
     assert {"1 captures of each class", "2 captures of each class", "capture"} == {*table["unit"]}
@@ -76,12 +86,14 @@ def test_a_wrong_circumstance_is_refused_where_it_is_used(plug, capsys):
     plug("[touchbench.circumstances]\ngone = no_such_module:Gone\n", "", "empty")
     assert main(["run", *SMALL, "model=tree", "features=jung28", "gone=1"]) == 2
     warning, error = capsys.readouterr().err.splitlines()
-    assert warning.startswith("warning: circumstance=gone cannot be loaded from no_such_module:Gone")
+    assert warning.startswith(
+        "warning: circumstance=gone cannot be loaded from no_such_module:Gone"
+    )
     assert error.startswith("bench: no key is called 'gone'")
 
 
 NAMED = {  # file: keys that it may have, with the reason
-    "bench/options.py": {"under", "after"},  # commands and examples as a user types them
+    "bench/grammar/options.py": {"under", "after"},  # commands and examples as a user types them
     "bench/commands/run.py": {"under"},  # bench stress is bench run with it
     "reports/layout.py": {"form"},  # of the output
     "reports/views/subjects.py": {"stress"},
@@ -89,18 +101,28 @@ NAMED = {  # file: keys that it may have, with the reason
 
 
 def test_no_other_file_names_a_circumstance_or_a_study():
-    root = Path(registry.__file__).parents[1]
+    root = Path(registry.__file__).parents[2]
     every = [*registry.loaded("circumstances").values()]
     keys = {one.key for one in every} - {"train_subjects"}  # a column of every table of labels
-    modules = {place.partition(":")[0] for one in every for place in (f"{one.__module__}:", one.view)}
-    files = [p for name in ("bench", "reports", "models", "features", "protocols") for p in (root / name).rglob("*.py")]
+    modules = {
+        place.partition(":")[0] for one in every for place in (f"{one.__module__}:", one.view)
+    }
+    files = [
+        p
+        for name in ("bench", "reports", "models", "features", "protocols")
+        for p in (root / name).rglob("*.py")
+    ]
     found = {}
     for path in files:
         name = str(path.relative_to(root))
         if {path.parent.name, path.stem} & {"circumstances", "views"}:
             continue  # what they add they name
         tree = [*ast.walk(ast.parse(path.read_text()))]
-        words = {node.value for node in tree if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+        words = {
+            node.value
+            for node in tree
+            if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        }
         imported = {node.module for node in tree if isinstance(node, ast.ImportFrom)}
         if here := (keys & words) | (modules & imported) - {"bench.reports.views.base"}:
             found[name] = here - NAMED.get(name, set())
@@ -110,19 +132,32 @@ def test_no_other_file_names_a_circumstance_or_a_study():
 def test_a_package_adds_a_command_and_a_key_of_others(plug):
     plug(POINTS, EXAMPLE, "example")
     assert done(["count", "data=anna"]) == (0, "4 letters\n") and done(["count", "seed=1"])[0] == 2
-    assert "data=" in help_of("count") and "least letters; default 1" in help_of("count") and "count" in overview()
+    assert (
+        "data=" in help_of("count")
+        and "least letters; default 1" in help_of("count")
+        and "count" in overview()
+    )
     assert "loud= " in help_of("fit") and "loud= " not in help_of("run")
     assert "lost" not in overview() and done(["lost"])[0] == 2
 
 
 def test_a_run_enters_no_other_kind_no_choice_and_no_report(tmp_path):
     """Every Python function that a run calls, with folds in this process."""
-    few = [*SMALL, "where=gesture in ('pat', 'tap')", "features=jung28", "under=noise"]  # what is traced takes long
+    few = [
+        *SMALL,
+        "where=gesture in ('pat', 'tap')",
+        "features=jung28",
+        "under=noise",
+    ]  # what is traced takes long
     assert done(["run", *few, "model=tree"])[0] == 0  # all is imported, and so not traced
-    root, entered = Path(registry.__file__).parents[1], set()
+    root, entered = Path(registry.__file__).parents[2], set()
 
     def trace(frame, event, _):
-        if event == "call" and frame.f_code.co_filename.startswith(str(root)) and frame.f_code.co_name[0] != "<":
+        if (
+            event == "call"
+            and frame.f_code.co_filename.startswith(str(root))
+            and frame.f_code.co_name[0] != "<"
+        ):
             entered.add(str(Path(frame.f_code.co_filename).relative_to(root)))
 
     sys.setprofile(trace)
@@ -130,11 +165,17 @@ def test_a_run_enters_no_other_kind_no_choice_and_no_report(tmp_path):
         assert done(["run", *few, "model=tree", "seed=1"])[0] == 0
     finally:
         sys.setprofile(None)
-    of = {folder: {file for file in entered if file.startswith(folder)} for folder in ("bench/", "reports/")}
-    measured = {file for file in of["bench/"] if file.startswith("bench/circumstances/")}
-    assert measured == {"bench/circumstances/base.py", "bench/circumstances/faults.py"}
+    of = {
+        folder: {file for file in entered if file.startswith(folder)}
+        for folder in ("bench/", "reports/")
+    }
+    measured = {file for file in of["bench/"] if file.startswith("bench/running/circumstances/")}
+    assert measured == {
+        "bench/running/circumstances/base.py",
+        "bench/running/circumstances/faults.py",
+    }
     views = ("base", "captures", "faults")
     assert of["reports/"] == {f"reports/views/{name}.py" for name in views}  # of what is printed
     choice = {"candidates", "choice", "reactions"}
-    assert not {f"bench/outcomes/{name}.py" for name in choice} & of["bench/"]
+    assert not {f"bench/reading/{name}.py" for name in choice} & of["bench/"]
     assert not {f"bench/commands/{name}.py" for name in ("choose", "report")} & of["bench/"]

@@ -18,18 +18,29 @@ import bench
 from bench.cli import main
 from bench.corpora.library import import_corpus
 from bench.corpora.read.limits import flaw
-from bench.outcomes.reactions import NOTHING
-from bench.outcomes.runs import every_result
 from bench.protocols.subjects import natural_order
-from bench.store import connect
+from bench.reading.reactions import NOTHING
+from bench.reading.runs import every_result
+from bench.store.client import connect
 from tests.conftest import random_corpus
 from tests.net.build import inside
 from tests.net.masks import MASKED
 
 GESTURES, PEOPLE = ("pat", "rub", "tap"), ("a", "b", "c")
 HARD = '1|10|2|03|1.0|-1|1e3|NA|N/A|null|nan|NaN|inf|True|false|true|none.|no one|a,b|a"b|"|\'|=1+1|#|[x]|{y}|\\|100 %'
-HARD = f"{HARD}|\u00fc|\u89e6\u308b|\U0001f590|unknown|notouch|quiet|fold|capture|subject|p_true|labels".split("|")
-NAMED = ("subject", "gesture", "label", "first", "fold", "true", "predicted", "value")  # columns of names
+HARD = f"{HARD}|\u00fc|\u89e6\u308b|\U0001f590|unknown|notouch|quiet|fold|capture|subject|p_true|labels".split(
+    "|"
+)
+NAMED = (
+    "subject",
+    "gesture",
+    "label",
+    "first",
+    "fold",
+    "true",
+    "predicted",
+    "value",
+)  # columns of names
 TEXT = "subject gesture label first fold true predicted factor value kind slice fault amount where system data".split()
 TEXT += ["subset", "protocol"]
 SCENE = "[reactions]\nboth = {}\n[costs]\nboth = {{ nothing = 0.5 }}\nsilence = 0.7\n"
@@ -54,7 +65,13 @@ def numbers(table, back):
         if isinstance(value, tuple):
             return tuple(cell(one, True) for one in value)
         text = isinstance(value, str)
-        return None if pd.isna(value) or (text and not named) else back.get(value, value) if text else value
+        return (
+            None
+            if pd.isna(value) or (text and not named)
+            else back.get(value, value)
+            if text
+            else value
+        )
 
     kept = {name: column for name, column in table.items() if not MASKED.fullmatch(str(name))}
     return [[cell(value, name in NAMED) for value in column] for name, column in kept.items()]
@@ -79,7 +96,9 @@ def measured(gestures, people):
     tables["scene"] = bench.choose(data="arm", scene="scene.toml", by="flash").choice.table
     every = {name: numbers(table, back) for name, table in tables.items()}
     for i, result in enumerate(every_result(connect())):
-        every |= {(i, name): value for name, value in result.metrics.items() if not MASKED.fullmatch(name)}
+        every |= {
+            (i, name): value for name, value in result.metrics.items() if not MASKED.fullmatch(name)
+        }
         every |= {(i, name): numbers(result.tables[name], back) for name in result.tables}
     assert main(["report", "out=page"]) == 0
     for path in sorted(Path("page").glob("*.csv")):
@@ -92,7 +111,9 @@ def usable(word):
 
 
 words = st.sampled_from(HARD) | st.text("aé,\"' 0.", min_size=1, max_size=4).filter(usable)
-names = st.lists(words, min_size=6, max_size=6, unique=True).map(lambda six: (sorted(six[:3]), sorted(six[3:])))
+names = st.lists(words, min_size=6, max_size=6, unique=True).map(
+    lambda six: (sorted(six[:3]), sorted(six[3:]))
+)
 
 
 @pytest.fixture(scope="module")
@@ -113,4 +134,6 @@ def test_numbers_are_the_same_under_other_names(expected, called, tmp_path_facto
     with inside(tmp_path_factory.mktemp("names"), empty_store):
         renamed = measured(*called)
     assert renamed.keys() == expected.keys()
-    assert {name: (renamed[name], value) for name, value in expected.items() if renamed[name] != value} == {}
+    assert {
+        name: (renamed[name], value) for name, value in expected.items() if renamed[name] != value
+    } == {}

@@ -22,8 +22,14 @@ pytestmark = pytest.mark.live
 
 def said(*command, **how):
     """Standard output of a command that must go well, within ten minutes, and sees nothing of this environment."""
-    env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV", "MLFLOW_TRACKING_URI")}
-    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=600, env=env, **how)
+    env = {
+        k: v
+        for k, v in os.environ.items()
+        if k not in ("PYTHONPATH", "VIRTUAL_ENV", "MLFLOW_TRACKING_URI")
+    }
+    done = subprocess.run(
+        [*map(str, command)], capture_output=True, text=True, timeout=600, env=env, **how
+    )
     assert done.returncode == 0, f"{command}: {done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     return done.stdout
 
@@ -54,12 +60,21 @@ def built(tmp_path_factory):
 
 def test_all_files_of_the_rooms_are_in_both(built):
     wheel, sdist = built
-    there = {p.relative_to(ROOT).as_posix() for room in ROOMS for p in (ROOT / room).rglob("*") if p.is_file()}
-    wanted = {p for p in there if "__pycache__" not in p} - {"reports/baseline.json"}  # the gate of this project
+    there = {
+        p.relative_to(ROOT).as_posix()
+        for room in ROOMS
+        for p in (ROOT / room).rglob("*")
+        if p.is_file()
+    }
+    wanted = {p for p in there if "__pycache__" not in p} - {
+        "reports/baseline.json"
+    }  # the gate of this project
     packed = set(zipfile.ZipFile(wheel).namelist())
     top = {name.split("/")[0] for name in packed if ".dist-info/" not in name}
     assert top == {"bench"}  # a user's own folders may have the names of the others
-    packed = {re.sub(r"^bench/(?=(features|models|protocols|reports)/)", "", name) for name in packed}
+    packed = {
+        re.sub(r"^bench/(?=(features|models|protocols|reports)/)", "", name) for name in packed
+    }
     assert not wanted - packed
     strangers = {name for name in packed - wanted if not name.split("/")[0].endswith(".dist-info")}
     assert not strangers
@@ -74,7 +89,9 @@ def test_it_runs_where_the_clone_is_not(built, tmp_path):
     python = new_environment(place)
     said(python, "-m", "pip", "install", "-q", "--no-deps", built[0])
     # Its dependencies are those of this environment, without add-ons: a path in a .pth file brings packages.
-    own = Path(said(python, "-c", "import sysconfig; print(sysconfig.get_paths()['purelib'])").strip())
+    own = Path(
+        said(python, "-c", "import sysconfig; print(sysconfig.get_paths()['purelib'])").strip()
+    )
     (packages := tmp_path / "site-packages").mkdir()
     for folder in {sysconfig.get_paths()["purelib"], sysconfig.get_paths()["platlib"]}:
         for file in Path(folder).iterdir():
@@ -88,7 +105,12 @@ def test_it_runs_where_the_clone_is_not(built, tmp_path):
         """What commands print: one as people type it, several in one process, as each loads everything."""
         if len(commands) == 1:
             return said(place / "bin" / "bench", *commands[0], cwd=work)
-        return said(python, "-c", f"from bench.cli import main\nfor c in {commands}: assert main(c) == 0, c", cwd=work)
+        return said(
+            python,
+            "-c",
+            f"from bench.cli import main\nfor c in {commands}: assert main(c) == 0, c",
+            cwd=work,
+        )
 
     assert "choose" in bench(["--help"]) and bench(["--version"]).startswith("touchbench ")
     said(
@@ -103,5 +125,7 @@ def test_it_runs_where_the_clone_is_not(built, tmp_path):
     assert "accuracy" in printed
     page = (work / "report" / "index.html").read_text()
     assert "prefers-color-scheme" in page and "<title>svm · jung28: " in page
-    assert sum(p.stat().st_size for p in (work / "rec").rglob("*")) < 20_000_000  # not all that is installed
+    assert (
+        sum(p.stat().st_size for p in (work / "rec").rglob("*")) < 20_000_000
+    )  # not all that is installed
     assert (work / "look" / "index.html").exists()

@@ -16,8 +16,16 @@ def test_the_headline_of_cnn85_is_a_macro_precision():
     columns = [row[i] / sum(r[i] for r in rows) for i, row in enumerate(rows)]
     measured = published_tables.measures(published_tables.albawi_counts())
     assert (right, total) == (6650, 10742) == (measured["right"], measured["of"])
-    assert measured["macro_precision"] == pytest.approx(100 * sum(columns) / 14) == pytest.approx(63.71, abs=0.005)
-    assert measured["pooled"] == pytest.approx(61.91, abs=0.005) == pytest.approx(measured["macro_recall"], abs=0.01)
+    assert (
+        measured["macro_precision"]
+        == pytest.approx(100 * sum(columns) / 14)
+        == pytest.approx(63.71, abs=0.005)
+    )
+    assert (
+        measured["pooled"]
+        == pytest.approx(61.91, abs=0.005)
+        == pytest.approx(measured["macro_recall"], abs=0.01)
+    )
 
 
 def test_jung_and_hughes_against_their_own_claims():
@@ -26,8 +34,19 @@ def test_jung_and_hughes_against_their_own_claims():
     assert sorted(jung.sum(axis=1).unique()) == [556, 557, 558]  # captures of a gesture in CoST
     rows = published_tables.recomputed(published()).set_index("source")
     rows.index = rows.index.str.extract(r"Table (\w+)")[0]
-    agrees = {"3": "no", "8": "yes", "II": "yes", "III": "yes", "IV": "no", "V": "-", "VI": "no", "VII": "no"}
-    assert rows["agrees"].to_dict() == agrees and rows.loc["V", "macro_recall"] == pytest.approx(37.94, abs=0.005)
+    agrees = {
+        "3": "no",
+        "8": "yes",
+        "II": "yes",
+        "III": "yes",
+        "IV": "no",
+        "V": "-",
+        "VI": "no",
+        "VII": "no",
+    }
+    assert rows["agrees"].to_dict() == agrees and rows.loc["V", "macro_recall"] == pytest.approx(
+        37.94, abs=0.005
+    )
     whole = {"III": (154, 251), "IV": (137, 251), "VI": (895, 1803), "VII": (771, 2208)}
     assert {n: tuple(rows.loc[n, ["right", "of"]]) for n in whole} == whole
 
@@ -35,7 +54,9 @@ def test_jung_and_hughes_against_their_own_claims():
 def test_counts_behind_percentages():
     counts, total = published_tables.implied_counts(np.array([50.0, 33.3, 16.7]), 6)
     assert total == 6 and list(counts) == [3, 2, 1]
-    counts, total = published_tables.implied_counts(np.array([91.9, 2.4, 2.4, 0.8]), 120)  # a row of 97.5 %
+    counts, total = published_tables.implied_counts(
+        np.array([91.9, 2.4, 2.4, 0.8]), 120
+    )  # a row of 97.5 %
     assert total == 123 and counts.sum() == 120
     with pytest.raises(ValueError, match="6 to 17"):
         published_tables.implied_counts(np.array([96.3, 3.7]), 6)

@@ -15,20 +15,22 @@ import pytest
 import bench
 from bench import contract
 from bench.cli import main
-from bench.columns import run_columns
-from bench.measures import in_percent
-from bench.options import commands, keys, parse
-from bench.outcomes.runs import every_result
-from bench.registry import circumstance_views
-from bench.result import COUNTS
-from bench.store import connect
+from bench.grammar.options import commands, keys, parse
+from bench.ground.registry import circumstance_views
+from bench.reading.runs import every_result
+from bench.store.client import connect
+from bench.values.columns import run_columns
+from bench.values.measures import in_percent
+from bench.values.result import COUNTS
 from tests.conftest import predictions, runs
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 DOCS = {path.name: path.read_text() for path in (ROOT / "docs").glob("*.md")}
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
-ADDED = set("bits clock cluster form max_cycles max_false_alarms max_latency watch".split())  # keys of add-ons
+ADDED = set(
+    "bits clock cluster form max_cycles max_false_alarms max_latency watch".split()
+)  # keys of add-ons
 SMALL = ["data.subjects=3", "data.variants=normal", "data.repetitions=1"]
 OWN = dict(re.findall(r"```python\n# (\w+\.py)\n(.*?)```", DOCS["your_system.md"], flags=re.DOTALL))
 LEVEL = OWN["my.py"]
@@ -36,10 +38,18 @@ LEVEL = OWN["my.py"]
 
 def test_every_command_is_introduced_and_every_command_line_is_taken():
     """Commands of README and docs, with `NAME=` and `...` as they write them, go through the parser."""
-    texts = [README, *DOCS.values(), *(path.read_text() for path in (ROOT / "docs" / "notes").glob("*.md"))]
+    texts = [
+        README,
+        *DOCS.values(),
+        *(path.read_text() for path in (ROOT / "docs" / "notes").glob("*.md")),
+    ]
     for command in commands():
         assert any(f"bench {command}" in text for text in texts), command
-    lines = [line for text in texts for line in re.findall(r"^ *bench (.+)|`bench ([^`\n]+)`", text, re.MULTILINE)]
+    lines = [
+        line
+        for text in texts
+        for line in re.findall(r"^ *bench (.+)|`bench ([^`\n]+)`", text, re.MULTILINE)
+    ]
     checked = 0
     for line in filter(None, itertools.chain(*lines)):
         try:
@@ -47,7 +57,11 @@ def test_every_command_is_introduced_and_every_command_line_is_taken():
         except ValueError:  # a quotation that goes on in prose
             continue
         if command in commands() and command != "data" and "--help" not in words:
-            values = [f"{word}1" if word.endswith("=") else word for word in words if "=" in word and "<" not in word]
+            values = [
+                f"{word}1" if word.endswith("=") else word
+                for word in words
+                if "=" in word and "<" not in word
+            ]
             if not ADDED & {value.partition("=")[0] for value in values}:
                 checked += len(parse(values, keys(command)))
     assert checked > 150
@@ -71,13 +85,23 @@ def test_a_recogniser_of_ones_own_runs_from_its_file_with_its_sizes():
 
 
 def test_every_name_of_the_contract_is_on_the_page_of_ones_own_system():
-    hooks = [each for each in vars(contract).values() if isinstance(each, contract.Hook | contract.Method)]
+    hooks = [
+        each
+        for each in vars(contract).values()
+        if isinstance(each, contract.Hook | contract.Method)
+    ]
     assert len(hooks) > 15
     assert not [each.name for each in hooks if f"`{each.name}" not in DOCS["your_system.md"]]
 
 
 @pytest.mark.parametrize(
-    "name", ["plain.py:discriminants", "with_aeon.py:minirocket", "with_sktime.py:neighbours", "with_torch.py:tiny"]
+    "name",
+    [
+        "plain.py:discriminants",
+        "with_aeon.py:minirocket",
+        "with_sktime.py:neighbours",
+        "with_torch.py:tiny",
+    ],
 )
 def test_an_adapter_is_less_than_five_lines_and_runs(name, capsys):
     file, _, factory = name.partition(":")
@@ -95,16 +119,30 @@ def test_an_adapter_is_less_than_five_lines_and_runs(name, capsys):
 
 def tracked():
     """Each number of a run in MLflow: its name, unit and meaning."""
-    named = {"seconds": "s", "ms": "ms", "bytes": "bytes", "slowdown": "factor", "relative": "factor"}
+    named = {
+        "seconds": "s",
+        "ms": "ms",
+        "bytes": "bytes",
+        "slowdown": "factor",
+        "relative": "factor",
+    }
     for one in (measure for measure in run_columns() if measure.meaning):
         units = [named[word] for word in one.source.split("_") if word in named]
-        yield one.source, "share" if one.scale is in_percent else units[0] if units else "number", one.meaning
+        yield (
+            one.source,
+            "share" if one.scale is in_percent else units[0] if units else "number",
+            one.meaning,
+        )
 
 
 def test_the_page_of_the_store_has_every_number_of_a_run_with_unit_and_meaning(in_net):
     rows = re.findall(r"^\| `(\w+)` \| (.+?) \| (.+) \|$", DOCS["store.md"], flags=re.MULTILINE)
     assert rows == [*tracked()]
-    plain = [r for r in every_result(connect()) if not any(view.holds(r) for view in circumstance_views())]
+    plain = [
+        r
+        for r in every_result(connect())
+        if not any(view.holds(r) for view in circumstance_views())
+    ]
     assert any("windows" in r for r in plain)
     variant = re.compile("^(vote|window)_|(?<=accuracy)_(low|high)$|_p(50|95|99)$")
     names = {variant.sub("", name) for r in plain for name in r.metrics}
@@ -113,7 +151,9 @@ def test_the_page_of_the_store_has_every_number_of_a_run_with_unit_and_meaning(i
 
 @pytest.mark.live
 @pytest.mark.skipif(find_spec("mkdocs") is None, reason="needs the extra docs")
-@pytest.mark.parametrize("variables", [{"PAGES": "index.md,your_data.md"}, pytest.param({}, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    "variables", [{"PAGES": "index.md,your_data.md"}, pytest.param({}, marks=pytest.mark.nightly)]
+)
 def test_the_site_is_built_with_examples_run(tmp_path, variables):
     """MkDocs runs examples of some pages or all; warnings, such as a link to nowhere, are errors."""
     out, variables = tmp_path / "site", os.environ | {"PYTHONPATH": str(ROOT)} | variables
@@ -122,8 +162,16 @@ def test_the_site_is_built_with_examples_run(tmp_path, variables):
     done = subprocess.run(site, cwd=ROOT, env=variables, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     pages = {page.relative_to(out).as_posix(): page.read_text() for page in out.rglob("*.html")}
-    assert {p.relative_to(ROOT / "docs").with_suffix(".html").as_posix() for p in PAGES} < set(pages)
-    loaded = [page for page, text in pages.items() if 'src="http' in text or 'rel="stylesheet" href="http' in text]
+    assert {p.relative_to(ROOT / "docs").with_suffix(".html").as_posix() for p in PAGES} < set(
+        pages
+    )
+    loaded = [
+        page
+        for page, text in pages.items()
+        if 'src="http' in text or 'rel="stylesheet" href="http' in text
+    ]
     assert not loaded, "pages that load something from elsewhere"
     book = json.loads((ROOT / "docs" / "walk.ipynb").read_text())
-    assert not any(cell.get("outputs") for cell in book["cells"]), "the notebook is stored without output"
+    assert not any(cell.get("outputs") for cell in book["cells"]), (
+        "the notebook is stored without output"
+    )

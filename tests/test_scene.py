@@ -2,10 +2,10 @@
 
 import pytest
 
-from bench.candidate import Losses
 from bench.corpora.faults import SEVERITIES, usual_faults
 from bench.errors import InputError
-from bench.outcomes.scene import EVERY, boards, read_scene
+from bench.reading.scene import EVERY, boards, read_scene
+from bench.values.candidate import Losses
 
 SCENE = """
 [budget]
@@ -24,11 +24,19 @@ def test_a_board_gives_budgets_and_a_line_of_its_own_goes_before(tmp_path):
     path = tmp_path / "robot.toml"
     path.write_text(SCENE)
     scene = read_scene(str(path))  # a quarter of 4096 KiB, 20 kB instead of a quarter of 520 KiB
-    budgets = {"max_flash": "1048.58kB", "max_ram": "20kB", "max_decision": "1s", "max_fault_loss": "7"}
+    budgets = {
+        "max_flash": "1048.58kB",
+        "max_ram": "20kB",
+        "max_decision": "1s",
+        "max_fault_loss": "7",
+    }
     assert scene.values == budgets | {"clock": "150MHz"}
     assert scene.faults.circumstances == [("noise", 1), ("noise", 2)]
     (line,) = scene.board.sentences(scene.values)  # of flash alone: RAM has its own line
-    assert line.startswith("The budget of flash is 25 % of that of Raspberry Pi Pico 2") and "https://" in line
+    assert (
+        line.startswith("The budget of flash is 25 % of that of Raspberry Pi Pico 2")
+        and "https://" in line
+    )
 
 
 def test_shipped_scenes_and_boards_can_be_read():
@@ -36,8 +44,14 @@ def test_shipped_scenes_and_boards_can_be_read():
         assert read_scene(name).reactions.groups
     every = boards()
     assert (Losses(EVERY).severity, {*EVERY}) == (SEVERITIES, {*usual_faults()})
-    assert len(every) >= 10 and all(b.source.startswith("https://") and b.ram_kb < b.flash_kb for b in every.values())
-    assert (every["nano33ble"].flash_kb, every["nano33ble"].fpu, every["pico"].fpu) == (1048.576, True, False)
+    assert len(every) >= 10 and all(
+        b.source.startswith("https://") and b.ram_kb < b.flash_kb for b in every.values()
+    )
+    assert (every["nano33ble"].flash_kb, every["nano33ble"].fpu, every["pico"].fpu) == (
+        1048.576,
+        True,
+        False,
+    )
 
 
 WRONG = [
@@ -62,6 +76,9 @@ def test_odd_files_are_refused_in_one_line(content, fact, tmp_path):
 
 
 def test_a_file_that_is_not_there_names_the_shipped_scenes_and_a_device_is_none(tmp_path):
-    for path, fact in ((tmp_path / "none.toml", "companion, handle, toy"), ("/dev/zero", "not a plain file")):
+    for path, fact in (
+        (tmp_path / "none.toml", "companion, handle, toy"),
+        ("/dev/zero", "not a plain file"),
+    ):
         with pytest.raises(InputError, match=fact):
             read_scene(str(path))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench import scratch
+from bench.ground import scratch
 
 HOST = scratch.owner().split(f"-{os.getpid()}-")[0]
 
@@ -21,8 +21,18 @@ def test_temporary_files_lie_in_a_folder_that_goes_with_the_command():
 
 
 def test_only_what_dead_processes_of_this_machine_left_is_swept(tmp_path, dead):
-    gone = [tmp_path / f"{HOST}-{dead}-x", tmp_path / f"{HOST}-{dead}-link", tmp_path / f"{HOST}-{dead}-file"]
-    keep = [f"{HOST}-{os.getpid()}-x", f"other{HOST}-1-x", f"{HOST}-x-1", f"{HOST}-{dead}-1-x", f".{HOST}-{dead}-x"]
+    gone = [
+        tmp_path / f"{HOST}-{dead}-x",
+        tmp_path / f"{HOST}-{dead}-link",
+        tmp_path / f"{HOST}-{dead}-file",
+    ]
+    keep = [
+        f"{HOST}-{os.getpid()}-x",
+        f"other{HOST}-1-x",
+        f"{HOST}-x-1",
+        f"{HOST}-{dead}-1-x",
+        f".{HOST}-{dead}-x",
+    ]
     for path in (gone[0], *(tmp_path / name for name in keep)):
         path.mkdir()
         (path / "file").write_text("")
@@ -43,7 +53,9 @@ def test_the_next_command_removes_what_killed_ones_were_writing(dead):
         assert not [path for path in left if path.exists()]
 
 
-@pytest.mark.skipif(not os.access("/dev/shm", os.W_OK), reason="semaphores are files on Linux alone")
+@pytest.mark.skipif(
+    not os.access("/dev/shm", os.W_OK), reason="semaphores are files on Linux alone"
+)
 def test_semaphores_of_dead_processes_go_with_the_next_command(dead):
     left, mine = (Path(f"/dev/shm/sem.loky-{pid}-touchbench") for pid in (dead, os.getpid()))
     try:

@@ -13,10 +13,11 @@ from mlflow import MlflowClient, MlflowException
 from mlflow.store import db_migrations
 
 import bench
-from bench import database, store
 from bench.cli import main
 from bench.errors import StoreError
-from bench.scratch import owner
+from bench.ground.scratch import owner
+from bench.store.client import client as store
+from bench.store.client import database
 from tests.conftest import SMALL
 
 RUN = ["run", *SMALL, "model=bayes", "features=jung28"]
@@ -62,7 +63,9 @@ def test_what_is_no_store_is_refused_and_left_alone(tmp_path, monkeypatch, capsy
 
 
 @pytest.mark.parametrize("name", ["run #1?", pytest.param("a%20b", marks=pytest.mark.real_store)])
-def test_a_store_lies_in_its_folder_whatever_its_name_is_and_wherever_it_is_moved(name, tmp_path, monkeypatch):
+def test_a_store_lies_in_its_folder_whatever_its_name_is_and_wherever_it_is_moved(
+    name, tmp_path, monkeypatch
+):
     (first := tmp_path / name).mkdir()
     monkeypatch.chdir(first)
     (tmp_path / "note.txt").write_text("kept")
@@ -74,10 +77,21 @@ def test_a_store_lies_in_its_folder_whatever_its_name_is_and_wherever_it_is_move
     monkeypatch.chdir(copy)
     there = store.connect()
     (again,) = there.of_kind("cell")
-    assert there.path(again.info.run_id, again.info.artifact_uri, "note.txt").resolve().is_relative_to(copy)
-    assert [file.path for file in MlflowClient(store.store_uri()).list_artifacts(run.info.run_id)] == ["note.txt"]
-    there.keep(there.create("second", {"touchbench.kind": "cell"}).info.artifact_uri, tmp_path / "note.txt")
-    assert len([*copy.glob("mlruns/*/*/artifacts/note.txt")]) == 2 and sorted(first.rglob("*")) == before
+    assert (
+        there.path(again.info.run_id, again.info.artifact_uri, "note.txt")
+        .resolve()
+        .is_relative_to(copy)
+    )
+    assert [
+        file.path for file in MlflowClient(store.store_uri()).list_artifacts(run.info.run_id)
+    ] == ["note.txt"]
+    there.keep(
+        there.create("second", {"touchbench.kind": "cell"}).info.artifact_uri, tmp_path / "note.txt"
+    )
+    assert (
+        len([*copy.glob("mlruns/*/*/artifacts/note.txt")]) == 2
+        and sorted(first.rglob("*")) == before
+    )
     assert {path.name for path in tmp_path.iterdir()} <= {name, "copy", "note.txt", "home"}
 
 
@@ -107,18 +121,24 @@ def schema(path):
         return db.execute("select version_num from alembic_version").fetchone()[0]
 
 
-def test_a_store_that_can_only_be_read_is_read_and_left_alone(in_net, tmp_path, monkeypatch, capsys):
+def test_a_store_that_can_only_be_read_is_read_and_left_alone(
+    in_net, tmp_path, monkeypatch, capsys
+):
     """As a folder without rights, which does not stop a superuser: nothing can be made beside the file."""
 
     def read():
-        return main(["choose", "data=people", "where=all", "target=gesture", "protocol=loso"]), capsys.readouterr()
+        return main(
+            ["choose", "data=people", "where=all", "target=gesture", "protocol=loso"]
+        ), capsys.readouterr()
 
     def refused(**_):
         raise OSError(errno.EROFS, "Read-only file system")
 
     before = read()
     Path("mlflow.db.lock").unlink()
-    files = lambda: {p: p.stat().st_mtime_ns for p in [*Path().glob("*.db*"), *Path("mlruns").rglob("*")]}  # noqa: E731
+    files = lambda: {
+        p: p.stat().st_mtime_ns for p in [*Path().glob("*.db*"), *Path("mlruns").rglob("*")]
+    }  # noqa: E731
     found = files()
     monkeypatch.setattr(database.tempfile, "TemporaryFile", refused)
     assert read() == before and len(bench.runs(data="people")) and files() == found
@@ -135,7 +155,9 @@ def test_an_artifact_that_is_not_there_is_none_and_a_server_that_is_gone_is_an_e
     assert connected.path(run_id, "mlflow-artifacts:/x", "nothing.csv") is None
 
     def gone(*_):
-        raise MlflowException("API request to http://127.0.0.1:1/ failed with exception HTTPConnectionPool: refused")
+        raise MlflowException(
+            "API request to http://127.0.0.1:1/ failed with exception HTTPConnectionPool: refused"
+        )
 
     monkeypatch.setattr(MlflowClient, "download_artifacts", gone)
     with pytest.raises(StoreError, match="API request"):
@@ -145,11 +167,16 @@ def test_an_artifact_that_is_not_there_is_none_and_a_server_that_is_gone_is_an_e
 @pytest.mark.parametrize(
     ("uri", "fact"),
     [
-        ("postgresql+nodriver://me:secret@127.0.0.1:9/x", "nodriver://me:***@127.0.0.1:9/x cannot be used"),
+        (
+            "postgresql+nodriver://me:secret@127.0.0.1:9/x",
+            "nodriver://me:***@127.0.0.1:9/x cannot be used",
+        ),
         ("http://me:secret@127.0.0.1:9", "http://me:***@127.0.0.1:9 cannot be used"),
     ],
 )
-def test_an_address_that_cannot_be_opened_is_one_line_without_its_password(uri, fact, monkeypatch, capsys):
+def test_an_address_that_cannot_be_opened_is_one_line_without_its_password(
+    uri, fact, monkeypatch, capsys
+):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     assert main(["choose"]) == 2
@@ -164,7 +191,10 @@ def test_what_stays_locked_is_one_line(capsys, monkeypatch):
     holder = sqlite3.connect("mlflow.db", isolation_level=None)
     holder.execute("begin exclusive")
     with monkeypatch.context() as patch:
-        patch.setattr("sqlalchemy.sql.text", lambda text, real=sqlalchemy.sql.text: real(text.replace("20000", "1")))
+        patch.setattr(
+            "sqlalchemy.sql.text",
+            lambda text, real=sqlalchemy.sql.text: real(text.replace("20000", "1")),
+        )
         with pytest.raises(StoreError, match="database is locked.*stored results are kept"):
             connected.log(run_id, {"accuracy": 0.5})
     holder.rollback()
@@ -173,13 +203,18 @@ def test_what_stays_locked_is_one_line(capsys, monkeypatch):
 
 def test_runs_come_in_pages_newest_first_and_only_of_this_format_and_kind(monkeypatch):
     connected = store.connect()
-    made = [connected.create(str(i), {"touchbench.kind": "cell", "touchbench.cell": str(i)}) for i in range(5)]
+    made = [
+        connected.create(str(i), {"touchbench.kind": "cell", "touchbench.cell": str(i)})
+        for i in range(5)
+    ]
     ids = [run.info.run_id for run in made]
     connected.client.set_tag(ids[0], "touchbench.format", "0")
     connected.create("another", {"touchbench.kind": "fit"})
     connected.delete(connected.create("gone", {"touchbench.kind": "cell"}).info.run_id)
     elsewhere = connected.client.create_experiment("another")
-    connected.client.create_run(elsewhere, tags={"touchbench.kind": "cell", "touchbench.format": store.FORMAT})
+    connected.client.create_run(
+        elsewhere, tags={"touchbench.kind": "cell", "touchbench.format": store.FORMAT}
+    )
     monkeypatch.setattr(store, "PAGE", 2)
     newest_first = sorted(ids[1:], key=lambda i: (-connected.client.get_run(i).info.start_time, i))
     assert [run.info.run_id for run in connected.of_kind("cell")] == newest_first
@@ -187,11 +222,13 @@ def test_runs_come_in_pages_newest_first_and_only_of_this_format_and_kind(monkey
 
 
 def test_steps_and_files_of_runs_are_kept_and_dropped(tmp_path):
-    """How a whole result is read back is in tests/outcomes/test_runs.py."""
+    """How a whole result is read back is in tests/reading/test_runs.py."""
     connected = store.connect()
     run = connected.create("x", {"touchbench.kind": "cell"}).info
     for step in range(3):
-        connected.log(run.run_id, {"fold/accuracy": 1 / (step + 1), "gone": float("nan")}, step=step)
+        connected.log(
+            run.run_id, {"fold/accuracy": 1 / (step + 1), "gone": float("nan")}, step=step
+        )
     steps = connected.client.get_metric_history(run.run_id, "fold/accuracy")
     assert [(m.step, m.value) for m in steps] == [(0, 1), (1, 1 / 2), (2, 1 / 3)]
     result = connected.result(connected.client.get_run(run.run_id))

@@ -20,59 +20,79 @@ ROOT = Path(bench.__file__).parents[1]
 PACKAGES = ("bench", "features", "models", "protocols", "reports")
 
 # Rooms from the bottom to the top: modules, or packages with all below them, and the rooms that they may import.
-GROUND = "bench.errors bench.few bench.intervals bench.machine bench.pareto bench.progress "
-GROUND += "bench.registry bench.scratch bench.source bench.timing bench.words"
-VALUES = "bench.candidate bench.columns bench.database bench.measures bench.result bench.sentences bench.store "
-VALUES += "bench.table bench.tables"
+GROUND = "bench.errors bench.values.few bench.values.intervals bench.ground.machine bench.values.pareto bench.ground.progress "
+GROUND += "bench.ground.registry bench.ground.scratch bench.ground.source bench.ground.timing bench.ground.words"
+VALUES = "bench.values.candidate bench.values.columns bench.store.database bench.values.measures bench.values.result bench.values.sentences bench.store.client "
+VALUES += "bench.values.table bench.store.tables"
 ROOMS = {
     "ground": (GROUND, ""),
     "values": (VALUES, "ground"),
-    "grammar": ("bench.described bench.options", "ground values"),  # of the command line: results do not know it
+    "grammar": (
+        "bench.grammar.described bench.grammar.options",
+        "ground values",
+    ),  # of the command line: results do not know it
     "corpora": ("bench.corpora", "ground"),
-    "numbers": ("bench.scores bench.work.stability bench.work.stopping", "ground values corpora"),
+    "numbers": (
+        "bench.values.scores bench.values.stability bench.values.stopping",
+        "ground values corpora",
+    ),
     "features": ("bench.features", "ground corpora"),
-    "contract": ("bench.contract bench.models.space", "ground corpora features"),  # with the types that it names
+    "contract": (
+        "bench.contract bench.models.space",
+        "ground corpora features",
+    ),  # with the types that it names
     "models": ("bench.models", "ground corpora features contract"),
     "protocols": ("bench.protocols", "ground corpora"),
     "plan": ("bench.plan", "ground values corpora features contract models"),
     # The reading half.
-    "outcomes": ("bench.outcomes", "ground values numbers corpora"),
+    "outcomes": ("bench.reading", "ground values numbers corpora"),
     "reports": ("bench.reports", "ground values numbers grammar corpora outcomes"),
     # The producing half: none of it knows what is read.
-    "work": ("bench.work bench.circumstances", "ground values numbers corpora features contract models plan"),
+    "work": (
+        "bench.running bench.running.circumstances",
+        "ground values numbers corpora features contract models plan",
+    ),
 }
 FRONT = "bench bench.__main__ bench.cli bench.commands"  # may import every room
 PRODUCING = (
-    "bench.circumstances",
+    "bench.running.circumstances",
     "bench.corpora",
     "bench.features",
     "bench.models",
     "bench.plan",
     "bench.protocols",
-    "bench.work",
+    "bench.running",
 )
-READING = ("bench.outcomes", "bench.reports")
+READING = ("bench.reading", "bench.reports")
 HEAVY = {"numpy", "pandas", "scipy", "sklearn", "torch", "mlflow", "matplotlib", "rich"}
-LIGHT = ["bench", "bench.measures", "bench.columns", "bench.table", "bench.result", "bench.options", "bench.cli"]
+LIGHT = [
+    "bench",
+    "bench.values.measures",
+    "bench.values.columns",
+    "bench.values.table",
+    "bench.values.result",
+    "bench.grammar.options",
+    "bench.cli",
+]
 OURS = ("bench", "touchbench")
-EVERY = "import bench.registry as r; r.loaded('circumstances'), r.views()"
+EVERY = "import bench.ground.registry as r; r.loaded('circumstances'), r.views()"
 ROCKET = "from bench.plan.cells import cells; cells({'model': 'rocket,svm'})[0].estimator()"
 LOADED = [  # code, and what it does not load
     *((f"import {name}", HEAVY) for name in LIGHT),
     (EVERY, HEAVY),
     ("from bench.cli import main; main(['run', '--help'])", HEAVY),
-    ("import bench.commands.run, bench.work.loop", {"dask", "distributed"}),
+    ("import bench.commands.run, bench.running.loop", {"dask", "distributed"}),
     (ROCKET, {"aeon", "numba"}),
 ]
 
 
 TABULAR = {"read_parquet", "to_parquet", "read_csv", "to_csv"}  # pandas' readers and writers
-TABLES = {  # modules that call one, beside bench.tables, and their files, none of which is a table of a run
+TABLES = {  # modules that call one, beside bench.store.tables, and their files, none of which is a table of a run
     "bench.commands.predict": "the user's captures with labels, printed",
     "bench.corpora.folder": "captures",
     "bench.corpora.read.table": "files to import",
-    "bench.table": "what is shown, for the user",
-    "bench.work.tracking": "a copy of some tables for people, which is not read",
+    "bench.values.table": "what is shown, for the user",
+    "bench.running.tracking": "a copy of some tables for people, which is not read",
     "bench.features.cache": "features",
     "bench.reports.comparison": "published numbers",
 }
@@ -105,19 +125,28 @@ def test_one_module_reads_and_writes_tables_of_runs():
     """Others would lose the types of labels."""
     found = set()
     for name, path in modules().items():
-        called = {node.attr for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Attribute)}
+        called = {
+            node.attr
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Attribute)
+        }
         found |= {name} if called & TABULAR else set()
-    assert found - {"bench.tables"} == {*TABLES}
+    assert found - {"bench.store.tables"} == {*TABLES}
 
 
 def test_the_core_names_no_addon():
     """Neither a package nor what one of them is about."""
-    packages, subjects = "touchbench_(chip|dask|people|streams)", "shots?|adapt(s|ed|ation)?|personal|transfer|skins?"
+    packages, subjects = (
+        "touchbench_(chip|dask|people|streams)",
+        "shots?|adapt(s|ed|ation)?|personal|transfer|skins?",
+    )
     words = re.compile(rf"{packages}|_?({subjects})")
     found = set()
     for name, path in modules().items():
         for node in ast.walk(ast.parse(path.read_text())):
-            said = [getattr(node, key, None) for key in ("id", "attr", "name", "arg", "module", "value")]
+            said = [
+                getattr(node, key, None) for key in ("id", "attr", "name", "arg", "module", "value")
+            ]
             found |= {(name, one) for one in said if isinstance(one, str) and words.fullmatch(one)}
     assert found - {("bench.errors", "shots")} == set()
 
@@ -128,7 +157,11 @@ def room_of(name):
     prefixes |= dict.fromkeys(FRONT.split()[1:], "front")
     parts = name.split(".")
     found = (".".join(parts[:count]) for count in range(len(parts), 0, -1))
-    return "front" if name == "bench" else next((prefixes[prefix] for prefix in found if prefix in prefixes), None)
+    return (
+        "front"
+        if name == "bench"
+        else next((prefixes[prefix] for prefix in found if prefix in prefixes), None)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -169,8 +202,12 @@ def test_the_producing_half_reaches_nothing_of_the_reading_half(graph):
 
 @pytest.mark.parametrize(("code", "heavy"), LOADED)
 def test_nothing_heavy_is_loaded_before_it_is_needed(code, heavy):
-    code += f"; import sys; print(*sorted({heavy!r} & {{part.split('.')[0] for part in sys.modules}}))"
-    said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    code += (
+        f"; import sys; print(*sorted({heavy!r} & {{part.split('.')[0] for part in sys.modules}}))"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert said.stdout.splitlines()[-1] == ""
 
 
@@ -181,7 +218,9 @@ def seconds(code, compiled):
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
     for _ in range(3):
         before = children()
-        subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, check=True, env=environment)
+        subprocess.run(
+            [sys.executable, "-c", code], cwd=ROOT, capture_output=True, check=True, env=environment
+        )
         spent.append(children() - before)
     return min(spent)
 
@@ -206,6 +245,16 @@ def test_a_run_loads_what_it_uses(tmp_path, empty_store):
     shutil.copy(empty_store, tmp_path / "mlflow.db")
     words = "run data.subjects=2 data.variants=normal data.repetitions=1 protocol=loso model=svm features=touch jobs=1"
     code = f"import sys; from bench.cli import main; assert main({words.split()}) == 0; print(*sys.modules)"
-    said = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-    ours = [name for name in said.stdout.splitlines()[-1].split() if name.split(".")[0].partition("_")[0] in OURS]
-    assert len(ours) <= 64 and not {"bench.circumstances", "bench.models.recipe", "bench.commands.choose"} & {*ours}
+    said = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    ours = [
+        name
+        for name in said.stdout.splitlines()[-1].split()
+        if name.split(".")[0].partition("_")[0] in OURS
+    ]
+    assert len(ours) <= 64 and not {
+        "bench.running.circumstances",
+        "bench.models.recipe",
+        "bench.commands.choose",
+    } & {*ours}

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from bench import timing
-from bench.scratch import home
+from bench.ground import timing
+from bench.ground.scratch import home
 
 
 class Clocks:
@@ -54,12 +54,18 @@ def test_an_interruption_of_one_repetition_does_not_count(clocks):
 
 
 def test_seconds_that_a_system_tells_count_in_place_of_the_measured_ones(clocks):
-    _, times, cpu_ms = timing.timed_once(lambda: clocks.work(9.0), lambda wall, cpu: (wall / 3, cpu / 9))
+    _, times, cpu_ms = timing.timed_once(
+        lambda: clocks.work(9.0), lambda wall, cpu: (wall / 3, cpu / 9)
+    )
     assert (times.wall_ms[0], times.ms[0], cpu_ms) == pytest.approx((3000, 1000, 1000))
 
 
 def test_the_quiet_machine_is_the_fastest_that_was_seen(clocks):
-    for clocks.shared, ms in ((2.0, 20), (1.0, 10), (2.0, 10)):  # at first nothing faster is known yet
+    for clocks.shared, ms in (
+        (2.0, 20),
+        (1.0, 10),
+        (2.0, 10),
+    ):  # at first nothing faster is known yet
         assert timing.timed([lambda: clocks.work(0.01)]).ms == pytest.approx([ms])
     (kept,) = json.loads((home() / timing.KEPT).read_text()).values()
     assert kept == pytest.approx(2)

@@ -9,21 +9,43 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from bench.columns import run_columns
 from bench.errors import InputError
-from bench.intervals import ratio_interval
-from bench.measures import CODE, Cost, Interval, Measure, costs, in_thousands, percent, text, three
-from bench.result import SMALL, Failure, Result, Tables
-from bench.table import Table, of_text, write_sheet
-from bench.tables import file_of, read_table, uniform, write_table
+from bench.store.tables import file_of, read_table, uniform, write_table
+from bench.values.columns import run_columns
+from bench.values.intervals import ratio_interval
+from bench.values.measures import (
+    CODE,
+    Cost,
+    Interval,
+    Measure,
+    costs,
+    in_thousands,
+    percent,
+    text,
+    three,
+)
+from bench.values.result import SMALL, Failure, Result, Tables
+from bench.values.table import Table, of_text, write_sheet
 
-ROW = {"share": 0.8125, "share_low": 0.75, "share_high": 0.9, "bytes": 90064, "p50": 1.5, "p95": None, "name": "a"}
+ROW = {
+    "share": 0.8125,
+    "share_low": 0.75,
+    "share_high": 0.9,
+    "bytes": 90064,
+    "p50": 1.5,
+    "p95": None,
+    "name": "a",
+}
 
 
 @pytest.mark.parametrize(
     ("measure", "cell", "words"),
     [
-        (percent("accuracy", read="share", ends="share"), Interval(81.25, 75.0, 90.0), "81.2 [75.0, 90.0]"),
+        (
+            percent("accuracy", read="share", ends="share"),
+            Interval(81.25, 75.0, 90.0),
+            "81.2 [75.0, 90.0]",
+        ),
         (percent("share", ends="bytes"), 81.25, "81.2"),  # no interval of this name
         (Measure("kB", read="bytes", form=three, scale=in_thousands), 90.064, "90.1"),
         (Measure("B", read="bytes", form=three), 90064, "90 064"),
@@ -42,8 +64,16 @@ def test_costs_have_their_budgets_units_and_lines():
     every = costs()
     least = ["worst_person", "worst_tenth"]
     assert [*every] == ["flash", "ram", "predict", "decision", "fault_loss", "worst_fault", *least]
-    assert {c.budget for c in every.values()} == {f"{'min' if name in least else 'max'}_{name}" for name in every}
-    run = {"flash_bytes": 2500, "ram_bytes": 512, "predict_ms_p50": 1.5, "predict_ms_p95": 9, "capture_ms": 300}
+    assert {c.budget for c in every.values()} == {
+        f"{'min' if name in least else 'max'}_{name}" for name in every
+    }
+    run = {
+        "flash_bytes": 2500,
+        "ram_bytes": 512,
+        "predict_ms_p50": 1.5,
+        "predict_ms_p95": 9,
+        "capture_ms": 300,
+    }
     amounts = {"flash": 2.5, "ram": 0.512, "predict": 1.5, "decision": 300}
     assert {name: cost.cell(run) for name, cost in every.items() if cost.among is None} == amounts
     flash = every["flash"]
@@ -58,22 +88,48 @@ def test_costs_have_their_budgets_units_and_lines():
     assert flash.apart(64.001, 64.002) == ("64.001 kB", "64.002 kB")
     last = Cost("battery_life", unit="h", better="high")
     assert (last.budget, last.extreme, last.burden(3.0)) == ("min_battery_life", "highest", -3.0)
-    assert (last.noun, last.words, last.axis) == ("battery life", "of battery life", "battery life (h)")
+    assert (last.noun, last.words, last.axis) == (
+        "battery life",
+        "of battery life",
+        "battery life (h)",
+    )
 
 
 def test_columns_of_runs_by_hand():
-    run = {"accuracy": 0.75, "pooled_accuracy": 0.8, "subject_sd": 0.125, "fit_seconds": 1.234, "subjects": 4}
+    run = {
+        "accuracy": 0.75,
+        "pooled_accuracy": 0.8,
+        "subject_sd": 0.125,
+        "fit_seconds": 1.234,
+        "subjects": 4,
+    }
     columns = {measure.key: measure for measure in run_columns()}
-    found = {name: columns[name].of(run) for name in ("accuracy", "pooled_accuracy", "subject_sd", "fit_seconds")}
-    assert found == {"accuracy": "75.0", "pooled_accuracy": "80.0", "subject_sd": "12.5", "fit_seconds": "1.23"}
-    assert columns["accuracy"].of(run | {"accuracy_low": 0.7, "accuracy_high": 0.8}) == "75.0 [70.0, 80.0]"
+    found = {
+        name: columns[name].of(run)
+        for name in ("accuracy", "pooled_accuracy", "subject_sd", "fit_seconds")
+    }
+    assert found == {
+        "accuracy": "75.0",
+        "pooled_accuracy": "80.0",
+        "subject_sd": "12.5",
+        "fit_seconds": "1.23",
+    }
+    assert (
+        columns["accuracy"].of(run | {"accuracy_low": 0.7, "accuracy_high": 0.8})
+        == "75.0 [70.0, 80.0]"
+    )
     assert columns["accuracy"].of({}) == "-"
 
 
 def test_the_interval_of_a_ratio_is_that_of_people_drawn_with_the_usual_seed():
     hits, captures = np.array([5, 0, 3, 1, 2]), np.array([5, 1, 4, 2, 2])
-    shares = [sum(hits[each]) / sum(captures[each]) for each in np.random.default_rng(0).integers(0, 5, (2000, 5))]
-    assert ratio_interval(np.stack([hits, captures], axis=1)) == pytest.approx(np.quantile(shares, [0.025, 0.975]))
+    shares = [
+        sum(hits[each]) / sum(captures[each])
+        for each in np.random.default_rng(0).integers(0, 5, (2000, 5))
+    ]
+    assert ratio_interval(np.stack([hits, captures], axis=1)) == pytest.approx(
+        np.quantile(shares, [0.025, 0.975])
+    )
 
 
 def test_a_table_shows_what_fits_and_keeps_all_numbers(tmp_path):
@@ -91,10 +147,17 @@ def test_a_table_shows_what_fits_and_keeps_all_numbers(tmp_path):
     assert table.notes == ["x", "y"] and [line["marks"] for line in table.lines] == [[1, 2], [2]]
     frame = table.frame()
     assert [*frame] == ["name", "share", "share_low", "share_high", "bytes", "p95", "code"]
-    assert frame["share"].tolist() == [81.25, 50] and frame["share_low"].isna().tolist() == [False, True]
+    assert frame["share"].tolist() == [81.25, 50] and frame["share_low"].isna().tolist() == [
+        False,
+        True,
+    ]
     write_sheet(frame, tmp_path / "t.csv")
-    assert (tmp_path / "t.csv").read_text().splitlines()[2].startswith("'=b,50.0")  # no formula in a spreadsheet
-    out = Console(width=38, record=True)  # system, accuracy % and bytes take 39 columns, code another 12
+    assert (
+        (tmp_path / "t.csv").read_text().splitlines()[2].startswith("'=b,50.0")
+    )  # no formula in a spreadsheet
+    out = Console(
+        width=38, record=True
+    )  # system, accuracy % and bytes take 39 columns, code another 12
     table.print(out)
     printed = out.export_text()
     assert "columns left out: code, bytes; a terminal of 51 columns" in " ".join(printed.split())
@@ -104,9 +167,15 @@ def test_a_table_shows_what_fits_and_keeps_all_numbers(tmp_path):
 
 def test_what_does_not_fit_follows_in_lines_under_its_row():
     """At every width: nothing is wider, names and numbers are whole, and only long text takes further lines."""
-    columns = [text("system"), *(Measure(f"n{i}", f"number {i}", form=".4f") for i in range(9)), text("verdict")]
+    columns = [
+        text("system"),
+        *(Measure(f"n{i}", f"number {i}", form=".4f") for i in range(9)),
+        text("verdict"),
+    ]
     rows = [
-        {"system": f"system {j}", "verdict": "ruled out"} | {f"n{i}": 10 * j + i / 7 for i in range(9)} for j in (1, 2)
+        {"system": f"system {j}", "verdict": "ruled out"}
+        | {f"n{i}": 10 * j + i / 7 for i in range(9)}
+        for j in (1, 2)
     ]
     table = Table(columns, rows, "Title")
     for width in (24, 40, 72, 100, 160):
@@ -114,26 +183,52 @@ def test_what_does_not_fit_follows_in_lines_under_its_row():
         table.print(out)
         lines = out.export_text().splitlines()
         assert max(map(len, lines)) <= width and len({len(line) for line in lines[1:]}) == 1
-        assert [line.split()[1:3] for line in lines if "│ system" in line] == [["system", "1"], ["system", "2"]]
+        assert [line.split()[1:3] for line in lines if "│ system" in line] == [
+            ["system", "1"],
+            ["system", "2"],
+        ]
         shown = " ".join("".join(lines).replace("│", " ").split())
-        assert all(f"{row[f'n{i}']:.4f}" in shown for row in rows for i in range(9)) and shown.count("ruled out") == 2
+        assert (
+            all(f"{row[f'n{i}']:.4f}" in shown for row in rows for i in range(9))
+            and shown.count("ruled out") == 2
+        )
         under = 0 if width == 160 else -(-(9 * len("number 1 20.0000, ")) // (width - 6)) + 3
         assert len(lines) <= 5 + len(rows) * (1 + under)
 
 
 def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
-    about = {"system": "s", "seed": "1", "data": "d", "synthetic": "true", "subset": "all", "target": "gesture"}
-    about |= {"protocol_label": "LOSO", "touchbench.kind": "cell", "status": "FAILED", "accuracy": "text"}
+    about = {
+        "system": "s",
+        "seed": "1",
+        "data": "d",
+        "synthetic": "true",
+        "subset": "all",
+        "target": "gesture",
+    }
+    about |= {
+        "protocol_label": "LOSO",
+        "touchbench.kind": "cell",
+        "status": "FAILED",
+        "accuracy": "text",
+    }
     asked = []
 
     def read(name, columns=()):
         asked.append(name)
-        return pd.DataFrame({"n": range({"small": 3, "large": SMALL + 1}.get(name, 0))}) if name != "none" else None
+        return (
+            pd.DataFrame({"n": range({"small": 3, "large": SMALL + 1}.get(name, 0))})
+            if name != "none"
+            else None
+        )
 
-    tables = Tables({"kept": pd.DataFrame({"n": [1]})}, read, "s (run 7) is missing", lambda: ["small", "large"])
+    tables = Tables(
+        {"kept": pd.DataFrame({"n": [1]})}, read, "s (run 7) is missing", lambda: ["small", "large"]
+    )
     failed = {"f": Failure("ValueError: no", "traceback")}
     result = Result(about, {"accuracy": 0.5, "folds": 2, "folds_failed": 1}, tables, failed)
-    assert result["accuracy"] == dict(result)["accuracy"] == 0.5  # a number before a text of the same name
+    assert (
+        result["accuracy"] == dict(result)["accuracy"] == 0.5
+    )  # a number before a text of the same name
     assert (result.method, result.context[0], result.folds) == ("s, seed 1", "d (synthetic)", "2/3")
     assert not result.complete and result.alone and result.scored
     assert [*result.tables] == ["small", "large", "kept"] and not asked
@@ -142,12 +237,15 @@ def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
     with pytest.raises(InputError, match=r"none of s \(run 7\) is missing"):
         result.tables["none"]
     assert "none" not in result.tables and result.tables.get("none", 0) == 0
-    assert result.tables.columns("small", ["n"])[0].tolist() == [0, 1, 2] and result.tables.columns("none", []) is None
+    assert (
+        result.tables.columns("small", ["n"])[0].tolist() == [0, 1, 2]
+        and result.tables.columns("none", []) is None
+    )
 
 
-words = st.sampled_from(["NA", "null", "nan", "03", "1.0", "1", "", "True", "a,b", 'a"b', "ü ", "inf"]) | st.text(
-    "aé,\" '"
-)
+words = st.sampled_from(
+    ["NA", "null", "nan", "03", "1.0", "1", "", "True", "a,b", 'a"b', "ü ", "inf"]
+) | st.text("aé,\" '")
 
 
 @given(labels=st.lists(words, min_size=1, max_size=5))
@@ -156,7 +254,9 @@ def test_stored_text_stays_text(tmp_path_factory, labels):
     table = pd.DataFrame({"true": labels, "label": labels[::-1], "share": 0.1 + 0.2})
     write_table(table, folder / file_of("touches"))
     assert file_of("touches") == "touches.parquet"
-    pd.testing.assert_frame_equal(read_table(folder / file_of("touches"), "touches"), table, check_dtype=False)
+    pd.testing.assert_frame_equal(
+        read_table(folder / file_of("touches"), "touches"), table, check_dtype=False
+    )
     columns = read_table(folder / file_of("touches"), "touches", columns=["share", "label"])
     assert columns["share"].to_pylist() == [0.1 + 0.2] * len(labels)
     assert columns["label"].to_pylist() == labels[::-1]

@@ -8,10 +8,10 @@ import pytest
 from jinja2 import UndefinedError
 
 from bench.cli import main
-from bench.described import classifiers, described, help_of, overview
-from bench.options import commands, options
-from bench.registry import names
-from bench.sentences import sentences, shortened
+from bench.grammar.described import classifiers, described, help_of, overview
+from bench.grammar.options import commands, options
+from bench.ground.registry import names
+from bench.values.sentences import sentences, shortened
 from tests.test_structure import modules
 
 ROOT = Path(__file__).parent.parent
@@ -26,7 +26,10 @@ ALLOWED = re.compile(  # MLflow's tags and addresses, cells of CSV files, names 
     r"|bench\.outcomes\.(choice|compare)|told apart|optional[ -]methods|attributes and methods"
     r"|the method and the precision"
 )
-REPLACED = {"single slices", "single slices under faults"}  # stored names that are printed as others
+REPLACED = {
+    "single slices",
+    "single slices under faults",
+}  # stored names that are printed as others
 LONGEST = 25  # words of a sentence
 
 
@@ -37,11 +40,20 @@ def forbidden(text):
 def literals(path):
     """Line and text of each literal of two words or more that is no docstring; ``{}`` stands for a value."""
     tree = ast.parse(path.read_text())
-    inner = {id(n) for f in ast.walk(tree) if isinstance(f, ast.JoinedStr | ast.Expr) for n in ast.iter_child_nodes(f)}
+    inner = {
+        id(n)
+        for f in ast.walk(tree)
+        if isinstance(f, ast.JoinedStr | ast.Expr)
+        for n in ast.iter_child_nodes(f)
+    }
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr):
-            text = "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in inner:
+            text = "".join(
+                str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values
+            )
+        elif (
+            isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in inner
+        ):
             text = node.value
         else:
             continue
@@ -53,7 +65,9 @@ def texts():
     """Place and text of everything that users read."""
     yield "bench --help", overview()
     yield from ((f"bench {name} --help", help_of(name)) for name in commands())
-    pages = [path for path in ROOT.glob("docs/*.md") if path.name != "architecture.md"]  # which is for contributors
+    pages = [
+        path for path in ROOT.glob("docs/*.md") if path.name != "architecture.md"
+    ]  # which is for contributors
     for path in [ROOT / "README.md", *pages, *ROOT.glob("tests/net/golden/[rs][tu]*/*.txt")]:
         yield path.name, path.read_text()
     for path in [*ROOT.glob("reports/templates/*.jinja"), *ROOT.glob("bench/*/templates/*.jinja")]:
@@ -69,7 +83,11 @@ def test_no_word_of_the_code_reaches_users():
 
 
 def test_sentences_of_help_are_short():
-    sentences = [s for command in commands().values() for s in re.split(r"[.:;] (?=[A-Za-z0-9])", command.text)]
+    sentences = [
+        s
+        for command in commands().values()
+        for s in re.split(r"[.:;] (?=[A-Za-z0-9])", command.text)
+    ]
     sentences += [option.help for name in commands() for option in options(name).values()]
     assert not [s for s in sentences if len(s.split()) > LONGEST]
 
@@ -82,9 +100,15 @@ def test_every_parameter_of_every_part_has_a_meaning(room):
 
 
 def test_every_default_of_a_classifier_has_an_origin():
-    assert {"bayes", "svm", "xgb"} <= {*classifiers()} and not {"reflex", "cnn85", "jung2014_svm"} & {*classifiers()}
+    assert {"bayes", "svm", "xgb"} <= {*classifiers()} and not {
+        "reflex",
+        "cnn85",
+        "jung2014_svm",
+    } & {*classifiers()}
     for name in classifiers():
-        assert [f"{name}.{p.name}" for p in described("models", name).parameters if not p.source] in (
+        assert [
+            f"{name}.{p.name}" for p in described("models", name).parameters if not p.source
+        ] in (
             [],
             [f"{name}.seed"],
         )
@@ -94,7 +118,11 @@ def test_help_prints_the_parameters_of_the_parts_that_are_named(capsys):
     assert main(["run", "features=jung28,touch", "model=svm", "data=haart", "--help"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert out.index("features=jung28:") < out.index("features=touch:") < out.index("model=svm:")
-    for fact in ("model.C= penalty; default 512 (a point of the grid", "features.area=", "no parameters"):
+    for fact in (
+        "model.C= penalty; default 512 (a point of the grid",
+        "features.area=",
+        "no parameters",
+    ):
         assert fact in out
     assert main(["run", "model=smv", "--help"]) == 2
     assert capsys.readouterr().err.startswith("bench: model=smv: unknown; did you mean svm?")
@@ -102,7 +130,7 @@ def test_help_prints_the_parameters_of_the_parts_that_are_named(capsys):
 
 def test_a_forgotten_value_is_an_error():
     with pytest.raises(UndefinedError, match="mixed"):
-        sentences("bench.outcomes", "choice", "scope", chosen={}, few="")
+        sentences("bench.reading", "choice", "scope", chosen={}, few="")
     assert shortened(["a", "b", "c"], 2) == "a; b; and 1 more" and shortened(["a"], 2) == "a"
 
 
@@ -114,8 +142,11 @@ def test_every_block_of_a_template_is_used_and_every_used_one_exists():
         used |= {*re.findall(r'"(bench\.\w+)",\s*"(\w+)",\s*"(\w+)"', source)}
         for node in ast.walk(ast.parse(source)):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "said":
-                used |= {("bench.outcomes", "choice", block) for block in node.args[0].value.split()}
+                used |= {("bench.reading", "choice", block) for block in node.args[0].value.split()}
         for template in (path.parent / "templates").glob("*.jinja"):
             package = f"bench.{path.parent.name}"
-            there |= {(package, template.stem, name) for name in re.findall(r"{% block (\w+) %}", template.read_text())}
+            there |= {
+                (package, template.stem, name)
+                for name in re.findall(r"{% block (\w+) %}", template.read_text())
+            }
     assert used == there != set()

@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from bench.options import COMPARE, FEATURES, MODEL, SEED, Command, keys, parse
-from bench.words import Values, typed
+from bench.grammar.options import COMPARE, FEATURES, MODEL, SEED, Command, keys, parse
+from bench.ground.words import Values, typed
 
 if TYPE_CHECKING:
     from bench.plan.cells import Cell
-    from bench.work.audit import Verdict
+    from bench.running.audit import Verdict
 
 COMMAND = Command(
     COMPARE,
@@ -28,7 +28,7 @@ COMMAND = Command(
 def command(arguments: list[str]) -> int:
     """Print a table of checks for each system; exit code 1 if a check failed."""
     from bench.commands.printing import then
-    from bench.work.audit import FAILED
+    from bench.running.audit import FAILED
 
     failed = False
     for cell, verdicts in audited(parse(arguments, keys("audit"))):
@@ -42,7 +42,7 @@ def command(arguments: list[str]) -> int:
 def audited(values: Values) -> Iterator[tuple[Cell, list[Verdict]]]:
     """The systems of some values, each with its checks; all can be made before the first is checked."""
     from bench.plan.cells import cells
-    from bench.work import audit
+    from bench.running import audit
 
     systems = cells(values)
     for cell in systems:
@@ -54,14 +54,16 @@ def audited(values: Values) -> Iterator[tuple[Cell, list[Verdict]]]:
 def show(cell: Cell, verdicts: list[Verdict]) -> None:
     """Print the checks of one system, and how many passed."""
     from bench.commands.printing import output, say
-    from bench.measures import text
-    from bench.table import Table
-    from bench.work.audit import FAILED, PASSED, SKIPPED
+    from bench.running.audit import FAILED, PASSED, SKIPPED
+    from bench.values.measures import text
+    from bench.values.table import Table
 
     columns = [text("check"), text("result"), text("sentence", "reason")]
     failed = [i for i, verdict in enumerate(verdicts) if verdict.result == FAILED]
     title = f"Audit of {cell.system()} on generated captures (synthetic)"
     Table(columns, [vars(v) for v in verdicts], title, failed).print(output())
     counts = Counter(verdict.result for verdict in verdicts)
-    words = ", ".join(f"{counts[result]} {result}" for result in (PASSED, FAILED, SKIPPED) if counts[result])
+    words = ", ".join(
+        f"{counts[result]} {result}" for result in (PASSED, FAILED, SKIPPED) if counts[result]
+    )
     say(f"{cell.system()}: {words}; {sum(v.seconds for v in verdicts):.1f} s")

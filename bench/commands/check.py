@@ -9,16 +9,26 @@ from typing import TYPE_CHECKING
 
 from bench.commands.run import evaluated
 from bench.errors import InputError
-from bench.options import KEYS as RUN_KEYS
-from bench.options import MORE, WORK, Command, Option, backend_keys, backend_of, keys, parse, settings
-from bench.result import several
-from bench.scratch import replacing
-from bench.words import PARTS
+from bench.grammar.options import KEYS as RUN_KEYS
+from bench.grammar.options import (
+    MORE,
+    WORK,
+    Command,
+    Option,
+    backend_keys,
+    backend_of,
+    keys,
+    parse,
+    settings,
+)
+from bench.ground.scratch import replacing
+from bench.ground.words import PARTS
+from bench.values.result import several
 
 if TYPE_CHECKING:
-    from bench.machine import Backend
-    from bench.outcomes.gate import Measured
+    from bench.ground.machine import Backend
     from bench.plan.cells import Cell
+    from bench.reading.gate import Measured
 
 LIMITS = ("error", "slower")  # keys
 COMMAND = Command(
@@ -32,10 +42,22 @@ COMMAND = Command(
     options=(
         *WORK,
         Option("baseline", "text", "reports/baseline.json", "baseline file"),
-        Option("update", "yes", False, "yes: write the baseline again; keys of bench run add systems"),
+        Option(
+            "update", "yes", False, "yes: write the baseline again; keys of bench run add systems"
+        ),
         Option("stored", "yes", False, "yes: run nothing, compare the newest stored runs"),
-        Option("error", "number", 1, "error rate in percent of all tests of accuracy and labels together"),
-        Option("slower", "number", 2, "largest factor of computing time, relative to a reference workload"),
+        Option(
+            "error",
+            "number",
+            1,
+            "error rate in percent of all tests of accuracy and labels together",
+        ),
+        Option(
+            "slower",
+            "number",
+            2,
+            "largest factor of computing time, relative to a reference workload",
+        ),
         Option("junit", "text", "", "JUnit file for a CI server, such as check.xml"),
     ),
 )
@@ -46,20 +68,22 @@ def command(arguments: list[str]) -> int:
 
     What prevents the comparison is written into the JUnit file, too: the one of the last check may have been green.
     """
-    from bench.outcomes import gate
+    from bench.reading import gate
 
     try:
         return _command(arguments)
     except BaseException as e:
-        for path in [a.removeprefix("junit=") for a in arguments if a.startswith("junit=") and a != "junit="]:
+        for path in [
+            a.removeprefix("junit=") for a in arguments if a.startswith("junit=") and a != "junit="
+        ]:
             _write(Path(path), gate.refused(f"{type(e).__name__}: {e}"), "junit")
         raise
 
 
 def _command(arguments: list[str]) -> int:
     from bench.commands.printing import say
-    from bench.outcomes import gate
-    from bench.outcomes.runs import SELECTING, asked_of
+    from bench.reading import gate
+    from bench.reading.runs import SELECTING, asked_of
 
     values = parse(arguments, keys("check"))
     how = settings("check", values)
@@ -71,10 +95,18 @@ def _command(arguments: list[str]) -> int:
     path = Path(how["baseline"])
     if how["update"]:
         if how["stored"]:
-            raise InputError("stored=yes and update=yes exclude each other: an update needs runs; leave stored= out")
+            raise InputError(
+                "stored=yes and update=yes exclude each other: an update needs runs; leave stored= out"
+            )
         return _update(path, added, backend_of(values), limits)
-    if new := [f"{k}={v}" for k, v in of_runs.items() if k not in SELECTING and not k.startswith("protocol.")]:
-        raise InputError(f"{new[0]} adds systems, which needs update=yes; leave it out to compare with the baseline")
+    if new := [
+        f"{k}={v}"
+        for k, v in of_runs.items()
+        if k not in SELECTING and not k.startswith("protocol.")
+    ]:
+        raise InputError(
+            f"{new[0]} adds systems, which needs update=yes; leave it out to compare with the baseline"
+        )
     asked = asked_of(of_runs)
     baseline = [then for then in gate.read(path) if not asked or _cells([then.run], asked, then)]
     if not baseline:
@@ -97,20 +129,26 @@ def _command(arguments: list[str]) -> int:
     return 1 if alarms else 0
 
 
-def _cells(runs: list[str], asked: Mapping[str, list], then: Measured | None = None) -> list[tuple[Cell, str]]:
+def _cells(
+    runs: list[str], asked: Mapping[str, list], then: Measured | None = None
+) -> list[tuple[Cell, str]]:
     """The selected cells of ``bench run`` arguments, with these; each once."""
-    from bench.outcomes.runs import selected
     from bench.plan.cells import cells
+    from bench.reading.runs import selected
 
     planned: dict[str, tuple[Cell, str]] = {}
     for run in dict.fromkeys(runs):
         for cell in cells(parse(shlex.split(run), RUN_KEYS)):
             row = {"data": cell.data, "subset": cell.where or "all", "target": cell.target}
             row |= {"protocol": str(cell.protocol), "system": cell.system()}
-            parts = dict.fromkeys(PARTS.values(), "") | {part.room: part.name for part in cell.parts}
+            parts = dict.fromkeys(PARTS.values(), "") | {
+                part.room: part.name for part in cell.parts
+            }
             named = {f"{key}_name": parts[room] for key, room in PARTS.items()}
             named |= {f"protocol.{k}": str(v) for k, v in cell.protocol.parameters.items()}
-            if selected([row | named], asked) and (then is None or row.items() <= then.names.items()):
+            if selected([row | named], asked) and (
+                then is None or row.items() <= then.names.items()
+            ):
                 planned.setdefault(repr(cell), (cell, run))
     return [*planned.values()]
 
@@ -120,7 +158,7 @@ def _run(
 ) -> tuple[list[Measured], dict[tuple, str]]:
     """Run what is not tracked yet; complete runs of the code, versions and threads as they are, and why others fail."""
     from bench.commands.printing import failures
-    from bench.outcomes import gate
+    from bench.reading import gate
 
     planned = _cells(runs, asked or {})
     results = evaluated([cell for cell, _ in planned], backend)
@@ -128,41 +166,57 @@ def _run(
     complete: dict[tuple[str, ...], Measured] = {}
     for result, (_, run) in zip(results, planned, strict=True):
         if result.complete:
-            complete.setdefault(tuple(str(result[k]) for k in gate.NAMES), gate.measured(result, run))
-    failed = {tuple(str(r[k]) for k in gate.SAME): next(iter(r.errors.values())).reason for r in results if r.errors}
+            complete.setdefault(
+                tuple(str(result[k]) for k in gate.NAMES), gate.measured(result, run)
+            )
+    failed = {
+        tuple(str(r[k]) for k in gate.SAME): next(iter(r.errors.values())).reason
+        for r in results
+        if r.errors
+    }
     return [*complete.values()], failed
 
 
 def _stored(baseline: list[Measured]) -> list[Measured]:
     """The newest complete results of the store that may be held against the baseline, whatever code made them."""
-    from bench.outcomes import gate
-    from bench.outcomes.runs import stored
-    from bench.store import connect
+    from bench.reading import gate
+    from bench.reading.runs import stored
+    from bench.store.client import connect
 
     same = {tuple(then.names[k] for k in gate.SAME) for then in baseline}
-    complete = [r for r in stored(connect()) if r.complete and tuple(r[k] for k in gate.SAME) in same]
+    complete = [
+        r for r in stored(connect()) if r.complete and tuple(r[k] for k in gate.SAME) in same
+    ]
     return [gate.measured(r, "") for r in complete]
 
 
 def _history(now: Measured) -> list[tuple[str, Measured]]:
     """The stored runs of a system up to a current one, oldest first, each with its revision."""
-    from bench.outcomes import gate
-    from bench.outcomes.runs import every_run
-    from bench.store import connect
+    from bench.reading import gate
+    from bench.reading.runs import every_run
+    from bench.store.client import connect
 
-    results = [r for r in every_run(connect()) if all(str(r[name]) == value for name, value in now.names.items())]
+    results = [
+        r
+        for r in every_run(connect())
+        if all(str(r[name]) == value for name, value in now.names.items())
+    ]
     runs = [(r.get("git") or "unknown", gate.measured(r, "")) for r in results]
-    last = max((i for i, (_, each) in enumerate(runs) if each.costs == now.costs), default=len(runs) - 1)
+    last = max(
+        (i for i, (_, each) in enumerate(runs) if each.costs == now.costs), default=len(runs) - 1
+    )
     return runs[: last + 1]  # after a checkout of older code, newer runs are of other code
 
 
 def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, float]) -> int:
     """Run again what the baseline names, and what is added; write it if every run is complete."""
     from bench.commands.printing import say
-    from bench.outcomes import gate
+    from bench.reading import gate
 
     before = gate.read(path) if path.exists() or not added else []
-    after, failed = _run([then.run for then in before] + ([shlex.join(added)] if added else []), backend)
+    after, failed = _run(
+        [then.run for then in before] + ([shlex.join(added)] if added else []), backend
+    )
     if failed:
         say(f"a run failed; {path} is unchanged")
         return 1
@@ -186,4 +240,6 @@ def _write(path: Path, content: str, key: str) -> None:
         with replacing(path) as beside:
             beside.write_text(content, encoding="utf-8")
     except OSError as e:
-        raise InputError(f"{key}={path} cannot be written ({e.strerror}); choose another place") from e
+        raise InputError(
+            f"{key}={path} cannot be written ({e.strerror}); choose another place"
+        ) from e

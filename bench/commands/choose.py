@@ -5,13 +5,25 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from bench.measures import Cost, Measure, Row, costs, costs_of, text
-from bench.options import BATCH, FITTED, START, STORED, Command, Option, keys, limits_of, makers, parse, settings
-from bench.words import Values, typed
+from bench.grammar.options import (
+    BATCH,
+    FITTED,
+    START,
+    STORED,
+    Command,
+    Option,
+    keys,
+    limits_of,
+    makers,
+    parse,
+    settings,
+)
+from bench.ground.words import Values, typed
+from bench.values.measures import Cost, Measure, Row, costs, costs_of, text
 
 if TYPE_CHECKING:
-    from bench.outcomes.choice import Chosen
-    from bench.table import Table
+    from bench.reading.choice import Chosen
+    from bench.values.table import Table
 
 COMMAND = Command(
     START,
@@ -27,14 +39,26 @@ COMMAND = Command(
     options=(
         *STORED,
         Option("scene", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
-        Option("by", "text", "flash", "cost to minimise"),  # its values: `bench.measures.costs`
         Option(
-            "margin", "number", None, "accepted loss in points; a one-sided paired t-test replaces the standard error"
+            "by", "text", "flash", "cost to minimise"
+        ),  # its values: `bench.values.measures.costs`
+        Option(
+            "margin",
+            "number",
+            None,
+            "accepted loss in points; a one-sided paired t-test replaces the standard error",
         ),
         Option("unit", "text", "capture", "unit of accuracy", ("capture", "window")),
         BATCH,
-        Option("why", "yes", False, "yes: also print what the choice depends on, and what is left out"),
-        Option("groups", "yes", False, "yes: print instead which gestures the most accurate system can tell apart"),
+        Option(
+            "why", "yes", False, "yes: also print what the choice depends on, and what is left out"
+        ),
+        Option(
+            "groups",
+            "yes",
+            False,
+            "yes: print instead which gestures the most accurate system can tell apart",
+        ),
     ),
     budgets="all",
 )
@@ -62,19 +86,27 @@ def command(arguments: list[str]) -> int:
 
 def chosen(values: Values) -> Chosen:
     """The choice among tracked runs."""
-    from bench.outcomes import choice as choices
-    from bench.outcomes.runs import asked_of, every_result
-    from bench.outcomes.scene import read_scene
-    from bench.store import connect
+    from bench.reading import choice as choices
+    from bench.reading.runs import asked_of, every_result
+    from bench.reading.scene import read_scene
+    from bench.store.client import connect
 
     scene = read_scene(str(values["scene"])) if "scene" in values else None
     values = {**scene.values, **values} if scene else values
     given = settings("choose", values)
-    how: dict[str, Any] = {key: given.get(key) for key in ("margin", "clock", "unit", "batch", "why")}
+    how: dict[str, Any] = {
+        key: given.get(key) for key in ("margin", "clock", "unit", "batch", "why")
+    }
     notes = scene.board.sentences(values) if scene and scene.board else []
     asked = asked_of(values)
     return choices.choose(
-        every_result(connect(), asked), asked, given["by"], limits_of(given), scene=scene, notes=notes, **how
+        every_result(connect(), asked),
+        asked,
+        given["by"],
+        limits_of(given),
+        scene=scene,
+        notes=notes,
+        **how,
     )
 
 
@@ -85,7 +117,9 @@ def _next(result: Chosen) -> str:
     """
     one = result.choice.table.loc[result.choice.chosen]
     fitted = {option.key for option in FITTED}
-    trained = {k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in fitted}
+    trained = {
+        k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in fitted
+    }
     trained |= json.loads(str(one["shipped"])) if trained else {}
     once = trained and one["command"] in makers() and not one["conditions"]
     return typed("fit", trained | {"out": "chosen"}) if once else "bench report"
@@ -93,15 +127,24 @@ def _next(result: Chosen) -> str:
 
 def table_of(result: Chosen) -> Table:
     """The candidates of a choice."""
-    from bench.outcomes.choice import points
-    from bench.table import Table, rows_of
+    from bench.reading.choice import points
+    from bench.values.table import Table, rows_of
 
     choice, by = result.choice, costs()[result.by]
-    words, limited = {"low": "at most", "high": "at least"}, [(costs()[key], v) for key, v in result.budgets.items()]
+    words, limited = (
+        {"low": "at most", "high": "at least"},
+        [(costs()[key], v) for key, v in result.budgets.items()],
+    )
     limits = [f"{cost.title} {words[cost.better]} {cost.amount(value)}" for cost, value in limited]
     score = "score" if result.scene.reactions.weighted else "accuracy"
-    asked = {result.by, *result.budgets, *(k for k, c in costs().items() if c.losses and result.scene.faults)}
-    shown = [cost for cost in costs_of(result.study).values() if cost.line[0] not in ("faults", "people")]
+    asked = {
+        result.by,
+        *result.budgets,
+        *(k for k, c in costs().items() if c.losses and result.scene.faults),
+    }
+    shown = [
+        cost for cost in costs_of(result.study).values() if cost.line[0] not in ("faults", "people")
+    ]
     shown.sort(key=lambda cost: "captures" in cost.on)
     shown += [cost for cost in costs().values() if cost.key in asked and cost not in shown]
 
@@ -109,7 +152,9 @@ def table_of(result: Chosen) -> Table:
         kept = cost.key in (result.by, *result.budgets) or cost.line[0] != "budget"
 
         def amount(row: Row) -> str:
-            return cost.amount(row[cost.key]) + "*" * (bool(row["linked"]) and cost.key in ("flash", "ram"))
+            return cost.amount(row[cost.key]) + "*" * (
+                bool(row["linked"]) and cost.key in ("flash", "ram")
+            )
 
         return Measure(cost.key, cost.title, amount, spare=0 if kept else cost.spare or 3)
 

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.measures import Measure, text
-from bench.options import COMPARE, STORED, Command, Option, keys, parse_words, values_of
-from bench.options import KEYS as RUN_KEYS
-from bench.words import Values, items
+from bench.grammar.options import COMPARE, STORED, Command, Option, keys, parse_words, values_of
+from bench.grammar.options import KEYS as RUN_KEYS
+from bench.ground.words import Values, items
+from bench.values.measures import Measure, text
 
 if TYPE_CHECKING:
-    from bench.outcomes.compare import Compared, Side
+    from bench.reading.compare import Compared, Side
 
 COMMAND = Command(
     COMPARE,
@@ -26,7 +26,10 @@ COMMAND = Command(
     "runs.",
     'bench compare mine.csv theirs.parquet\nbench compare mine.csv "svm touch" data=haart protocol=loso',
     "A B [key=value ...]",
-    options=(*STORED, Option("out", "text", "", "CSV file for all captures with the predictions of both systems")),
+    options=(
+        *STORED,
+        Option("out", "text", "", "CSV file for all captures with the predictions of both systems"),
+    ),
 )
 GESTURES = (
     text("gesture"),
@@ -43,16 +46,20 @@ GROUP = ("data", "where", "target", "protocol")  # keys that a system may come w
 def command(arguments: list[str]) -> int:
     """Print how two systems differ, and write their captures."""
     from bench.commands.printing import output, say, unwritable
-    from bench.scratch import replacing
-    from bench.table import Table, rows_of, write_sheet
+    from bench.ground.scratch import replacing
+    from bench.values.table import Table, rows_of, write_sheet
 
     words, values = parse_words(arguments, keys("compare"), 2)
     if len(words) < 2:
-        raise InputError("give two files, systems or runs: bench compare A B; see bench compare --help")
+        raise InputError(
+            "give two files, systems or runs: bench compare A B; see bench compare --help"
+        )
     out = values.pop("out", "")
     result = paired(words, values)
     say(*repr(result).splitlines())
-    rows = rows_of(result.gestures.rename(columns={"low": "difference_low", "high": "difference_high"}))
+    rows = rows_of(
+        result.gestures.rename(columns={"low": "difference_low", "high": "difference_high"})
+    )
     title = f"A: {result.system}; B: {result.other}; means over subjects, not corrected for several gestures"
     Table(GESTURES, rows, title).print(output())
     if out:
@@ -64,15 +71,17 @@ def command(arguments: list[str]) -> int:
 
 def paired(given: Sequence[object], values: Values) -> Compared:
     """Two systems, each a table, a file, the name of a stored system, its values, or the id of a run."""
-    from bench.outcomes.compare import compared, stored_sides
-    from bench.outcomes.frame import grouped
-    from bench.outcomes.runs import asked_of, selected, stored
-    from bench.store import connect
+    from bench.reading.compare import compared, stored_sides
+    from bench.reading.frame import grouped
+    from bench.reading.runs import asked_of, selected, stored
+    from bench.store.client import connect
 
     typed = values_of(values, {option.key for option in STORED})
     sides = _files(given)
     if typed and all(sides):
-        raise InputError(f"{next(iter(typed))}= selects stored runs, and both are files; leave it out")
+        raise InputError(
+            f"{next(iter(typed))}= selects stored runs, and both are files; leave it out"
+        )
     named = []
     if not all(sides):
         every = selected(stored(connect()), asked_of(typed))
@@ -81,7 +90,12 @@ def paired(given: Sequence[object], values: Values) -> Compared:
                 about = values_of(one, RUN_KEYS) if isinstance(one, Mapping) else {}
                 on = {key: items(key, about.pop(key)) for key in GROUP if key in about}
                 groups = {group: selected(members, on) for group, members in grouped(every).items()}
-                named.append((_system(about) if about else str(one), {k: held for k, held in groups.items() if held}))
+                named.append(
+                    (
+                        _system(about) if about else str(one),
+                        {k: held for k, held in groups.items() if held},
+                    )
+                )
     from_store = iter(stored_sides(named) if named else ())
     one, other = (side or next(from_store) for side in sides)
     return compared(one, other)
@@ -91,7 +105,7 @@ def _files(given: Sequence[object]) -> list[Side | None]:
     """The sides that are tables or files; None for stored systems."""
     import pandas as pd
 
-    from bench.outcomes.compare import of_file, of_frame
+    from bench.reading.compare import of_file, of_frame
 
     sides: list[Side | None] = []
     names = [Path(one).name if isinstance(one, str | Path) else "" for one in given]
@@ -99,7 +113,8 @@ def _files(given: Sequence[object]) -> list[Side | None]:
         if isinstance(one, pd.DataFrame):
             sides.append(of_frame(one, title))
         elif isinstance(one, Path) or (
-            isinstance(one, str) and (one.lower().endswith((".csv", ".parquet")) or Path(one).is_file())
+            isinstance(one, str)
+            and (one.lower().endswith((".csv", ".parquet")) or Path(one).is_file())
         ):
             sides.append(of_file(Path(one), str(one) if names.count(name) > 1 else ""))
         else:

@@ -13,23 +13,34 @@ import numpy as np
 
 from bench.commands.printing import say, then, unwritable, writable
 from bench.corpora.corpus import Corpus
-from bench.corpora.library import ASIDE, briefly, import_corpus, imported, left_out, open_corpus, stored_value, verify
+from bench.corpora.library import (
+    ASIDE,
+    briefly,
+    import_corpus,
+    imported,
+    left_out,
+    open_corpus,
+    stored_value,
+    verify,
+)
 from bench.corpora.read.cost import write
 from bench.corpora.read.table import write_table
 from bench.corpora.survey import Survey
 from bench.errors import InputError
+from bench.ground.scratch import home
+from bench.ground.words import SMALL
 from bench.plan.cells import corpus_variants
 from bench.plan.plan import captures_of
 from bench.protocols.captures import CaptureKFold
-from bench.result import several
-from bench.scratch import home
-from bench.words import SMALL
+from bench.values.result import several
 
 
 def listed() -> int:
     """Print every corpus with counts, digest, source and licence."""
     print(f"Corpora in {home()}\n")
-    print("synth\n  synthetic: generated on demand, any number of subjects and repetitions; says nothing about people")
+    print(
+        "synth\n  synthetic: generated on demand, any number of subjects and repetitions; says nothing about people"
+    )
     for name in imported():
         try:
             corpus = stored_value(name)
@@ -38,7 +49,9 @@ def listed() -> int:
             continue
         columns = ", ".join(str(c) for c in corpus.captures if c not in ("subject", "gesture"))
         print(f"{name}\n  {_sizes(corpus)}\n  columns: {columns}\n  digest:  {corpus.digest[:16]}")
-        print(f"  source:  {corpus.info.get('source', '')}\n  licence: {corpus.info.get('licence', '')}")
+        print(
+            f"  source:  {corpus.info.get('source', '')}\n  licence: {corpus.info.get('licence', '')}"
+        )
     print()
     then(f"bench data show {(imported() or ['synth'])[0]}")
     return 0
@@ -63,7 +76,9 @@ def show(name: str, values: dict[str, str], given: dict[str, Any]) -> int:
         print(f"\n{line}")
     if warnings := [] if name == "synth" else stored_value(name).info["warnings"]:
         print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
-    print(f"\nfigures and a page that shows them; open: {Path(out, 'index.html').resolve().as_uri()}")
+    print(
+        f"\nfigures and a page that shows them; open: {Path(out, 'index.html').resolve().as_uri()}"
+    )
     if protocol := _protocol(captures(name, parameters)):
         then(f"bench run data={name} protocol={protocol} {SMALL}")
     return 0
@@ -74,10 +89,18 @@ def _protocol(corpus: Corpus) -> str:
     fewest = int(np.unique(corpus.gestures, return_counts=True)[1].min())
     if len({*corpus.subjects}) > 1:
         return "loso"
-    return "" if fewest < 2 else "kfold" if fewest >= CaptureKFold().folds else f"kfold protocol.folds={fewest}"
+    return (
+        ""
+        if fewest < 2
+        else "kfold"
+        if fewest >= CaptureKFold().folds
+        else f"kfold protocol.folds={fewest}"
+    )
 
 
-def captures(name: str, parameters: Mapping[str, object], where: str = "", target: str = "gesture") -> Corpus:
+def captures(
+    name: str, parameters: Mapping[str, object], where: str = "", target: str = "gesture"
+) -> Corpus:
     """Some captures of a corpus; parameters are those of the generator, with or without ``data.``."""
     dotted: dict[str, object] = {}
     for key, value in parameters.items():
@@ -108,19 +131,29 @@ def read(kind: str, source: Path, values: dict[str, str]) -> int:
         before = stored_value(values.get("name", kind))
     corpus = import_corpus(kind, source, values)
     if corpus.info["warnings"]:
-        print(f"warning: {briefly(corpus.info['warnings'], f'bench data show {corpus.name}')}", file=sys.stderr)
+        print(
+            f"warning: {briefly(corpus.info['warnings'], f'bench data show {corpus.name}')}",
+            file=sys.stderr,
+        )
     if before and before.digest != corpus.digest:
         print(f"{corpus.name}: replaces {len(before)} captures, digest {before.digest[:16]}")
     aside_gestures = corpus.info.get(ASIDE, [])
     print(f"{corpus.name}: {_sizes(corpus)}, digest {corpus.digest[:16]}")
     for gesture in aside_gestures:
         if (aside := corpus.gestures == gesture).any():
-            minutes = [frames.sum() / corpus.rate_hz / 60 for frames in (corpus.lengths[aside], corpus.lengths)]
+            minutes = [
+                frames.sum() / corpus.rate_hz / 60
+                for frames in (corpus.lengths[aside], corpus.lengths)
+            ]
             count = several(int(aside.sum()), "capture")
-            print(f"{gesture}: further {count} without a gesture, {minutes[0]:.3g} of {minutes[1]:.3g} minutes")
+            print(
+                f"{gesture}: further {count} without a gesture, {minutes[0]:.3g} of {minutes[1]:.3g} minutes"
+            )
     if len(lengths := corpus.lengths[~np.isin(corpus.gestures, aside_gestures)]):
         usual = f"{float(np.median(lengths)) / corpus.rate_hz:.2g} s"
-        print(f"the median capture lasts {usual}; if that looks wrong, rate_hz and all reported times are wrong")
+        print(
+            f"the median capture lasts {usual}; if that looks wrong, rate_hz and all reported times are wrong"
+        )
     then(f"bench data show {corpus.name}")
     return 0
 
@@ -133,7 +166,10 @@ def check(name: str) -> int:
         state = f"damaged: {damage.removeprefix(f'{file} ')}" if damage else "unchanged"
         print(f"{file:{width}}  {state}")
     if any(files.values()):
-        print(f"{name}: damaged; " + ("its next use repairs it" if name == "synth" else "import it again"))
+        print(
+            f"{name}: damaged; "
+            + ("its next use repairs it" if name == "synth" else "import it again")
+        )
         return 1
     print(f"{name}: {'unchanged' if files else 'nothing is stored'}")
     return 0
@@ -142,7 +178,12 @@ def check(name: str) -> int:
 def export(name: str, target: Path, values: dict[str, str]) -> int:
     """Write a corpus in the format of CoST.csv, or as a table."""
     corpus = captures(name, {key: value for key, value in values.items() if key != "format"})
-    cost = values.get("format", "cost" if name == "synth" or corpus.info.get("format") == "cost" else "table") == "cost"
+    cost = (
+        values.get(
+            "format", "cost" if name == "synth" or corpus.info.get("format") == "cost" else "table"
+        )
+        == "cost"
+    )
     (write if cost else write_table)(corpus, target)
     if line := left_out(corpus):
         say(line)
@@ -150,10 +191,14 @@ def export(name: str, target: Path, values: dict[str, str]) -> int:
     size = f"{len(corpus)} {kind}captures, {len(corpus.frames)} rows"
     print(f"{target}: {size} at {corpus.rate_hz:g} Hz, digest {corpus.digest[:16]}")
     if corpus.synthetic:
-        print("the column synthetic marks generated captures; keep it, so that their results are marked as synthetic")
+        print(
+            "the column synthetic marks generated captures; keep it, so that their results are marked as synthetic"
+        )
     words = ["cost", str(target), "name=copy"]
     if corpus.info.get("format") != "cost":
-        rate, most = (repr(float(number)).removesuffix(".0") for number in (corpus.rate_hz, corpus.full_scale))
+        rate, most = (
+            repr(float(number)).removesuffix(".0") for number in (corpus.rate_hz, corpus.full_scale)
+        )
         grid = "x".join(map(str, corpus.grid))
         words = ["table", *words[1:], f"grid={grid}", f"rate_hz={rate}", f"full_scale={most}"]
     then(f"bench data import {shlex.join(words)}")

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError, nearest
-from bench.options import START, Command, Option, parse, settings
-from bench.words import DEFAULTS, Values
+from bench.grammar.options import START, Command, Option, parse, settings
+from bench.ground.words import DEFAULTS, Values
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,7 +25,15 @@ SHOW = (
     Option("target", "text", DEFAULTS["target"], "columns whose classes are also counted"),
     Option("out", "text", "look", "folder for figures and index.html, which shows them"),
 )
-EXPORT = (Option("format", "text", "", "file format: that of CoST.csv, or a table of any skin", ("cost", "table")),)
+EXPORT = (
+    Option(
+        "format",
+        "text",
+        "",
+        "file format: that of CoST.csv, or a table of any skin",
+        ("cost", "table"),
+    ),
+)
 COMMAND = Command(
     START,
     "list, import, show, verify and export corpora",
@@ -53,9 +61,9 @@ def extracted(values: Values) -> pd.DataFrame:
 
     from bench import contract
     from bench.corpora.library import left_out
+    from bench.ground.progress import warn
     from bench.plan.cells import cells
     from bench.plan.plan import captures_of
-    from bench.progress import warn
 
     cell, *more = cells({**values, "model": DEFAULTS["model"]})
     if more:
@@ -65,7 +73,9 @@ def extracted(values: Values) -> pd.DataFrame:
     contract.check(features)
     columns = features.fit(captures, captures.gestures).transform(captures)
     if both := sorted({*captures.captures.columns} & {*columns.columns}):
-        raise InputError(f"{captures.name} has a column {both[0]!r}, also a feature; rename it and import again")
+        raise InputError(
+            f"{captures.name} has a column {both[0]!r}, also a feature; rename it and import again"
+        )
     if line := left_out(captures):
         warn(line)
     return pd.concat([captures.captures, columns], axis=1)
@@ -80,7 +90,9 @@ def command(arguments: list[str]) -> int:
         case []:
             return corpora.listed()
         case ["import", kind, source, *rest]:
-            return corpora.read(kind, Path(source), parse(rest, None))  # the reader knows its options
+            return corpora.read(
+                kind, Path(source), parse(rest, None)
+            )  # the reader knows its options
         case ["show", name, *rest] if "=" not in name:
             return corpora.show(name, values := parse(rest, None), settings("data", values, SHOW))
         case ["verify", name]:
@@ -89,9 +101,15 @@ def command(arguments: list[str]) -> int:
             settings("data", values := parse(rest, None), EXPORT)
             return corpora.export(name, Path(target), values)
         case ["show", *_]:
-            raise InputError(f"bench data show: give the name of a corpus: {', '.join(['synth', *imported()])}")
+            raise InputError(
+                f"bench data show: give the name of a corpus: {', '.join(['synth', *imported()])}"
+            )
         case [name, *_] if name in ("synth", *imported()):
-            raise InputError(f"bench data {name}: an action is missing; give for example bench data show {name}")
+            raise InputError(
+                f"bench data {name}: an action is missing; give for example bench data show {name}"
+            )
         case [word, *_] if word not in ACTIONS:
             raise InputError(f"bench data {word}: {nearest(word, ACTIONS)}; see bench data --help")
-    raise InputError(f"bench data {' '.join(arguments)}: not an action with its arguments; see bench data --help")
+    raise InputError(
+        f"bench data {' '.join(arguments)}: not an action with its arguments; see bench data --help"
+    )

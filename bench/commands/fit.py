@@ -6,11 +6,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.options import FITTED, START, Command, Option, following, keys, parse, settings, used
-from bench.words import Values, quoted
+from bench.grammar.options import (
+    FITTED,
+    START,
+    Command,
+    Option,
+    following,
+    keys,
+    parse,
+    settings,
+    used,
+)
+from bench.ground.words import Values, quoted
 
 if TYPE_CHECKING:
-    from bench.work.fit import Fitted
+    from bench.running.fit import Fitted
 
 COMMAND = Command(
     START,
@@ -20,7 +30,9 @@ COMMAND = Command(
     "bench fit data=haart model=svm features=jung54 out=svm\nmlflow models serve -m svm --env-manager local",
     options=(
         *FITTED,
-        Option("stopping", "yes", True, "no: skip three extra fits for calibration and early decisions"),
+        Option(
+            "stopping", "yes", True, "no: skip three extra fits for calibration and early decisions"
+        ),
         Option("out", "text", "", "folder for a copy of the model; new or empty"),
     ),
 )
@@ -29,7 +41,7 @@ COMMAND = Command(
 def command(arguments: list[str]) -> int:
     """Train one system on all captures and save it."""
     from bench.commands.printing import then
-    from bench.work.stopping import NO_SAVING
+    from bench.values.stopping import NO_SAVING
 
     values = parse(arguments, keys("fit"))
     fitted, out = trained(values), values.get("out")
@@ -50,7 +62,7 @@ def command(arguments: list[str]) -> int:
 def trained(values: Values) -> Fitted:
     """Fit and save the system of some values."""
     from bench.plan.cells import cells
-    from bench.work.fit import fit
+    from bench.running.fit import fit
 
     given, learner = settings("fit", values), None
     for key, one in used("fit").items():

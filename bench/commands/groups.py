@@ -6,19 +6,19 @@ from statistics import mean
 
 import pandas as pd
 
-from bench import few
 from bench.commands.printing import output, say, then
 from bench.errors import InputError
-from bench.measures import Measure, text
-from bench.options import BATCH, STORED, settings
-from bench.outcomes.candidates import eligible
-from bench.outcomes.frame import choosing
-from bench.outcomes.groups import Grouping, groupings, reactions
-from bench.outcomes.runs import asked_of, stored, without_runs
-from bench.result import MIXED, Result
-from bench.store import connect
-from bench.table import Table, rows_of
-from bench.words import Values
+from bench.grammar.options import BATCH, STORED, settings
+from bench.ground.words import Values
+from bench.reading.candidates import eligible
+from bench.reading.frame import choosing
+from bench.reading.groups import Grouping, groupings, reactions
+from bench.reading.runs import asked_of, stored, without_runs
+from bench.store.client import connect
+from bench.values import few
+from bench.values.measures import Measure, text
+from bench.values.result import MIXED, Result
+from bench.values.table import Table, rows_of
 
 KEYS = {option.key for option in (*STORED, BATCH)}
 LEVELS = (90, 95, 99)  # percent
@@ -34,18 +34,33 @@ COLUMNS = (
 
 def printed(values: Values) -> int:
     """Print accuracy against the number of groups, with a table ``[reactions]`` for 90, 95 and 99 %."""
-    table, title, notes, results = grouped({key: value for key, value in values.items() if key != "groups"})
+    table, title, notes, results = grouped(
+        {key: value for key, value in values.items() if key != "groups"}
+    )
     found = rows_of(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
-    Table(COLUMNS, found, f"{title}; accuracy is the mean over subjects with its 95 % t-interval").print(output())
+    Table(
+        COLUMNS, found, f"{title}; accuracy is the mean over subjects with its 95 % t-interval"
+    ).print(output())
     say(
         "The groups of each subject are chosen on the other subjects. same choice: subjects with the groups above.",
         "largest group: accuracy of always naming the largest group.",
-        *([f"{few.too_few(people)}."] if (people := int(table["subjects"].iloc[0])) < few.INTERVAL else []),
+        *(
+            [f"{few.too_few(people)}."]
+            if (people := int(table["subjects"].iloc[0])) < few.INTERVAL
+            else []
+        ),
         *notes,
     )
-    reached = {level: next((row for row in found if round(row["accuracy"], 9) >= level), None) for level in LEVELS}
+    reached = {
+        level: next((row for row in found if round(row["accuracy"], 9) >= level), None)
+        for level in LEVELS
+    }
     for level, row in reached.items():
-        how = f"{row['groups']} groups reach {ACCURACY.of(row)} %." if row else "not even two groups reach it."
+        how = (
+            f"{row['groups']} groups reach {ACCURACY.of(row)} %."
+            if row
+            else "not even two groups reach it."
+        )
         say(f"{level} %: {how}")
     merged = {row["groups"]: row for row in reached.values() if row and row is not found[0]}
     for count, row in merged.items():
@@ -74,4 +89,7 @@ def grouped(values: Values) -> tuple[pd.DataFrame, str, list[str], list[Result]]
 
 
 def _words(grouping: Grouping) -> str:
-    return "; ".join(" + ".join(group) for group in grouping if len(group) > 1) or "every gesture alone"
+    return (
+        "; ".join(" + ".join(group) for group in grouping if len(group) > 1)
+        or "every gesture alone"
+    )

@@ -6,12 +6,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.options import SHIP, TRUSTED, Command, Option, following, keys, parse_words, settings
-from bench.words import Values, quoted
+from bench.grammar.options import (
+    SHIP,
+    TRUSTED,
+    Command,
+    Option,
+    following,
+    keys,
+    parse_words,
+    settings,
+)
+from bench.ground.words import Values, quoted
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
-    from bench.work.saved import Recogniser
+    from bench.running.saved import Recogniser
 
 COMMAND = Command(
     SHIP,
@@ -23,7 +32,9 @@ COMMAND = Command(
     "bench predict models:/m-0123456789abcdef new.csv out=labels.csv",
     "MODEL FILE [key=value ...]",
     options=(
-        Option("out", "text", "", "CSV file that is safe in spreadsheets; default: print the table"),
+        Option(
+            "out", "text", "", "CSV file that is safe in spreadsheets; default: print the table"
+        ),
         Option("rate_hz", "number", None, "frame rate of FILE in Hz; must equal the model's"),
     ),
 )
@@ -32,9 +43,9 @@ COMMAND = Command(
 def command(arguments: list[str]) -> int:
     """Label the captures of a file."""
     from bench.commands.printing import then, unwritable
-    from bench.progress import warn
-    from bench.scratch import replacing
-    from bench.table import write_sheet
+    from bench.ground.progress import warn
+    from bench.ground.scratch import replacing
+    from bench.values.table import write_sheet
 
     words, values = parse_words(arguments, keys("predict"), 2)
     model, recogniser, corpus = read("predict", words, values)
@@ -60,13 +71,17 @@ def command(arguments: list[str]) -> int:
 def read(command: str, words: list[str], values: Values) -> tuple[str, Recogniser, Corpus]:
     """The model that a command names and itself, and the captures of the file."""
     if len(words) < 2:
-        raise InputError(f"give a model and a file: bench {command} MODEL FILE; see bench {command} --help")
+        raise InputError(
+            f"give a model and a file: bench {command} MODEL FILE; see bench {command} --help"
+        )
     from bench.corpora.read.table import read_unlabelled
-    from bench.work.saved import load
+    from bench.running.saved import load
 
     rate = settings(command, values)["rate_hz"]
     recogniser = load(words[0])
     if rate is not None:
         recogniser.check_rate(rate)
-    corpus = read_unlabelled(Path(words[1]), recogniser.rate_hz, recogniser.grid, recogniser.full_scale)
+    corpus = read_unlabelled(
+        Path(words[1]), recogniser.rate_hz, recogniser.grid, recogniser.full_scale
+    )
     return words[0], recogniser, corpus

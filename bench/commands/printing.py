@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from bench.errors import InputError
-from bench.few import INTERVAL, too_few
-from bench.measures import Interval, Measure, known, text
-from bench.outcomes.frame import grouped, names
-from bench.progress import console
-from bench.registry import names as registered
-from bench.result import Result, notes_on
-from bench.table import Table, rows_of
-from bench.words import BUSY
-from bench.work.bar import named
+from bench.ground.progress import console
+from bench.ground.registry import names as registered
+from bench.ground.words import BUSY
+from bench.reading.frame import grouped, names
+from bench.running.bar import named
+from bench.values.few import INTERVAL, too_few
+from bench.values.measures import Interval, Measure, known, text
+from bench.values.result import Result, notes_on
+from bench.values.table import Table, rows_of
 
 if TYPE_CHECKING:
     from bench.reports.views.base import View
@@ -30,7 +30,11 @@ NAMED = 3  # folds or systems that a line names
 WIDTH = 100  # columns of a file or a log, which has no width of its own
 CONTEXT = (  # columns of tables of runs
     text("data", read=lambda r: r["data"] + "*" * (r["synthetic"] == "true")),
-    text("subset", read=lambda r: r["subset"] + f", {r['target']}" * (r["target"] != "gesture"), spare=3),
+    text(
+        "subset",
+        read=lambda r: r["subset"] + f", {r['target']}" * (r["target"] != "gesture"),
+        spare=3,
+    ),
     text("protocol", read=lambda r: r["protocol"] + ", subjects mixed" * r.mixed),
 )
 
@@ -52,7 +56,11 @@ def say(*lines: str) -> None:
 
 def then(*commands: str) -> None:
     """Print the next commands to type, those that are here."""
-    here = [line for line in commands if not (found := COMMAND.search(line)) or found[1] in registered("commands")]
+    here = [
+        line
+        for line in commands
+        if not (found := COMMAND.search(line)) or found[1] in registered("commands")
+    ]
     if here:
         say(*(f"{'      ' if i else 'next: '}{command}" for i, command in enumerate(here)))
 
@@ -72,7 +80,9 @@ def unwritable(out: Path) -> Iterator[None]:
     except OSError as e:
         if e.errno == errno.ENAMETOOLONG:  # which has a line of its own
             raise
-        raise InputError(f"out={out}: {e.filename or out} cannot be written ({e.strerror or e}); choose another") from e
+        raise InputError(
+            f"out={out}: {e.filename or out} cannot be written ({e.strerror or e}); choose another"
+        ) from e
 
 
 def show(results: Sequence[Result], views: Sequence[tuple[View, Sequence[Result]]]) -> int:
@@ -96,7 +106,11 @@ def show(results: Sequence[Result], views: Sequence[tuple[View, Sequence[Result]
 
 def failures(results: Sequence[Result]) -> int:
     """Print which folds failed, the first exception and where its traceback is; the exit code."""
-    failed = {f"{_title(r)}: {named(name)}": failure for r in results for name, failure in r.errors.items()}
+    failed = {
+        f"{_title(r)}: {named(name)}": failure
+        for r in results
+        for name, failure in r.errors.items()
+    }
     if failed:
         reason, where = next(iter(failed.values()))
         line = f"{len(failed)} failed: {_first([*failed], 'more')}; {reason}; traceback of the first: {where}"
@@ -106,7 +120,9 @@ def failures(results: Sequence[Result]) -> int:
 
 def _first(names: Sequence[str], rest: str) -> str:
     """The first names, and how many more there are."""
-    return "; ".join(names[:NAMED]) + (f" and {len(names) - NAMED} {rest}" if len(names) > NAMED else "")
+    return "; ".join(names[:NAMED]) + (
+        f" and {len(names) - NAMED} {rest}" if len(names) > NAMED else ""
+    )
 
 
 def _title(result: Result) -> str:
@@ -116,11 +132,17 @@ def _title(result: Result) -> str:
 def runs_table(results: Sequence[Result], view: View) -> Table:
     """A table of results, the most accurate first: what they share stands above it, what differs in columns."""
     ordered: list[Result] = []
-    marked: list[Result] = []  # the most accurate complete ones of each group in which there is something to compare
+    marked: list[
+        Result
+    ] = []  # the most accurate complete ones of each group in which there is something to compare
     for group in grouped(results, view.alike).values():
         scores = {r: known(r.get(view.score)) for r in group}
         ordered += sorted(group, key=lambda r: float("inf") if scores[r] is None else -scores[r])
-        whole = {r: score for r, score in scores.items() if score is not None and r.scored and r.complete and r.alone}
+        whole = {
+            r: score
+            for r, score in scores.items()
+            if score is not None and r.scored and r.complete and r.alone
+        }
         if view.ranked and len(whole) > 1:
             marked += [r for r, score in whole.items() if score == max(whole.values())]
     results, called = ordered, dict(zip(ordered, names(ordered), strict=True))
@@ -135,7 +157,9 @@ def runs_table(results: Sequence[Result], view: View) -> Table:
     if view.ranked and any(isinstance(m.cell(r), Interval) for m in measures for r in results):
         title += "; in brackets 95 % t-intervals over subjects"
     if any(measure.ends for measure in measures):
-        few = sorted({int(r["subjects"]) for r in results if r.get("subjects", INTERVAL) < INTERVAL})
+        few = sorted(
+            {int(r["subjects"]) for r in results if r.get("subjects", INTERVAL) < INTERVAL}
+        )
         title += "".join(f"; {too_few(people)}" for people in few)
     bold = [i for i, r in enumerate(results) if r in marked]
     return Table([system, *differing, *measures, folds], results, title, bold)
@@ -144,6 +168,8 @@ def runs_table(results: Sequence[Result], view: View) -> Table:
 def choices_table(result: Result) -> Table:
     """What a search has chosen on the training part of each fold."""
     chosen = result.tables["chosen"].rename(columns=str)
-    words = chosen.map(lambda v: "" if known(v) is None else f"{v:.4g}" if isinstance(v, float) else str(v))
+    words = chosen.map(
+        lambda v: "" if known(v) is None else f"{v:.4g}" if isinstance(v, float) else str(v)
+    )
     columns = [text(str(name), spare=i) for i, name in enumerate(words)]
     return Table(columns, rows_of(words), f"Chosen in each training part: {_title(result)}")

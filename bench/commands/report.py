@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.options import START, STORED, Command, Option, keys, limits_of, parse, settings
-from bench.result import several
+from bench.grammar.options import START, STORED, Command, Option, keys, limits_of, parse, settings
+from bench.values.result import several
 
 COMMAND = Command(
     START,
@@ -31,11 +31,21 @@ COMMAND = Command(
             "columns of paper.tex and paper.csv: accuracy and macro_f1 under each protocol; fit, predict and flash",
         ),
         Option(
-            "history", "yes", False, "yes: also accuracy, size and time of each system over git revisions, and steps"
+            "history",
+            "yes",
+            False,
+            "yes: also accuracy, size and time of each system over git revisions, and steps",
         ),
-        Option("against", "text", "", "system that p values compare with; default the best of your own"),
+        Option(
+            "against", "text", "", "system that p values compare with; default the best of your own"
+        ),
         Option("bundle", "text", "", "zip file for the report and everything behind it"),
-        Option("from", "text", "", "bundle to read instead of the store, with the options that it was made with"),
+        Option(
+            "from",
+            "text",
+            "",
+            "bundle to read instead of the store, with the options that it was made with",
+        ),
     ),
     budgets="captures",
 )
@@ -46,10 +56,10 @@ PLACES = ("out", "bundle", "from")  # keys of files and folders, which a bundle 
 def command(arguments: list[str]) -> int:
     """Write the verdict on the tracked runs as a page, with its tables and figures."""
     from bench.commands.printing import then
-    from bench.outcomes.runs import asked_of, every_result, every_run, wanted
+    from bench.reading.runs import asked_of, every_result, every_run, wanted
     from bench.reports.bundle import Bundle, writing
     from bench.reports.latex import columns_of
-    from bench.store import connect
+    from bench.store.client import connect
 
     values = parse(arguments, keys("report"))
     source = Bundle(Path(values["from"])) if "from" in values else None
@@ -57,7 +67,9 @@ def command(arguments: list[str]) -> int:
     given = settings("report", values)
     asked = asked_of(values)
     paper = columns_of(given["paper"])
-    from bench.reports.page import write_report  # loads all plotting: wrong arguments need not wait for it
+    from bench.reports.page import (
+        write_report,  # loads all plotting: wrong arguments need not wait for it
+    )
 
     out, store = Path(given["out"]), source or connect()
     how = (limits_of(given), given["against"])
@@ -65,7 +77,9 @@ def command(arguments: list[str]) -> int:
         kept = wanted(every_result(store, asked), asked)
         older = every_run(store, asked) if given["history"] else []
         options = {key: value for key, value in values.items() if key not in (*asked, *PLACES)}
-        with writing(Path(given["bundle"]), {r["run_id"]: r for r in [*older, *kept]}.values(), options) as made:
+        with writing(
+            Path(given["bundle"]), {r["run_id"]: r for r in [*older, *kept]}.values(), options
+        ) as made:
             paths = write_report(made, out, *how, {}, paper, given["history"])
             made.add(out, paths)
     else:
@@ -77,6 +91,8 @@ def command(arguments: list[str]) -> int:
     print(f"{page}: {what}; in the same folder .md, .tex, {beside}")
     print(f"open: {page.resolve().as_uri()}")
     if given["bundle"]:
-        print(f"{given['bundle']}: the report, its runs and predictions; bench report from=FILE makes the page again")
+        print(
+            f"{given['bundle']}: the report, its runs and predictions; bench report from=FILE makes the page again"
+        )
     then("bench ui")
     return 0

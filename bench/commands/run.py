@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
-from bench.options import (
+from bench.grammar.options import (
     COMPARE,
     DRY,
     KEYS,
@@ -23,25 +23,47 @@ from bench.options import (
     value_of,
     values_of,
 )
-from bench.registry import load, loaded, view
-from bench.words import ALL, CLEAN, FAULTS, LATER, SMALL, Values
+from bench.ground.registry import load, loaded, view
+from bench.ground.words import ALL, CLEAN, FAULTS, LATER, SMALL, Values
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.circumstances.base import Circumstance
-    from bench.machine import Backend
+    from bench.ground.machine import Backend
     from bench.plan.cells import Cell
     from bench.plan.plan import Plan
     from bench.reports.views.base import View
-    from bench.result import Result
+    from bench.running.circumstances.base import Circumstance
+    from bench.values.result import Result
 
 STEPS = (
-    Option("model.window", "number", None, "seconds per window; a model of whole captures then uses windows"),
-    Option("model.repair", "text", "", "sensor damage to correct", ("stuck", "dead", "offset"), "+"),
-    Option("model.scale", "text", "", "divide by the largest reading so far, or take logs", ("peak", "log")),
-    Option("model.faults", "text", "", "also train on damaged copies: all, or faults of bench stress", (), "+"),
-    Option("model.turns", "count", 0, "number of mirrored or rotated copies of each training capture"),
+    Option(
+        "model.window",
+        "number",
+        None,
+        "seconds per window; a model of whole captures then uses windows",
+    ),
+    Option(
+        "model.repair", "text", "", "sensor damage to correct", ("stuck", "dead", "offset"), "+"
+    ),
+    Option(
+        "model.scale",
+        "text",
+        "",
+        "divide by the largest reading so far, or take logs",
+        ("peak", "log"),
+    ),
+    Option(
+        "model.faults",
+        "text",
+        "",
+        "also train on damaged copies: all, or faults of bench stress",
+        (),
+        "+",
+    ),
+    Option(
+        "model.turns", "count", 0, "number of mirrored or rotated copies of each training capture"
+    ),
     Option("model.device", "text", "cpu", "device that trains networks", ("cpu", "cuda")),
 )
 RUN = Command(
@@ -89,10 +111,12 @@ STRESS = Command(
 
 def made(name: str, values: Values) -> pd.DataFrame:
     """The runs of a command that makes runs, by its name."""
-    from bench.outcomes.frame import frame
-    from bench.work.loop import execute
+    from bench.reading.frame import frame
+    from bench.running.loop import execute
 
-    typed = values_of(values, keys(name, [key.replace("__", ".") for key in values]).keys() - {DRY.key})
+    typed = values_of(
+        values, keys(name, [key.replace("__", ".") for key in values]).keys() - {DRY.key}
+    )
     backend = backend_of(typed)
     return frame(execute(planned(name, {"": typed}, backend), backend))
 
@@ -100,7 +124,7 @@ def made(name: str, values: Values) -> pd.DataFrame:
 def command(name: str, arguments: list[str]) -> int:
     """Make the runs that the arguments name, print and write them; exit code 1 if a fold failed."""
     from bench.commands.printing import writable
-    from bench.work.loop import execute
+    from bench.running.loop import execute
 
     file = arguments[0] if name == "run" and arguments and arguments[0].endswith(".toml") else ""
     values = parse(arguments[bool(file) :], keys(name, arguments[bool(file) :]))
@@ -112,12 +136,16 @@ def command(name: str, arguments: list[str]) -> int:
 
         aside = {DRY.key, *backend_keys()}
         if extra := [key for key in values if key not in aside]:
-            raise InputError(f"{extra[0]}= stands beside {file}, which names what is run; write it in the file")
+            raise InputError(
+                f"{extra[0]}= stands beside {file}, which names what is run; write it in the file"
+            )
         digest, grids = read(file, aside)
     plans = planned(name, grids, backend)
     if dry:
         if backend.workers:
-            raise InputError("dry=yes looks up runs of this machine's workers; leave out the key of other workers")
+            raise InputError(
+                "dry=yes looks up runs of this machine's workers; leave out the key of other workers"
+            )
         from bench.commands.grid import foreseen
 
         return foreseen(plans)
@@ -133,14 +161,20 @@ def is_dry(values: Values) -> bool:
 
 def given_to(name: str, values: Values) -> dict[str, Any]:
     """What a command that makes runs is given besides keys of its cells and workers; its own keys with defaults."""
-    usual = {one.key: one.default for one in load("commands", name).options if one.default and "." not in one.key}
+    usual = {
+        one.key: one.default
+        for one in load("commands", name).options
+        if one.default and "." not in one.key
+    }
     of_runs = {*KEYS, *backend_keys(), DRY.key}
-    return usual | {key: value for key, value in values.items() if key.partition(".")[0] not in of_runs}
+    return usual | {
+        key: value for key, value in values.items() if key.partition(".")[0] not in of_runs
+    }
 
 
 def planned(name: str, grids: Mapping[str, Values], backend: Backend) -> list[Plan]:
     """What a command is to run of each grid, by its place in words; every run once."""
-    from bench.work.loop import prepared
+    from bench.running.loop import prepared
 
     todo: list[Cell] = []
     for place, values in grids.items():
@@ -177,16 +211,20 @@ def circumstances(values: Values) -> list[tuple[Circumstance, ...]]:
     return [*itertools.product(*(one.of(values) for one in asked))]
 
 
-def printed(name: str, results: list[Result], keys: Sequence[str] = (), folder: Path | None = None) -> int:
+def printed(
+    name: str, results: list[Result], keys: Sequence[str] = (), folder: Path | None = None
+) -> int:
     """Print runs as a command shows them, and write what it writes; the exit code."""
     from bench.commands.printing import output, say, show, then
-    from bench.table import Table
+    from bench.values.table import Table
 
     main = view(load("commands", name).makes)
     shown: list[tuple[View, Sequence[Result]]] = [(main, results)]
     if name == "run":
         held = ((view(key), [r for r in results if view(key).holds(r)]) for key in keys)
-        shown += [(one, members) for one, members in held if members]  # a circumstance may have failed
+        shown += [
+            (one, members) for one, members in held if members
+        ]  # a circumstance may have failed
     code = show(results, shown)
     if folder is not None:
         say(*main.write([r for r in results if r.scored and main.holds(r)], folder))
@@ -200,6 +238,6 @@ def printed(name: str, results: list[Result], keys: Sequence[str] = (), folder: 
 
 def evaluated(todo: list[Cell], backend: Backend) -> list[Result]:
     """Cells of captures, evaluated as ``bench run`` does."""
-    from bench.work.loop import execute, prepared
+    from bench.running.loop import execute, prepared
 
     return execute(prepared(todo, backend.jobs), backend)

@@ -7,13 +7,13 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.measures import percent, text
-from bench.options import COMPARE, STORED, Command, Option, keys, parse, settings
-from bench.result import several
+from bench.grammar.options import COMPARE, STORED, Command, Option, keys, parse, settings
+from bench.values.measures import percent, text
+from bench.values.result import several
 
 if TYPE_CHECKING:
-    from bench.result import Result
-    from bench.table import Table
+    from bench.values.result import Result
+    from bench.values.table import Table
 
 COMMAND = Command(
     COMPARE,
@@ -34,18 +34,22 @@ STATES = {"RUNNING": "goes on, or was cut off", "KILLED": "interrupted"}
 def command(arguments: list[str]) -> int:
     """List the selected runs, and delete them if that is asked; exit code 1 if the answer is no."""
     from bench.commands.printing import output, say
-    from bench.database import only_one
-    from bench.outcomes.runs import asked_of, wanted
-    from bench.registry import run_views
-    from bench.store import connect
+    from bench.ground.registry import run_views
+    from bench.reading.runs import asked_of, wanted
+    from bench.store.client import connect
+    from bench.store.database import only_one
 
     values = parse(arguments, keys("runs"))
     given = settings("runs", values)
     asked = asked_of(values)
     if given["delete"] and not asked:
-        raise InputError("delete=yes: select the runs to delete, such as data=haart, model=svm or run=ID")
+        raise InputError(
+            "delete=yes: select the runs to delete, such as data=haart, model=svm or run=ID"
+        )
     if given["delete"] and not given["yes"] and not sys.stdin.isatty():
-        raise InputError("delete=yes asks before it deletes, and there is no terminal to ask; add yes=yes")
+        raise InputError(
+            "delete=yes asks before it deletes, and there is no terminal to ask; add yes=yes"
+        )
     store = connect(writes=given["delete"])
     found = wanted([store.result(run) for run in store.of_kind(*run_views())], asked)
     table_of(found).print(output())
@@ -58,7 +62,9 @@ def command(arguments: list[str]) -> int:
         with only_one(result["touchbench.cell"]):
             store.delete(result["run_id"])
     first = found[0]["run_id"]
-    say(f"{several(len(found), 'run')} deleted; to bring one back: mlflow runs restore --run-id {first}")
+    say(
+        f"{several(len(found), 'run')} deleted; to bring one back: mlflow runs restore --run-id {first}"
+    )
     return 0
 
 
@@ -73,8 +79,8 @@ def _agreed(question: str) -> bool:
 def table_of(results: list[Result]) -> Table:
     """A row for each run."""
     from bench.commands.printing import CONTEXT
-    from bench.outcomes.frame import names
-    from bench.table import Table
+    from bench.reading.frame import names
+    from bench.values.table import Table
 
     called = dict(zip(results, names(results), strict=True))
     columns = [
@@ -83,7 +89,11 @@ def table_of(results: list[Result]) -> Table:
         *CONTEXT,
         percent("accuracy", "accuracy %", ends="accuracy", spare=1),
         text("state", read=_state),
-        text("started", read=lambda r: f"{datetime.fromtimestamp(r['started'] / 1000):%Y-%m-%d %H:%M}", spare=2),
+        text(
+            "started",
+            read=lambda r: f"{datetime.fromtimestamp(r['started'] / 1000):%Y-%m-%d %H:%M}",
+            spare=2,
+        ),
     ]
     return Table(columns, results, f"{several(len(results), 'stored run')}, the newest first")
 

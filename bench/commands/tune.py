@@ -7,14 +7,24 @@ from typing import TYPE_CHECKING
 
 from bench.commands.run import evaluated, is_dry, printed
 from bench.errors import InputError, nearest
-from bench.options import COMPARE, DRY, WORK, Command, Option, backend_of, keys, parse, settings
-from bench.registry import parameters
-from bench.words import DEFAULTS, Values, convert, items, text_of
+from bench.grammar.options import (
+    COMPARE,
+    DRY,
+    WORK,
+    Command,
+    Option,
+    backend_of,
+    keys,
+    parse,
+    settings,
+)
+from bench.ground.registry import parameters
+from bench.ground.words import DEFAULTS, Values, convert, items, text_of
 
 if TYPE_CHECKING:
     from bench.models.space import Space, Tuning
     from bench.plan.cells import Cell
-    from bench.result import Result
+    from bench.values.result import Result
 
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where smallest= has no values to try
 COMMAND = Command(
@@ -32,9 +42,16 @@ COMMAND = Command(
     options=(
         *WORK,
         DRY,
-        Option("trials", "count", 50, "combinations to try in each fold; a grid of lists is tried completely"),
+        Option(
+            "trials",
+            "count",
+            50,
+            "combinations to try in each fold; a grid of lists is tried completely",
+        ),
         Option("seconds", "number", None, "seconds after which a fold starts no new combination"),
-        Option("smallest", "text", "", "parameter of model= to make as small as possible, or features"),
+        Option(
+            "smallest", "text", "", "parameter of model= to make as small as possible, or features"
+        ),
         Option("inner", "text", "3", "inner folds: number of groups of training subjects, or loso"),
     ),
 )
@@ -45,7 +62,7 @@ def command(arguments: list[str]) -> int:
     values = parse(arguments, keys("tune"))
     if is_dry(values):
         from bench.commands.grid import foreseen
-        from bench.work.loop import prepared
+        from bench.running.loop import prepared
 
         return foreseen(prepared(_cells(values), backend_of(values).jobs))
     return printed("run", searched(values))
@@ -67,26 +84,46 @@ def _tuned(values: Values) -> list[Cell]:
     how = {k: given[k] for k in ("trials", "inner", "seconds") if k in values}
     params = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
     if "seed" in params:
-        raise InputError(f"model.seed={params['seed']}: give seed= instead, which also sets the seed of the search")
-    untuned = _searchable({k: v for k, v in values.items() if not k.startswith("model.") and k not in {*given, "seed"}})
+        raise InputError(
+            f"model.seed={params['seed']}: give seed= instead, which also sets the seed of the search"
+        )
+    untuned = _searchable(
+        {
+            k: v
+            for k, v in values.items()
+            if not k.startswith("model.") and k not in {*given, "seed"}
+        }
+    )
     names = {name for cell in untuned for name in _parameters(cell)}
     if unknown := [name for name in params if name not in names]:
         model = values.get("model", DEFAULTS["model"])
-        raise InputError(f"model={model} has no parameter {unknown[0]!r}; {nearest(unknown[0], names)}")
-    seeds = [convert("seed", text, 0) for text in items("seed", values.get("seed", DEFAULTS["seed"]))]
+        raise InputError(
+            f"model={model} has no parameter {unknown[0]!r}; {nearest(unknown[0], names)}"
+        )
+    seeds = [
+        convert("seed", text, 0) for text in items("seed", values.get("seed", DEFAULTS["seed"]))
+    ]
     tunings = [(cell, _tuning(cell, params, how, given["trials"])) for cell in untuned]
-    return [replace(cell, tuning=tuning | {"seed": seed}) for cell, tuning in tunings for seed in seeds]
+    return [
+        replace(cell, tuning=tuning | {"seed": seed}) for cell, tuning in tunings for seed in seeds
+    ]
 
 
 def _smallest(values: Values) -> list[Cell]:
     """Each system with the smallest value that suffices, chosen in every fold, and beside it the unchanged system."""
     if wrong := [key for key in ("trials", "seconds") if key in values]:
-        raise InputError(f"{wrong[0]}= ends a search, and smallest= tries every value; leave one of them out")
+        raise InputError(
+            f"{wrong[0]}= ends a search, and smallest= tries every value; leave one of them out"
+        )
     given = settings("tune", values)
     over, inner = given["smallest"], given["inner"]
     found = _searchable({k: v for k, v in values.items() if k not in (*given, f"model.{over}")})
     sizes = [_sizes(cell, over, values.get(f"model.{over}"), inner) for cell in found]
-    return [each for cell, how in zip(found, sizes, strict=True) for each in (replace(cell, tuning=how), cell)]
+    return [
+        each
+        for cell, how in zip(found, sizes, strict=True)
+        for each in (replace(cell, tuning=how), cell)
+    ]
 
 
 def _searchable(values: Values) -> list[Cell]:
@@ -98,7 +135,9 @@ def _searchable(values: Values) -> list[Cell]:
     for cell in found:
         name = cell.model.short
         if cell.model.instance is not None:
-            raise InputError(f"model={name}: an object has fixed parameters; give the name of its class or factory")
+            raise InputError(
+                f"model={name}: an object has fixed parameters; give the name of its class or factory"
+            )
         if contract.searches(cell.untrained):
             raise InputError(f"model={name} searches by itself; use bench run model={name}")
     return found
@@ -116,7 +155,9 @@ def _values(name: str, listed: object, default: object) -> list[object]:
     typed = [convert(f"model.{name}", value, default) for value in items(f"model.{name}", listed)]
     values = [text_of(value) if isinstance(value, tuple) else value for value in typed]
     if twice := [value for value in dict.fromkeys(values) if values.count(value) > 1]:
-        raise InputError(f"model.{name}: the value {twice[0]} stands twice; give different ones, or one to fix it")
+        raise InputError(
+            f"model.{name}: the value {twice[0]} stands twice; give different ones, or one to fix it"
+        )
     return values
 
 
@@ -125,10 +166,14 @@ def _tuning(cell: Cell, params: dict[str, object], how: dict[str, object], trial
     from bench import contract
 
     name, defaults = cell.model.short, _parameters(cell)
-    space: Space = {k: _values(k, values, defaults[k]) for k, values in params.items() if k in defaults}
+    space: Space = {
+        k: _values(k, values, defaults[k]) for k, values in params.items() if k in defaults
+    }
     if all(len(values) == 1 for values in space.values()):  # single values are kept
         if (declared := contract.space(cell.model.factory)) is None:
-            first = next((key for key in defaults if key not in ("seed", "device", "batch")), "parameter")
+            first = next(
+                (key for key in defaults if key not in ("seed", "device", "batch")), "parameter"
+            )
             raise InputError(
                 f"model={name} declares no ranges to search; list values such as model.{first}=1,2, or give the model "
                 "an attribute space"
@@ -141,22 +186,32 @@ def _tuning(cell: Cell, params: dict[str, object], how: dict[str, object], trial
 def _sizes(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
     """How a search picks the smallest value; all parameters but that one stay as they are."""
     model, usual = cell.model.short, parameters(cell.model.factory)
-    space: Space = {k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"}
+    space: Space = {
+        k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"
+    }
     seed = cell.seed if "seed" in cell.model.parameters else 0
     how = {"inner": inner, "objective": "smallest", "smallest": over, "seed": seed}
     if over == "features":
         if not cell.features:
-            raise InputError(f"smallest=features: model={model} uses no feature set; give one of its parameters")
+            raise InputError(
+                f"smallest=features: model={model} uses no feature set; give one of its parameters"
+            )
         return {"space": space, **how}
     default = usual.get(over)
     if over == "seed" or over not in usual:
-        raise InputError(f"smallest={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}")
+        raise InputError(
+            f"smallest={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}"
+        )
     if isinstance(default, bool) or not isinstance(default, int | float):
-        raise InputError(f"smallest={over}: not a number, so it has no sizes; give a numeric parameter")
+        raise InputError(
+            f"smallest={over}: not a number, so it has no sizes; give a numeric parameter"
+        )
     if listed is None:
         sizes = {type(default)(default * share) for share in SHARES} - {0}
     else:
         sizes = {convert(f"model.{over}", text, default) for text in items(f"model.{over}", listed)}
     if not sizes:
-        raise InputError(f"smallest={over}: its default is {default}; give values, such as model.{over}=1,2")
+        raise InputError(
+            f"smallest={over}: its default is {default}; give values, such as model.{over}=1,2"
+        )
     return {"space": space | {over: sorted(sizes)}, **how}

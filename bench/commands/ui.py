@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.options import COMPARE, Command, Option, keys, parse, settings
-from bench.registry import run_views
+from bench.grammar.options import COMPARE, Command, Option, keys, parse, settings
+from bench.ground.registry import run_views
 
 if TYPE_CHECKING:
-    from bench.store import Store
+    from bench.store.client import Store
 
 COMMAND = Command(
     COMPARE,
@@ -26,7 +26,10 @@ COMMAND = Command(
     options=(Option("port", "text", "5000", "port of the server"),),
 )
 HERE = "127.0.0.1"
-NAME, WIDE = "attributes.`Run Name`", 300  # pixels, instead of 190: kind, system, data and protocol fit
+NAME, WIDE = (
+    "attributes.`Run Name`",
+    300,
+)  # pixels, instead of 190: kind, system, data and protocol fit
 COLUMNS = {  # of MLflow's table of runs, and their widths in pixels
     "metrics.`accuracy`": 160,
     "metrics.`subject_sd`": 150,
@@ -38,30 +41,49 @@ COLUMNS = {  # of MLflow's table of runs, and their widths in pixels
     "params.`where`": 120,
     "params.`protocol`": 90,
 }
-VIEW = {"selectedColumns": [*COLUMNS], "columnOrder": [NAME, *COLUMNS], "columnWidths": {NAME: WIDE, **COLUMNS}}
+VIEW = {
+    "selectedColumns": [*COLUMNS],
+    "columnOrder": [NAME, *COLUMNS],
+    "columnWidths": {NAME: WIDE, **COLUMNS},
+}
 
 
 def command(arguments: list[str]) -> int:
     """Run MLflow's own server on this folder's store, for this machine only; its exit code."""
     import subprocess
 
-    from bench.database import store_uri
-    from bench.store import connect
+    from bench.store.client import connect
+    from bench.store.database import store_uri
 
     port = settings("ui", parse(arguments, keys("ui")))["port"]
     if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
         raise InputError(f"port={port[:60]}: give a number from 1 to 65535")
     if _answers(port):
-        raise InputError(f"port={port}: another server uses this port; give port={int(port) % 65535 + 1}")
+        raise InputError(
+            f"port={port}: another server uses this port; give port={int(port) % 65535 + 1}"
+        )
     store = connect(writes=True)
-    store.client.set_experiment_tag(store.experiment_id, "mlflow.sharedViewState.touchbench", json.dumps(VIEW))
+    store.client.set_experiment_tag(
+        store.experiment_id, "mlflow.sharedViewState.touchbench", json.dumps(VIEW)
+    )
     # MLflow's front page is about language models; this one is the table of runs.
     page = f"http://{HERE}:{port}/#/experiments/{store.experiment_id}/runs?workflowType=machine_learning"
     page += "&viewStateShareKey=touchbench"  # as its button Share stores columns and their widths
     print("starting MLflow's server, which takes up to half a minute; Ctrl-C stops it", flush=True)
-    words = ["--backend-store-uri", store_uri(), "--port", port, "--host", HERE, "--workers", "1"]  # for one user
+    words = [
+        "--backend-store-uri",
+        store_uri(),
+        "--port",
+        port,
+        "--host",
+        HERE,
+        "--workers",
+        "1",
+    ]  # for one user
     server = subprocess.Popen([sys.executable, "-m", "mlflow", "ui", *words])
-    before = signal.signal(signal.SIGTERM, lambda *_: server.terminate())  # else it would outlive this process
+    before = signal.signal(
+        signal.SIGTERM, lambda *_: server.terminate()
+    )  # else it would outlive this process
     try:
         while server.poll() is None and not _answers(port):
             time.sleep(0.2)
@@ -84,13 +106,15 @@ def drawn(store: Store) -> Iterator[str]:
     """Draw the figures of runs that have none, newest first; the id of each run."""
     import tempfile
 
-    from bench.progress import warn
+    from bench.ground.progress import warn
 
     kinds = run_views()
     for run in sorted(store.of_kind(*kinds), key=lambda run: -run.info.start_time):
         run_id, artifacts = run.info.run_id, run.info.artifact_uri
         yield run_id
-        if not run.data.metrics or any(name.endswith((".svg", ".png")) for name in store.names(run_id, artifacts)):
+        if not run.data.metrics or any(
+            name.endswith((".svg", ".png")) for name in store.names(run_id, artifacts)
+        ):
             continue
         result = store.result(run)
         with tempfile.TemporaryDirectory() as folder:

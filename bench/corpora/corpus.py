@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COPY = 1 << 40  # of a piece: times the number of the copy, and below that its first frame
-RESERVED = frozenset({"fold", "capture", "start", "frames", "true", "predicted"})  # columns that predictions need
+RESERVED = frozenset(
+    {"fold", "capture", "start", "frames", "true", "predicted"}
+)  # columns that predictions need
 PROBABILITY = "p_"  # before a class, the name of the column of its probability
 
 
@@ -36,7 +38,11 @@ def _hidden(name: str) -> Any:
 
 def reserved(columns: Iterable[str], more: Collection[str] = ()) -> list[str]:
     """The columns whose names tables of results use, or are taken otherwise, so that captures cannot have them."""
-    return [name for name in columns if name in RESERVED or name in more or str(name).startswith(PROBABILITY)]
+    return [
+        name
+        for name in columns
+        if name in RESERVED or name in more or str(name).startswith(PROBABILITY)
+    ]
 
 
 @dataclass(frozen=True)
@@ -140,7 +146,9 @@ class Corpus:
         _visible: tuple[str, ...] | None
 
     def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError(f"{name}: a Corpus does not change; changed({name}=...) gives another one")
+        raise AttributeError(
+            f"{name}: a Corpus does not change; changed({name}=...) gives another one"
+        )
 
     @classmethod
     def from_captures(
@@ -150,7 +158,14 @@ class Corpus:
         arrays = list(arrays)
         lengths = np.array([len(a) for a in arrays], dtype=np.int64)
         starts = np.cumsum(lengths) - lengths
-        return cls(np.concatenate(arrays), starts, lengths, captures.reset_index(drop=True), rate_hz, **fields)
+        return cls(
+            np.concatenate(arrays),
+            starts,
+            lengths,
+            captures.reset_index(drop=True),
+            rate_hz,
+            **fields,
+        )
 
     def changed(self, **fields: object) -> Corpus:
         """A corpus with some of the constructor's arguments replaced; a blind corpus stays blind.
@@ -227,7 +242,9 @@ class Corpus:
     def _compact(self) -> tuple[np.ndarray, np.ndarray]:
         if (compacted := self.__dict__.get("_compacted")) is None:
             first = np.cumsum(self.lengths) - self.lengths
-            is_compact = int(self.lengths.sum()) == len(self._frames) and np.array_equal(self._starts, first)
+            is_compact = int(self.lengths.sum()) == len(self._frames) and np.array_equal(
+                self._starts, first
+            )
             frames = self._frames if is_compact else np.concatenate([self._frames[:0], *self])
             compacted = self.__dict__["_compacted"] = frames, first
         return compacted
@@ -267,7 +284,9 @@ class Corpus:
     @overload
     def __getitem__(self, key: slice | np.ndarray | list | tuple) -> Corpus: ...
 
-    def __getitem__(self, key: int | np.integer | slice | np.ndarray | list | tuple) -> np.ndarray | Corpus:
+    def __getitem__(
+        self, key: int | np.integer | slice | np.ndarray | list | tuple
+    ) -> np.ndarray | Corpus:
         if isinstance(key, tuple):  # scikit-learn asks for X[indices, ...]
             key = key[0]
         if isinstance(key, (int, np.integer)):
@@ -296,7 +315,9 @@ class Corpus:
             InputError: it is no condition on these columns, or no capture satisfies it.
         """
         self._refuse_if_blind("select")
-        from bench.corpora.where import chosen  # here, so that a change of its messages is no change of the Corpus
+        from bench.corpora.where import (
+            chosen,  # here, so that a change of its messages is no change of the Corpus
+        )
 
         return self[np.flatnonzero(chosen(where, self.captures, self.name))]
 
@@ -310,7 +331,9 @@ class Corpus:
         for column in target.split("+"):
             if column not in self.captures or self.captures[column].isna().any():
                 full = ", ".join(str(c) for c in self.captures if self.captures[c].notna().all())
-                raise InputError(f"target={target}: {self.name} has no full column {column!r}; known: {full}")
+                raise InputError(
+                    f"target={target}: {self.name} has no full column {column!r}; known: {full}"
+                )
         return self.changed(target=target)
 
     def detached(self) -> Corpus:
@@ -343,7 +366,9 @@ class Corpus:
         row, frames = self.captures.iloc[capture], self[capture].astype(np.float64)
         words = ", ".join(f"{name} {row[name]}" for name in ("subject", "gesture") if name in row)
         figure = Figure(figsize=(8, 3), layout="constrained")
-        figure.suptitle(f"{self.name}{' (synthetic)' * self.synthetic}, capture {capture}: {words}", fontsize=10)
+        figure.suptitle(
+            f"{self.name}{' (synthetic)' * self.synthetic}, capture {capture}: {words}", fontsize=10
+        )
         grid, course = figure.subplots(1, 2, width_ratios=(1, 2))
         image = grid.imshow(frames.mean(axis=0), cmap="magma", vmin=0)
         grid.set(title="mean pressure", xticks=[], yticks=[])
@@ -371,4 +396,6 @@ def untrained(labels: np.ndarray, train: np.ndarray, test: np.ndarray) -> list[s
 
 def origin(corpus: Corpus) -> Origin:
     """Source of the captures of a corpus, also of a blind one, for caches."""
-    return Origin(*(corpus.__dict__[f"_{name}"] for name in ("digest", "path", "index", "piece", "steps")))
+    return Origin(
+        *(corpus.__dict__[f"_{name}"] for name in ("digest", "path", "index", "piece", "steps"))
+    )

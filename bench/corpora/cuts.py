@@ -57,7 +57,9 @@ def _aligned(corpus: Corpus, text: str) -> Corpus:
 def _trimmed(corpus: Corpus, text: str) -> Corpus:
     match = re.fullmatch("([0-9]{1,9}):([0-9]{1,9})", text)
     if not match or not int(match[1]) < int(match[2]):
-        raise InputError(f"frames={text}: give FIRST:END, such as 54:486, which keeps the frames 54 to 485")
+        raise InputError(
+            f"frames={text}: give FIRST:END, such as 54:486, which keeps the frames 54 to 485"
+        )
     first, end = int(match[1]), int(match[2])
     if short := int((corpus.lengths < end).sum()):
         raise InputError(
@@ -72,9 +74,13 @@ def _cropped(corpus: Corpus, text: str) -> Corpus:
     size = (int(match[1]), int(match[2])) if match else (0, 0)
     if not all(0 < a <= b for a, b in zip(size, corpus.grid, strict=True)):
         whole = "x".join(map(str, corpus.grid))
-        raise InputError(f"crop={text}: give ROWSxCOLS of the centre, at most the whole grid {whole}, such as 8x8")
+        raise InputError(
+            f"crop={text}: give ROWSxCOLS of the centre, at most the whole grid {whole}, such as 8x8"
+        )
     top, left = ((b - a) // 2 for a, b in zip(size, corpus.grid, strict=True))
-    return _with([frames[:, top : top + size[0], left : left + size[1]] for frames in corpus], corpus)
+    return _with(
+        [frames[:, top : top + size[0], left : left + size[1]] for frames in corpus], corpus
+    )
 
 
 def _with(arrays: list[np.ndarray], corpus: Corpus) -> Corpus:
@@ -82,4 +88,8 @@ def _with(arrays: list[np.ndarray], corpus: Corpus) -> Corpus:
     return corpus.changed(frames=np.concatenate(arrays), lengths=lengths)
 
 
-OPTIONS = {"align": _aligned, "frames": _trimmed, "crop": _cropped}  # of an import, in the order in which they are done
+OPTIONS = {
+    "align": _aligned,
+    "frames": _trimmed,
+    "crop": _cropped,
+}  # of an import, in the order in which they are done

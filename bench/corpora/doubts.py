@@ -19,7 +19,10 @@ LEAST = 0.1  # correlation of neighbours, below which a sensor is too noisy to t
 RARE = 10  # times fewer captures than usual: such a gesture may be another one, misspelt
 FRAMES = 100  # fewer of them tell nothing about neighbours
 LAGS = (0, 1, -1)  # frames
-LOW, HIGH = 0.5, 0.75  # shares of the usual correlation of neighbours: below one they are cut, above the other they fit
+LOW, HIGH = (
+    0.5,
+    0.75,
+)  # shares of the usual correlation of neighbours: below one they are cut, above the other they fit
 BRIEF, LONG = 0.1, 30.0  # seconds of a usual touch
 
 
@@ -29,13 +32,20 @@ def doubts(corpus: Corpus) -> list[str]:
         return []
     step = -(-len(corpus) // MOST)
     some = [corpus[i].reshape(int(corpus.lengths[i]), -1) for i in range(0, len(corpus), step)]
-    return [*_labels(corpus), *_seconds(corpus), *_range(corpus, np.concatenate(some)), *_grid(corpus.grid, some)]
+    return [
+        *_labels(corpus),
+        *_seconds(corpus),
+        *_range(corpus, np.concatenate(some)),
+        *_grid(corpus.grid, some),
+    ]
 
 
 def _labels(corpus: Corpus) -> Iterator[str]:
     for column in ("subject", "gesture"):
         counts = corpus.captures[column].astype(str).value_counts()
-        alike = counts.index.to_series().groupby(["".join(word.casefold().split()) for word in counts.index])
+        alike = counts.index.to_series().groupby(
+            ["".join(word.casefold().split()) for word in counts.index]
+        )
         for one, other, *_ in (sorted(words) for _, words in alike if len(words) > 1):
             yield f"{column} {one!r} and {other!r} differ by case or blanks alone; if they are one, correct the file"
     for rare in counts.index[RARE * counts <= counts.median()]:
@@ -69,7 +79,10 @@ def _range(corpus: Corpus, readings: np.ndarray) -> Iterator[str]:
     if 0 < top <= full / 3:
         most = next(2**bits - 1 for bits in range(1, 33) if top < 2**bits)
         yield f"the highest reading is {top:g} {of}; if the sensor ends at {most:g}, give full_scale={most:g}"
-    if np.issubdtype(readings.dtype, np.integer) and (step := int(np.gcd.reduce(readings, axis=None))) > 1:
+    if (
+        np.issubdtype(readings.dtype, np.integer)
+        and (step := int(np.gcd.reduce(readings, axis=None))) > 1
+    ):
         yield f"all readings are multiples of {step}; if they were scaled, give them and full_scale= as measured"
 
 
@@ -81,7 +94,11 @@ def _grid(grid: tuple[int, int], some: list[np.ndarray]) -> Iterator[str]:
         return
     with np.errstate(all="ignore"):
         together = np.corrcoef(np.concatenate(changes).T)
-    fits = {(n, taxels // n): _fit(together, n, taxels // n) for n in range(2, taxels // 2 + 1) if taxels % n == 0}
+    fits = {
+        (n, taxels // n): _fit(together, n, taxels // n)
+        for n in range(2, taxels // 2 + 1)
+        if taxels % n == 0
+    }
     best = max(fits, key=fits.__getitem__)
     if fits[best] > max(LEAST, FITS * fits[grid]):
         yield (
@@ -114,13 +131,20 @@ class Seam(NamedTuple):
         return self.usual >= LEAST and self.weak < LOW * self.usual and self.fit > HIGH * self.usual
 
     def __str__(self) -> str:
-        line, pair = self.lines.removesuffix("s"), f"{self.lines} {self.weakest - 1} and {self.weakest}"
+        line, pair = (
+            self.lines.removesuffix("s"),
+            f"{self.lines} {self.weakest - 1} and {self.weakest}",
+        )
         when = {0: "the same frame", 1: "the next frame", -1: "the previous frame"}[self.lag]
         text = (
             f"Changes of adjacent {self.lines} correlate with {self.usual:.2f} (median), of {pair} with "
             f"{self.weak:.2f}, of the last {line} and the first of {when} with {self.fit:.2f}"
         )
-        remedy = f"; import with align={self.weakest}:{self.lag} to put them together" if self.lines == "rows" else ""
+        remedy = (
+            f"; import with align={self.weakest}:{self.lag} to put them together"
+            if self.lines == "rows"
+            else ""
+        )
         return f"{text}: frames look cut between {pair}{remedy}" if self.found else text
 
 
@@ -137,7 +161,9 @@ def seams(corpus: Corpus) -> list[Seam]:
         weakest, lag = int(neighbours[0].argmin()), int(ends.argmax())
         fit = float(ends[lag, 0])
         usual = float(np.median(neighbours[0]))
-        result.append(Seam(lines, usual, weakest + 1, float(neighbours[0, weakest]), LAGS[lag], fit))
+        result.append(
+            Seam(lines, usual, weakest + 1, float(neighbours[0, weakest]), LAGS[lag], fit)
+        )
     return result
 
 

@@ -12,7 +12,9 @@ from bench.corpora.corpus import Corpus
 CHANGES = 8  # readings that change in a capture, below which two captures can be equal by chance
 
 
-def identical(captures: Sequence[np.ndarray] | Corpus, full_scales: Sequence[float] | None = None) -> list[list[int]]:
+def identical(
+    captures: Sequence[np.ndarray] | Corpus, full_scales: Sequence[float] | None = None
+) -> list[list[int]]:
     """Groups of captures that have the same frames: equal in number, grid and every reading.
 
     Only captures with equal middle frames are read as a whole, so that it costs little where nothing is the same. With
@@ -24,12 +26,16 @@ def identical(captures: Sequence[np.ndarray] | Corpus, full_scales: Sequence[flo
         groups: dict[Hashable, list[int]] = {}
         for i in positions:
             some = captures[i] if whole else captures[i][len(captures[i]) // 2 :][:1]
-            values = (some / (full_scales[i] if full_scales else 1.0) + 0).astype(np.float32)  # a zero has no sign
+            values = (some / (full_scales[i] if full_scales else 1.0) + 0).astype(
+                np.float32
+            )  # a zero has no sign
             key = captures[i].shape, blake2b(values.tobytes(), digest_size=16).digest()
             groups.setdefault(key, []).append(i)
         return [group for group in groups.values() if len(group) > 1]
 
-    return sorted(group for likely in alike(range(len(captures)), False) for group in alike(likely, True))
+    return sorted(
+        group for likely in alike(range(len(captures)), False) for group in alike(likely, True)
+    )
 
 
 def quiet(frames: np.ndarray) -> bool:

@@ -24,8 +24,8 @@ import numpy as np
 
 from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError, nearest
-from bench.words import ALL
-from bench.words import SEVERITIES as SEVERITIES
+from bench.ground.words import ALL
+from bench.ground.words import SEVERITIES as SEVERITIES
 
 Damage = Callable[..., Any]  # of the arguments above; gives frames
 VIBRATION_HZ = 3.0  # of a motor or a step
@@ -63,13 +63,23 @@ class Fault:
         whom = f"sensor of {subject}" if self.sensor else f"capture {capture}"
         return seeded(f"{self.name}, {whom}")
 
-    def apply(self, frames: np.ndarray, severity: int, subject: str, capture: int, rate_hz: float) -> np.ndarray:
+    def apply(
+        self, frames: np.ndarray, severity: int, subject: str, capture: int, rate_hz: float
+    ) -> np.ndarray:
         """Damage one capture [frames, rows, cols] in shares of full scale; severity 0 changes nothing."""
-        return self.drawn(frames, severity, self.generator(subject, capture), rate_hz) if severity else frames
+        return (
+            self.drawn(frames, severity, self.generator(subject, capture), rate_hz)
+            if severity
+            else frames
+        )
 
-    def drawn(self, frames: np.ndarray, severity: int, rng: np.random.Generator, rate_hz: float) -> np.ndarray:
+    def drawn(
+        self, frames: np.ndarray, severity: int, rng: np.random.Generator, rate_hz: float
+    ) -> np.ndarray:
         """Damage frames [frames, rows, cols] in shares of full scale at a severity from 1, with random numbers."""
-        timed = {"rate_hz": rate_hz} if "rate_hz" in inspect.signature(self.damage).parameters else {}
+        timed = (
+            {"rate_hz": rate_hz} if "rate_hz" in inspect.signature(self.damage).parameters else {}
+        )
         return self.damage(frames, self.amounts[severity - 1], rng, **timed)
 
 
@@ -78,7 +88,9 @@ FAULTS: dict[str, Fault] = {}
 
 def seeded(text: str) -> np.random.Generator:
     """A random generator seeded by a text."""
-    return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "little"))
+    return np.random.default_rng(
+        int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "little")
+    )
 
 
 def fault(
@@ -93,7 +105,9 @@ def fault(
         raise ValueError(f"a fault has {SEVERITIES} amounts, here are {len(amounts)}")
 
     def register(damage: Damage) -> Damage:
-        FAULTS[damage.__name__] = Fault(damage.__name__, damage, unit, amounts, sensor, shortens, later)
+        FAULTS[damage.__name__] = Fault(
+            damage.__name__, damage, unit, amounts, sensor, shortens, later
+        )
         return damage
 
     return register
@@ -137,7 +151,9 @@ def as_readings(corpus: Corpus, shares: np.ndarray) -> np.ndarray:
     return frames.astype(storage(corpus)[0].dtype)
 
 
-def damaged(corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: Fault, severity: int) -> Corpus:
+def damaged(
+    corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: Fault, severity: int
+) -> Corpus:
     """A corpus in memory whose captures ``test``, given as `as_shares`, went through a fault.
 
     It has no digest and no folder, so no cache takes it for the corpus. The other captures keep their places and
@@ -145,7 +161,8 @@ def damaged(corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: F
     """
     subjects, rate_hz = corpus.subjects, corpus.rate_hz
     arrays = [
-        fault.apply(s, severity, subjects[i], int(corpus.index[i]), rate_hz) for i, s in zip(test, shares, strict=True)
+        fault.apply(s, severity, subjects[i], int(corpus.index[i]), rate_hz)
+        for i, s in zip(test, shares, strict=True)
     ]
     frames = as_readings(corpus, np.concatenate(arrays))
     lengths = np.zeros_like(corpus.lengths)
@@ -172,7 +189,9 @@ def stuck_taxels(frames: np.ndarray, amount: float, rng: np.random.Generator) ->
     return _with_taxels(frames, amount, rng, 1)
 
 
-def _with_taxels(frames: np.ndarray, percent: float, rng: np.random.Generator, value: float) -> np.ndarray:
+def _with_taxels(
+    frames: np.ndarray, percent: float, rng: np.random.Generator, value: float
+) -> np.ndarray:
     taxels = frames[0].size
     broken = rng.permutation(taxels)[: at_least_one(percent, taxels)]
     changed = frames.copy()
@@ -303,7 +322,11 @@ def _read_at(frames: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray
     readings = np.zeros_like(flat)
     for r, down in ((top, 1 - (row - top)), (top + 1, row - top)):
         for c, right in ((left, 1 - (col - left)), (left + 1, col - left)):
-            weight = np.where((r >= 0) & (r < rows) & (c >= 0) & (c < cols), down * right, 0).astype(np.float32).ravel()
+            weight = (
+                np.where((r >= 0) & (r < rows) & (c >= 0) & (c < cols), down * right, 0)
+                .astype(np.float32)
+                .ravel()
+            )
             if weight.any():
                 taxel = (r.clip(0, rows - 1) * cols + c.clip(0, cols - 1)).ravel()
                 readings += flat[:, taxel] * weight
@@ -315,7 +338,9 @@ def smaller_grid(frames: np.ndarray, amount: float, rng: np.random.Generator) ->
     """Only the taxels in the middle exist, the others read 0; of each side at least one is left."""
     changed = np.zeros_like(frames)
     left = [max(round(side * (1 - amount / 100)), 1) for side in frames.shape[1:]]
-    rows, cols = (slice((s - n) // 2, (s - n) // 2 + n) for s, n in zip(frames.shape[1:], left, strict=True))
+    rows, cols = (
+        slice((s - n) // 2, (s - n) // 2 + n) for s, n in zip(frames.shape[1:], left, strict=True)
+    )
     changed[:, rows, cols] = frames[:, rows, cols]
     return changed
 
@@ -334,18 +359,24 @@ def _gaussian(side: int, sd: float) -> np.ndarray:
     """Share of the pressure on each of a row of taxels that each one reads, float32 [side, side]."""
     reach = np.arange(-int(10 * sd) - 1, int(10 * sd) + 2)
     apart = np.arange(side)[:, None] - np.arange(side)
-    return (np.exp(-((apart / sd) ** 2) / 2) / np.exp(-((reach / sd) ** 2) / 2).sum()).astype(np.float32)
+    return (np.exp(-((apart / sd) ** 2) / 2) / np.exp(-((reach / sd) ** 2) / 2).sum()).astype(
+        np.float32
+    )
 
 
 @fault("% of full scale, at 3 Hz", 0.2, 0.5, 1, 2, 5, later=True)
-def vibration(frames: np.ndarray, amount: float, rng: np.random.Generator, rate_hz: float) -> np.ndarray:
+def vibration(
+    frames: np.ndarray, amount: float, rng: np.random.Generator, rate_hz: float
+) -> np.ndarray:
     """All taxels swing together, as of a motor or of steps; the amount is the amplitude."""
     phase = 2 * np.pi * (VIBRATION_HZ * np.arange(len(frames)) / rate_hz + rng.random())
     return _raised(frames, amount / 100 * np.sin(phase))
 
 
 @fault("% of full scale an hour", 2, 10, 30, 120, 600, later=True)
-def drift(frames: np.ndarray, amount: float, rng: np.random.Generator, rate_hz: float) -> np.ndarray:
+def drift(
+    frames: np.ndarray, amount: float, rng: np.random.Generator, rate_hz: float
+) -> np.ndarray:
     """All taxels rise together, as of temperature, from the level of training at the first frame."""
     return _raised(frames, amount / 100 * np.arange(len(frames)) / (3600 * rate_hz))
 

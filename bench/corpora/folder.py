@@ -24,7 +24,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus, unblinded
 from bench.errors import InputError, plain
-from bench.scratch import home, owner
+from bench.ground.scratch import home, owner
 
 SMALL = ("lengths.npy", "captures.parquet")
 FILES = ("frames.npy", *SMALL)
@@ -36,7 +36,12 @@ class Damaged(Exception):
 
 
 def reopen(
-    path: Path, within: Path, digest: str, index: np.ndarray, target: str, visible: tuple[str, ...] | None
+    path: Path,
+    within: Path,
+    digest: str,
+    index: np.ndarray,
+    target: str,
+    visible: tuple[str, ...] | None,
 ) -> Corpus:
     """Map captures of a stored corpus again in another process or machine, from where it lies there."""
     problems = []
@@ -69,7 +74,9 @@ copyreg.pickle(Corpus, _reduced)
 def content_digest(corpus: Corpus) -> str:
     """SHA-256 over frames, lengths, captures, rate and scale of a whole corpus."""
     h = hashlib.sha256()
-    numbers = [n.item() if isinstance(n, np.generic) else n for n in (corpus.rate_hz, corpus.full_scale)]
+    numbers = [
+        n.item() if isinstance(n, np.generic) else n for n in (corpus.rate_hz, corpus.full_scale)
+    ]
     h.update(repr((corpus.frames.shape, corpus.frames.dtype.str, *numbers)).encode())
     h.update(np.ascontiguousarray(corpus.frames).data)
     h.update(np.ascontiguousarray(corpus.lengths, dtype=np.int64).data)
@@ -86,14 +93,19 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     if _holds(folder, digest):
         return
-    with tempfile.TemporaryDirectory(prefix=f".{owner()}", dir=folder.parent, ignore_cleanup_errors=True) as beside:
+    with tempfile.TemporaryDirectory(
+        prefix=f".{owner()}", dir=folder.parent, ignore_cleanup_errors=True
+    ) as beside:
         new = Path(beside) / "new"
         new.mkdir()
         np.save(new / "frames.npy", np.ascontiguousarray(corpus.frames))
         np.save(new / "lengths.npy", np.asarray(corpus.lengths, dtype=np.int64))
         corpus.captures.to_parquet(new / "captures.parquet", index=False)
         fields = {name: getattr(corpus, name) for name in FIELDS} | {"digest": digest}
-        stored = {"folder": folder.name, "files": {name: _size_and_hash(new / name) for name in FILES}}
+        stored = {
+            "folder": folder.name,
+            "files": {name: _size_and_hash(new / name) for name in FILES},
+        }
         fields, stored = json.loads(json.dumps([fields, stored], default=np.generic.item))
         fields["info"]["stored"] = stored | {"sum": _sum(fields, stored)}
         (new / "corpus.json").write_text(json.dumps(fields, indent=1))
@@ -119,7 +131,9 @@ def open_folder(folder: Path, key: str = "") -> Corpus:
         lengths = np.load(folder / "lengths.npy", allow_pickle=False)
         captures = pd.read_parquet(folder / "captures.parquet")
     except (Damaged, OSError, ValueError) as e:
-        raise InputError(f"{plain(folder, 150)} was changed or damaged ({plain(e)}); import it again") from e
+        raise InputError(
+            f"{plain(folder, 150)} was changed or damaged ({plain(e)}); import it again"
+        ) from e
     return Corpus(frames, np.cumsum(lengths) - lengths, lengths, captures, path=folder, **fields)
 
 
@@ -128,7 +142,9 @@ def verified(folder: Path, key: str = "") -> dict[str, str]:
     try:
         _, stored = _fields(folder, key)
     except Damaged as e:
-        return {"corpus.json": str(e)} | dict.fromkeys(FILES, "cannot be checked without corpus.json")
+        return {"corpus.json": str(e)} | dict.fromkeys(
+            FILES, "cannot be checked without corpus.json"
+        )
     wrong = dict.fromkeys(("corpus.json", *stored["files"]), "")
     for name, (size, sha256) in stored["files"].items():
         try:

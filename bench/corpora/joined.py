@@ -17,7 +17,11 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import named, shared
 from bench.errors import InputError
 
-STUDIES = ("cost", "cuddlebot", "haart")  # formats of one study each: two corpora of a format are of the same people
+STUDIES = (
+    "cost",
+    "cuddlebot",
+    "haart",
+)  # formats of one study each: two corpora of a format are of the same people
 
 
 def weights(count: int, wanted: int) -> np.ndarray:
@@ -29,7 +33,11 @@ def weights(count: int, wanted: int) -> np.ndarray:
     if wanted < count:
         edges = np.arange(wanted + 1) * count / wanted
         inside = np.clip(edges[1:, None], np.arange(count), np.arange(1, count + 1))
-        return (inside - np.clip(edges[:-1, None], np.arange(count), np.arange(1, count + 1))) * wanted / count
+        return (
+            (inside - np.clip(edges[:-1, None], np.arange(count), np.arange(1, count + 1)))
+            * wanted
+            / count
+        )
     middles = np.clip((np.arange(wanted) + 0.5) * count / wanted - 0.5, 0, count - 1)
     return np.clip(1 - np.abs(middles[:, None] - np.arange(count)), 0, 1)
 
@@ -53,7 +61,9 @@ def resampled(frames: np.ndarray, rate_hz: float, wanted_hz: float) -> np.ndarra
         middles = np.clip((np.arange(count) + 0.5) * n / count - 0.5, 0, n - 1)
         low = middles.astype(int)
         part = (middles - low)[:, None, None]
-        return (values[low] * (1 - part) + values[np.minimum(low + 1, n - 1)] * part).astype(np.float32)
+        return (values[low] * (1 - part) + values[np.minimum(low + 1, n - 1)] * part).astype(
+            np.float32
+        )
     edges = np.arange(count + 1) * n / count
     full = np.minimum(edges.astype(int), n - 1)
     until = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
@@ -65,11 +75,16 @@ def regridded(frames: np.ndarray, rows: int, cols: int) -> np.ndarray:
     """Frames [frames, rows, cols] on another grid over the same area, float32."""
     if frames.shape[1:] == (rows, cols):
         return frames.astype(np.float32)
-    down, across = (weights(n, w).astype(np.float32) for n, w in zip(frames.shape[1:], (rows, cols), strict=True))
+    down, across = (
+        weights(n, w).astype(np.float32)
+        for n, w in zip(frames.shape[1:], (rows, cols), strict=True)
+    )
     return down @ frames.astype(np.float32) @ across.T
 
 
-def brought(corpus: Corpus, rate_hz: float, grid: tuple[int, int], full_scale: float) -> list[np.ndarray]:
+def brought(
+    corpus: Corpus, rate_hz: float, grid: tuple[int, int], full_scale: float
+) -> list[np.ndarray]:
     """Captures of a corpus converted to the rate, grid and full scale of another sensor, float32."""
     shares = (scaled(frames, corpus.full_scale, full_scale) for frames in corpus)
     return [regridded(resampled(values, corpus.rate_hz, rate_hz), *grid) for values in shares]
@@ -117,16 +132,27 @@ def together(corpora: Sequence[Corpus]) -> Corpus:
     classes = sorted(set.intersection(*(set(corpus.gestures) for corpus in corpora)))
     if len(classes) < 2:
         those = "; ".join(f"{corpus.name}: {classes_of(corpus)}" for corpus in corpora)
-        raise InputError(f"data={name}: {len(classes)} classes are in all of them; two are needed ({those})")
+        raise InputError(
+            f"data={name}: {len(classes)} classes are in all of them; two are needed ({those})"
+        )
     parts = [corpus[np.flatnonzero(np.isin(corpus.gestures, classes))] for corpus in corpora]
-    columns = [c for c in parts[0].captures if c != "split" and all(c in part.captures for part in parts)]
+    columns = [
+        c for c in parts[0].captures if c != "split" and all(c in part.captures for part in parts)
+    ]
     tables = [
-        part.captures[columns].assign(subject=part.name + " " + part.captures["subject"].astype(str), corpus=part.name)
+        part.captures[columns].assign(
+            subject=part.name + " " + part.captures["subject"].astype(str), corpus=part.name
+        )
         for part in parts
     ]
     frames, fields = common(parts)
-    info = origin_of(parts) | {"format": "joined", "parts": [origin for part in parts for origin in _origins(part)]}
-    return Corpus.from_captures(frames, pd.concat(tables).astype("str"), name=name, info=info, **fields)
+    info = origin_of(parts) | {
+        "format": "joined",
+        "parts": [origin for part in parts for origin in _origins(part)],
+    }
+    return Corpus.from_captures(
+        frames, pd.concat(tables).astype("str"), name=name, info=info, **fields
+    )
 
 
 def common(parts: Sequence[Corpus]) -> tuple[list[np.ndarray], dict[str, float]]:
@@ -145,7 +171,9 @@ def origin_of(parts: Sequence[Corpus]) -> dict[str, object]:
     twice = f"whether a person is in more than one of {names} is unknown; each counts as another"
     warnings = [] if synthetic else [twice]
     warnings += first.info.get("warnings", [])
-    warnings += [f"{part.name}: {text}" for part in others for text in part.info.get("warnings", [])]
+    warnings += [
+        f"{part.name}: {text}" for part in others for text in part.info.get("warnings", [])
+    ]
     return {
         "source": f"{names}, brought to one rate and grid",
         "licence": "; ".join(dict.fromkeys(str(part.info.get("licence", "")) for part in parts)),

@@ -19,10 +19,17 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.folder import Damaged, content_digest, open_folder, small_file, verified, write_folder
+from bench.corpora.folder import (
+    Damaged,
+    content_digest,
+    open_folder,
+    small_file,
+    verified,
+    write_folder,
+)
 from bench.errors import InputError, nearest, plain
-from bench.registry import load
-from bench.scratch import home, remove, replacing
+from bench.ground.registry import load
+from bench.ground.scratch import home, remove, replacing
 
 ASIDE = "aside"  # in the corpus's info: classes of captures without a gesture, which runs on captures leave out
 UNTAUGHT = "untaught"  # classes that teach nothing, and so may be tested without training
@@ -55,7 +62,9 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
             try:
                 corpus = reader(source, **arguments)
             except OSError as e:  # none of the data folder
-                raise InputError(f"{plain(source, 160)}: cannot be read ({e.strerror or e}); check the path") from e
+                raise InputError(
+                    f"{plain(source, 160)}: cannot be read ({e.strerror or e}); check the path"
+                ) from e
             if changes and corpus.info.get(ASIDE):
                 raise InputError(f"{next(iter(changes))}=: {kind} is imported whole; leave it out")
             if changes:
@@ -63,8 +72,14 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
                 corpus = cuts.cut(corpus, kind, changes)
                 corpus = corpus.changed(info=corpus.info | {"unchanged": unchanged})
             touches = corpus[np.flatnonzero(~np.isin(corpus.gestures, corpus.info.get(ASIDE, [])))]
-            warnings = [*Survey(corpus).repeated(), *doubts(touches), *corpus.info.get("warnings", [])]
-            corpus = corpus.changed(name=name, info=corpus.info | {"format": kind, "warnings": warnings})
+            warnings = [
+                *Survey(corpus).repeated(),
+                *doubts(touches),
+                *corpus.info.get("warnings", []),
+            ]
+            corpus = corpus.changed(
+                name=name, info=corpus.info | {"format": kind, "warnings": warnings}
+            )
             digest = content_digest(corpus)
             stored = folder / digest[:16]
             write_folder(corpus, stored, digest)
@@ -77,7 +92,9 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
                 if old not in (pointer, stored):
                     remove(old)
     except Timeout as e:
-        raise InputError(f"another import of name={name} is under way; wait for it or choose another name=") from e
+        raise InputError(
+            f"another import of name={name} is under way; wait for it or choose another name="
+        ) from e
     except OSError as e:
         raise _unwritable(folder, e) from e
     finally:
@@ -88,7 +105,9 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
 
 def _unwritable(folder: Path, error: OSError) -> InputError:
     reason = plain(error.strerror or error)
-    return InputError(f"{plain(folder, 150)} cannot be written ({reason}); set TOUCHBENCH_HOME to a folder that can")
+    return InputError(
+        f"{plain(folder, 150)} cannot be written ({reason}); set TOUCHBENCH_HOME to a folder that can"
+    )
 
 
 def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
@@ -111,7 +130,9 @@ def gestures_of(corpus: Corpus) -> Corpus:
         return corpus
     captures = corpus[~np.isin(corpus.gestures, aside)]
     if not len(captures):
-        raise InputError(f"data={corpus.name}: all captures are {' or '.join(aside)}; label some with a gesture")
+        raise InputError(
+            f"data={corpus.name}: all captures are {' or '.join(aside)}; label some with a gesture"
+        )
     return captures
 
 
@@ -131,7 +152,9 @@ def stored_value(name: str) -> Corpus:
             raise Damaged(f"it is {corpus.name[:40]}")
     except Damaged as e:
         folder = home() / "corpora" / name
-        raise InputError(f"{plain(folder, 150)} was changed or damaged ({e}); import it again") from e
+        raise InputError(
+            f"{plain(folder, 150)} was changed or damaged ({e}); import it again"
+        ) from e
     return corpus
 
 
@@ -140,7 +163,9 @@ def _folder(name: str) -> Path:
     pointer = home() / "corpora" / name / "current"
     if not re.fullmatch(NAME, name) or not os.path.lexists(pointer):
         names = plain(nearest(name[:60], ["synth", *imported()]), 150)
-        raise InputError(f"data={name[:60]}: not imported; {names}. Import it with: bench data import ...")
+        raise InputError(
+            f"data={name[:60]}: not imported; {names}. Import it with: bench data import ..."
+        )
     digest = small_file(pointer, most=100).decode(errors="replace").strip()
     if not re.fullmatch("[0-9a-f]{16}", digest):
         raise Damaged("current names no corpus")
@@ -153,7 +178,11 @@ def verify(name: str) -> dict[str, str]:
         raise InputError(f"bench data verify {name[:100]}: give one corpus at a time")
     if name == "synth":
         folders = sorted(f for f in (home() / "corpora" / "synth").glob("[0-9a-f]*") if f.is_dir())
-        return {f"{f.name}/{file}": wrong for f in folders for file, wrong in verified(f, f.name).items()}
+        return {
+            f"{f.name}/{file}": wrong
+            for f in folders
+            for file, wrong in verified(f, f.name).items()
+        }
     try:
         folder = _folder(name)
     except Damaged as e:
@@ -169,11 +198,17 @@ def verify(name: str) -> dict[str, str]:
 
 def imported() -> list[str]:
     """Names of the corpora that are stored."""
-    pointers = (home() / "corpora").glob("*/current")  # a dangling link is one to some versions of Python
-    return sorted(p.parent.name for p in pointers if p.exists() and re.fullmatch(NAME, p.parent.name))
+    pointers = (home() / "corpora").glob(
+        "*/current"
+    )  # a dangling link is one to some versions of Python
+    return sorted(
+        p.parent.name for p in pointers if p.exists() and re.fullmatch(NAME, p.parent.name)
+    )
 
 
-def _arguments(kind: str, reader: Callable, options: dict[str, str], source: Path) -> dict[str, object]:
+def _arguments(
+    kind: str, reader: Callable, options: dict[str, str], source: Path
+) -> dict[str, object]:
     """Options as the types that the reader's signature names."""
     taken = dict(list(inspect.signature(reader, eval_str=True).parameters.items())[1:])
     arguments: dict[str, object] = {}
@@ -183,15 +218,21 @@ def _arguments(kind: str, reader: Callable, options: dict[str, str], source: Pat
         if key not in taken:
             from bench.corpora.cuts import OPTIONS
 
-            raise InputError(f"format {kind} has no option {key!r}; {nearest(key, {'name', *OPTIONS, *taken})}")
+            raise InputError(
+                f"format {kind} has no option {key!r}; {nearest(key, {'name', *OPTIONS, *taken})}"
+            )
         try:
             arguments[key] = float(text) if taken[key].annotation is float else text
         except ValueError as e:
             raise InputError(f"{key}={text}: give a number") from e
-    missing = [k for k, p in taken.items() if p.default is inspect.Parameter.empty and k not in arguments]
+    missing = [
+        k for k, p in taken.items() if p.default is inspect.Parameter.empty and k not in arguments
+    ]
     if missing:
         if not os.path.lexists(source):  # what is asked for would not help
-            raise InputError(f"{plain(source, 160)}: there is no such file; give the path of a file")
+            raise InputError(
+                f"{plain(source, 160)}: there is no such file; give the path of a file"
+            )
         raise InputError(f"format {kind} also needs {', '.join(f'{k}=' for k in missing)}")
     return arguments
 
@@ -221,8 +262,12 @@ def _together(name: str) -> Corpus:
         raise InputError(f"data={name[:100]}: join the names of imported corpora by +, each once")
     corpora = [stored_value(each) for each in names]
     if partly := [corpus.name for corpus in corpora if corpus.info.get(ASIDE)]:
-        raise InputError(f"data={name[:100]}: {partly[0]} has captures without a gesture; give it alone")
-    return made_once(".joined", [[c.digest, c.name] for c in corpora], lambda: joined.together(corpora), joined)
+        raise InputError(
+            f"data={name[:100]}: {partly[0]} has captures without a gesture; give it alone"
+        )
+    return made_once(
+        ".joined", [[c.digest, c.name] for c in corpora], lambda: joined.together(corpora), joined
+    )
 
 
 def briefly(warnings: list[str], rest: str) -> str:

@@ -20,7 +20,9 @@ from bench.errors import InputError, nearest
 REPAIRS = ("stuck", "dead", "offset")
 SCALES = ("none", "peak", "log")
 LOG = 1000.0  # a reading of a thousandth of full scale is at a tenth of the logarithmic one
-MOST_COPIES = 2**20 - 1  # of a capture, damaged; the number of a turned one comes above that in its piece
+MOST_COPIES = (
+    2**20 - 1
+)  # of a capture, damaged; the number of a turned one comes above that in its piece
 MOUNTINGS = 8  # of a square grid: mirrored or not, turned by quarters
 SETTLED_S = 0.25  # what has not moved for so long is not touched, or broken
 PASSES = 3  # broken taxels without a sound neighbour are filled from filled ones
@@ -71,7 +73,9 @@ class Windows(Step):
         frames, hop = self.lengths(corpus.rate_hz)
         row = self.rows(corpus)
         begin = (np.arange(len(row)) - np.searchsorted(row, row)) * hop
-        cut = corpus[row] if len(row) > len(corpus) else corpus  # a robot's one window is not worth copying a table
+        cut = (
+            corpus[row] if len(row) > len(corpus) else corpus
+        )  # a robot's one window is not worth copying a table
         source = origin(cut)
         return cut.changed(
             starts=storage(cut)[1] + begin,
@@ -94,7 +98,9 @@ class _Copied(Step):
         """The captures and their copies, whose pieces are ``stride`` apart."""
         row = self.rows(corpus)
         copies = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
-        return _replaced(corpus[row], arrays, self, piece=origin(corpus).piece[row] + copies * stride)
+        return _replaced(
+            corpus[row], arrays, self, piece=origin(corpus).piece[row] + copies * stride
+        )
 
 
 @dataclass(frozen=True)
@@ -112,7 +118,9 @@ class Faulted(_Copied):
         for name in self.faults:
             if name not in all_faults():
                 names = "+".join(self.faults)
-                raise InputError(f"model.faults={names}: {name!r} is no fault; {nearest(name, all_faults())}")
+                raise InputError(
+                    f"model.faults={names}: {name!r} is no fault; {nearest(name, all_faults())}"
+                )
         if not 1 <= self.copies <= MOST_COPIES:
             raise InputError(f"model.copies={self.copies}: give 1 to {MOST_COPIES}")
 
@@ -134,7 +142,9 @@ class Faulted(_Copied):
             for copy in range(self.copies):
                 rng = self.generator(int(index[i]), copy)
                 fault, severity = faults[rng.integers(len(faults))], rng.integers(SEVERITIES)
-                arrays.append(as_readings(corpus, fault.drawn(shares, severity + 1, rng, corpus.rate_hz)))
+                arrays.append(
+                    as_readings(corpus, fault.drawn(shares, severity + 1, rng, corpus.rate_hz))
+                )
         return self._made(corpus, arrays, COPY)
 
 
@@ -169,7 +179,11 @@ class Turned(_Copied):
 def _mountings(grid: tuple[int, int]) -> list[Callable[[np.ndarray], np.ndarray]]:
     """What turns and mirrors frames, every way that moves a taxel of this grid; of one taxel, what does nothing."""
     quarters = range(4) if grid[0] == grid[1] else (0, 2)
-    ways = [partial(_mounted, quarters=turns, mirrored=mirrored) for mirrored in (False, True) for turns in quarters]
+    ways = [
+        partial(_mounted, quarters=turns, mirrored=mirrored)
+        for mirrored in (False, True)
+        for turns in quarters
+    ]
     taxels = np.arange(grid[0] * grid[1]).reshape(1, *grid)
     unmoved, *others = {way(taxels).tobytes(): way for way in ways}.values()
     return others or [unmoved]
@@ -195,7 +209,9 @@ class Repair(Step):
     def __post_init__(self) -> None:
         for kind in self.kinds:
             if kind not in REPAIRS:
-                raise InputError(f"model.repair={'+'.join(self.kinds)}: give {' or '.join(REPAIRS)}, joined by +")
+                raise InputError(
+                    f"model.repair={'+'.join(self.kinds)}: give {' or '.join(REPAIRS)}, joined by +"
+                )
 
     def keeps(self, taxels: int) -> int:
         """Numbers per taxel: the least and largest value, moved and sound flags, the mean around it, an offset."""
@@ -281,7 +297,11 @@ class Scale(Step):
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures scaled to 0..full_scale, float32; readings of nothing stay 0."""
         scaled = self._log if self.kind == "log" else self._peak
-        return _replaced(corpus, [scaled(frames.astype(np.float32), corpus.full_scale) for frames in corpus], self)
+        return _replaced(
+            corpus,
+            [scaled(frames.astype(np.float32), corpus.full_scale) for frames in corpus],
+            self,
+        )
 
     def _log(self, frames: np.ndarray, full_scale: float) -> np.ndarray:
         shares = (frames / np.float32(full_scale)).clip(0, 1)

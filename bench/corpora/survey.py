@@ -64,7 +64,8 @@ class Survey:
         words = self.corpus.captures[self.factors].astype(object)
         words = words.where(words.notna(), "").astype(str)
         levels: list[Any] = [  # subject 10 behind subject 9
-            sorted(set(words[f]), key=lambda name: (len(name) if name.isdigit() else 0, name)) for f in self.factors
+            sorted(set(words[f]), key=lambda name: (len(name) if name.isdigit() else 0, name))
+            for f in self.factors
         ]
         every: Any = pd.MultiIndex.from_product(levels, names=self.factors)
         return words.value_counts().reindex(every, fill_value=0).rename("captures").reset_index()
@@ -83,7 +84,11 @@ class Survey:
     def classes(self) -> pd.DataFrame:
         """Captures and subjects of each class of the target."""
         labelled = pd.DataFrame({"class": self.corpus.gestures, "subject": self.corpus.subjects})
-        return labelled.groupby("class")["subject"].agg(captures="size", subjects="nunique").reset_index()
+        return (
+            labelled.groupby("class")["subject"]
+            .agg(captures="size", subjects="nunique")
+            .reset_index()
+        )
 
     @property
     def _seconds(self) -> np.ndarray:
@@ -93,7 +98,9 @@ class Survey:
     def durations(self) -> pd.DataFrame:
         """Captures, subjects, and median, shortest and longest seconds of each gesture."""
         names = np.array(self.gestures, dtype=object)[self._code]
-        of = pd.DataFrame({"gesture": names, "subject": self.corpus.subjects, "s": self._seconds}).groupby("gesture")
+        of = pd.DataFrame(
+            {"gesture": names, "subject": self.corpus.subjects, "s": self._seconds}
+        ).groupby("gesture")
         seconds = of["s"].agg(captures="size", median="median", shortest="min", longest="max")
         seconds.insert(1, "subjects", of["subject"].nunique())
         return seconds.reset_index()
@@ -105,7 +112,9 @@ class Survey:
     def means(self) -> np.ndarray:
         """Mean pressure of each gesture, each frame counted once, float64 [gestures, rows, cols]."""
         frames = np.bincount(self._code, self.corpus.lengths)
-        return (self._by_gesture(self._read[2]).sum().to_numpy() / frames[:, None]).reshape(-1, *self.corpus.grid)
+        return (self._by_gesture(self._read[2]).sum().to_numpy() / frames[:, None]).reshape(
+            -1, *self.corpus.grid
+        )
 
     @cached_property
     def pressure(self) -> pd.DataFrame:
@@ -129,7 +138,9 @@ class Survey:
     def typical(self) -> dict[str, int]:
         """Capture nearest to the middle in duration, mean and highest pressure, by gesture."""
         mean = self._read[2].sum(axis=1) / self.corpus.lengths
-        ranks = self._by_gesture(np.stack([self._seconds, mean, self._read[1].max(axis=1)], axis=1)).rank()
+        ranks = self._by_gesture(
+            np.stack([self._seconds, mean, self._read[1].max(axis=1)], axis=1)
+        ).rank()
         middle = (1 + np.bincount(self._code)[self._code]) / 2
         nearest = ranks.sub(middle, axis=0).abs().sum(axis=1).groupby(self._code).idxmin()
         return {g: int(self.corpus.index[i]) for g, i in zip(self.gestures, nearest, strict=True)}
@@ -143,17 +154,35 @@ class Survey:
         does not vary while all of those around it do.
         """
         (lowest, highest, sums, full, squares), grid = self._read, self.corpus.grid
-        constant, several = lowest == highest, self.corpus.lengths > 1  # a single frame shows no change
+        constant, several = (
+            lowest == highest,
+            self.corpus.lengths > 1,
+        )  # a single frame shows no change
         frames = self.corpus.lengths.sum()
         row, col = np.indices(grid).reshape(2, -1)
-        table = pd.DataFrame({"row": row, "col": col, "lowest": lowest.min(axis=0), "mean": sums.sum(axis=0) / frames})
-        table = table.assign(highest=highest.max(axis=0), full_scale=100 * full.sum(axis=0) / frames)
+        table = pd.DataFrame(
+            {
+                "row": row,
+                "col": col,
+                "lowest": lowest.min(axis=0),
+                "mean": sums.sum(axis=0) / frames,
+            }
+        )
+        table = table.assign(
+            highest=highest.max(axis=0), full_scale=100 * full.sum(axis=0) / frames
+        )
         table["sd"] = sd = np.sqrt(squares.sum(axis=0) / frames)
-        never = constant[several].all(axis=0) if several.any() else table["lowest"] == table["highest"]
+        never = (
+            constant[several].all(axis=0) if several.any() else table["lowest"] == table["highest"]
+        )
         edged = np.pad(np.where(never, np.nan, sd).reshape(grid), 1, constant_values=np.nan)
-        near = np.delete(np.lib.stride_tricks.sliding_window_view(edged, (3, 3)).reshape(-1, 9), 4, axis=1)
+        near = np.delete(
+            np.lib.stride_tricks.sliding_window_view(edged, (3, 3)).reshape(-1, 9), 4, axis=1
+        )
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # nan where nothing around varies, and comparisons with it are false
+            warnings.simplefilter(
+                "ignore"
+            )  # nan where nothing around varies, and comparisons with it are false
             table["around"] = median = np.nanmedian(near, axis=1)
         beside = around(constant.reshape(-1, *grid).astype(np.uint8)).reshape(constant.shape)
         alone = constant & (beside == 0) & (grid != (1, 1))
@@ -185,12 +214,18 @@ class Survey:
         ``quiet`` is True if so little changes that they can be equal by chance; such groups come last.
         """
         corpus = self.corpus
-        labels = corpus.captures.drop(columns=["capture", "group", "differs", "quiet"], errors="ignore")
+        labels = corpus.captures.drop(
+            columns=["capture", "group", "differs", "quiet"], errors="ignore"
+        )
         parts = [labels[:0].assign(group=0, capture=0, differs="", quiet=False)]
-        for number, group in enumerate(sorted(identical(corpus), key=lambda group: quiet(corpus[group[0]])), 1):
+        for number, group in enumerate(
+            sorted(identical(corpus), key=lambda group: quiet(corpus[group[0]])), 1
+        ):
             rows, still = labels.iloc[group], quiet(corpus[group[0]])
             differs = ", ".join(labels.columns[rows.nunique(dropna=False) > 1])
-            parts.append(rows.assign(group=number, capture=corpus.index[group], differs=differs, quiet=still))
+            parts.append(
+                rows.assign(group=number, capture=corpus.index[group], differs=differs, quiet=still)
+            )
         table = pd.concat(parts)[["group", "capture", *labels, "differs", "quiet"]]
         return table.sort_values(["group", "capture"], kind="stable", ignore_index=True)
 
@@ -202,14 +237,29 @@ class Survey:
             frames = capture.reshape(len(capture), -1)
             squares = len(frames) * frames.var(axis=0, dtype=np.float64)
             full = (frames >= self.corpus.full_scale).sum(axis=0)
-            parts.append((frames.min(axis=0), frames.max(axis=0), frames.sum(axis=0, dtype=np.float64), full, squares))
+            parts.append(
+                (
+                    frames.min(axis=0),
+                    frames.max(axis=0),
+                    frames.sum(axis=0, dtype=np.float64),
+                    full,
+                    squares,
+                )
+            )
         return [np.stack(values) for values in zip(*parts, strict=True)]
 
     def __str__(self) -> str:
         target = self.corpus.target
         parts = [
-            [self.title, *(["synthetic: generated captures, not people"] if self.corpus.synthetic else [])],
-            *([] if target == "gesture" else [[f"Classes of target={target}:", _text(self.classes)]]),
+            [
+                self.title,
+                *(["synthetic: generated captures, not people"] if self.corpus.synthetic else []),
+            ],
+            *(
+                []
+                if target == "gesture"
+                else [[f"Classes of target={target}:", _text(self.classes)]]
+            ),
             [f"Durations: {DURATIONS}", _text(self.durations)],
             [f"Pressure: {PRESSURE}", _text(self.pressure)],
             self.gap_lines(),
@@ -235,7 +285,10 @@ class Survey:
         missing = counts[pairs].drop_duplicates(["subject", "gesture"])[["subject", "gesture"]]
         rows = [*missing.to_dict("records"), *counts[(absent | other) & ~pairs].to_dict("records")]
         numbers = [row.pop("captures", 0) for row in rows]
-        lines = [f"{_labels(row)}: {_number(n) if n else 'none'}" for row, n in zip(rows, numbers, strict=True)]
+        lines = [
+            f"{_labels(row)}: {_number(n) if n else 'none'}"
+            for row, n in zip(rows, numbers, strict=True)
+        ]
         return [summary, *_first(lines, len(lines))]
 
     def taxel_lines(self) -> list[str]:
@@ -261,7 +314,10 @@ class Survey:
         lines = []
         for _, part in self.duplicates[self.duplicates["group"] <= NAMED].groupby("group"):
             rows = part.drop(columns=["group", "differs", "quiet"]).to_dict("records")
-            lines.append(" = ".join(map(_labels, rows[:2])) + (f" and {len(rows) - 2} more" if len(rows) > 2 else ""))
+            lines.append(
+                " = ".join(map(_labels, rows[:2]))
+                + (f" and {len(rows) - 2} more" if len(rows) > 2 else "")
+            )
         several = firsts["differs"].str.contains(r"\b(?:subject|gesture)\b")
         summary = (
             f"Duplicates: {len(self.duplicates)} captures have the same frames as another one, in {len(firsts)} "
@@ -273,7 +329,11 @@ class Survey:
 
     def repeated(self) -> list[str]:
         """A warning where one recording is in the corpus twice; nothing where captures can be equal by chance."""
-        return [] if self.duplicates["quiet"].all() else [". ".join(map(str.strip, self.duplicate_lines()[:2]))]
+        return (
+            []
+            if self.duplicates["quiet"].all()
+            else [". ".join(map(str.strip, self.duplicate_lines()[:2]))]
+        )
 
 
 def _text(table: pd.DataFrame) -> str:

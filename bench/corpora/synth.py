@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.machine import ensure
+from bench.ground.machine import ensure
 
 VARIANTS, FULL_SCALE = ("gentle", "normal", "rough"), 1023  # of the Corpus of Social Touch, too
 PAD_MM = 160.0  # side of the sensitive area
@@ -70,7 +70,14 @@ LOOKALIKES = (
 LOOKALIKE = {one: other for one, _, other in (pair.partition(":") for pair in LOOKALIKES.split())}
 # Durations and contact areas are known for each gesture, so a lookalike lends everything but these.
 PUBLISHED = ("duration", "duration_sd", "area", "area_sd", "pressure")
-LEAST = {"subjects": 1, "repetitions": 1, "rows": 1, "cols": 1, "seed": 0, "noise": 0}  # others are above 0
+LEAST = {
+    "subjects": 1,
+    "repetitions": 1,
+    "rows": 1,
+    "cols": 1,
+    "seed": 0,
+    "noise": 0,
+}  # others are above 0
 VARIANT_FORCE = {"gentle": 0.72, "normal": 1.0, "rough": 1.55}
 VARIANT_AREA = {"gentle": 0.97, "normal": 1.0, "rough": 1.15}
 VARIANT_DURATION = {"gentle": 0.98, "normal": 0.97, "rough": 1.05}
@@ -110,13 +117,21 @@ def generate(
         InputError: a count below 1, a seed below 0, an unknown variant, a rate or gain that is not above 0, a noise
             below 0, or more captures than there is memory for.
     """
-    counts = {"subjects": subjects, "repetitions": repetitions, "rows": rows, "cols": cols, "seed": seed}
+    counts = {
+        "subjects": subjects,
+        "repetitions": repetitions,
+        "rows": rows,
+        "cols": cols,
+        "seed": seed,
+    }
     check_parameters(variants, **counts, rate_hz=rate_hz, gain=gain, noise=noise)
     count = float(subjects) * repetitions * len(variants) * len(GESTURES)
     seconds = count / len(GESTURES) * sum(way.duration for way in GESTURES.values())
     taxels = float(rows) * cols
     longest = max(1.0, LONGEST_S * rate_hz) * taxels * BYTES_PER_VALUE
-    frames = max(count, seconds * rate_hz) * taxels * 2 * np.dtype(np.uint16).itemsize  # apart, and put together
+    frames = (
+        max(count, seconds * rate_hz) * taxels * 2 * np.dtype(np.uint16).itemsize
+    )  # apart, and put together
     ensure(
         f"data.subjects={subjects} data.repetitions={repetitions} data.rows={rows} data.cols={cols} "
         f"data.rate_hz={rate_hz:g}",
@@ -129,11 +144,15 @@ def generate(
         for variant in variants:
             for gesture in GESTURES:
                 for repetition in range(1, repetitions + 1):
-                    arrays.append(capture(rng, habits, gesture, variant, (rows, cols), rate_hz, gain, noise))
+                    arrays.append(
+                        capture(rng, habits, gesture, variant, (rows, cols), rate_hz, gain, noise)
+                    )
                     labels.append((str(subject), variant, gesture, repetition))
     captures = pd.DataFrame(labels, columns=["subject", "variant", "gesture", "repetition"])
     info = info_of(seed)
-    return Corpus.from_captures(arrays, captures, float(rate_hz), full_scale=float(FULL_SCALE), name="synth", info=info)
+    return Corpus.from_captures(
+        arrays, captures, float(rate_hz), full_scale=float(FULL_SCALE), name="synth", info=info
+    )
 
 
 def info_of(seed: int) -> dict[str, object]:
@@ -174,7 +193,9 @@ class Habits:
         self.style = dict(zip(names, np.abs(rng.normal(0, 0.20, len(names))), strict=True))
         self.centre = rng.normal(0, 14, 2)  # mm from the middle of the pad
         self.heading = rng.normal(0, 0.5)  # radians; along the arm
-        self.offset = rng.gamma(3, 8, (rows, cols)).astype(np.float32)  # sensor value of an untouched taxel
+        self.offset = rng.gamma(3, 8, (rows, cols)).astype(
+            np.float32
+        )  # sensor value of an untouched taxel
 
 
 def capture(
@@ -193,7 +214,12 @@ def capture(
 
 
 def touch(
-    rng: np.random.Generator, habits: Habits, gesture: str, variant: str, grid: tuple[int, int], rate_hz: float
+    rng: np.random.Generator,
+    habits: Habits,
+    gesture: str,
+    variant: str,
+    grid: tuple[int, int],
+    rate_hz: float,
 ) -> np.ndarray:
     """Pressure of one gesture in sensor values, before the sensor saturates, float64 [frames, rows, cols]."""
     usual = GESTURES[gesture]
@@ -205,7 +231,13 @@ def touch(
     beat = way.tempo * habits.tempo[gesture] * np.exp(rng.normal(0, 0.15)) * time
     area = usual.area * habits.area[gesture] * VARIANT_AREA[variant]
     area = float(np.clip(area + rng.normal(0, 0.7 * usual.area_sd), 0.025, 0.95))
-    peak = RAW_PER_GCM2 * usual.pressure * habits.force[gesture] * VARIANT_FORCE[variant] * np.exp(rng.normal(0, 0.25))
+    peak = (
+        RAW_PER_GCM2
+        * usual.pressure
+        * habits.force[gesture]
+        * VARIANT_FORCE[variant]
+        * np.exp(rng.normal(0, 0.25))
+    )
     count = max(1, int(way.patches + rng.random()))
     force = peak * _envelope(seconds, time)[:, None] * _beats(rng, way, beat, count)
     path = _path(rng, way, habits, habits.reach[gesture], beat, time / seconds, count)
@@ -260,14 +292,22 @@ def _path(
     to_and_fro = 0.5 * np.sin(turn)
     travel = way.one_way * (progress - 0.5) * rng.choice([-1, 1]) + (1 - way.one_way) * to_and_fro
     sweep = way.sweep * reach
-    hand = (travel * sweep)[:, None] * along + (0.5 * way.circle * sweep * np.cos(turn))[:, None] * across
+    hand = (travel * sweep)[:, None] * along + (0.5 * way.circle * sweep * np.cos(turn))[
+        :, None
+    ] * across
     fingers = (np.arange(count) - (count - 1) / 2)[:, None] * way.spacing * across
-    wander = np.sin(2 * np.pi * (beat[:, None, None] * rng.uniform(0.5, 1.2, (count, 2)) + rng.random((count, 2))))
+    wander = np.sin(
+        2
+        * np.pi
+        * (beat[:, None, None] * rng.uniform(0.5, 1.2, (count, 2)) + rng.random((count, 2)))
+    )
     centre = habits.centre + rng.normal(0, 12, 2)
     return centre + hand[:, None] + fingers + way.jitter * wander
 
 
-def _imprint(force: np.ndarray, path: np.ndarray, area: float, way: Movement, rows: int, cols: int) -> np.ndarray:
+def _imprint(
+    force: np.ndarray, path: np.ndarray, area: float, way: Movement, rows: int, cols: int
+) -> np.ndarray:
     """Pressure on each taxel [frames, rows, cols]; the patches cover ``area`` of the pad above half their peak.
 
     A patch is exp(-(|x/s|^p + |y/s|^p) / 2), a bell for p = 2 and a plateau for p = 4; both cover about 4.35 s^2 above
@@ -296,7 +336,9 @@ def sensed(
     """
     pressure = pressure.astype(np.float32)
     decay = np.exp(-1 / (0.25 * rate_hz))
-    slow = lfilter(np.array([1 - decay], np.float32), np.array([1, -decay], np.float32), pressure, axis=0)
+    slow = lfilter(
+        np.array([1 - decay], np.float32), np.array([1, -decay], np.float32), pressure, axis=0
+    )
     load = 0.8 * pressure + 0.2 * slow
     value = 1000 * np.tanh(load / 1000) + offset
     value += rng.standard_normal(value.shape, dtype=np.float32) * noise

@@ -22,7 +22,9 @@ NO_CONDITION = "this is not a condition, such as \"subject != '3'\""
 LONGEST = 10_000  # characters
 LINE = 300  # characters of a message
 # What Python and pandas read in different ways: & and |, and names of columns in backticks; not within text.
-SPECIAL = re.compile(r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|`(?P<column>[^`]+)`|(?P<word>[&|\r\n#])""")
+SPECIAL = re.compile(
+    r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|`(?P<column>[^`]+)`|(?P<word>[&|\r\n#])"""
+)
 WORDS = {"&": " and ", "|": " or ", "\r": " ", "\n": " "}
 COMPARISONS = {ast.Eq: eq, ast.NotEq: ne, ast.Lt: lt, ast.LtE: le, ast.Gt: gt, ast.GtE: ge}
 
@@ -30,7 +32,9 @@ COMPARISONS = {ast.Eq: eq, ast.NotEq: ne, ast.Lt: lt, ast.LtE: le, ast.Gt: gt, a
 def chosen(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
     """Captures of a corpus of this name that satisfy a condition, bool [captures]."""
     if len(where) > LONGEST:
-        raise InputError(f"where= has {len(where)} characters; give at most {LONGEST}, or a column of your own")
+        raise InputError(
+            f"where= has {len(where)} characters; give at most {LONGEST}, or a column of your own"
+        )
     try:
         mask = _evaluated(where, captures)
     except (RecursionError, MemoryError):
@@ -74,7 +78,9 @@ def _mask(node: ast.expr, table: pd.DataFrame) -> pd.Series:
     """The captures that satisfy a condition; text is searched literally."""
     match node:
         case ast.BoolOp(op=op, values=parts):
-            return reduce(and_ if isinstance(op, ast.And) else or_, (_mask(part, table) for part in parts))
+            return reduce(
+                and_ if isinstance(op, ast.And) else or_, (_mask(part, table) for part in parts)
+            )
         case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=part):
             return ~_mask(part, table)
         case ast.Name(id=name):
@@ -84,11 +90,15 @@ def _mask(node: ast.expr, table: pd.DataFrame) -> pd.Series:
         case ast.Compare(left=left, ops=ops, comparators=others):
             pairs = zip([left, *others], ops, others, strict=False)
             return reduce(and_, (_compared(one, op, other, table) for one, op, other in pairs))
-        case ast.Call(func=ast.Attribute(value=ast.Name(id=name), attr=method), args=values, keywords=[]):
+        case ast.Call(
+            func=ast.Attribute(value=ast.Name(id=name), attr=method), args=values, keywords=[]
+        ):
             if method in ("isin", "between"):
                 return getattr(table[name], method)(*map(_literal, values))
         case ast.Call(
-            func=ast.Attribute(value=ast.Attribute(value=ast.Name(id=name), attr="str"), attr=method),
+            func=ast.Attribute(
+                value=ast.Attribute(value=ast.Name(id=name), attr="str"), attr=method
+            ),
             args=[ast.Constant(value=str(text))],
             keywords=[],
         ) if method in ("startswith", "endswith", "contains"):
@@ -99,7 +109,9 @@ def _mask(node: ast.expr, table: pd.DataFrame) -> pd.Series:
 
 def _compared(one: ast.expr, op: ast.cmpop, other: ast.expr, table: pd.DataFrame) -> Any:
     """A comparison of columns, text and numbers; equal to a list is what is in it, as pandas reads it."""
-    left, right = (table[side.id] if isinstance(side, ast.Name) else _literal(side) for side in (one, other))
+    left, right = (
+        table[side.id] if isinstance(side, ast.Name) else _literal(side) for side in (one, other)
+    )
     if isinstance(op, ast.In | ast.NotIn) and not isinstance(right, list | tuple):
         raise SyntaxError(f"{ast.unparse(other)[:36]!r} is not a list such as ['1', '2']")
     if isinstance(left, list | tuple):

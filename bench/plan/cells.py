@@ -17,15 +17,15 @@ import numpy as np
 from bench import contract
 from bench.errors import InputError, nearest
 from bench.features.base import OfFunction
+from bench.ground.registry import load, names, parameters, required
+from bench.ground.source import source_digest, versions
+from bench.ground.words import DEFAULTS, PARTS, Values, convert, items, text_of
 from bench.plan import objects
-from bench.registry import load, names, parameters, required
-from bench.source import source_digest, versions
-from bench.words import DEFAULTS, PARTS, Values, convert, items, text_of
 
 if TYPE_CHECKING:
+    from bench.ground.source import Code
     from bench.models.space import Tuning
     from bench.plan.splits import Splitter
-    from bench.source import Code
 
 HOW = ("inner", "trials", "seconds")  # of a search, as it is typed
 
@@ -38,14 +38,18 @@ class Part:
     name: str  # registered name or ``file.py:Name``; for an object, its displayed text
     parameters: dict[str, object] = field(default_factory=dict, hash=False)
     instance: Any = field(default=None, hash=False)  # object from Python, if there is one
-    module: str = field(default="", hash=False, repr=False)  # name of its file's module, another for each state of it
+    module: str = field(
+        default="", hash=False, repr=False
+    )  # name of its file's module, another for each state of it
 
     @property
     def factory(self) -> Callable:
         """The class or function behind the name; its file must be what it was when the command began."""
         factory = load(self.room, self.name)
         if self.module and factory.__module__ != self.module:
-            raise InputError(f"{self.name}: the file was changed while it was in use; start the command again")
+            raise InputError(
+                f"{self.name}: the file was changed while it was in use; start the command again"
+            )
         return factory
 
     def make(self) -> Any:
@@ -79,11 +83,13 @@ class Part:
 
     def label(self, seed: int | None = None) -> str:
         """The name with those parameters that are not the default (`changed`): ``svm[C=8.0]``."""
-        texts = {k: text_of(v) if isinstance(v, tuple) else v for k, v in self.changed(seed).items()}
+        texts = {
+            k: text_of(v) if isinstance(v, tuple) else v for k, v in self.changed(seed).items()
+        }
         return _with(self.short, texts)
 
     def typed(self) -> str:
-        """The same with the full name of a file, as `bench.words.labelled` reads it."""
+        """The same with the full name of a file, as `bench.ground.words.labelled` reads it."""
         return _with(self.name, {k: text_of(v) for k, v in self.changed().items()})
 
     def identity(self) -> tuple:
@@ -101,7 +107,11 @@ class Part:
 
     def packages(self) -> tuple[str, ...]:
         """Packages that this part alone depends on."""
-        return contract.packages(self.factory) if self.instance is None else objects.libraries(self.instance)
+        return (
+            contract.packages(self.factory)
+            if self.instance is None
+            else objects.libraries(self.instance)
+        )
 
 
 @dataclass(frozen=True)
@@ -120,8 +130,10 @@ class Cell:
     features: Part | None
     model: Part
     tuning: Tuning | None = None
-    circumstances: tuple[Any, ...] = ()  # `bench.circumstances.base.Circumstance`, in the order of the registry
-    study: Any = None  # a `bench.circumstances.base.Study`, which does the folds of runs on other data
+    circumstances: tuple[
+        Any, ...
+    ] = ()  # `bench.running.circumstances.base.Circumstance`, in the order of the registry
+    study: Any = None  # a `bench.running.circumstances.base.Study`, which does the folds of runs on other data
 
     def __getstate__(self) -> dict[str, object]:
         return {f.name: getattr(self, f.name) for f in fields(self)}
@@ -158,7 +170,11 @@ class Cell:
 
     def system(self) -> str:
         """Model and feature set as they are named in tables."""
-        model = f"tuned {self.model.short}[{_described(self.tuning)}]" if self.tuning else str(self.model)
+        model = (
+            f"tuned {self.model.short}[{_described(self.tuning)}]"
+            if self.tuning
+            else str(self.model)
+        )
         return f"{model} · {self.features.label(self._features_seed)}" if self.features else model
 
     def title(self) -> str:
@@ -173,7 +189,11 @@ class Cell:
     @property
     def seed(self) -> int | None:
         """Seed of the search, of the model, or else of the feature set; None without randomness."""
-        parts = [self.tuning] if self.tuning else [part.parameters for part in (self.model, self.features) if part]
+        parts = (
+            [self.tuning]
+            if self.tuning
+            else [part.parameters for part in (self.model, self.features) if part]
+        )
         seed = next((each["seed"] for each in parts if "seed" in each), None)
         return seed if isinstance(seed, int) else None
 
@@ -189,7 +209,9 @@ class Cell:
             from bench.models.search.tuning import tuned
 
             sets = {self.features.short: features} if self.features else None
-            return tuned(self.model.short, self.model.factory, sets, str(self.features), self.tuning)
+            return tuned(
+                self.model.short, self.model.factory, sets, str(self.features), self.tuning
+            )
         if self.model.instance is not None:
             return contract.behind(self.model.make(), features)
         if self.model.parameters.keys() <= parameters(self.model.factory).keys():
@@ -202,7 +224,9 @@ class Cell:
         """New feature sets as the system uses them, by name; none for one that reads raw frames."""
         if self.features:
             return {self.features.label(self._features_seed): self.features.make()}
-        return {name: contract.copied(part) for name, part in contract.features(self.untrained).items()}
+        return {
+            name: contract.copied(part) for name, part in contract.features(self.untrained).items()
+        }
 
     def identity(self) -> dict[str, object]:
         """Identity of its results, besides the captures: selection, parts with parameters, code, versions."""
@@ -211,8 +235,14 @@ class Cell:
             from bench.corpora.faults import all_faults
 
             made = [all_faults()[name] for name in trained]
-        code = [*(c for one in (*self.parts, *self.producers) for c in one.code()), *(f.damage for f in made)]
-        code += ["bench.work.evaluation", *(["bench.models.search.tuning"] if self.tuning else [])]
+        code = [
+            *(c for one in (*self.parts, *self.producers) for c in one.code()),
+            *(f.damage for f in made),
+        ]
+        code += [
+            "bench.running.evaluation",
+            *(["bench.models.search.tuning"] if self.tuning else []),
+        ]
         return {
             "target": self.target,
             "tuning": repr(self.tuning),
@@ -228,10 +258,16 @@ class Cell:
         values = {"data": self.data}
         if self.data_parameters:
             usual = _of_generator()
-            values |= {f"data.{k}": text_of(v) for k, v in self.data_parameters.items() if v != usual[k]}
+            values |= {
+                f"data.{k}": text_of(v) for k, v in self.data_parameters.items() if v != usual[k]
+            }
         values |= {"where": self.where} if self.where else {}
         values |= {"target": self.target} if self.target != DEFAULTS["target"] else {}
-        for key, part in (("protocol", self.protocol), ("model", self.model), ("features", self.features)):
+        for key, part in (
+            ("protocol", self.protocol),
+            ("model", self.model),
+            ("features", self.features),
+        ):
             if part:
                 changed = part.changed(self._features_seed if key == "features" else None)
                 values |= {key: part.name} | {f"{key}.{k}": text_of(v) for k, v in changed.items()}
@@ -239,9 +275,15 @@ class Cell:
             lists = {k: v for k, v in self.tuning["space"].items() if isinstance(v, list)}
             values |= {f"model.{k}": ",".join(map(text_of, v)) for k, v in lists.items()}
             how = dict(self.tuning)
-            values |= {k: text_of(how[k]) for k in (("smallest", "inner") if "smallest" in how else HOW) if k in how}
+            values |= {
+                k: text_of(how[k])
+                for k in (("smallest", "inner") if "smallest" in how else HOW)
+                if k in how
+            }
         values |= {"seed": str(self.seed)} if self.seed else {}
-        return values | {key: text for one in self.producers for key, text in one.arguments().items()}
+        return values | {
+            key: text for one in self.producers for key, text in one.arguments().items()
+        }
 
 
 def _with(name: str, changed: dict[str, object]) -> str:
@@ -269,7 +311,12 @@ def _described(tuning: Tuning) -> str:
     """What a search tries and how, in a few words: ``C, gamma=0.1|1, inner=loso``."""
     values = {k: v if isinstance(v, list) else None for k, v in tuning["space"].items()}
     words = [k if v is None else f"{k}=" + "|".join(map(str, v)) for k, v in values.items()]
-    return ", ".join([*words, *(f"{k}={v}" for k, v in tuning.items() if k not in ("space", "seed", "objective"))])
+    return ", ".join(
+        [
+            *words,
+            *(f"{k}={v}" for k, v in tuning.items() if k not in ("space", "seed", "objective")),
+        ]
+    )
 
 
 def cells(values: Values) -> list[Cell]:
@@ -290,12 +337,16 @@ def cells(values: Values) -> list[Cell]:
     ]
     distinct: dict[str, Cell] = {}
     above = (chosen[key] for key in ("data", "where", "target", "protocol"))
-    for data, where, target, protocol, (model, seed, features) in itertools.product(*above, systems):
+    for data, where, target, protocol, (model, seed, features) in itertools.product(
+        *above, systems
+    ):
         parts: list[Any]
         for data_parameters, *parts in itertools.product(
             corpus_variants(values, data, chosen["data"]),
             variants(values, "protocol", protocol, chosen["protocol"]),
-            variants(values, "features", features, feature_sets, seed) if features is not None else [None],
+            variants(values, "features", features, feature_sets, seed)
+            if features is not None
+            else [None],
             variants(values, "model", model, chosen["model"], seed),
         ):
             cell = Cell(data, data_parameters, where, target, *parts)
@@ -310,7 +361,9 @@ def _takes_features(model: object) -> bool:
     factory = load("models", model)
     if len(needed := required(factory)) > 1:
         several = ", ".join(needed)
-        raise InputError(f"model={model}: {several} have no default; only the feature set may have none")
+        raise InputError(
+            f"model={model}: {several} have no default; only the feature set may have none"
+        )
     return bool(needed) or contract.reads_tables(factory)
 
 
@@ -325,12 +378,16 @@ def variants(
     dotted = _dotted(values, key)
     names = [sibling for sibling in siblings if isinstance(sibling, str)]
     if dotted:
-        _refuse_unknown(f"{key}={part}", dotted, {p for name in names for p in _defaults(key, load(room, name))})
+        _refuse_unknown(
+            f"{key}={part}", dotted, {p for name in names for p in _defaults(key, load(room, name))}
+        )
     if not isinstance(part, str):
         method = "split" if key == "protocol" else "fit"
         if inspect.isclass(part) or not callable(getattr(part, method, None)):
             kind = getattr(part, "__name__", type(part).__name__)
-            raise InputError(f"{key}={kind}: give a name, or an object with {method}(), such as {kind}()")
+            raise InputError(
+                f"{key}={kind}: give a name, or an object with {method}(), such as {kind}()"
+            )
         return [Part(room, objects.shown(part), instance=part)]
     factory, module = load(room, part), ""
     if (file := part.rpartition(":")[0]).endswith(".py"):  # from wherever a worker is started
@@ -363,13 +420,22 @@ def _refuse_unknown(part: str, dotted: Iterable[str], accepted: Collection[str])
     """Refuse a parameter that the part, such as ``model=svm``, does not have."""
     for parameter in dotted:
         if parameter not in accepted:
-            raise InputError(f"{part} has no parameter {parameter!r}; {nearest(parameter, accepted)}")
+            raise InputError(
+                f"{part} has no parameter {parameter!r}; {nearest(parameter, accepted)}"
+            )
 
 
-def _combinations(key: str, dotted: dict[str, object], defaults: dict[str, object]) -> Iterator[dict[str, object]]:
+def _combinations(
+    key: str, dotted: dict[str, object], defaults: dict[str, object]
+) -> Iterator[dict[str, object]]:
     """Every combination of the listed values, each of the type of its default."""
-    lists = [[convert(f"{key}.{p}", v, defaults[p]) for v in items(f"{key}.{p}", text)] for p, text in dotted.items()]
-    return (dict(zip(dotted, combination, strict=True)) for combination in itertools.product(*lists))
+    lists = [
+        [convert(f"{key}.{p}", v, defaults[p]) for v in items(f"{key}.{p}", text)]
+        for p, text in dotted.items()
+    ]
+    return (
+        dict(zip(dotted, combination, strict=True)) for combination in itertools.product(*lists)
+    )
 
 
 def _of_generator() -> dict[str, Any]:
@@ -383,7 +449,9 @@ def corpus_variants(values: Values, data: str, siblings: list[str]) -> list[dict
     """Parameters of the generator; an imported corpus has none."""
     dotted = _dotted(values, "data")
     if "synth" not in siblings and dotted:
-        raise InputError(f"data.{next(iter(dotted))}: only data=synth has parameters; choose captures with where=")
+        raise InputError(
+            f"data.{next(iter(dotted))}: only data=synth has parameters; choose captures with where="
+        )
     if not isinstance(data, str):
         raise InputError("data= takes the name of a corpus, such as data='synth'; see bench data")
     if data != "synth":

@@ -18,7 +18,9 @@ def settings(part: object) -> str:
     """Parameters of an object and of estimators inside it, in full; of a splitter, its attributes."""
     values = part.get_params() if isinstance(part, BaseEstimator) else vars(part)
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
-        return repr({k: f"{v.__module__}.{v.__qualname__}" if is_code(v) else v for k, v in values.items()})
+        return repr(
+            {k: f"{v.__module__}.{v.__qualname__}" if is_code(v) else v for k, v in values.items()}
+        )
 
 
 def shown(part: object) -> str:
@@ -30,7 +32,11 @@ def shown(part: object) -> str:
 
 def classes(part: object) -> list[Callable]:
     """Classes and functions of an object and its parts, without installed libraries."""
-    mine = (c for c in _kinds(part) if not _library(c) and c.__module__.split(".")[0] not in sys.stdlib_module_names)
+    mine = (
+        c
+        for c in _kinds(part)
+        if not _library(c) and c.__module__.split(".")[0] not in sys.stdlib_module_names
+    )
     return sorted(mine, key=lambda c: (c.__module__, c.__qualname__))
 
 

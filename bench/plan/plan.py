@@ -22,8 +22,8 @@ from bench.corpora.corpus import Corpus, untrained
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import UNTAUGHT, open_corpus
 from bench.errors import InputError
+from bench.ground.words import quoted
 from bench.plan.cells import Cell
-from bench.words import quoted
 
 
 @dataclass(eq=False)
@@ -33,7 +33,9 @@ class Fold:
     name: str  # the tested subject, or a number
     train: np.ndarray  # positions of the training captures, int32 [captures]
     test: np.ndarray  # positions of the test captures, int32 [captures]
-    pairs: Sequence[tuple[np.ndarray, np.ndarray]] = ()  # of some protocols: further training captures, tested after
+    pairs: Sequence[
+        tuple[np.ndarray, np.ndarray]
+    ] = ()  # of some protocols: further training captures, tested after
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,11 @@ class Plan:
         if (own := getattr(self.cell.splitter, "label", None)) is None:
             return str(part) + ", subjects mixed" * self.mixes_subjects
         words, seed = own(self.corpus), part.changed().get("seed")
-        return words if seed is None or re.search(rf"\bseed {seed}\b", words) else f"{words}, seed {seed}"
+        return (
+            words
+            if seed is None or re.search(rf"\bseed {seed}\b", words)
+            else f"{words}, seed {seed}"
+        )
 
     @cached_property
     def facts(self) -> dict[str, str]:
@@ -93,7 +99,9 @@ class Plan:
     @cached_property
     def key(self) -> str:
         """Key of the run: everything that its stored numbers depend on (docs/notes/decisions.md, identity)."""
-        return hashlib.sha256(json.dumps(self.identity(), sort_keys=True, default=str).encode()).hexdigest()[:20]
+        return hashlib.sha256(
+            json.dumps(self.identity(), sort_keys=True, default=str).encode()
+        ).hexdigest()[:20]
 
     def identity(self) -> dict[str, object]:
         """Identity of its results: corpus, chosen captures, folds, cell, threads of a fold."""
@@ -105,7 +113,10 @@ class Plan:
         folds = hashlib.sha256()
         for fold in self.folds:
             for positions in (fold.train, fold.test, *itertools.chain.from_iterable(fold.pairs)):
-                folds.update(f"{fold.name} {len(positions)} ".encode() + np.asarray(positions, np.int64).tobytes())
+                folds.update(
+                    f"{fold.name} {len(positions)} ".encode()
+                    + np.asarray(positions, np.int64).tobytes()
+                )
         return {
             "digest": self.corpus.digest,
             "captures": hashlib.sha256(self.corpus.index.tobytes()).hexdigest(),
@@ -129,7 +140,9 @@ def planned(cells: list[Cell], jobs: int | None) -> list[Plan]:
         contract.check_conditions(estimator, corpus)
         if cell.circumstances and corpus.steps:
             keys = ", ".join(f"{circumstance.key}=" for circumstance in cell.circumstances)
-            raise InputError(f"protocol={cell.protocol} tests windows, not captures; leave {keys} out")
+            raise InputError(
+                f"protocol={cell.protocol} tests windows, not captures; leave {keys} out"
+            )
         if new:
             folds = tuple(folds_of(cell, corpus))
             first[key] = Plan(cell, corpus, folds, *share_cores(jobs, len(folds)))
@@ -149,8 +162,12 @@ def refuse_repeats(plan: Plan) -> None:
     if not pairs or plan.mixes_subjects:
         return
     tested, trained = pairs[0]
-    where = f"({cell.where}) and ({without(corpus, tested)})" if cell.where else without(corpus, tested)
-    pair = " and ".join(f"{corpus.index[i]} (subject {corpus.subjects[i]})" for i in (tested, trained))
+    where = (
+        f"({cell.where}) and ({without(corpus, tested)})" if cell.where else without(corpus, tested)
+    )
+    pair = " and ".join(
+        f"{corpus.index[i]} (subject {corpus.subjects[i]})" for i in (tested, trained)
+    )
     raise InputError(
         f"protocol={cell.protocol}: captures that are in training under another subject: {len(pairs)}, such as {pair}; "
         f'leave this one out with where="{where}"; for all: bench data show {cell.data}'
@@ -173,7 +190,9 @@ def corpus_of(cell: Cell) -> Corpus:
     corpus = joined(corpus) if joined else corpus
     if len(set(corpus.gestures)) < 2:
         where = f" where={quoted(cell.where)}" if cell.where else ""
-        raise InputError(f"data={cell.data}{where}: only one {corpus.target} is left; choose captures of two or more")
+        raise InputError(
+            f"data={cell.data}{where}: only one {corpus.target} is left; choose captures of two or more"
+        )
     return corpus
 
 
@@ -190,17 +209,30 @@ def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
     with warnings.catch_warnings():  # of a splitter that needs no subjects
         warnings.filterwarnings("ignore", "The groups parameter is ignored by")
         split: Iterable[Any] = cell.splitter.split(corpus, gestures, subjects)
-        folds = [Fold("", _positions(train), _positions(test), *pairs) for train, test, *pairs in split]
-    numbers, tested = [f"fold{i + 1:02d}" for i in range(len(folds))], [pd.unique(subjects[f.test]) for f in folds]
+        folds = [
+            Fold("", _positions(train), _positions(test), *pairs) for train, test, *pairs in split
+        ]
+    numbers, tested = (
+        [f"fold{i + 1:02d}" for i in range(len(folds))],
+        [pd.unique(subjects[f.test]) for f in folds],
+    )
     mixed = mixes_subjects(corpus, folds)
-    alone = [who[0] if len(who) == 1 and not mixed else n for n, who in zip(numbers, tested, strict=True)]
+    alone = [
+        who[0] if len(who) == 1 and not mixed else n for n, who in zip(numbers, tested, strict=True)
+    ]
     distinct = len({*alone}) == len(folds)  # random splits may test the same subject twice
     untaught = corpus.info.get(UNTAUGHT, [])
     taught = ~np.isin(gestures, untaught)
     for fold, name in zip(folds, alone if distinct else numbers, strict=True):
         fold.name, fold.train = name, fold.train[taught[fold.train]]
-        if lacking := [label for label in untrained(gestures, fold.train, fold.test) if label not in untaught]:
-            leave = "" if "+" in corpus.target else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
+        if lacking := [
+            label for label in untrained(gestures, fold.train, fold.test) if label not in untaught
+        ]:
+            leave = (
+                ""
+                if "+" in corpus.target
+                else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
+            )
             raise InputError(
                 f"protocol={cell.protocol}: fold {fold.name} tests {corpus.target} {lacking[0]} but has no training "
                 f"capture of it; {leave}choose another protocol"
@@ -221,9 +253,15 @@ def mixes_subjects(corpus: Corpus, folds: list[Fold] | tuple[Fold, ...]) -> bool
 
 def shared_ratio(folds: tuple[Fold, ...]) -> float | None:
     """Tested by training captures over all folds, None where no two folds share training captures."""
-    counts = np.bincount(np.concatenate([np.zeros(0, int), *(np.unique(fold.train) for fold in folds)]))
+    counts = np.bincount(
+        np.concatenate([np.zeros(0, int), *(np.unique(fold.train) for fold in folds)])
+    )
     shared = counts.max(initial=0) > 1
-    return sum(len(fold.test) for fold in folds) / sum(len(fold.train) for fold in folds) if shared else None
+    return (
+        sum(len(fold.test) for fold in folds) / sum(len(fold.train) for fold in folds)
+        if shared
+        else None
+    )
 
 
 def usable_cores() -> int:
@@ -235,6 +273,8 @@ def share_cores(jobs: int | None, folds: int) -> tuple[int, int]:
     """Worker processes and threads in each, so that their product fits the cores."""
     cores = usable_cores()
     if jobs is not None and jobs < 1:
-        raise InputError(f"jobs={jobs}: give at least 1, or leave it out for {cores} (the cores of this machine)")
+        raise InputError(
+            f"jobs={jobs}: give at least 1, or leave it out for {cores} (the cores of this machine)"
+        )
     jobs = min(jobs or cores, folds, cores)
     return jobs, max(1, cores // jobs)

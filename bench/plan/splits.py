@@ -29,7 +29,9 @@ from bench.corpora.corpus import Corpus
 class Splitter(Protocol):
     """The required interface of a protocol."""
 
-    def split(self, X: Corpus, y: np.ndarray, groups: np.ndarray) -> Iterable[tuple[np.ndarray, np.ndarray]]:
+    def split(
+        self, X: Corpus, y: np.ndarray, groups: np.ndarray
+    ) -> Iterable[tuple[np.ndarray, np.ndarray]]:
         """Training and test captures of each fold, by position."""
 
 

@@ -62,10 +62,19 @@ def block(match: re.Match[str]) -> Block:
     """What `BLOCK` has found."""
     words = match["words"] or ""
     left_out = words if match["special"] == "not run" else ""
-    if match["special"] == "needs" and (missing := [word for word in words.split() if not here(word)]):
+    if match["special"] == "needs" and (
+        missing := [word for word in words.split() if not here(word)]
+    ):
         left_out = f"needs {' and '.join(missing)}"
     shown = "<!-- output" in match[0].rpartition("```")[2]
-    return Block(match["language"], match["text"], left_out, shown, match["end"] or "", int(match["lines"] or 0))
+    return Block(
+        match["language"],
+        match["text"],
+        left_out,
+        shown,
+        match["end"] or "",
+        int(match["lines"] or 0),
+    )
 
 
 def here(name: str) -> bool:
@@ -77,7 +86,10 @@ def environment(folder: Path) -> dict[str, str]:
     """Variables for commands: ``bench`` is this tree's, and data and store lie in `folder`."""
     programs = folder / ".bin"
     programs.mkdir()
-    for name, code in {"bench": "-c 'import sys; from bench.cli import main; sys.exit(main())' ", "python": ""}.items():
+    for name, code in {
+        "bench": "-c 'import sys; from bench.cli import main; sys.exit(main())' ",
+        "python": "",
+    }.items():
         (programs / name).write_text(f'#!/bin/sh\nexec {sys.executable} {code}"$@"\n')
         (programs / name).chmod(0o755)
     kept = {key: value for key, value in os.environ.items() if key != "MLFLOW_TRACKING_URI"}
@@ -114,14 +126,23 @@ def printed(block: Block, folder: Path, variables: dict[str, str]) -> str:
     if block.file:
         (folder / block.file).write_text(block.text)
         return ""
-    command = ["bash", "-euo", "pipefail", "-c"] if block.language == "sh" else [sys.executable, "-c"]
+    command = (
+        ["bash", "-euo", "pipefail", "-c"] if block.language == "sh" else [sys.executable, "-c"]
+    )
     try:
-        about = {"capture_output": True, "text": True, "timeout": LONGEST, "stdin": subprocess.DEVNULL}
+        about = {
+            "capture_output": True,
+            "text": True,
+            "timeout": LONGEST,
+            "stdin": subprocess.DEVNULL,
+        }
         done = subprocess.run([*command, block.text], cwd=folder, env=variables, **about)
     except subprocess.TimeoutExpired as e:
         raise Failed(f"takes more than {LONGEST} s:\n{block.text}") from e
     if done.returncode:
-        raise Failed(f"ends with {done.returncode}:\n{block.text}\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+        raise Failed(
+            f"ends with {done.returncode}:\n{block.text}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+        )
     return done.stdout.replace(str(folder.resolve()), "/home/you").replace(str(folder), "/home/you")
 
 
@@ -132,7 +153,7 @@ def site_name(page: Path) -> str:
 
 def run(pages: Iterable[Path]) -> dict[str, list[str] | str]:
     """Run pages, two at a time; by name what their blocks printed, or, as text, how one failed."""
-    from bench.database import create
+    from bench.store.database import create
 
     with tempfile.TemporaryDirectory() as name:
         store = Path(name) / "mlflow.db"

@@ -28,14 +28,17 @@ sys.path[:0] = [str(TOOLS), str(TOOLS.parent.parent)]
 import examples  # noqa: E402
 
 from bench.cli import main  # noqa: E402
-from bench.options import commands  # noqa: E402
+from bench.grammar.options import commands  # noqa: E402
 
 printed: dict[str, list[str] | str] = {}
 
 
 def lay_out() -> None:
     """Lay the packages out as an installation has them: mkdocstrings looks for its paths before any event."""
-    package, skipped = TOOLS.parent.parent / "build" / "package" / "bench", shutil.ignore_patterns("__pycache__")
+    package, skipped = (
+        TOOLS.parent.parent / "build" / "package" / "bench",
+        shutil.ignore_patterns("__pycache__"),
+    )
     shutil.rmtree(package, ignore_errors=True)
     for folder in ("bench", "features", "models", "protocols", "reports"):
         target = package if folder == "bench" else package / folder
@@ -49,7 +52,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Run everything; add the page of the notebook and its pictures."""
     pages = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
     few = os.environ.get("PAGES", "").split(",") if "PAGES" in os.environ else None
-    printed.update(examples.run(page for page in pages if few is None or examples.site_name(page) in few))
+    printed.update(
+        examples.run(page for page in pages if few is None or examples.site_name(page) in few)
+    )
     if few and (unknown := set(few) - set(printed)):
         raise PluginError(f"PAGES: there is no page {', '.join(sorted(unknown))}")
     if failed := [said for said in printed.values() if isinstance(said, str)]:
@@ -61,7 +66,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Put what the blocks of a page printed below them, and why a block was not run."""
-    if page.file.src_uri not in printed:  # the notebook's, which has its outputs, or left out by PAGES
+    if (
+        page.file.src_uri not in printed
+    ):  # the notebook's, which has its outputs, or left out by PAGES
         return markdown.replace("<!-- help of every command -->", helped())
     outputs = iter(printed[page.file.src_uri])
 
@@ -72,10 +79,14 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
         if block.left_out:
             return f'{typed}\n<p class="note">Not run for this page: {html.escape(block.left_out)}.</p>\n'
         return typed + (
-            f'\n<div class="output" markdown>\n{fenced(cut(output, block))}\n</div>\n' if block.shown else ""
+            f'\n<div class="output" markdown>\n{fenced(cut(output, block))}\n</div>\n'
+            if block.shown
+            else ""
         )
 
-    return examples.BLOCK.sub(replaced, markdown).replace("<!-- help of every command -->", helped())
+    return examples.BLOCK.sub(replaced, markdown).replace(
+        "<!-- help of every command -->", helped()
+    )
 
 
 def helped() -> str:
@@ -93,7 +104,9 @@ def cut(output: str, block: examples.Block) -> str:
     lines = output.rstrip().split("\n")
     if not block.lines or len(lines) <= block.lines:
         return "\n".join(lines)
-    return "\n".join([*lines[: block.lines], "…"] if block.end == "first" else ["…", *lines[-block.lines :]])
+    return "\n".join(
+        [*lines[: block.lines], "…"] if block.end == "first" else ["…", *lines[-block.lines :]]
+    )
 
 
 def fenced(text: str) -> str:
@@ -109,7 +122,9 @@ def progress(output: dict) -> bool:
     """Whether an output of a cell is a progress bar or a line of it."""
     shown = output.get("data", {})
     picture = {"image/png", "image/svg+xml"} & {*shown}
-    return output.get("name") == "stderr" or (output["output_type"] == "display_data" and not picture)
+    return output.get("name") == "stderr" or (
+        output["output_type"] == "display_data" and not picture
+    )
 
 
 def notebook(path: Path, runs: bool = True) -> dict[str, str | bytes]:

@@ -34,7 +34,9 @@ class GaussianBayes(ClassifierMixin, BaseEstimator):
         self.factors_ = []
         for c, mean in enumerate(self.means_):
             centred = X[codes == c] - mean
-            covariance = centred.T @ centred / max(len(centred) - 1, 1) + self.ridge * np.eye(X.shape[1])
+            covariance = centred.T @ centred / max(len(centred) - 1, 1) + self.ridge * np.eye(
+                X.shape[1]
+            )
             self.factors_.append(cho_factor(covariance, lower=True)[0])
         return self
 
@@ -44,7 +46,9 @@ class GaussianBayes(ClassifierMixin, BaseEstimator):
         scores = []
         for prior, mean, factor in zip(self.priors_, self.means_, self.factors_, strict=True):
             whitened = solve_triangular(factor, (X - mean).T, lower=True)
-            scores.append(np.log(prior) - 0.5 * (whitened**2).sum(axis=0) - np.log(np.diag(factor)).sum())
+            scores.append(
+                np.log(prior) - 0.5 * (whitened**2).sum(axis=0) - np.log(np.diag(factor)).sum()
+            )
         return np.stack(scores, axis=1)
 
     def predict_proba(self, X: np.ndarray) -> np.ndarray:
@@ -80,7 +84,9 @@ def bayes(features: TransformerMixin, ridge: float = 1e-2) -> Pipeline:
     """
     if not ridge > 0:
         raise InputError(f"model.ridge={ridge:g}: give a value above 0, such as 0.01")
-    return Pipeline([("features", features), ("scaler", ZScaler()), ("classifier", GaussianBayes(ridge))])
+    return Pipeline(
+        [("features", features), ("scaler", ZScaler()), ("classifier", GaussianBayes(ridge))]
+    )
 
 
 bayes.space = {"ridge": Range(1e-6, 1.0, log=True)}

@@ -25,7 +25,10 @@ def boost(features: TransformerMixin, rounds: int = 300, depth: int = 8, seed: i
         raise InputError(f"model.rounds={rounds} model.depth={depth}: give at least 1")
     tree = DecisionTreeClassifier(max_depth=depth, max_features="sqrt")
     return Pipeline(
-        [("features", features), ("classifier", AdaBoostClassifier(tree, n_estimators=rounds, random_state=seed))]
+        [
+            ("features", features),
+            ("classifier", AdaBoostClassifier(tree, n_estimators=rounds, random_state=seed)),
+        ]
     )
 
 

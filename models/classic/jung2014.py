@@ -23,4 +23,6 @@ def jung2014_svm(inner: str = "3") -> Search:
     Args:
         inner: groups of training subjects that choose it, or ``loso``.
     """
-    return Search({"svm": svm}, {"svm": {"kernel": ["linear"], "C": PENALTIES}}, {"jung28": Jung28()}, inner)
+    return Search(
+        {"svm": svm}, {"svm": {"kernel": ["linear"], "C": PENALTIES}}, {"jung28": Jung28()}, inner
+    )

@@ -42,7 +42,9 @@ def jung2017_svm_linear(inner: str = "3") -> Search:
     Args:
         inner: groups of training subjects that choose it, or ``loso``.
     """
-    return Search({"svm": svm}, {"svm": {"kernel": ["linear"], "C": PENALTIES}}, {"jung54": Jung54()}, inner)
+    return Search(
+        {"svm": svm}, {"svm": {"kernel": ["linear"], "C": PENALTIES}}, {"jung54": Jung54()}, inner
+    )
 
 
 def jung2017_svm_rbf(inner: str = "3") -> Search:
@@ -51,7 +53,9 @@ def jung2017_svm_rbf(inner: str = "3") -> Search:
     Args:
         inner: groups of training subjects that choose them, or ``loso``.
     """
-    return Search({"svm": svm}, {"svm": {"C": PENALTIES, "gamma": WIDTHS}}, {"jung54": Jung54()}, inner)
+    return Search(
+        {"svm": svm}, {"svm": {"C": PENALTIES, "gamma": WIDTHS}}, {"jung54": Jung54()}, inner
+    )
 
 
 def jung2017_nn(seed: int = 0) -> Pipeline:

@@ -106,19 +106,30 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         low, high = Z.min(axis=0), Z.max(axis=0)
         centres, heavy = _means(Z, codes, weight)
         Z = Z - centres[codes]
-        return Summed(classes, heavy, centres, self.scatter_of(Z, captures, weight), weight @ Z**2, low, high)
+        return Summed(
+            classes, heavy, centres, self.scatter_of(Z, captures, weight), weight @ Z**2, low, high
+        )
 
     def fit_summed(self, parts: Sequence[Summed]) -> Discriminants:
         """`fit` to the rows of several parts, which share no capture: equal but for rounding."""
-        self.classes_, codes = np.unique(np.concatenate([part.classes for part in parts]), return_inverse=True)
-        every, weight = np.concatenate([part.centres for part in parts]), np.concatenate([part.heavy for part in parts])
+        self.classes_, codes = np.unique(
+            np.concatenate([part.classes for part in parts]), return_inverse=True
+        )
+        every, weight = (
+            np.concatenate([part.centres for part in parts]),
+            np.concatenate([part.heavy for part in parts]),
+        )
         self.n_features_in_ = every.shape[1]
         centres, heavy = _means(every, codes, weight)
         apart = every - centres[codes]
         mean = heavy @ centres / heavy.sum()
-        squares = sum(part.squares for part in parts) + weight @ apart**2 + heavy @ (centres - mean) ** 2
+        squares = (
+            sum(part.squares for part in parts) + weight @ apart**2 + heavy @ (centres - mean) ** 2
+        )
         sd = np.sqrt(squares / heavy.sum())
-        sd[constant(np.stack([*(part.low for part in parts), *(part.high for part in parts)]))] = np.inf
+        sd[constant(np.stack([*(part.low for part in parts), *(part.high for part in parts)]))] = (
+            np.inf
+        )
         scatter = self.windows * (apart.T * weight) @ apart
         for part in parts:
             scatter += part.scatter
@@ -163,7 +174,9 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         return self.classes_[self.decision_function(X).argmax(axis=1)]
 
 
-def _means(values: np.ndarray, codes: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _means(
+    values: np.ndarray, codes: np.ndarray, weight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Weighted mean of the rows of each code [codes, n], and the sum of their weights."""
     order = np.argsort(codes, kind="stable")
     first = np.flatnonzero(np.diff(codes[order], prepend=-1))
@@ -171,7 +184,9 @@ def _means(values: np.ndarray, codes: np.ndarray, weight: np.ndarray) -> tuple[n
     return np.add.reduceat(values[order] * weight[order][:, None], first) / heavy[:, None], heavy
 
 
-def lda(features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0) -> Pipeline:
+def lda(
+    features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0
+) -> Pipeline:
     """Linear discriminants: a Gaussian for each class with one covariance, shrunk towards a multiple of the identity.
 
     Features are standardised on the training captures. All classes have the same prior.
@@ -193,7 +208,9 @@ def lda(features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0
         raise InputError(f"model.windows={windows:g}: give 1 or more")
     if not 0 < damaged < float("inf"):
         raise InputError(f"model.damaged={damaged:g}: give a number above 0")
-    return ByPerson([("features", features), ("classifier", Discriminants(shrinkage, windows, damaged))])
+    return ByPerson(
+        [("features", features), ("classifier", Discriminants(shrinkage, windows, damaged))]
+    )
 
 
 lda.space = {"shrinkage": Range(1e-3, 1, log=True), "windows": Range(1, 8, log=True)}

@@ -36,8 +36,12 @@ class EarlyStoppedNet(MostProbable):
         """Train on features [captures, n_features] and class names [captures]."""
         self.n_features_in_ = np.shape(X)[1]
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConvergenceWarning)  # 1000 epochs is the paper's limit, not a fault
-            runs = [self._run(self.seed * self.runs + i, len(X)).fit(X, y) for i in range(self.runs)]
+            warnings.simplefilter(
+                "ignore", ConvergenceWarning
+            )  # 1000 epochs is the paper's limit, not a fault
+            runs = [
+                self._run(self.seed * self.runs + i, len(X)).fit(X, y) for i in range(self.runs)
+            ]
         self.net_ = max(runs, key=lambda net: net.best_validation_score_)
         self.classes_ = self.net_.classes_
         return self

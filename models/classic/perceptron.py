@@ -58,7 +58,9 @@ class Perceptron(MostProbable):
         Z = np.asarray(X, dtype=np.float32)
         self.n_features_in_ = Z.shape[1]
         if not np.isfinite(Z).all():
-            raise ValueError(f"{int((~np.isfinite(Z)).sum())} values of training features are not finite")
+            raise ValueError(
+                f"{int((~np.isfinite(Z)).sum())} values of training features are not finite"
+            )
         weight = np.where(undamaged(X), 1.0, self.damaged)
         share = weight / weight.sum()
         self.mean_ = (share @ Z).astype(np.float32)
@@ -79,7 +81,9 @@ class Perceptron(MostProbable):
                     nn.Linear(self.units, len(self.classes_)),
                 )
                 optimiser = torch.optim.AdamW(net.parameters(), lr=RATE, weight_decay=DECAY)
-                cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=self.updates)
+                cycle = torch.optim.lr_scheduler.OneCycleLR(
+                    optimiser, RATE, total_steps=self.updates
+                )
                 loss = nn.CrossEntropyLoss(label_smoothing=self.smoothing)
                 for _ in range(self.updates):
                     rows = np.searchsorted(until, until[-1] * drawn.random(BATCH), side="right")
@@ -145,7 +149,9 @@ def perceptron(
         InputError: a parameter that cannot be.
     """
     if not (1 <= units <= 4096 and 1 <= updates <= 10_000_000):
-        raise InputError(f"model.units={units}, model.updates={updates}: give at least 1, at most 4096 and 10000000")
+        raise InputError(
+            f"model.units={units}, model.updates={updates}: give at least 1, at most 4096 and 10000000"
+        )
     if not 0 <= smoothing < 1:
         raise InputError(f"model.smoothing={smoothing:g}: give 0 to below 1")
     if not 0 < clip < float("inf"):
@@ -156,4 +162,8 @@ def perceptron(
     return Pipeline([("features", features), ("classifier", net)])
 
 
-perceptron.space = {"units": [10, 20, 40, 80], "smoothing": [0.0, 0.1, 0.3], "clip": Range(1.5, 6, log=True)}
+perceptron.space = {
+    "units": [10, 20, 40, 80],
+    "smoothing": [0.0, 0.1, 0.3],
+    "clip": Range(1.5, 6, log=True),
+}

@@ -8,7 +8,9 @@ from bench.errors import InputError
 from bench.models.space import Range
 
 
-def rf(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float = 0.0, seed: int = 0) -> Pipeline:
+def rf(
+    features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float = 0.0, seed: int = 0
+) -> Pipeline:
     """Random forest on the raw features.
 
     Args:
@@ -22,7 +24,9 @@ def rf(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float
     return _forest(RandomForestClassifier, features, trees, leaf, tried, seed)
 
 
-def et(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float = 0.0, seed: int = 0) -> Pipeline:
+def et(
+    features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float = 0.0, seed: int = 0
+) -> Pipeline:
     """Extremely randomised trees on the raw features.
 
     They are no paper's system.
@@ -39,7 +43,12 @@ def et(features: TransformerMixin, trees: int = 500, leaf: int = 1, tried: float
 
 
 def _forest(
-    kind: type[ClassifierMixin], features: TransformerMixin, trees: int, leaf: int, tried: float, seed: int
+    kind: type[ClassifierMixin],
+    features: TransformerMixin,
+    trees: int,
+    leaf: int,
+    tried: float,
+    seed: int,
 ) -> Pipeline:
     if trees < 1 or leaf < 1:
         raise InputError(f"model.trees={trees} model.leaf={leaf}: give at least 1")

@@ -29,7 +29,9 @@ class RangeScaler(MinMaxScaler):
 class ZScaler(StandardScaler):
     """Mean 0 and SD 1 in training; a constant feature is 0."""
 
-    def fit(self, X: pd.DataFrame | np.ndarray, y: object = None, sample_weight: object = None) -> ZScaler:
+    def fit(
+        self, X: pd.DataFrame | np.ndarray, y: object = None, sample_weight: object = None
+    ) -> ZScaler:
         """Learn mean and SD of each feature [captures, n_features]."""
         super().fit(X, y, sample_weight)
         self.scale_[constant(X)] = np.inf

@@ -29,7 +29,11 @@ class RankedSVC(SVC):
 
 
 def svm(
-    features: TransformerMixin, C: float = 512.0, gamma: float = 0.125, kernel: str = "rbf", scaling: str = "range"
+    features: TransformerMixin,
+    C: float = 512.0,
+    gamma: float = 0.125,
+    kernel: str = "rbf",
+    scaling: str = "range",
 ) -> Pipeline:
     """Support vector machine on scaled features, LIBSVM, one against one.
 

@@ -45,7 +45,9 @@ class BoostedTrees(MostProbable):
         return self.booster_.predict_proba(np.asarray(X))
 
 
-def xgb(features: TransformerMixin, trees: int = 300, depth: int = 4, rate: float = 0.1, seed: int = 0) -> Pipeline:
+def xgb(
+    features: TransformerMixin, trees: int = 300, depth: int = 4, rate: float = 0.1, seed: int = 0
+) -> Pipeline:
     """Boosted trees (XGBoost) on the raw features.
 
     They are no paper's system. Each tree sees 80 % of the captures and 80 % of the features; splits are of histograms.
@@ -58,8 +60,12 @@ def xgb(features: TransformerMixin, trees: int = 300, depth: int = 4, rate: floa
         seed: random seed of the samples of captures and features.
     """
     if trees < 1 or depth < 1 or not rate > 0:
-        raise InputError(f"model.trees={trees} model.depth={depth} model.rate={rate:g}: all must be above 0")
-    return Pipeline([("features", features), ("classifier", BoostedTrees(trees, depth, rate, seed))])
+        raise InputError(
+            f"model.trees={trees} model.depth={depth} model.rate={rate:g}: all must be above 0"
+        )
+    return Pipeline(
+        [("features", features), ("classifier", BoostedTrees(trees, depth, rate, seed))]
+    )
 
 
 xgb.space = {"trees": Range(100, 600), "depth": Range(1, 6), "rate": Range(0.02, 0.3, log=True)}

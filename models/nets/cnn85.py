@@ -50,7 +50,9 @@ class CNN85(FrameNet):
         """Refuse parameters that cannot be, before anything is run."""
         super().check()
         if not 0 < self.width <= 16:
-            raise InputError(f"model.width={self.width:g}: give a share of the published width, above 0 and up to 16")
+            raise InputError(
+                f"model.width={self.width:g}: give a share of the published width, above 0 and up to 16"
+            )
         for name, names in (("padding", ("zero", "edge")), ("rates", tuple(RATES))):
             if (value := getattr(self, name)) not in names:
                 raise InputError(f"model.{name}={value}: give {' or '.join(names)}")
@@ -58,7 +60,9 @@ class CNN85(FrameNet):
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part before anything is run."""
         if (self.hop or 1) > (frames := self.length(X.rate_hz)):
-            raise InputError(f"model.hop={self.hop}: frames between windows of {frames} would never be seen")
+            raise InputError(
+                f"model.hop={self.hop}: frames between windows of {frames} would never be seen"
+            )
         super().check_training(X, y)
 
     def samples(self, corpus: Corpus) -> Windows:
@@ -134,11 +138,15 @@ class SelectiveSGD(Optimiser):
         torch._foreach_mul_(self.momentum, 0.9)
         torch._foreach_add_(self.momentum, [p.grad for p in self.parameters], alpha=-0.1)
         decayed = [i for i, p in enumerate(self.parameters) if p.ndim > 1]
-        torch._foreach_add_([self.momentum[i] for i in decayed], [self.parameters[i] for i in decayed], alpha=-1e-4)
+        torch._foreach_add_(
+            [self.momentum[i] for i in decayed], [self.parameters[i] for i in decayed], alpha=-1e-4
+        )
         torch._foreach_add_(self.parameters, self.momentum, alpha=self.rate / (1 - 0.9**self.steps))
 
     @torch.no_grad()
-    def _restore(self, weights: list[torch.Tensor], momentum: list[torch.Tensor], steps: int) -> None:
+    def _restore(
+        self, weights: list[torch.Tensor], momentum: list[torch.Tensor], steps: int
+    ) -> None:
         torch._foreach_copy_(self.parameters, weights)
         torch._foreach_copy_(self.momentum, momentum)
         self.steps = steps
@@ -158,7 +166,9 @@ class SelectiveSGD(Optimiser):
             self.rate = rate
             for rows in batches[:SEARCH_BATCHES]:
                 loss = step(rows)
-                if not np.isfinite(loss):  # it cannot come back, so the remaining batches would be wasted
+                if not np.isfinite(
+                    loss
+                ):  # it cannot come back, so the remaining batches would be wasted
                     break
             losses.append(loss if np.isfinite(loss) else np.inf)
             self._restore(weights, momentum, steps)

@@ -174,7 +174,9 @@ class Hughes2017AERNN(Hughes2017):
         losses = []
         for _ in range(self.pretraining):
             summed = 0.0
-            for rows in np.array_split(order.permutation(len(samples)), -(-len(samples) // self.batch)):
+            for rows in np.array_split(
+                order.permutation(len(samples)), -(-len(samples) // self.batch)
+            ):
                 frames = moved(samples.batch(rows), torch.device(self.device))[0]
                 rmsprop.zero_grad()
                 loss = nn.functional.mse_loss(autoencoder(frames), frames.flatten(1))
@@ -200,7 +202,9 @@ class Recurrent(nn.Module):
         self.within = nn.Linear(units, units, bias=False)
         self.head = head
 
-    def forward(self, batch: tuple[torch.Tensor, torch.Tensor], encode: Forward | None = None) -> torch.Tensor:
+    def forward(
+        self, batch: tuple[torch.Tensor, torch.Tensor], encode: Forward | None = None
+    ) -> torch.Tensor:
         """Logits at each window; ``encode`` is a faster way to compute ``encoder(x)``."""
         windows, steps = batch
         inputs = self.into((encode or self.encoder)(windows))
@@ -220,7 +224,9 @@ class _States(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx: object, inputs: torch.Tensor, weight: torch.Tensor, running: list[int]) -> torch.Tensor:
+    def forward(
+        ctx: object, inputs: torch.Tensor, weight: torch.Tensor, running: list[int]
+    ) -> torch.Tensor:
         states = inputs.clone()
         steps = states.split(running)
         steps[0].tanh_()
@@ -259,7 +265,9 @@ def convolutions(design: tuple, rows: int, cols: int) -> list[nn.Module]:
     shape = (design[1], rows, cols)
     for number, (outputs, size) in enumerate(((filters, kernel), (filters2, kernel2))):
         size = tuple(min(k, n) for k, n in zip(size, shape, strict=True))
-        stack.append(TimeConv3d(outputs, size) if number == 0 else nn.Conv3d(filters, outputs, size))
+        stack.append(
+            TimeConv3d(outputs, size) if number == 0 else nn.Conv3d(filters, outputs, size)
+        )
         shape = tuple(n - k + 1 for n, k in zip(shape, size, strict=True))
         pool = tuple(min(2, n) for n in shape)
         stack += [nn.MaxPool3d(pool), nn.ReLU()]
@@ -287,4 +295,6 @@ def layers(sizes: list[int]) -> list[nn.Module]:
 def start(net: nn.Module) -> None:
     """Weights from a truncated normal of SD 0.1, biases 0.1."""
     for p in net.parameters():
-        nn.init.trunc_normal_(p, std=0.1, a=-0.2, b=0.2) if p.ndim > 1 else nn.init.constant_(p, 0.1)
+        nn.init.trunc_normal_(p, std=0.1, a=-0.2, b=0.2) if p.ndim > 1 else nn.init.constant_(
+            p, 0.1
+        )

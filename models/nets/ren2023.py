@@ -66,7 +66,9 @@ class _SelfAttention(nn.MultiheadAttention):
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         windows, frames, _ = x.shape
         three = nn.functional.linear(x, self.in_proj_weight, self.in_proj_bias)
-        query, key, value = three.view(windows, frames, 3, HEADS, -1).permute(2, 0, 3, 1, 4).flatten(1, 2)
+        query, key, value = (
+            three.view(windows, frames, 3, HEADS, -1).permute(2, 0, 3, 1, 4).flatten(1, 2)
+        )
         scores = torch.bmm(query, key.transpose(1, 2)) * (HEADS / WIDTH) ** 0.5
         mixed = torch.bmm(scores.softmax(-1).to(value.dtype), value)
         return self.out_proj(mixed.view(windows, HEADS, frames, -1).transpose(1, 2).flatten(2))

@@ -81,7 +81,9 @@ class _Halving(torch.autograd.Function):
         return for_grid, None
 
 
-def _neighbours(grid: torch.Tensor, axis: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+def _neighbours(
+    grid: torch.Tensor, axis: int
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
     size = grid.shape[axis]
     pairs = grid.narrow(axis, 0, size - size % 2).unflatten(axis, (-1, 2))
     odd = grid.narrow(axis, size - 1, 1) if size % 2 else None
@@ -93,11 +95,18 @@ class _Convolution(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: object, x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, down: int, right: int
+        ctx: object,
+        x: torch.Tensor,
+        weight: torch.Tensor,
+        bias: torch.Tensor,
+        down: int,
+        right: int,
     ) -> torch.Tensor:
         rows, cols, batch, channels = x.shape
         high, wide, _, outputs = weight.shape
-        out = bias.expand(rows + 2 * down - high + 1, cols + 2 * right - wide + 1, batch, outputs).contiguous()
+        out = bias.expand(
+            rows + 2 * down - high + 1, cols + 2 * right - wide + 1, batch, outputs
+        ).contiguous()
         for tap, into, source in _rows(x.shape, weight.shape, down, right):
             out[into].view(-1, outputs).addmm_(x[source].view(-1, channels), weight[tap])
         ctx.save_for_backward(x, weight)

@@ -40,7 +40,9 @@ class TimeConv3d(nn.Conv3d):
         if need > frames:
             grid = nn.functional.pad(grid, (0, need - frames))
         taps = [(i, j) for i in range(high) for j in range(wide)]
-        under = torch.stack([grid[i : i + out[1], j : j + out[2]] for i, j in taps], 3)  # [r, c, batch, taps, frames]
+        under = torch.stack(
+            [grid[i : i + out[1], j : j + out[2]] for i, j in taps], 3
+        )  # [r, c, batch, taps, frames]
         # [r, c, batch, blocks, taps, frames]
         pieces = under.unfold(4, BLOCK + long - 1, BLOCK).permute(0, 1, 2, 4, 3, 5)
         kernel = self.weight.flatten(3).permute(3, 2, 1, 0)[:, :, 0]  # [taps, frames, filters]
@@ -52,7 +54,10 @@ class TimeConv3d(nn.Conv3d):
 
 def pooled(conv: TimeConv3d, x: torch.Tensor, pool: tuple[int, int, int]) -> torch.Tensor:
     """``nn.MaxPool3d(pool)(conv(x))`` for pools of 1 or 2 a side, without work that no pool reaches."""
-    used = [(n - k + 1) // p * p + k - 1 for n, k, p in zip(x.shape[1:], conv.kernel_size, pool, strict=True)]
+    used = [
+        (n - k + 1) // p * p + k - 1
+        for n, k, p in zip(x.shape[1:], conv.kernel_size, pool, strict=True)
+    ]
     filtered = conv._filtered(x[:, : used[0], : used[1], : used[2]])
     # Columns first, then of equal values the one is taken that the library takes.
     for axis, size in ((1, pool[2]), (0, pool[1]), (3, pool[0])):

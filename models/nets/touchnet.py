@@ -16,7 +16,9 @@ CLIP = 3.0  # SDs beyond which a signal says no more
 DROPPED = 0.3  # of what the last layer sees, while it learns
 DECAY = 0.05  # of the weights, decoupled (Loshchilov and Hutter 2019)
 SHORTEST = 0.4  # of a training window, in windows: what is right early is learnt, too
-ROW, COL, FLOW_ROW, FLOW_COL = (SIGNALS.index(name) for name in ("row", "col", "flow_row", "flow_col"))
+ROW, COL, FLOW_ROW, FLOW_COL = (
+    SIGNALS.index(name) for name in ("row", "col", "flow_row", "flow_col")
+)
 
 
 class Stretches:
@@ -83,7 +85,10 @@ def _mounted(values: torch.Tensor) -> torch.Tensor:
     col = torch.where(aside, 1 - values[..., COL], values[..., COL])
     flow_col = torch.where(aside, -values[..., FLOW_COL], values[..., FLOW_COL])
     values = values.clone()
-    values[..., ROW], values[..., COL] = torch.where(exchanged, col, row), torch.where(exchanged, row, col)
+    values[..., ROW], values[..., COL] = (
+        torch.where(exchanged, col, row),
+        torch.where(exchanged, row, col),
+    )
     values[..., FLOW_ROW] = torch.where(exchanged, flow_col, flow_row)
     values[..., FLOW_COL] = torch.where(exchanged, flow_row, flow_col)
     return values
@@ -148,7 +153,9 @@ class TouchNet(WindowNet):
         """Network of 4 to 40 thousand parameters on any grid."""
         widths = (len(SIGNALS), self.width, self.width * 3 // 2, 2 * self.width)
         kernels = (self.kernel, self.kernel, 3)
-        layers = [_Convolved(*sizes) for sizes in zip(widths[:-1], widths[1:], kernels, strict=True)]
+        layers = [
+            _Convolved(*sizes) for sizes in zip(widths[:-1], widths[1:], kernels, strict=True)
+        ]
         return _Net(layers, nn.Linear(3 * widths[-1], classes))
 
     def prepare(self, net: nn.Module, samples: Stretches) -> list[dict[str, float]]:
@@ -214,7 +221,9 @@ class _Convolved(nn.Sequential):
 
     def __init__(self, inputs: int, outputs: int, kernel: int) -> None:
         super().__init__(
-            nn.Conv1d(inputs, outputs, kernel, padding=kernel // 2, bias=False), nn.BatchNorm1d(outputs), nn.ReLU()
+            nn.Conv1d(inputs, outputs, kernel, padding=kernel // 2, bias=False),
+            nn.BatchNorm1d(outputs),
+            nn.ReLU(),
         )
 
 

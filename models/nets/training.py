@@ -96,7 +96,9 @@ class Sequences:
         """The windows of some sequences, one sequence after another, and how many each has."""
         steps = self.steps[rows]
         within = np.arange(steps.sum()) - np.repeat(np.cumsum(steps) - steps, steps)
-        return self._windows.batch(np.repeat(self._first[rows], steps) + within), torch.from_numpy(steps)
+        return self._windows.batch(np.repeat(self._first[rows], steps) + within), torch.from_numpy(
+            steps
+        )
 
 
 Samples = Windows | Sequences
@@ -134,7 +136,9 @@ class Schedule:
     epochs: int  # most passes over the samples
     batch: int  # samples per step; with fewer than that, all of them are one batch
     seed: int  # of the shuffles
-    patience: int | None = None  # stop when the median loss of so many epochs is not 0.1 % below that of those before
+    patience: int | None = (
+        None  # stop when the median loss of so many epochs is not 0.1 % below that of those before
+    )
     smoothing: float = 0.0  # share of a label that is spread over all classes
 
 
@@ -196,7 +200,12 @@ def _shuffled(samples: int, batch: int, order: np.random.Generator) -> np.ndarra
 
 
 def _step(
-    net: nn.Module, samples: Samples, target: np.ndarray, optimiser: Optimiser, smoothing: float, forward: Forward
+    net: nn.Module,
+    samples: Samples,
+    target: np.ndarray,
+    optimiser: Optimiser,
+    smoothing: float,
+    forward: Forward,
 ) -> Step:
     """A function that learns from the samples of some rows and returns their loss before."""
     device = next(net.parameters()).device
@@ -226,7 +235,9 @@ def moved(batch: object, device: torch.device) -> object:
     """A batch, a tensor or several, on a device."""
     if device.type == "cpu":
         return batch
-    return tuple(part.to(device) for part in batch) if isinstance(batch, tuple) else batch.to(device)
+    return (
+        tuple(part.to(device) for part in batch) if isinstance(batch, tuple) else batch.to(device)
+    )
 
 
 def probabilities(net: nn.Module, samples: Samples, batch: int, forward: Forward) -> np.ndarray:
@@ -235,7 +246,9 @@ def probabilities(net: nn.Module, samples: Samples, batch: int, forward: Forward
     device = next(net.parameters()).device
     with torch.inference_mode():
         parts = [
-            forward(moved(samples.batch(np.arange(i, min(i + batch, len(samples)))), device)).softmax(dim=1).cpu()
+            forward(moved(samples.batch(np.arange(i, min(i + batch, len(samples)))), device))
+            .softmax(dim=1)
+            .cpu()
             for i in range(0, len(samples), batch)
         ]
     return torch.cat(parts).numpy()
@@ -262,7 +275,9 @@ def activations(net: nn.Module, one: object) -> int:
     attention = [m for m in net.modules() if isinstance(m, nn.MultiheadAttention)]
     within = {id(m) for layer in attention for m in layer.modules()}
     leaves = [
-        m for m in net.modules() if not list(m.children()) and not isinstance(m, IN_PLACE) and id(m) not in within
+        m
+        for m in net.modules()
+        if not list(m.children()) and not isinstance(m, IN_PLACE) and id(m) not in within
     ]
     hooks = [layer.register_forward_hook(note) for layer in [*leaves, *attention]]
     try:

@@ -15,7 +15,8 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.machine import ensure
+from bench.ground.machine import ensure
+from bench.ground.registry import parameters
 from bench.models.most_probable import MostProbable
 from bench.models.nets.training import (
     Optimiser,
@@ -27,7 +28,6 @@ from bench.models.nets.training import (
     probabilities,
     train,
 )
-from bench.registry import parameters
 
 LONGEST_S = 3600.0  # of a window
 PRECISIONS = ("float32", "bfloat16")
@@ -138,7 +138,12 @@ class WindowNet(MostProbable):
         Raises:
             InputError: a count below 1, a time, rate or precision that cannot be, or a device that is not there.
         """
-        counts = {"frames": self.frames, "hop": self.hop, "epochs": self.epochs, "batch": self.batch}
+        counts = {
+            "frames": self.frames,
+            "hop": self.hop,
+            "epochs": self.epochs,
+            "batch": self.batch,
+        }
         for name, value in counts.items():
             if value is not None and value < 1:
                 raise InputError(f"model.{name}={value}: give at least 1")
@@ -148,14 +153,22 @@ class WindowNet(MostProbable):
             raise InputError(
                 f"model.seconds={self.seconds:g}: give a number above 0 up to {LONGEST_S:g}, or 0 for what frames says"
             )
-        if self.seconds and self.frames is not None and self.frames != parameters(type(self))["frames"]:
-            raise InputError(f"model.frames={self.frames} and model.seconds={self.seconds:g}: give one of them")
+        if (
+            self.seconds
+            and self.frames is not None
+            and self.frames != parameters(type(self))["frames"]
+        ):
+            raise InputError(
+                f"model.frames={self.frames} and model.seconds={self.seconds:g}: give one of them"
+            )
         if not 0 < self.rate < float("inf"):
             raise InputError(f"model.rate={self.rate:g}: give a number above 0")
         try:
             torch.zeros(1, device=self.device).item()
         except (RuntimeError, AssertionError) as e:
-            raise InputError(f"model.device={self.device}: {str(e).splitlines()[0]}; give cpu") from e
+            raise InputError(
+                f"model.device={self.device}: {str(e).splitlines()[0]}; give cpu"
+            ) from e
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part before anything is run.
@@ -165,11 +178,15 @@ class WindowNet(MostProbable):
                 not fit into memory.
         """
         if self.frames is not None:
-            length = f"model.seconds={self.seconds:g}" if self.seconds else f"model.frames={self.frames}"
+            length = (
+                f"model.seconds={self.seconds:g}" if self.seconds else f"model.frames={self.frames}"
+            )
             values = self.batch * float(self.length(X.rate_hz)) * int(np.prod(X.grid))
             ensure(f"{length} model.batch={self.batch}", 4 * values)
         if self.holds_out and len(set(X.subjects.astype(str))) < 2:
-            raise InputError(f"{type(self).__name__} lets one training subject choose the epoch; train on two or more")
+            raise InputError(
+                f"{type(self).__name__} lets one training subject choose the epoch; train on two or more"
+            )
 
     def _held_out(self, X: Corpus) -> np.ndarray:
         """Captures of the training subject that chooses the epoch, bool [captures]."""
@@ -194,15 +211,21 @@ class WindowNet(MostProbable):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
             self.net_ = net = self.network(*X.grid, len(self.classes_)).to(self.device)
-            with torch.no_grad():  # gives lazy layers their size before an optimiser asks for parameters
+            with (
+                torch.no_grad()
+            ):  # gives lazy layers their size before an optimiser asks for parameters
                 net.eval()
                 net(one)
             judge = partial(self._accuracy, X[held], codes[held]) if held.any() else None
             target = codes[~held][samples.capture]
             before = self.prepare(net, samples)
-            schedule = Schedule(self.passes(samples), self.batch, self.seed, self.patience, self.smoothing)
+            schedule = Schedule(
+                self.passes(samples), self.batch, self.seed, self.patience, self.smoothing
+            )
             optimiser, forward = self.optimiser(net, samples), partial(self.logits, net)
-            self.history_ = before + train(net, samples, target, optimiser, schedule, forward, judge)
+            self.history_ = before + train(
+                net, samples, target, optimiser, schedule, forward, judge
+            )
         self.activations_ = activations(net, one)
         return self
 
@@ -218,7 +241,9 @@ class WindowNet(MostProbable):
         """
         check_is_fitted(self, "net_")
         samples = self.samples(X)
-        table = pd.DataFrame({"capture": samples.capture, "start": samples.start, "frames": samples.seen})
+        table = pd.DataFrame(
+            {"capture": samples.capture, "start": samples.start, "frames": samples.seen}
+        )
         proba = probabilities(self.net_, samples, self.batch, partial(self.logits, self.net_))
         return table, votes(proba, samples.steps)
 
@@ -226,7 +251,10 @@ class WindowNet(MostProbable):
         """Mean probability over the samples of each capture [captures, classes]."""
         table, proba = self.decide(X)
         capture = table["capture"].to_numpy()
-        return np.add.reduceat(proba, np.flatnonzero(np.diff(capture, prepend=-1))) / np.bincount(capture)[:, None]
+        return (
+            np.add.reduceat(proba, np.flatnonzero(np.diff(capture, prepend=-1)))
+            / np.bincount(capture)[:, None]
+        )
 
     @property
     def parameters_(self) -> int:
@@ -252,5 +280,7 @@ def votes(proba: np.ndarray, steps: np.ndarray) -> np.ndarray:
     ballots = np.eye(proba.shape[1])[proba.argmax(axis=1)]
     share = np.add.reduceat(ballots, first) / steps[:, None]
     mean = np.add.reduceat(proba.astype(np.float64), first) / steps[:, None]
-    weight = np.where(steps > 1, 1 / (2 * steps), 1.0)[:, None]  # shares differ by at least 1 / steps
+    weight = np.where(steps > 1, 1 / (2 * steps), 1.0)[
+        :, None
+    ]  # shares differ by at least 1 / steps
     return ((1 - weight) * share + weight * mean).astype(np.float32)

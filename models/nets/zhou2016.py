@@ -41,7 +41,9 @@ class Zhou2016(FrameNet):
         """Refuse a training part before anything is run."""
         frames = self.length(X.rate_hz)
         if not 1 <= self.average <= frames:
-            raise InputError(f"model.average={self.average}: give 1 to {frames}, the frames of a window")
+            raise InputError(
+                f"model.average={self.average}: give 1 to {frames}, the frames of a window"
+            )
         super().check_training(X, y)
 
 
@@ -144,7 +146,9 @@ class _Moments(nn.Module):
 
     def __init__(self, rows: int, cols: int) -> None:
         super().__init__()
-        row, col = torch.meshgrid(torch.linspace(0, 1, rows), torch.linspace(0, 1, cols), indexing="ij")
+        row, col = torch.meshgrid(
+            torch.linspace(0, 1, rows), torch.linspace(0, 1, cols), indexing="ij"
+        )
         powers = [row**p * col**q for p in range(4) for q in range(4 - p)]
         self.register_buffer("powers", torch.stack(powers).flatten(1))
 
@@ -152,7 +156,9 @@ class _Moments(nn.Module):
         return (x[:, 0].flatten(2) @ self.powers.T).transpose(1, 2)
 
 
-def _stack(shape: tuple[int, ...], kernel: tuple[int, ...], poolings: tuple[tuple[int, ...], ...]) -> list[nn.Module]:
+def _stack(
+    shape: tuple[int, ...], kernel: tuple[int, ...], poolings: tuple[tuple[int, ...], ...]
+) -> list[nn.Module]:
     """Convolutions that keep the size, batch norm, ReLU and pooling; poolings are cut to what is there.
 
     Channels come last in memory, which makes the library's layers faster (docs/notes/performance.md).
@@ -162,7 +168,9 @@ def _stack(shape: tuple[int, ...], kernel: tuple[int, ...], poolings: tuple[tupl
     for filters, pooling in zip(FILTERS, poolings, strict=True):
         cut = tuple(min(p, n) for p, n in zip(pooling, shape, strict=True))
         padding = tuple(k // 2 for k in kernel)
-        conv = nn.Conv3d(channels, filters, kernel, padding=padding).to(memory_format=torch.channels_last_3d)
+        conv = nn.Conv3d(channels, filters, kernel, padding=padding).to(
+            memory_format=torch.channels_last_3d
+        )
         layers += [conv, nn.BatchNorm3d(filters), nn.ReLU(), nn.MaxPool3d(cut)]
         shape, channels = tuple(n // p for n, p in zip(shape, cut, strict=True)), filters
     return layers

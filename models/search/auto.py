@@ -14,6 +14,8 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import usual_faults
 from bench.errors import InputError
+from bench.ground.timing import timed
+from bench.ground.words import quantity
 from bench.models.most_probable import MostProbable
 from bench.models.search import portfolio
 from bench.models.search.ensemble import Ensemble, fit_temperature, logarithms, selected, tempered
@@ -21,8 +23,6 @@ from bench.models.search.inner_folds import check_search, labelled_folds
 from bench.models.search.study import Study, Tried, identity, within
 from bench.models.sizes import sizes
 from bench.models.space import Trial
-from bench.timing import timed
-from bench.words import quantity
 
 LIMITS = {  # by parameter: the cost, its unit, and the factor of that
     "max_flash": ("flash_bytes", "kB", 1e3),
@@ -97,34 +97,47 @@ class Auto(MostProbable):
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part with too few subjects or classes, or a touch shorter than a frame."""
         if (touch := self._touch()) is not None and touch * X.rate_hz < 1:
-            raise InputError(f"model.max_decision={self.max_decision}: shorter than a frame at {X.rate_hz:g} Hz")
+            raise InputError(
+                f"model.max_decision={self.max_decision}: shorter than a frame at {X.rate_hz:g} Hz"
+            )
         labelled_folds(X, y, self.inner)
 
     def _limits(self) -> dict[str, float]:
         """The limit of each cost."""
         texts = {parameter: text for parameter in LIMITS if (text := getattr(self, parameter))}
         return {
-            LIMITS[p][0]: LIMITS[p][2] * quantity(p, text, LIMITS[p][1], prefix="model.") for p, text in texts.items()
+            LIMITS[p][0]: LIMITS[p][2] * quantity(p, text, LIMITS[p][1], prefix="model.")
+            for p, text in texts.items()
         }
 
     def _touch(self) -> float | None:
         """Seconds of a touch that a decision may see."""
-        return quantity("max_decision", self.max_decision, "ms", prefix="model.") / 1e3 if self.max_decision else None
+        return (
+            quantity("max_decision", self.max_decision, "ms", prefix="model.") / 1e3
+            if self.max_decision
+            else None
+        )
 
     @property
     def trained_faults(self) -> tuple[str, ...]:
         """Faults of damaged training copies; before the search every fault, since some trials may use any."""
         if "best_" not in vars(self):
             return usual_faults()
-        return tuple(sorted({name for part in self.best_.members for name in contract.trained_faults(part)}))
+        return tuple(
+            sorted({name for part in self.best_.members for name in contract.trained_faults(part)})
+        )
 
     def fit(self, X: Corpus, y: np.ndarray) -> Auto:
         """Search on the captures and their class names, then fit the best system to all of them."""
         began = time.perf_counter()
         self.check()
         study = Study(
-            {"model": list(portfolio.MODELS), "features": list(portfolio.FEATURES)} | portfolio.BEFORE,
-            {m: {f"{m}.{k}": values for k, values in space.items()} for m, space in portfolio.SPACES.items()},
+            {"model": list(portfolio.MODELS), "features": list(portfolio.FEATURES)}
+            | portfolio.BEFORE,
+            {
+                m: {f"{m}.{k}": values for k, values in space.items()}
+                for m, space in portfolio.SPACES.items()
+            },
             self.seed,
             np.inf if self.trials is None else self.trials,
             self.seconds,
@@ -161,7 +174,9 @@ class Auto(MostProbable):
 
     def _judged(self, study: Study, part: Part, trial: Trial) -> Tried:
         """Judge a trial, as far as it is worth it."""
-        tried = Tried(trial, "complete", proba=np.zeros((len(part.y), len(part.classes)), dtype=np.float16))
+        tried = Tried(
+            trial, "complete", proba=np.zeros((len(part.y), len(part.classes)), dtype=np.float16)
+        )
         try:
             for number, (train, test) in enumerate(part.folds, 1):
                 system, seconds = part.fitted(trial, train)
@@ -185,22 +200,30 @@ class Auto(MostProbable):
             tried.proba = None
         return tried
 
-    def _picked(self, study: Study, part: Part, fitted: dict[int, dict[str, float]]) -> list[tuple[Tried, float]]:
+    def _picked(
+        self, study: Study, part: Part, fitted: dict[int, dict[str, float]]
+    ) -> list[tuple[Tried, float]]:
         """Trials that decide together, and how much each counts, the heaviest first.
 
         ``fitted`` has what trials cost fitted to all captures, by id; others cost what they did when they were judged.
         """
         costs = {id(t): t.costs for t in study.tried} | fitted
-        pool = [t for t in study.tried if t.state == "complete" and within(costs[id(t)], study.limits)]
+        pool = [
+            t for t in study.tried if t.state == "complete" and within(costs[id(t)], study.limits)
+        ]
         pool = sorted(pool, key=lambda t: -t.accuracy)[:POOL]
         if not pool:
             return []
 
         def allowed(some: set[int]) -> bool:
-            return len(some) <= self.members and within(_together([costs[id(pool[i])] for i in some]), study.limits)
+            return len(some) <= self.members and within(
+                _together([costs[id(pool[i])] for i in some]), study.limits
+            )
 
         proba = np.stack([tempered(t.proba, t.heat) for t in pool])
-        picked = [(pool[i], w) for i, w in selected(proba, part.codes, part.subjects, allowed).items()]
+        picked = [
+            (pool[i], w) for i, w in selected(proba, part.codes, part.subjects, allowed).items()
+        ]
         return sorted(picked, key=lambda pair: -pair[1])
 
     def _fitted(self, study: Study, part: Part) -> list[tuple[Tried, float]]:
@@ -216,22 +239,31 @@ class Auto(MostProbable):
                 break
         else:
             if errors := [t.error for t in study.tried if t.error]:
-                raise RuntimeError(f"{len(errors)} of {len(study.tried)} trials failed, the first: {errors[0]}")
-            least = {n: min((t.costs[n] for t in study.tried if n in t.costs), default=np.nan) for n in study.limits}
+                raise RuntimeError(
+                    f"{len(errors)} of {len(study.tried)} trials failed, the first: {errors[0]}"
+                )
+            least = {
+                n: min((t.costs[n] for t in study.tried if n in t.costs), default=np.nan)
+                for n in study.limits
+            }
             words = ", ".join(f"{name} {value:.3g}" for name, value in least.items())
             raise InputError(
                 f"no trial is within the limits of model.max_*: the least of {len(study.tried)} are {words}"
             )
         total = sum(w for _, w in picked)
         chosen = [(t, w / total) for t, w in picked]
-        self.best_ = Ensemble([fits[id(t)] for t, _ in chosen], [w for _, w in chosen], [t.heat for t, _ in chosen])
+        self.best_ = Ensemble(
+            [fits[id(t)] for t, _ in chosen], [w for _, w in chosen], [t.heat for t, _ in chosen]
+        )
         return chosen
 
 
 class Part:
     """The captures of a training part, and its inner folds, of whose tested captures ``touch`` seconds are seen."""
 
-    def __init__(self, X: Corpus, y: np.ndarray, folds: list, touch: float | None, seed: int) -> None:
+    def __init__(
+        self, X: Corpus, y: np.ndarray, folds: list, touch: float | None, seed: int
+    ) -> None:
         self.X = X
         self.y = y
         self.folds = folds
@@ -239,7 +271,9 @@ class Part:
         self.subjects = X.subjects.astype(str)
         self.classes, self.codes = np.unique(y, return_inverse=True)
         self.judged = X if touch is None else _beginning(X, touch)
-        self.widths = {name: len(clone(one).fit(X[:1]).names_) for name, one in portfolio.FEATURES.items()}
+        self.widths = {
+            name: len(clone(one).fit(X[:1]).names_) for name, one in portfolio.FEATURES.items()
+        }
 
     def work(self, trial: Trial) -> float:
         """Seconds that a fit of a trial should take (`bench.models.search.portfolio.work`)."""
@@ -287,7 +321,9 @@ def _next(study: Study, part: Part) -> Trial | None:
     earlier = [tried.trial for tried in study.tried]
     for draw in range(DRAWS):
         trial = study.drawn({}, draw)
-        same = [t for t in study.tried if t.state == "complete" and t.trial["model"] == trial["model"]]
+        same = [
+            t for t in study.tried if t.state == "complete" and t.trial["model"] == trial["model"]
+        ]
         best = max(same, key=lambda t: t.accuracy, default=None)
         allowed = max(SMALL, GROWTH * part.work(best.trial)) if best else SMALL
         if trial not in earlier and part.work(trial) <= allowed:
@@ -313,13 +349,20 @@ def _together(costs: list[dict[str, float]]) -> dict[str, float]:
 def _table(tried: list[Tried], chosen: list[tuple[Tried, float]]) -> pd.DataFrame:
     """A row per trial, in their order."""
     weights = {id(t): w for t, w in chosen}
-    rows = [t.row() | {"fit_seconds": t.fit_seconds, "weight": weights.get(id(t), 0.0)} | t.costs for t in tried]
+    rows = [
+        t.row() | {"fit_seconds": t.fit_seconds, "weight": weights.get(id(t), 0.0)} | t.costs
+        for t in tried
+    ]
     return pd.DataFrame(rows)
 
 
 def _summary(tried: list[Tried], chosen: list[tuple[Tried, float]]) -> dict[str, object]:
     """The chosen systems, in words, and the progress of the search."""
-    words: dict[str, object] = {str(i): f"{w:.2f} {portfolio.named(t.trial)}" for i, (t, w) in enumerate(chosen, 1)}
+    words: dict[str, object] = {
+        str(i): f"{w:.2f} {portfolio.named(t.trial)}" for i, (t, w) in enumerate(chosen, 1)
+    }
     states = [t.state for t in tried]
     words |= {name: states.count(name) for name in ("complete", "pruned", "large", "failed")}
-    return words | ({"error": next(t.error for t in tried if t.error)} if "failed" in states else {})
+    return words | (
+        {"error": next(t.error for t in tried if t.error)} if "failed" in states else {}
+    )

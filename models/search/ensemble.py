@@ -19,7 +19,9 @@ PICKS = 15  # of a selection: weights are multiples of about 1/15
 class Ensemble(MostProbable):
     """Fitted recognisers of the same classes that decide by a weighted mean of their tempered probabilities."""
 
-    def __init__(self, members: list[contract.System], weights: list[float], temperatures: list[float]) -> None:
+    def __init__(
+        self, members: list[contract.System], weights: list[float], temperatures: list[float]
+    ) -> None:
         self.members = members
         self.weights = weights
         self.temperatures = temperatures
@@ -74,7 +76,9 @@ def selected(
         gains = np.log((total + right) / (len(picks) + 1)) @ weight
         best = max(best, np.log(total / len(picks)) @ weight)
         order = np.argsort(-gains, kind="stable")
-        better = next((int(i) for i in order if gains[i] > best + LEAST and allowed({*picks, int(i)})), None)
+        better = next(
+            (int(i) for i in order if gains[i] > best + LEAST and allowed({*picks, int(i)})), None
+        )
         if better is None:
             break
         picks.append(better)

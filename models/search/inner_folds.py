@@ -16,9 +16,13 @@ def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.n
     """(train, test) positions of inner folds; no subject is on both sides."""
     count = len(np.unique(subjects))
     if count < 2:
-        raise InputError(f"parameters are chosen by leaving training subjects out, and there is {count}; train on more")
+        raise InputError(
+            f"parameters are chosen by leaving training subjects out, and there is {count}; train on more"
+        )
     splitter = (
-        LeaveOneGroupOut() if inner == "loso" else GroupKFold(min(int(inner), count), shuffle=True, random_state=0)
+        LeaveOneGroupOut()
+        if inner == "loso"
+        else GroupKFold(min(int(inner), count), shuffle=True, random_state=0)
     )
     return list(splitter.split(subjects, groups=subjects))
 
@@ -56,7 +60,9 @@ def check_search(inner: str, trials: int | None, seconds: float, endless: bool) 
 class Tables:
     """Inputs of fitting and judging in each inner fold: tables of features, or captures."""
 
-    def __init__(self, features: dict[str, TransformerMixin], X: Corpus, y: np.ndarray, folds: list) -> None:
+    def __init__(
+        self, features: dict[str, TransformerMixin], X: Corpus, y: np.ndarray, folds: list
+    ) -> None:
         self.features = {name: clone(part) for name, part in features.items()}
         self.X, self.y, self.folds = X, np.asarray(y), folds
         self._kept: dict[tuple[str, int], tuple[pd.DataFrame, ...]] = {}

@@ -21,6 +21,7 @@ from bench.corpora.steps import Windows
 from bench.features.base import FeatureSet
 from bench.features.jung54 import Jung54
 from bench.features.touch import TouchFeatures
+from bench.ground.registry import parameters
 from bench.models import recipe
 from bench.models.classic.lda import lda
 from bench.models.classic.perceptron import perceptron
@@ -29,9 +30,16 @@ from bench.models.classic.softmax import softmax
 from bench.models.classic.svm import svm
 from bench.models.classic.xgb import xgb
 from bench.models.space import Range, Space, Trial
-from bench.registry import parameters
 
-MODELS = {"lda": lda, "svm": svm, "softmax": softmax, "et": et, "rf": rf, "xgb": xgb, "perceptron": perceptron}
+MODELS = {
+    "lda": lda,
+    "svm": svm,
+    "softmax": softmax,
+    "et": et,
+    "rf": rf,
+    "xgb": xgb,
+    "perceptron": perceptron,
+}
 FEATURES: dict[str, FeatureSet] = {"touch": TouchFeatures(), "jung54": Jung54()}
 COPIES = parameters(recipe.Recipe)["copies"]  # damaged, of each capture
 LEAST_S = 0.02  # of a fit, however small
@@ -44,11 +52,27 @@ BEFORE: Space = {
 }
 SPACES: dict[str, Space] = {
     "lda": {"shrinkage": Range(0.02, 0.9, log=True), "windows": Range(1.0, 4.0, log=True)},
-    "svm": {"scaling": ["z", "range"], "C": Range(0.5, 500.0, log=True), "gamma": Range(1e-4, 0.3, log=True)},
+    "svm": {
+        "scaling": ["z", "range"],
+        "C": Range(0.5, 500.0, log=True),
+        "gamma": Range(1e-4, 0.3, log=True),
+    },
     "softmax": {"C": Range(1e-3, 10.0, log=True)},
-    "et": {"trees": Range(30, 600, log=True), "leaf": Range(1, 8, log=True), "tried": Range(0.02, 0.5, log=True)},
-    "rf": {"trees": Range(30, 600, log=True), "leaf": Range(1, 8, log=True), "tried": Range(0.02, 0.5, log=True)},
-    "xgb": {"trees": Range(30, 600, log=True), "depth": Range(1, 6), "rate": Range(0.03, 0.3, log=True)},
+    "et": {
+        "trees": Range(30, 600, log=True),
+        "leaf": Range(1, 8, log=True),
+        "tried": Range(0.02, 0.5, log=True),
+    },
+    "rf": {
+        "trees": Range(30, 600, log=True),
+        "leaf": Range(1, 8, log=True),
+        "tried": Range(0.02, 0.5, log=True),
+    },
+    "xgb": {
+        "trees": Range(30, 600, log=True),
+        "depth": Range(1, 6),
+        "rate": Range(0.03, 0.3, log=True),
+    },
     "perceptron": {"units": Range(8, 64, log=True), "updates": Range(300, 3000, log=True)},
 }
 # Cheap ones first. Chosen on generated captures in three calibrations and the training people of HAART's challenge
@@ -82,7 +106,9 @@ class Columns(TransformerMixin, BaseEstimator):
         """Judge the columns [rows, n_features] by class names [rows]."""
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")  # of columns that do not vary
-            ratio = np.nan_to_num(f_classif(np.asarray(X, dtype=np.float64), y)[0], nan=-1.0, posinf=np.inf)
+            ratio = np.nan_to_num(
+                f_classif(np.asarray(X, dtype=np.float64), y)[0], nan=-1.0, posinf=np.inf
+            )
         count = max(1, round(self.share * X.shape[1]))
         self.kept_ = np.sort(np.argsort(-ratio, kind="stable")[:count])
         return self
@@ -94,20 +120,28 @@ class Columns(TransformerMixin, BaseEstimator):
 
 def complete(trial: Trial) -> Trial:
     """A trial completed with the sampler's defaults."""
-    usual = {"model": trial["model"], "features": "touch"} | {k: list(values)[0] for k, values in BEFORE.items()}
+    usual = {"model": trial["model"], "features": "touch"} | {
+        k: list(values)[0] for k, values in BEFORE.items()
+    }
     defaults = parameters(MODELS[str(trial["model"])])
-    return usual | {f"{trial['model']}.{k}": defaults[k] for k in SPACES[str(trial["model"])]} | trial
+    return (
+        usual | {f"{trial['model']}.{k}": defaults[k] for k in SPACES[str(trial["model"])]} | trial
+    )
 
 
 def system(trial: Trial, seed: int) -> contract.System:
     """The untrained system of a trial."""
     name = str(trial["model"])
-    values: dict[str, object] = {k.partition(".")[2]: v for k, v in trial.items() if k.startswith(f"{name}.")}
+    values: dict[str, object] = {
+        k.partition(".")[2]: v for k, v in trial.items() if k.startswith(f"{name}.")
+    }
     values |= {"seed": seed} if "seed" in parameters(MODELS[name]) else {}
     steps = contract.build(MODELS[name], "passthrough", **values).steps[1:]
     columns = [("columns", Columns(float(str(trial["columns"]))))] if trial["columns"] != 1 else []
     pipeline = Pipeline([("features", clone(FEATURES[str(trial["features"])])), *columns, *steps])
-    return recipe.build(lambda: pipeline, None, **{k: trial[k] for k in ("window", "repair", "faults", "scale")})
+    return recipe.build(
+        lambda: pipeline, None, **{k: trial[k] for k in ("window", "repair", "faults", "scale")}
+    )
 
 
 def work(trial: Trial, X: Corpus, width: int, classes: int) -> float:
@@ -131,7 +165,13 @@ def _fit(trial: Trial, rows: int, width: int, classes: int) -> float:
             return 5e-8 * rows * width * classes
         case "et" | "rf":
             tried = value("tried") * width if value("tried") else width**0.5
-            return (1e-8 if trial["model"] == "et" else 2.2e-8) * value("trees") * rows * np.log2(rows + 2) * tried
+            return (
+                (1e-8 if trial["model"] == "et" else 2.2e-8)
+                * value("trees")
+                * rows
+                * np.log2(rows + 2)
+                * tried
+            )
         case "xgb":
             return 3.2e-9 * value("trees") * classes * width * (rows + 1200)
         case _:  # perceptron

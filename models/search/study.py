@@ -17,11 +17,13 @@ import numpy as np
 from filelock import FileLock
 
 from bench.corpora.corpus import Corpus
+from bench.ground.scratch import home, replacing
+from bench.ground.source import source_digest, versions
 from bench.models.space import Range, Space, Trial, distribution, suggested
-from bench.scratch import home, replacing
-from bench.source import source_digest, versions
 
-WORSE = 0.1  # p-value of a signed-rank test over subjects below which a trial is not followed further
+WORSE = (
+    0.1  # p-value of a signed-rank test over subjects below which a trial is not followed further
+)
 
 
 @dataclass
@@ -91,7 +93,9 @@ class Study:
         """Seconds until the budget is spent; below 0 after that."""
         return self.budget - (time.perf_counter() - self.began)
 
-    def search(self, step: Callable[[], Tried | None], key: dict[str, object], X: Corpus, y: np.ndarray) -> None:
+    def search(
+        self, step: Callable[[], Tried | None], key: dict[str, object], X: Corpus, y: np.ndarray
+    ) -> None:
         """Judge one after the other by ``step``, until there are as many as wanted or it gives None.
 
         Trials on a stored corpus are stored under it and ``key``. Those of an earlier search come first, but no more of
@@ -128,10 +132,14 @@ class Study:
                 seed = np.random.SeedSequence(entropy).generate_state(1)[0]
                 self._optuna.sampler = optuna.samplers.TPESampler(seed=int(seed))
             name = names.pop(0)
-            trial[name] = fixed[name] if name in fixed else suggested(draft, name, self._values(trial, name))
+            trial[name] = (
+                fixed[name] if name in fixed else suggested(draft, name, self._values(trial, name))
+            )
             if name == "model":
                 names += self.spaces[str(trial["model"])]
-        self._optuna.tell(draft, state=optuna.trial.TrialState.FAIL)  # it is added when it was judged
+        self._optuna.tell(
+            draft, state=optuna.trial.TrialState.FAIL
+        )  # it is added when it was judged
         return trial
 
     def worse(self, tried: Tried) -> bool:
@@ -139,7 +147,9 @@ class Study:
         import optuna
 
         seen = dict(enumerate(tried.subjects.values()))
-        trial = optuna.trial.create_trial(state=optuna.trial.TrialState.RUNNING, intermediate_values=seen)
+        trial = optuna.trial.create_trial(
+            state=optuna.trial.TrialState.RUNNING, intermediate_values=seen
+        )
         return self._optuna.pruner.prune(self._optuna, trial)
 
     def _values(self, trial: Trial, name: str) -> Range | Sequence:
@@ -157,7 +167,9 @@ class Study:
                 state=optuna.trial.TrialState[state],
                 value=tried.accuracy - (not within(tried.costs, self.limits)) if complete else None,
                 params=tried.trial,
-                distributions={name: distribution(self._values(tried.trial, name)) for name in tried.trial},
+                distributions={
+                    name: distribution(self._values(tried.trial, name)) for name in tried.trial
+                },
                 intermediate_values=dict(enumerate(tried.subjects.values())),
             )
         )
@@ -182,7 +194,10 @@ def study_name(what: dict[str, object], X: Corpus, y: np.ndarray) -> str:
     labels = "\n".join(map(str, y)).encode()
     captures = [
         X.digest,
-        *(hashlib.sha256(part).hexdigest() for part in (X.index.tobytes(), X.piece.tobytes(), labels)),
+        *(
+            hashlib.sha256(part).hexdigest()
+            for part in (X.index.tobytes(), X.piece.tobytes(), labels)
+        ),
     ]
     about = [captures, repr(X.steps), code, what, versions()]
     return hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()[:32]

@@ -17,12 +17,12 @@ from sklearn.utils.validation import check_is_fitted
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.features.selection import COUNTS, Subset
-from bench.intervals import within_one_standard_error
+from bench.ground.registry import parameters
 from bench.models.recipe import besides, build
 from bench.models.search.inner_folds import Tables, check_search, labelled_folds
 from bench.models.search.study import Study, Tried, identity
 from bench.models.space import Range, Space, Trial, Tuning
-from bench.registry import parameters
+from bench.values.intervals import within_one_standard_error
 
 COMBINATIONS = 1000  # at most so many are checked one by one before anything is run
 
@@ -91,7 +91,9 @@ class Search(ClassifierMixin, BaseEstimator):
         began = time.perf_counter()
         self.check()
         tables = Tables(self.features or {}, X, y, labelled_folds(X, y, self.inner))
-        study = Study(self._values(), {self._name: {}}, self.seed, self._size(), self.seconds, began)
+        study = Study(
+            self._values(), {self._name: {}}, self.seed, self._size(), self.seconds, began
+        )
         study.search(lambda: self._step(study, tables), self.study_key(), X, y)
         self.search_seconds_ = sum(t.seconds for t in study.tried)
         self.trials_ = pd.DataFrame([t.row() for t in study.tried])
@@ -107,13 +109,17 @@ class Search(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "best_")
         return self.best_.predict(X)
 
-    @available_if(lambda self: contract.inside(self) is self or contract.has_probabilities(self.best_))
+    @available_if(
+        lambda self: contract.inside(self) is self or contract.has_probabilities(self.best_)
+    )
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Class probabilities [captures, classes], where the recogniser has them."""
         check_is_fitted(self, "best_")
         return self.best_.predict_proba(X)
 
-    @available_if(lambda self: contract.inside(self) is not self and contract.decides_often(self.best_))
+    @available_if(
+        lambda self: contract.inside(self) is not self and contract.decides_often(self.best_)
+    )
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """Decisions of a recogniser that makes several per capture."""
         return self.best_.decide(X)
@@ -124,8 +130,17 @@ class Search(ClassifierMixin, BaseEstimator):
         return {
             "models": {name: identity(model) for name, model in self.models.items()},
             "spaces": repr(self.spaces),
-            "features": {n: [identity(type(f)), sorted(map(repr, f.get_params().items()))] for n, f in features},
-            "search": [identity(Search), self.inner, self.objective, self.seed, self._is_exhaustive()],
+            "features": {
+                n: [identity(type(f)), sorted(map(repr, f.get_params().items()))]
+                for n, f in features
+            },
+            "search": [
+                identity(Search),
+                self.inner,
+                self.objective,
+                self.seed,
+                self._is_exhaustive(),
+            ],
         }
 
     @property
@@ -141,7 +156,10 @@ class Search(ClassifierMixin, BaseEstimator):
 
     def _every(self) -> float:
         """Number of combinations, endless with a range."""
-        return math.prod(math.inf if isinstance(values, Range) else len(values) for values in self._values().values())
+        return math.prod(
+            math.inf if isinstance(values, Range) else len(values)
+            for values in self._values().values()
+        )
 
     def _size(self) -> float:
         """Number of combinations to try."""
@@ -152,12 +170,21 @@ class Search(ClassifierMixin, BaseEstimator):
 
     def _listed(self) -> Iterator[Trial]:
         """Combinations of listed values, or of too many each value alone; ranges at their defaults."""
-        values = {name: v for name, v in self._values().items() if name != "features" and not isinstance(v, Range)}
+        values = {
+            name: v
+            for name, v in self._values().items()
+            if name != "features" and not isinstance(v, Range)
+        }
         first = {name: listed[0] for name, listed in values.items()}
         if math.prod(map(len, values.values())) <= COMBINATIONS:
-            yield from (dict(zip(values, point, strict=True)) for point in itertools.product(*values.values()))
+            yield from (
+                dict(zip(values, point, strict=True))
+                for point in itertools.product(*values.values())
+            )
         else:
-            yield from (first | {name: value} for name, listed in values.items() for value in listed)
+            yield from (
+                first | {name: value} for name, listed in values.items() for value in listed
+            )
 
     def _first(self, number: int) -> Trial:
         """The points of a grid, which are not left to the sampler.
@@ -168,8 +195,13 @@ class Search(ClassifierMixin, BaseEstimator):
         if not self._is_exhaustive():
             return {}
         sizes = [len(values) for values in self._values().values()]
-        position = np.unravel_index(np.random.default_rng(self.seed).permutation(math.prod(sizes))[number], sizes)
-        return {name: values[i] for (name, values), i in zip(self._values().items(), position, strict=True)}
+        position = np.unravel_index(
+            np.random.default_rng(self.seed).permutation(math.prod(sizes))[number], sizes
+        )
+        return {
+            name: values[i]
+            for (name, values), i in zip(self._values().items(), position, strict=True)
+        }
 
     def _step(self, study: Study, tables: Tables) -> Tried | None:
         """Judge the next combination; None where there is no time, but for the first."""
@@ -182,7 +214,9 @@ class Search(ClassifierMixin, BaseEstimator):
         for fold, (train, test) in enumerate(tables.folds):
             model = self._made(tried.trial, features)
             model.fit(tables.part(name, fold, 0), tables.y[train])
-            hit = model.predict(contract.blinded(model, tables.part(name, fold, 1))) == tables.y[test]
+            hit = (
+                model.predict(contract.blinded(model, tables.part(name, fold, 1))) == tables.y[test]
+            )
             tried.judge(hit, tables.X.subjects.astype(str)[test])
             if self.objective == "accuracy" and fold + 1 < len(tables.folds) and study.worse(tried):
                 tried.state = "pruned"
@@ -212,8 +246,12 @@ class Search(ClassifierMixin, BaseEstimator):
         if self.objective == "accuracy":
             return ranked
         best = tried[ranked[0]].subjects
-        losses = {i: np.array([best[s] - tried[i].subjects[s] for s in sorted(best)]) for i in ranked}
-        return sorted((i for i in ranked if within_one_standard_error(losses[i])), key=place.__getitem__)
+        losses = {
+            i: np.array([best[s] - tried[i].subjects[s] for s in sorted(best)]) for i in ranked
+        }
+        return sorted(
+            (i for i in ranked if within_one_standard_error(losses[i])), key=place.__getitem__
+        )
 
     def _position(self, trial: Trial) -> tuple:
         """Where a combination stands if every list is read from its first value."""
@@ -224,7 +262,11 @@ class Search(ClassifierMixin, BaseEstimator):
 
 
 def tuned(
-    name: str, factory: Callable, features: dict[str, TransformerMixin] | None, shown: str, tuning: Tuning
+    name: str,
+    factory: Callable,
+    features: dict[str, TransformerMixin] | None,
+    shown: str,
+    tuning: Tuning,
 ) -> Search:
     """The search of `bench tune` and `bench tune smallest=` for a model, on its feature set or captures.
 
@@ -233,6 +275,8 @@ def tuned(
     """
     if tuning.get("smallest") == "features":
         (all_columns,) = features.values()
-        features = {f"{n} best of {shown}": Subset(clone(all_columns), n) for n in COUNTS} | features
+        features = {
+            f"{n} best of {shown}": Subset(clone(all_columns), n) for n in COUNTS
+        } | features
     how = {k: v for k, v in tuning.items() if k not in ("space", "smallest")}
     return Search({name: factory}, {name: tuning["space"]}, features, **how)

@@ -9,17 +9,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from bench.measures import Cost, Measure, percent
-from bench.result import Result, shared
-from bench.table import Table
-from bench.words import LABELS
+from bench.ground.words import LABELS
+from bench.values.measures import Cost, Measure, percent
+from bench.values.result import Result, shared
+from bench.values.table import Table
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from bench.candidate import Candidate, Losses, Wish
     from bench.reports.contexts import Section
+    from bench.values.candidate import Candidate, Losses, Wish
 
 
 class View:
@@ -32,7 +32,9 @@ class View:
     """
 
     heading: ClassVar[str] = ""  # of the table of results
-    shown: ClassVar[tuple[Measure, ...]] = ()  # columns of that table, after system, data, subset and protocol
+    shown: ClassVar[
+        tuple[Measure, ...]
+    ] = ()  # columns of that table, after system, data, subset and protocol
     ranked: ClassVar[bool] = False  # the most accurate result of several is marked in it
     searches: ClassVar[bool] = False  # what a search has chosen in each fold is printed
     score: ClassVar[str] = "accuracy"  # number by which results are ranked
@@ -48,7 +50,9 @@ class View:
     meaning: ClassVar[str] = ""  # of the score, in a sentence
     section_heading: ClassVar[str] = ""  # of its section of the page; empty for ``heading``
     line: ClassVar[str] = ""  # beside that heading
-    more: ClassVar[str] = ""  # begins names of numbers: of two runs of a system, the page has the one with more of them
+    more: ClassVar[str] = (
+        ""  # begins names of numbers: of two runs of a system, the page has the one with more of them
+    )
     intervals: ClassVar[bool] = True  # its figure or table on the page has intervals
 
     def __init__(self, key: str, tracked: tuple[str, ...], tag: str = "") -> None:
@@ -66,7 +70,9 @@ class View:
             return self.shown
         curves = [table for r in results if (table := r.tables.get(self.key)) is not None]
         cases = dict.fromkeys(case for table in curves for case in table["case"])
-        levels = {case: {*(n for t in curves for n in t["level"][t["case"] == case])} for case in cases}
+        levels = {
+            case: {*(n for t in curves for n in t["level"][t["case"] == case])} for case in cases
+        }
         columns = [
             percent(f"{case}_at_{n:g}", self.words_of(case, n), f"accuracy.{case}.{n:g}", spare=1)
             for case in cases
@@ -114,7 +120,10 @@ class View:
     def captions(self) -> tuple[str, str]:
         """Captions of the figure and of the table on the page."""
         by = f"accuracy by {self.noun or self.key}"
-        return f"{by}; means over subjects, 95 % t-intervals; dotted: captures as they are.", self.heading or by
+        return (
+            f"{by}; means over subjects, 95 % t-intervals; dotted: captures as they are.",
+            self.heading or by,
+        )
 
     def drawn(self, results: Sequence[Result]) -> Figure | None:
         """The figure on the page: accuracy against the level."""
@@ -124,7 +133,7 @@ class View:
 
     def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """CSV files of the report, by name: the curves of all systems."""
-        from bench.work.stability import joined
+        from bench.values.stability import joined
 
         return {self.key: joined(results, self.key)} if results else {}
 
@@ -134,12 +143,16 @@ class View:
 
     def candidates(self, result: Result, wish: Wish) -> Iterable[Candidate]:
         """The system in each case, scored by whole captures."""
-        from bench.candidate import Candidate
+        from bench.values.candidate import Candidate
 
         told = shared(result, self.alike)
         table = result.tables[LABELS]
-        for (case, level), rows in table[table["circumstance"] == self.key].groupby(["case", "level"], sort=False):
-            yield Candidate(", ".join([self.words_of(case, level), *told]), wish.reactions.scores(rows))
+        for (case, level), rows in table[table["circumstance"] == self.key].groupby(
+            ["case", "level"], sort=False
+        ):
+            yield Candidate(
+                ", ".join([self.words_of(case, level), *told]), wish.reactions.scores(rows)
+            )
 
     def lends(self, result: Result) -> dict[str, float]:
         """Numbers of its costs that hold for the system in other runs, too; those of a study are of its runs alone."""
@@ -154,7 +167,7 @@ class View:
 
     def gestures(self, result: Result) -> tuple[str, ...]:
         """All gestures of the captures of a run."""
-        from bench.scores import classes_of
+        from bench.values.scores import classes_of
 
         tables = (result.tables.get(name) for name in ("predictions", *result.tables))
         every = (classes_of(table) for table in tables if table is not None)

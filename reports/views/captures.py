@@ -7,17 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.columns import run_columns
-from bench.measures import Measure
-from bench.registry import circumstance_views
+from bench.ground.registry import circumstance_views
 from bench.reports.views.base import View
-from bench.result import Result
-from bench.table import Table
+from bench.values.columns import run_columns
+from bench.values.measures import Measure
+from bench.values.result import Result
+from bench.values.table import Table
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.candidate import Candidate, Wish
+    from bench.values.candidate import Candidate, Wish
 
 
 NAMED = 3  # systems that a line names
@@ -32,7 +32,7 @@ def held(results: Sequence[Result]) -> Iterator[tuple[View, list[Result]]]:
 
 def one_label(results: Sequence[Result]) -> str:
     """A warning of systems that predict one label for all test captures of a fold with several classes."""
-    from bench.scores import captures
+    from bench.values.scores import captures
 
     systems = []
     for result in results:
@@ -42,7 +42,9 @@ def one_label(results: Sequence[Result]) -> str:
         labels = captures(predictions).groupby("fold", sort=False)[["true", "predicted"]].nunique()
         if count := int(((labels["true"] > 1) & (labels["predicted"] == 1)).sum()):
             systems.append(f"{result['system']} in {count} of {len(labels)} folds")
-    named = "; ".join(systems[:NAMED]) + (f" and {len(systems) - NAMED} more systems" if len(systems) > NAMED else "")
+    named = "; ".join(systems[:NAMED]) + (
+        f" and {len(systems) - NAMED} more systems" if len(systems) > NAMED else ""
+    )
     return f"warning: all test captures of a fold get the same label: {named}" if systems else ""
 
 
@@ -64,7 +66,7 @@ class Captures(View):
 
     def then(self, results: Sequence[Result]) -> str:
         """The next command to type."""
-        from bench.outcomes.frame import choosing
+        from bench.reading.frame import choosing
 
         return choosing(results)
 
@@ -91,7 +93,7 @@ class Captures(View):
 
     def candidates(self, result: Result, wish: Wish) -> Iterator[Candidate]:
         """The system in Python, on whole captures or on windows, and in each circumstance of the run."""
-        from bench.outcomes.reactions import plain_candidates
+        from bench.reading.reactions import plain_candidates
 
         if wish.plain:
             yield from _without([plain_candidates(result, wish)], result, None)
@@ -102,12 +104,19 @@ class Captures(View):
 
     def lends(self, result: Result) -> dict[str, float]:
         """Numbers of its circumstances that hold for the system in other runs, too."""
-        return {name: value for view, _ in held([result]) for name, value in view.lends(result).items()}
+        return {
+            name: value for view, _ in held([result]) for name, value in view.lends(result).items()
+        }
 
 
 def _without(ways: Iterable[Candidate], result: Result, mine: View | None) -> Iterator[Candidate]:
     """Candidates without the costs of other circumstances of the run, unless these lend them."""
     others = [view for view, _ in held([result]) if view is not mine]
-    costs = [cost for v in others for cost in v.costs if cost.command and cost.source not in v.lends(result)]
+    costs = [
+        cost
+        for v in others
+        for cost in v.costs
+        if cost.command and cost.source not in v.lends(result)
+    ]
     for way in ways:
         yield replace(way, stored={cost.key: "" for cost in costs} | dict(way.stored))

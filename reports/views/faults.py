@@ -7,17 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from bench.measures import Cell as Shown
-from bench.measures import Cost, Measure, Row, percent, text
 from bench.reports.views.base import View
+from bench.values.measures import Cell as Shown
+from bench.values.measures import Cost, Measure, Row, percent, text
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from bench.candidate import Losses
-    from bench.result import Result
-    from bench.table import Table
+    from bench.values.candidate import Losses
+    from bench.values.result import Result
+    from bench.values.table import Table
 
 
 def losses(row: Row) -> dict[str, float]:
@@ -28,9 +28,14 @@ def losses(row: Row) -> dict[str, float]:
 
 def _halves(row: Row) -> str:
     """Each fault with the severity at which half of the margin is lost, the lowest first."""
-    halves = {k.removeprefix("half_margin."): v for k, v in row.items() if k.startswith("half_margin.")}
+    halves = {
+        k.removeprefix("half_margin."): v for k, v in row.items() if k.startswith("half_margin.")
+    }
     lowest = sorted(halves.items(), key=lambda item: item[1])
-    return ", ".join(f"{fault.replace('_', ' ')} {severity:.1f}" for fault, severity in lowest) or "nowhere"
+    return (
+        ", ".join(f"{fault.replace('_', ' ')} {severity:.1f}" for fault, severity in lowest)
+        or "nowhere"
+    )
 
 
 def _mean_loss(row: Row) -> Shown:
@@ -47,7 +52,9 @@ def _of(part: str, whole: str) -> Any:
     return lambda row: f"{row[part]:.0f} of {row[whole]:.0f}" if part in row else None
 
 
-_failing = _of("failing_slices.under", "tested_slices.under")  # of captures as they are, and of damaged ones
+_failing = _of(
+    "failing_slices.under", "tested_slices.under"
+)  # of captures as they are, and of damaged ones
 
 
 ON_PAGE = (  # columns of the table on the page, before the worst groups of captures
@@ -120,7 +127,9 @@ class Faults(View):
 
     def on_page(self, results: Sequence[Result]) -> Sequence[Measure]:
         """Accuracy, where each system fails first, and its worst groups of captures."""
-        worst = dict.fromkeys(name for r in results for name in r.metrics if name.startswith("worst."))
+        worst = dict.fromkeys(
+            name for r in results for name in r.metrics if name.startswith("worst.")
+        )
         return [*ON_PAGE, *(percent(name, name.replace(".", " ")) for name in worst)]
 
     def captions(self) -> tuple[str, str]:
@@ -134,17 +143,21 @@ class Faults(View):
         from bench.reports.curves import heat_map
 
         lost = pd.DataFrame({r.method: losses(r) for r in results}).T
-        return heat_map(lost, [r["accuracy"] for r in results], ", ".join(results[0].context)) if lost.size else None
+        return (
+            heat_map(lost, [r["accuracy"] for r in results], ", ".join(results[0].context))
+            if lost.size
+            else None
+        )
 
     def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """Accuracy under each fault."""
-        from bench.work.stability import joined
+        from bench.values.stability import joined
 
         return {"faults": joined(results, "faults")} if results else {}
 
     def lost(self, results: Sequence[Result], asked: Losses, reactions: Any) -> pd.DataFrame | None:
         """Points lost under each fault at each severity [cases, subjects], in some runs of one system."""
-        from bench.outcomes.reactions import points_lost
+        from bench.reading.reactions import points_lost
 
         return points_lost(results, asked, reactions, self.key)
 

@@ -6,17 +6,24 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.measures import Cost, Measure, percent
 from bench.reports.views.base import View
+from bench.values.measures import Cost, Measure, percent
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from bench.candidate import Candidate, Wish
-    from bench.result import Result
+    from bench.values.candidate import Candidate, Wish
+    from bench.values.result import Result
 
-CONTEXT = ("system", "data", "synthetic", "subset", "target", "protocol_label")  # of a run, in its tables
+CONTEXT = (
+    "system",
+    "data",
+    "synthetic",
+    "subset",
+    "target",
+    "protocol_label",
+)  # of a run, in its tables
 ON_PAGE = (  # columns of the table on the page, after the times
     percent("replay_accuracy", "whole"),
     percent("adaptive_accuracy", "adaptive", spare=1),
@@ -49,7 +56,9 @@ class Instants(View):
         Measure("mean_ms", "mean ms", form=".0f", spare=16),
         percent("adaptive_accuracy", "early stop %"),
         Measure("adaptive_ms", "at mean ms", form=".0f"),
-        Measure("decide_ms", "computing ms", tuple(f"replay_ms_p{p}" for p in (50, 95, 99)), spare=14),
+        Measure(
+            "decide_ms", "computing ms", tuple(f"replay_ms_p{p}" for p in (50, 95, 99)), spare=14
+        ),
         Measure("decisions_per_second", "decisions per s", form=".0f", spare=15),
     )
     costs: ClassVar[tuple[Cost, ...]] = (
@@ -69,12 +78,16 @@ class Instants(View):
 
     def shows(self, results: Sequence[Result]) -> Sequence[Measure]:
         """Columns of the times that results have, and of early stopping where it was learned."""
-        start, *others = (m for m in self.shown if self._learned(results) or not m.key.startswith("adaptive"))
+        start, *others = (
+            m for m in self.shown if self._learned(results) or not m.key.startswith("adaptive")
+        )
         return [start, *self.seen(results), *others]
 
     def seen(self, results: Sequence[Result]) -> list[Measure]:
         """Accuracy after each time that was asked for, or after round ones."""
-        times = {k.split("_")[2] for r in results for k in r.metrics if k.startswith("accuracy_at_")}
+        times = {
+            k.split("_")[2] for r in results for k in r.metrics if k.startswith("accuracy_at_")
+        }
         spare = {"500": 0, "1000": 0, "250": 5, "2000": 6}
         return [
             percent(f"at_{ms}", f"{ms} ms", f"accuracy_at_{ms}_ms", spare=spare.get(ms, 7))
@@ -90,7 +103,7 @@ class Instants(View):
 
     def then(self, results: Sequence[Result]) -> str:
         """The next command to type."""
-        from bench.outcomes.frame import choosing
+        from bench.reading.frame import choosing
 
         return choosing(results, by="decision")
 
@@ -134,6 +147,6 @@ class Instants(View):
 
     def candidates(self, result: Result, wish: Wish) -> Iterator[Candidate]:
         """The system after each time that is soon enough."""
-        from bench.outcomes.reactions import early_candidates
+        from bench.reading.reactions import early_candidates
 
         return early_candidates(result, wish)

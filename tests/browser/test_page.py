@@ -12,22 +12,36 @@ import pandas as pd
 import pytest
 
 from bench.reports.page import write_report
-from bench.store import connect
+from bench.store.client import connect
 from tests.reports.store import made_up, stressed, tracked_run
 
 pytestmark = pytest.mark.live
-PACKAGES = Path(__file__).parents[2] / "build" / "browser"  # npm install --prefix build/browser, as in .ci/run
+PACKAGES = (
+    Path(__file__).parents[2] / "build" / "browser"
+)  # npm install --prefix build/browser, as in .ci/run
 HAART = {"data": "haart", "synthetic": "false"}
-NAMES = ("svm · jung54", "rf[trees=50] · jung28", "lda[window=1.0, repair=stuck+dead, bits=8] · touch", "<b>&'\" · x")
+NAMES = (
+    "svm · jung54",
+    "rf[trees=50] · jung28",
+    "lda[window=1.0, repair=stuck+dead, bits=8] · touch",
+    "<b>&'\" · x",
+)
 
 
 def missing():
     """What the tests lack, in words."""
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    chromium = next(
+        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+    )
     if chromium is None or shutil.which("node") is None:
         return None, "Chromium and node are needed"
-    if not all((PACKAGES / "node_modules" / name).is_dir() for name in ("axe-core", "puppeteer-core")):
-        return None, f"npm packages of tests/browser/package.json are not in {PACKAGES.parent.name}/{PACKAGES.name}"
+    if not all(
+        (PACKAGES / "node_modules" / name).is_dir() for name in ("axe-core", "puppeteer-core")
+    ):
+        return (
+            None,
+            f"npm packages of tests/browser/package.json are not in {PACKAGES.parent.name}/{PACKAGES.name}",
+        )
     return chromium, ""
 
 
@@ -51,7 +65,10 @@ def order():
     people = [tables(0).groupby("capture")["subject"].first()] * len(NAMES)
     second = made_up(10, skill=0.55, seed=9)
     means = [hits_of(i).groupby(people[i]).mean().mean() for i in range(len(NAMES))]
-    hit = second.set_index("capture").filter(like="p_").idxmax(axis=1).str[2:] == second.set_index("capture")["true"]
+    hit = (
+        second.set_index("capture").filter(like="p_").idxmax(axis=1).str[2:]
+        == second.set_index("capture")["true"]
+    )
     means[0] = (means[0] + hit.groupby(people[0]).mean().mean()) / 2
     return sorted(range(len(NAMES)), key=lambda i: -means[i])
 
@@ -69,7 +86,14 @@ def folder(tmp_path_factory):
             for i, system in enumerate(NAMES):
                 tracked_run(store, system, tables(i), cost=4.0**i, **HAART)
             tracked_run(store, NAMES[0], made_up(10, skill=0.55, seed=9), seed=1, **HAART)
-            tracked_run(store, "ta2015_rf", made_up(3), protocol="challenge", protocol_label="challenge", **HAART)
+            tracked_run(
+                store,
+                "ta2015_rf",
+                made_up(3),
+                protocol="challenge",
+                protocol_label="challenge",
+                **HAART,
+            )
             tracked_run(store, "svm · jung54", made_up(6))
             for system, lost in (("svm", 0.1), ("rf", 0.2)):
                 stressed(store, system, 0.7, {"noise": lost, "shift": 0.05})
@@ -82,7 +106,12 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def seen(folder):
     """What the browser saw."""
-    command = ["node", str(Path(__file__).with_name("look.cjs")), CHROMIUM, str(folder / "index.html")]
+    command = [
+        "node",
+        str(Path(__file__).with_name("look.cjs")),
+        CHROMIUM,
+        str(folder / "index.html"),
+    ]
     env = os.environ | {"NODE_PATH": str(PACKAGES / "node_modules")}
     downloads = folder / "downloads"
     downloads.mkdir()
@@ -100,7 +129,9 @@ class TestPage:
         assert seen["console"] == [] and seen["requests"] == []
 
     def test_it_has_no_fault_that_axe_finds(self, seen):
-        assert {*seen["violations"]} >= {f"{s} {w}" for s in ("light", "dark", "compared") for w in (1200, 390)}
+        assert {*seen["violations"]} >= {
+            f"{s} {w}" for s in ("light", "dark", "compared") for w in (1200, 390)
+        }
         assert not any(seen["violations"].values()), seen["violations"]
 
     def test_verdicts_are_in_view_and_nothing_else_goes_sideways(self, seen):
@@ -111,10 +142,14 @@ class TestPage:
     def test_small_text_has_one_size_and_marks_have_titles(self, seen):
         for name, view in seen["views"].items():
             assert all(12.5 < size < 13.5 for size in view["sizes"]), (name, view["sizes"])
-            assert all(any(title.startswith(f"{system}: ") for title in view["titles"]) for system in NAMES), name
+            assert all(
+                any(title.startswith(f"{system}: ") for title in view["titles"]) for system in NAMES
+            ), name
 
     def test_the_front_is_one_screen_and_all_else_is_closed(self, seen):
-        assert all(view["first"] < (600 if "390" in name else 300) for name, view in seen["views"].items())
+        assert all(
+            view["first"] < (600 if "390" in name else 300) for name, view in seen["views"].items()
+        )
         for name, front in seen["fronts"].items():
             assert front["closed"] and front["sideways"] <= 0, name
             assert front["panes"][0] and not any(front["panes"][1:]), name
@@ -125,15 +160,29 @@ class TestPage:
 
     def test_systems_are_sorted_by_click_and_by_keyboard(self, seen):
         first, clicked, typed = (seen["live"][name] for name in ("first", "clicked", "by keyboard"))
-        assert first["sorted"] == {} and first["address"] == "" and first["names"] == [NAMES[i] for i in order()]
-        assert clicked["names"] == [*NAMES] and clicked["sorted"] == {"flash kB": "ascending"}  # cost 4 ** i
+        assert (
+            first["sorted"] == {}
+            and first["address"] == ""
+            and first["names"] == [NAMES[i] for i in order()]
+        )
+        assert clicked["names"] == [*NAMES] and clicked["sorted"] == {
+            "flash kB": "ascending"
+        }  # cost 4 ** i
         assert typed["names"] == [*NAMES[::-1]] and typed["sorted"] == {"flash kB": "descending"}
-        assert clicked["address"] == "#sort=flash" and typed["address"] == "#sort=-flash" and typed["focus"] == "flash"
+        assert (
+            clicked["address"] == "#sort=flash"
+            and typed["address"] == "#sort=-flash"
+            and typed["focus"] == "flash"
+        )
 
     def test_filter_seeds_and_columns_are_what_is_downloaded(self, folder, seen):
-        filtered, unfolded, fewer = (seen["live"][name] for name in ("filtered", "unfolded", "fewer columns"))
+        filtered, unfolded, fewer = (
+            seen["live"][name] for name in ("filtered", "unfolded", "fewer columns")
+        )
         assert filtered["names"] == [NAMES[1], NAMES[0]] and "filter=jung" in filtered["address"]
-        assert unfolded["seeds"] == ["seed 0", "seed 1"] and f"open={NAMES[0]}" in unfolded["address"]
+        assert (
+            unfolded["seeds"] == ["seed 0", "seed 1"] and f"open={NAMES[0]}" in unfolded["address"]
+        )
         assert [head for head in unfolded["heads"] if head not in fewer["heads"]] == ["test"]
         (file,) = (folder / "downloads").glob("*.csv")
         head, *rows = csv.reader(file.read_text(encoding="utf-8").splitlines())
@@ -158,7 +207,10 @@ class TestPage:
         for name, count in zip((one, two), only, strict=True):
             assert f"Only {name} classifies {count} capture" in found["pair"]
         measures, gestures = found["cells"]
-        assert ["flash kB", *(f"{4.0 ** NAMES.index(name) * 4:.3g}" for name in (one, two))] in measures
+        assert [
+            "flash kB",
+            *(f"{4.0 ** NAMES.index(name) * 4:.3g}" for name in (one, two)),
+        ] in measures
         assert [sum(int(row[i]) for row in gestures) for i in (5, 6)] == only
         gaps = [abs(float(row[4])) for row in gestures]
         assert gaps == sorted(gaps, reverse=True) and len(gestures) == 3

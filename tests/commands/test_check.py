@@ -6,8 +6,8 @@ from xml.etree import ElementTree
 import pytest
 
 from bench.cli import main
-from bench.outcomes.gate import read
-from bench.source import git_revision
+from bench.ground.source import git_revision
+from bench.reading.gate import read
 
 
 @pytest.fixture
@@ -58,7 +58,11 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     out = said("update=true", "model=copied", *small).out
     assert "new      copied | synth* | loso: " in out and f"{baseline}: 1 system" in out
     before, (stored,) = baseline.read_text(), read(baseline)
-    assert len(stored.labels) == 56 and stored.names["seed"] == "none" and 0 < stored.costs["relative"] < 1000
+    assert (
+        len(stored.labels) == 56
+        and stored.names["seed"] == "none"
+        and 0 < stored.costs["relative"] < 1000
+    )
     assert stored.run == " ".join(["model=copied", *small])
 
     again = said(f"junit={report}")
@@ -66,7 +70,11 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     assert ElementTree.parse(report).getroot().get("failures") == "0"
 
     copied(wrong="maps = [np.roll(m, 1) * (1 + (len(f) % 3)) for m, f in zip(maps, X)]")
-    (line,) = [line for line in said(f"junit={report}", code=1).out.splitlines() if " labels changed" in line]
+    (line,) = [
+        line
+        for line in said(f"junit={report}", code=1).out.splitlines()
+        if " labels changed" in line
+    ]
     (case,) = ElementTree.parse(report).getroot()
     assert case.find("failure").get("message") == line and not line.startswith("same")
     revision = git_revision() or "unknown"
@@ -83,7 +91,9 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     assert main(["run", *more]) == 0
     more.append("update=true")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+        patch.setattr(
+            "os.replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device"))
+        )
         assert "No space left on device" in said(*more, code=2).err
     assert baseline.read_text() == before and len(list(baseline.parent.iterdir())) == 1
     out = said(*more).out

@@ -8,7 +8,7 @@ from mlflow.entities import ViewType
 
 from bench.cli import main
 from bench.plan.plan import Plan
-from bench.work.workers import Here
+from bench.running.workers import Here
 from tests.conftest import SMALL, runs
 
 GRIDS = """
@@ -70,17 +70,30 @@ def test_a_file_of_grids_goes_on_after_ctrl_c_and_marks_its_runs(monkeypatch, ca
     said(code=130)
     out = said("dry=yes").out
     assert len(done) == 4 and [out.count(f"{n} of 3") for n in (3, 1, 0)] == [1, 1, 1]
-    assert "3 runs, 1 stored, about " in out and "unknown" not in out  # from its own folds, and from those of seed 0
+    assert (
+        "3 runs, 1 stored, about " in out and "unknown" not in out
+    )  # from its own folds, and from those of seed 0
     monkeypatch.setattr(Here, "folds", whole)
     progress = said().err
     assert "1 of 3 runs already stored" in progress and "run 3 of 3" in progress
-    assert "run 2 of 3: tree · jung28 | synth | loso: fold 1 " not in progress  # that fold was stored
-    assert main(["run", *SMALL, "model=bayes,tree", "features=jung28"]) == 0  # the same runs, whoever names them
+    assert (
+        "run 2 of 3: tree · jung28 | synth | loso: fold 1 " not in progress
+    )  # that fold was stored
+    assert (
+        main(["run", *SMALL, "model=bayes,tree", "features=jung28"]) == 0
+    )  # the same runs, whoever names them
     assert "2 of 2 runs already stored" in capsys.readouterr().err
     Path("grids.toml").write_text(GRIDS + "# the same grids in another file\n")
-    assert "3 of 3 runs already stored" in said().err and "3 runs, 3 stored\n" in said("dry=yes").out
-    digests = [hashlib.sha256(text).hexdigest()[:16] for text in (GRIDS.encode(), Path("grids.toml").read_bytes())]
-    assert [run.data.tags["touchbench.grids"] for run in runs("cell")[1]] == [", ".join(digests)] * 3
+    assert (
+        "3 of 3 runs already stored" in said().err and "3 runs, 3 stored\n" in said("dry=yes").out
+    )
+    digests = [
+        hashlib.sha256(text).hexdigest()[:16]
+        for text in (GRIDS.encode(), Path("grids.toml").read_bytes())
+    ]
+    assert [run.data.tags["touchbench.grids"] for run in runs("cell")[1]] == [
+        ", ".join(digests)
+    ] * 3
 
 
 def test_after_a_failure_of_everything_no_command_comes_next(capsys):
@@ -110,14 +123,18 @@ def test_runs_are_listed_and_deleted_as_mlflow_deletes_them(monkeypatch, capsys)
     ):
         assert main(["runs", *words]) == code and fact in capsys.readouterr().err
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    assert main(["runs", f"run={trees[0][:8]}", "delete=yes"]) == 1 and asked == ["Delete 1 run? [yes/no] "]
+    assert main(["runs", f"run={trees[0][:8]}", "delete=yes"]) == 1 and asked == [
+        "Delete 1 run? [yes/no] "
+    ]
     assert len(runs("cell")[1]) == 3
     monkeypatch.setattr("builtins.input", lambda question: "yes")
     assert main(["runs", f"run={trees[0][:8]}", "delete=yes"]) == 0
     experiment = [store.experiment_id]
     (gone,) = store.client.search_runs(experiment, run_view_type=ViewType.DELETED_ONLY)
     assert gone.info.run_id == trees[0] and gone.info.lifecycle_stage == "deleted"
-    assert {run.info.run_id for run in runs("cell")[1]} == {run.info.run_id for run in stored} - {trees[0]}
+    assert {run.info.run_id for run in runs("cell")[1]} == {run.info.run_id for run in stored} - {
+        trees[0]
+    }
     store.client.restore_run(trees[0])
     capsys.readouterr()
     assert main(["run", *SMALL, "model=bayes,tree", "features=jung28", "seed=0,1"]) == 0

@@ -9,8 +9,8 @@ import pytest
 
 import bench
 from bench.cli import main
+from bench.ground.words import quoted
 from bench.reports.views.captures import one_label
-from bench.words import quoted
 from tests.reports.store import made_up, tracked_run
 from tests.results import evaluated, with_hits
 
@@ -19,7 +19,9 @@ def test_a_choice_loads_neither_torch_nor_scikit_learn(store):
     for system in ("lda", "svm"):
         tracked_run(store, system, made_up())
     code = "import sys; from bench.cli import main; main(['choose']); print({'torch', 'sklearn'} & set(sys.modules))"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert "\nChoose " in out and out.splitlines()[-1] == "set()"
 
 
@@ -30,7 +32,9 @@ def test_at_most_eight_lines_follow_the_table_and_why_prints_the_rest(store, cap
     tracked_run(store, "failed", made_up(8), failed=1)
 
     def below(*more):
-        main(["choose", "max_flash=20kB", "max_ram=1MB", "max_decision=9s", "max_predict=9s", *more])
+        main(
+            ["choose", "max_flash=20kB", "max_ram=1MB", "max_decision=9s", "max_predict=9s", *more]
+        )
         return capsys.readouterr().out.rpartition("┘")[2].strip().splitlines()
 
     brief, every = below(), below("why=yes")
@@ -50,7 +54,11 @@ def test_a_run_with_one_label_in_a_fold_is_warned_of():
     right = with_hits([20, 15, 10])
     one = right.assign(**{f"p_{g}": float(g == "pat") for g in ("pat", "rub", "tap")})
     line = one_label([evaluated("lda", right), evaluated("One", one)])
-    assert "One in 3 of 3 folds" in line and "lda" not in line and one_label([evaluated("lda", right)]) == ""
+    assert (
+        "One in 3 of 3 folds" in line
+        and "lda" not in line
+        and one_label([evaluated("lda", right)]) == ""
+    )
 
 
 VALUES = r"""a == 'it"s'; x == '$HOME'; plain; a == '`ls`'; x == 'a!b'"""

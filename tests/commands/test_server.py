@@ -19,8 +19,8 @@ import pytest
 
 from bench.cli import main
 from tests.conftest import BENCH
-from tests.work.test_fit import as_table
-from tests.work.test_loop import SMALL
+from tests.running.test_fit import as_table
+from tests.running.test_loop import SMALL
 
 pytestmark = [pytest.mark.live, pytest.mark.real_store, pytest.mark.pool]
 PATIENCE = 600  # seconds for a server to answer on a busy machine
@@ -67,12 +67,38 @@ def postgres(folder):
         if not any(p.pw_name == "postgres" for p in pwd.getpwall()):
             pytest.skip("root cannot start PostgreSQL, and there is no user postgres")
         user = {"user": "postgres"}
-    folder = Path(subprocess.run(["mktemp", "-d"], capture_output=True, text=True, check=True, **user).stdout.strip())
-    made = [program("initdb"), "-D", folder / "db", "-U", "bench", "-A", "trust", "-E", "UTF8", "--no-sync"]
+    folder = Path(
+        subprocess.run(
+            ["mktemp", "-d"], capture_output=True, text=True, check=True, **user
+        ).stdout.strip()
+    )
+    made = [
+        program("initdb"),
+        "-D",
+        folder / "db",
+        "-U",
+        "bench",
+        "-A",
+        "trust",
+        "-E",
+        "UTF8",
+        "--no-sync",
+    ]
     try:
         subprocess.run(made, check=True, capture_output=True, cwd="/", **user)
         port = free_port()
-        command = [program("postgres"), "-D", folder / "db", "-p", str(port), "-h", "127.0.0.1", "-k", folder, "-F"]
+        command = [
+            program("postgres"),
+            "-D",
+            folder / "db",
+            "-p",
+            str(port),
+            "-h",
+            "127.0.0.1",
+            "-k",
+            folder,
+            "-F",
+        ]
         place = f"bench@127.0.0.1:{port}/postgres"
 
         def ready():
@@ -118,7 +144,9 @@ def test_the_ui_serves_the_runs_under_the_address_it_prints(tmp_path):
             time.sleep(0.2)
         import mlflow
 
-        runs = mlflow.MlflowClient(place).search_runs([address.split("/experiments/")[1].split("/")[0]])
+        runs = mlflow.MlflowClient(place).search_runs(
+            [address.split("/experiments/")[1].split("/")[0]]
+        )
     assert [r.info.run_name for r in runs] == ["run bayes · jung54 | synth | loso"]
     assert not answers(f"{place}/health")  # ended with the command
 
@@ -145,9 +173,16 @@ def test_a_saved_system_is_served(tmp_path, capsys):
         return json.load(urllib.request.urlopen(request))["predictions"]
 
     place = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-    with started(server, lambda: answers(f"http://127.0.0.1:{port}/ping"), tmp_path / "s.txt", env=os.environ | place):
+    with started(
+        server,
+        lambda: answers(f"http://127.0.0.1:{port}/ping"),
+        tmp_path / "s.txt",
+        env=os.environ | place,
+    ):
         assert [row["label"] for row in asked()] == expected["label"].tolist()
-        assert [row["label"] for row in asked(params={"rate_hz": 135.0})] == expected["label"].tolist()
+        assert [row["label"] for row in asked(params={"rate_hz": 135.0})] == expected[
+            "label"
+        ].tolist()
         with pytest.raises(urllib.error.HTTPError) as refused:
             asked(params={"rate_hz": 54.0})
         assert refused.value.code == 400 and "resample" in refused.value.read().decode()
@@ -164,12 +199,23 @@ def test_several_commands_write_to_one_server_at_once(tmp_path, monkeypatch):
         place = f"http://127.0.0.1:{port}"
         ready = partial(answers, f"{place}/health")
         env = os.environ | {"MLFLOW_DISABLE_TELEMETRY": "true"}
-        with started(server_command(store, tmp_path, port), ready, tmp_path / "server.txt", env=env):
+        with started(
+            server_command(store, tmp_path, port), ready, tmp_path / "server.txt", env=env
+        ):
             monkeypatch.setenv("MLFLOW_TRACKING_URI", place)
             small = ["features=jung28", "data.subjects=3", "data.variants=normal", "jobs=1"]
-            how = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "cwd": tmp_path}
+            how = {
+                "stdout": subprocess.PIPE,
+                "stderr": subprocess.STDOUT,
+                "text": True,
+                "cwd": tmp_path,
+            }
             how["env"] = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
-            commands = [("run", "model=svm"), ("run", "model=bayes"), ("run", "model=svm", "after=each")]
+            commands = [
+                ("run", "model=svm"),
+                ("run", "model=bayes"),
+                ("run", "model=svm", "after=each"),
+            ]
             running = [subprocess.Popen([*BENCH, *command, *small], **how) for command in commands]
             try:
                 for process in running:
@@ -183,6 +229,10 @@ def test_several_commands_write_to_one_server_at_once(tmp_path, monkeypatch):
             client = mlflow.MlflowClient(place)
             runs = client.search_runs([client.get_experiment_by_name("touchbench").experiment_id])
             assert len(runs) == 3 and {r.info.status for r in runs} == {"FINISHED"}
-            assert {len(client.get_metric_history(r.info.run_id, "fold/accuracy")) for r in runs} == {3}
-            assert {a.path for r in runs for a in client.list_artifacts(r.info.run_id)} >= {"folds.parquet"}
+            assert {
+                len(client.get_metric_history(r.info.run_id, "fold/accuracy")) for r in runs
+            } == {3}
+            assert {a.path for r in runs for a in client.list_artifacts(r.info.run_id)} >= {
+                "folds.parquet"
+            }
             assert not Path("mlflow.db").exists()

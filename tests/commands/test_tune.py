@@ -12,21 +12,43 @@ from bench.commands import tune
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
-from bench.options import keys, parse
+from bench.grammar.options import keys, parse
 from bench.plan.plan import planned
 from tests.conftest import predictions, runs
 
-SMALL = ["data.subjects=4", "data.variants=normal", "jobs=1"]  # two in each half of the training subjects
+SMALL = [
+    "data.subjects=4",
+    "data.variants=normal",
+    "jobs=1",
+]  # two in each half of the training subjects
 TWO = ["protocol=groupkfold", "protocol.folds=2", *SMALL]
 
 
 def test_declared_ranges_are_searched_single_values_kept_and_each_seed_is_a_run():
-    assert main(["tune", "features=jung28", *TWO, "model=xgb", "model.trees=1", "trials=2", "inner=2", "seed=0,1"]) == 0
+    assert (
+        main(
+            [
+                "tune",
+                "features=jung28",
+                *TWO,
+                "model=xgb",
+                "model.trees=1",
+                "trials=2",
+                "inner=2",
+                "seed=0,1",
+            ]
+        )
+        == 0
+    )
     client, parents = runs("cell")
     assert [p.data.tags["seed"] for p in parents] == ["0", "1"]
     tried = [predictions(client, p, "trials") for p in parents]
     for trials in tried:
-        assert len(trials) == 4 and set(trials["xgb.trees"]) == {1} and trials["xgb.rate"].nunique() == 2
+        assert (
+            len(trials) == 4
+            and set(trials["xgb.trees"]) == {1}
+            and trials["xgb.rate"].nunique() == 2
+        )
     assert not set(tried[0]["xgb.rate"]) & set(tried[1]["xgb.rate"])
 
 
@@ -46,7 +68,10 @@ def test_values_are_judged_together(monkeypatch):
         ("tune model=jung2017_tree", "bench run model=jung2017_tree"),
         ("tune model=rf model.seed=1,2", "seed="),
         ("tune model=zhou2016_gm_lstm model.frames=16,32 model.average=20", "model.average=20:"),
-        (f"tune model=zhou2016_gm_lstm model.frames=16,32 {TWO[0]} {TWO[1]} inner=2", "epoch"),  # of one subject
+        (
+            f"tune model=zhou2016_gm_lstm model.frames=16,32 {TWO[0]} {TWO[1]} inner=2",
+            "epoch",
+        ),  # of one subject
         ("tune model=cnn85 smallest=frames model.hop=20", "model.hop=20:"),
         ("tune model=rf smallest=seed", "smallest=seed"),
         ("tune model=cnn85 smallest=features", "cnn85"),

@@ -25,7 +25,9 @@ READERS = {"cost": cost.read, "cuddlebot": cuddlebot.read, "haart": haart.read, 
 def raw(folder, name, content):
     """A file with this content."""
     (folder / name).parent.mkdir(exist_ok=True)
-    (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogateescape"))
+    (folder / name).write_bytes(
+        content if isinstance(content, bytes) else content.encode("utf-8", "surrogateescape")
+    )
     return folder / name
 
 
@@ -44,7 +46,12 @@ def parquet(folder, **columns):
 
 def npz(folder, **arrays):
     """Two captures as arrays, with others; None leaves one out."""
-    good = {"frames": np.ones((3, 1, 2)), "offsets": [0, 2, 3], "subject": ["ann", "bob"], "gesture": ["pat", "rub"]}
+    good = {
+        "frames": np.ones((3, 1, 2)),
+        "offsets": [0, 2, 3],
+        "subject": ["ann", "bob"],
+        "gesture": ["pat", "rub"],
+    }
     np.savez(folder / "my.npz", **{name: a for name, a in (good | arrays).items() if a is not None})
     return folder / "my.npz"
 
@@ -73,11 +80,16 @@ def held_out_csv(*captures):
     """The test file of HAART."""
     rows = [f"ParticipantID,Substrate,Cover,Gesture,Sequence,{','.join(haart.CELLS)}"]
     for i, (who, gesture) in enumerate(captures):
-        rows += [f"{who},foam,none,{gesture},{t},{i}{',7' * 62},9" for t in range(1, haart.FRAMES + 1)]
+        rows += [
+            f"{who},foam,none,{gesture},{t},{i}{',7' * 62},9" for t in range(1, haart.FRAMES + 1)
+        ]
     return "\n".join(rows) + "\n"
 
 
-RELEASE = {"training.csv": training_csv(("P4", "pat")), "testWITHLABELS.csv": held_out_csv(("T9", "rub"))}
+RELEASE = {
+    "training.csv": training_csv(("P4", "pat")),
+    "testWITHLABELS.csv": held_out_csv(("T9", "rub")),
+}
 
 
 def archive(folder, packing=zipfile.ZIP_DEFLATED, name="r.zip", parts=RELEASE):
@@ -106,4 +118,6 @@ def study(name, people=("1", "2"), classes=("pat", "rub"), shape=(4, 5), rate_hz
     rows = [(who, what) for who in people for what in classes]
     captures = pd.DataFrame(rows, columns=["subject", "gesture"]).assign(**columns)
     arrays = [rng.random((8 + i, *shape)).astype(np.float32) for i in range(len(rows))]
-    return Corpus.from_captures(arrays, captures, rate_hz, full_scale=1.0, name=name, info={"format": "table"})
+    return Corpus.from_captures(
+        arrays, captures, rate_hz, full_scale=1.0, name=name, info={"format": "table"}
+    )

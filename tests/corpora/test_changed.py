@@ -30,7 +30,9 @@ def test_frames_are_put_together_again(row, lag, count):
     frames = np.random.default_rng(row).integers(0, 1023, (count, 5, 3)).astype(np.uint16)
     mended = aligned(broken(frames, row, lag), row, lag)
     places = [k for k in range(count) if len(mended) and (frames[k] == mended[0]).all()]
-    assert len(mended) == count - 2 * abs(lag) and np.array_equal(mended, frames[places[0] :][: len(mended)])
+    assert len(mended) == count - 2 * abs(lag) and np.array_equal(
+        mended, frames[places[0] :][: len(mended)]
+    )
 
 
 @pytest.mark.parametrize(("row", "lag"), [(2, 1), (6, -1), (3, 0)])
@@ -39,7 +41,9 @@ def test_a_seam_is_found_where_it_is_and_gone_when_mended(row, lag):
     assert not any(seam.found for seam in seams(whole))
     faulty = corpus_of([broken(frames, row, lag) for frames in whole if len(frames) > 20])
     rows, columns = seams(faulty)
-    assert rows.found and (rows.weakest, rows.lag) == (row, lag) and f"align={row}:{lag}" in str(rows)
+    assert (
+        rows.found and (rows.weakest, rows.lag) == (row, lag) and f"align={row}:{lag}" in str(rows)
+    )
     assert not columns.found
     assert not any(seam.found for seam in seams(cut(faulty, "table", {"align": f"{row}:{lag}"})))
 
@@ -68,7 +72,9 @@ def test_no_weight_is_negative_and_no_side_is_favoured(count, wanted):
     if wanted <= count:  # means, of which nothing is lost on average
         np.testing.assert_allclose((table @ values).mean(), values.mean())
     else:  # lines between the middles
-        by_hand = np.interp((np.arange(wanted) + 0.5) / wanted, (np.arange(count) + 0.5) / count, values)
+        by_hand = np.interp(
+            (np.arange(wanted) + 0.5) / wanted, (np.arange(count) + 0.5) / count, values
+        )
         np.testing.assert_allclose(table @ values, by_hand)
     frames = resampled(values[:, None, None], count, wanted)
     assert frames.dtype == np.float32
@@ -79,9 +85,13 @@ def test_a_rate_and_a_grid_by_hand():
     np.testing.assert_allclose(weights(3, 2), [[2 / 3, 1 / 3, 0], [0, 1 / 3, 2 / 3]])
     np.testing.assert_allclose(weights(4, 2), [[1 / 2, 1 / 2, 0, 0], [0, 0, 1 / 2, 1 / 2]])
     frames = np.arange(4 * 2 * 4, dtype=np.uint16).reshape(4, 2, 4)
-    np.testing.assert_allclose(resampled(frames, 100.0, 50.0), frames.reshape(2, 2, 2, 4).mean(axis=1))
+    np.testing.assert_allclose(
+        resampled(frames, 100.0, 50.0), frames.reshape(2, 2, 2, 4).mean(axis=1)
+    )
     assert len(resampled(frames, 100.0, 1.0)) == 1
-    np.testing.assert_allclose(regridded(frames, 1, 2), frames.reshape(4, 1, 2, 2, 2).mean(axis=(2, 4)))
+    np.testing.assert_allclose(
+        regridded(frames, 1, 2), frames.reshape(4, 1, 2, 2, 2).mean(axis=(2, 4))
+    )
     assert np.array_equal(regridded(frames, 2, 4), frames)
     np.testing.assert_allclose(scaled(frames, 31.0, 1.0).max(), 1.0)
 
@@ -91,19 +101,31 @@ def test_several_corpora_as_one_keep_people_apart_and_have_the_classes_and_condi
     other = study("two", classes=("rub", "pat", "hug"), shape=(6, 3), rate_hz=20.0, cover="none")
     third = study("three", people=("2",), cover="none").changed(full_scale=4.0)
     joint = together([one, other, third])
-    assert joint.name == "one+two+three" and joint.grid == (4, 3) and joint.rate_hz == 20.0 and joint.full_scale == 1.0
-    assert list(joint.captures) == ["subject", "gesture", "cover", "corpus"] and len(joint) == 4 + 4 + 2
+    assert (
+        joint.name == "one+two+three"
+        and joint.grid == (4, 3)
+        and joint.rate_hz == 20.0
+        and joint.full_scale == 1.0
+    )
+    assert (
+        list(joint.captures) == ["subject", "gesture", "cover", "corpus"]
+        and len(joint) == 4 + 4 + 2
+    )
     assert sorted(set(joint.subjects)) == ["one 1", "one 2", "three 2", "two 1", "two 2"]
     assert joint.captures["corpus"].tolist() == ["one"] * 4 + ["two"] * 4 + ["three"] * 2
     assert joint.gestures.tolist() == ["pat", "rub"] * 2 + ["rub", "pat"] * 2 + ["pat", "rub"]
-    np.testing.assert_allclose(joint[2], brought(one[3:4], 20.0, (4, 3), 1.0)[0])  # "tap" is left out
+    np.testing.assert_allclose(
+        joint[2], brought(one[3:4], 20.0, (4, 3), 1.0)[0]
+    )  # "tap" is left out
     np.testing.assert_allclose(joint[9], brought(third[1:2], 20.0, (4, 3), 4.0)[0] / 4, rtol=1e-6)
 
 
 def test_the_same_people_are_not_joined():
     one = study("one").changed(digest="d" * 64)
     cut = study("two").changed(info={"format": "table", "unchanged": "d" * 64})
-    with pytest.raises(InputError, match=r"data=one\+two: one and two are imports of the same recordings"):
+    with pytest.raises(
+        InputError, match=r"data=one\+two: one and two are imports of the same recordings"
+    ):
         together([one, cut])
     with pytest.raises(InputError, match="1 classes are in all"):
         together([one, study("three", classes=("pat", "hug"))])

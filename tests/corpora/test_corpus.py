@@ -11,7 +11,7 @@ from bench.corpora.corpus import storage
 from bench.corpora.folder import content_digest, open_folder, write_folder
 from bench.errors import InputError
 from tests.conftest import random_corpus
-from tests.work.fakes import Level
+from tests.running.fakes import Level
 
 WHOLE = random_corpus()
 
@@ -20,7 +20,10 @@ WHOLE = random_corpus()
 def test_a_slice_holds_the_frames_of_its_captures_and_shares_memory(chosen):
     some = WHOLE[np.array(chosen)]
     expected = [WHOLE.frames[WHOLE.starts[i] : WHOLE.starts[i] + WHOLE.lengths[i]] for i in chosen]
-    assert some.shape == (len(some),) == (len(chosen),) and some.gestures.tolist() == WHOLE.gestures[chosen].tolist()
+    assert (
+        some.shape == (len(some),) == (len(chosen),)
+        and some.gestures.tolist() == WHOLE.gestures[chosen].tolist()
+    )
     assert all(map(np.array_equal, some, expected)) and storage(some)[0] is storage(WHOLE)[0]
     assert np.array_equal(some.frames, np.concatenate(expected))
     assert some.starts.tolist() == [0, *np.cumsum(some.lengths)[:-1]]
@@ -49,7 +52,8 @@ def test_stored_and_mapped_again(corpus, tmp_path):
 @pytest.mark.parametrize("field", ["frames", "rate_hz", "full_scale", "captures", "lengths"])
 def test_any_change_changes_the_digest(corpus, field):
     values = {
-        "frames": corpus.frames + (np.arange(corpus.frames.size) == 0).astype(np.uint16).reshape(corpus.frames.shape),
+        "frames": corpus.frames
+        + (np.arange(corpus.frames.size) == 0).astype(np.uint16).reshape(corpus.frames.shape),
         "rate_hz": 50.0,
         "full_scale": 4095.0,
         "captures": corpus.captures.assign(subject="1"),
@@ -60,10 +64,16 @@ def test_any_change_changes_the_digest(corpus, field):
 
 @pytest.mark.parametrize("column", ["nothing", "subject+nothing", "cover"])
 def test_a_target_that_some_captures_lack_is_refused(corpus, column):
-    with pytest.raises(InputError, match=f"target={re.escape(column)}.*subject, gesture, repetition"):
-        corpus.changed(captures=corpus.captures.assign(cover=[None, *["x"] * 35])).with_target(column)
+    with pytest.raises(
+        InputError, match=f"target={re.escape(column)}.*subject, gesture, repetition"
+    ):
+        corpus.changed(captures=corpus.captures.assign(cover=[None, *["x"] * 35])).with_target(
+            column
+        )
 
 
 def test_scikit_learn_takes_a_corpus_as_it_takes_an_array(corpus):
-    table = cross_validate(Level(), corpus, corpus.gestures, groups=corpus.subjects, cv=LeaveOneGroupOut())
+    table = cross_validate(
+        Level(), corpus, corpus.gestures, groups=corpus.subjects, cv=LeaveOneGroupOut()
+    )
     assert len(table["test_score"]) == 4 and table["test_score"].mean() > 0.9

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench import words
 from bench.corpora import faults
 from bench.corpora.faults import FAULTS, SEVERITIES, as_shares, damaged, fault
+from bench.ground import words
 from tests.conftest import random_corpus
 
 ALL = list(FAULTS.values())
@@ -42,16 +42,34 @@ BY_HAND = [  # fault, amount, frames, draws, damaged frames
     ("dead_taxels", 40, FOUR, {"permutation": np.array([2, 0, 1, 3])}, [[[0, 0.11], [0, 0.13]]]),
     ("stuck_taxels", 1, FOUR, {"permutation": np.array([3, 0, 1, 2])}, [[[0.1, 0.11], [0.12, 1]]]),
     # row 1 and column 2
-    ("dead_lines", 40, SIX, {"permutation": np.array([1, 4, 0, 2, 3])}, [[[0.1, 0.2, 0], [0, 0, 0]]]),
+    (
+        "dead_lines",
+        40,
+        SIX,
+        {"permutation": np.array([1, 4, 0, 2, 3])},
+        [[[0.1, 0.2, 0], [0, 0, 0]]],
+    ),
     ("saturation", 90, TAPS, {}, [[[0.05, 0.1], [0.1, 0.1]]]),
-    ("noise", 10, TAPS, {"standard_normal": np.float32([[[-1, 1], [2, 1]]])}, [[[0, 0.2], [0.4, 1]]]),
+    (
+        "noise",
+        10,
+        TAPS,
+        {"standard_normal": np.float32([[[-1, 1], [2, 1]]])},
+        [[[0, 0.2], [0.4, 1]]],
+    ),
     ("fewer_bits", 2, [[[0, 0.16, 0.17, 0.5, 0.84, 1]]], {}, [[[0, 0, 1 / 3, 2 / 3, 1, 1]]]),
     # a quarter of a period a frame
     ("vibration", 10, STILL, {"random": 0.0, "rate_hz": 12.0}, [0.5, 0.6, 0.5, 0.4, 0.5]),
     # 0.1 % in the ten seconds of a frame
     ("drift", 36, STILL, {"rate_hz": 0.1}, [0.5, 0.501, 0.502, 0.503, 0.504]),
     # a quarter of the taxels is half of each side; it begins at row 0, column 4
-    ("noisy_region", 25, WIDE, {"random": [0.2, 0.99], "standard_normal": np.ones((1, 4, 8), np.float32)}, NOISY),
+    (
+        "noisy_region",
+        25,
+        WIDE,
+        {"random": [0.2, 0.99], "standard_normal": np.ones((1, 4, 8), np.float32)},
+        NOISY,
+    ),
     ("dropped_frames", 40, RAMP, {"random": LUCK}, [0, 0.3, 0.4]),
     ("dropped_frames", 60, RAMP, {"random": LUCK / 2}, [0]),  # the luckiest one arrives
     ("lower_rate", 4, RAMP, {}, [0, 0, 0, 0, 0.4, 0.4]),
@@ -60,7 +78,13 @@ BY_HAND = [  # fault, amount, frames, draws, damaged frames
     ("late_start", 80, RAMP[:1], {}, [0]),
     ("early_end", 80, RAMP[:1], {}, [0]),
     # moments 0, 1.5, 1, 3, 4.5, 5, put in order
-    ("time_jitter", 0.5, RAMP, {"standard_normal": np.array([-1, 1, -2, 0, 1, 3])}, [0, 0.1, 0.15, 0.3, 0.45, 0.5]),
+    (
+        "time_jitter",
+        0.5,
+        RAMP,
+        {"standard_normal": np.array([-1, 1, -2, 0, 1, 3])},
+        [0, 0.1, 0.15, 0.3, 0.45, 0.5],
+    ),
     ("shift", 1, SIX, {"uniform": 0.0}, [[[0, 0.1, 0.2], [0, 0.4, 0.5]]]),  # to the right
     ("shift", 0.5, SIX, {"uniform": np.pi / 2}, [[[0.05, 0.1, 0.15], [0.25, 0.35, 0.45]]]),
     ("rotation", 90, TAPS, {"choice": 1}, np.rot90(TAPS, -1, (1, 2))),
@@ -70,19 +94,35 @@ BY_HAND = [  # fault, amount, frames, draws, damaged frames
         *("rotation", 45, np.pad([[[1.0]]], ((0, 0), (0, 2), (1, 1))), {"choice": 1}),
         [[[0, HALF * (1 - HALF), 2 - 2 * HALF], [0, 0, HALF * (1 - HALF)], [0, 0, 0]]],
     ),
-    ("smaller_grid", 50, np.ones((1, 4, 8)), {}, np.pad(np.ones((1, 2, 4)), ((0, 0), (1, 1), (2, 2)))),
+    (
+        "smaller_grid",
+        50,
+        np.ones((1, 4, 8)),
+        {},
+        np.pad(np.ones((1, 2, 4)), ((0, 0), (1, 1), (2, 2))),
+    ),
     ("smaller_grid", 75, np.ones((1, 1, 2)), {}, [[[1, 0]]]),
-    ("cover", 0.5, np.pad([[[1.0]]], ((0, 0), (3, 3), (3, 3))), {}, [np.outer(SIDE, SIDE) / SIDE.sum() ** 2]),
+    (
+        "cover",
+        0.5,
+        np.pad([[[1.0]]], ((0, 0), (3, 3), (3, 3))),
+        {},
+        [np.outer(SIDE, SIDE) / SIDE.sum() ** 2],
+    ),
     ("cover", 1, np.ones((1, 1, 2)), {}, [[[NEAR * NEAR * (1 + np.exp(-0.5))] * 2]]),
 ]
 
 
-@pytest.mark.parametrize(("name", "amount", "frames", "draws", "expected"), BY_HAND, ids=[one[0] for one in BY_HAND])
+@pytest.mark.parametrize(
+    ("name", "amount", "frames", "draws", "expected"), BY_HAND, ids=[one[0] for one in BY_HAND]
+)
 def test_a_fault_by_hand(name, amount, frames, draws, expected):
     frames, draws = np.asarray(frames, np.float32), dict(draws)
     time = {"rate_hz": draws.pop("rate_hz")} if "rate_hz" in draws else {}
     after = FAULTS[name].damage(frames, amount, Luck(**draws), **time)
-    np.testing.assert_allclose(after, np.reshape(expected, (-1, *frames.shape[1:])), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        after, np.reshape(expected, (-1, *frames.shape[1:])), rtol=1e-5, atol=1e-6
+    )
 
 
 def test_gain_and_offset_drift_by_hand():
@@ -111,11 +151,17 @@ def test_every_fault_is_worked_out_by_hand():
     levels=st.sampled_from([0, 1, 9]),
 )
 def test_any_grid_and_length_stays_a_capture(one, shape, severity, seed, levels):
-    frames = (np.random.default_rng(seed).integers(0, levels + 1, shape) / max(levels, 1)).astype(np.float32)
+    frames = (np.random.default_rng(seed).integers(0, levels + 1, shape) / max(levels, 1)).astype(
+        np.float32
+    )
     before = frames.copy()
     after = one.apply(frames, severity, str(seed), seed, 50.0)
     assert np.array_equal(frames, before)
-    assert after.dtype == np.float32 and after.shape[1:] == shape[1:] and 1 <= len(after) <= len(frames)
+    assert (
+        after.dtype == np.float32
+        and after.shape[1:] == shape[1:]
+        and 1 <= len(after) <= len(frames)
+    )
     assert one.shortens or len(after) == len(frames)
     assert after.min() >= 0 and after.max() <= 1  # no nan either
     nothing = replace(one, amounts=(0,) * SEVERITIES)
@@ -132,10 +178,14 @@ def test_damage_depends_on_the_capture_alone_and_no_cache_knows_the_damaged_corp
     for name, severity in (("noise", 0), ("dropped_frames", 5), ("dead_taxels", 3)):
         worse = damaged(corpus, test, as_shares(corpus, test), FAULTS[name], severity)
         assert not worse.digest and worse.path is None and worse.frames.dtype == kind
-        assert np.array_equal(worse.index, corpus.index) and np.array_equal(worse.gestures, corpus.gestures)
+        assert np.array_equal(worse.index, corpus.index) and np.array_equal(
+            worse.gestures, corpus.gestures
+        )
         for i in map(int, test):
             shares = corpus[i].astype(np.float32) / np.float32(1023)
-            expected = FAULTS[name].apply(shares, severity, corpus.subjects[i], i + 10, 100.0) * np.float32(1023)
+            expected = FAULTS[name].apply(
+                shares, severity, corpus.subjects[i], i + 10, 100.0
+            ) * np.float32(1023)
             assert np.array_equal(worse[i], np.rint(expected) if kind == "uint16" else expected)
 
 

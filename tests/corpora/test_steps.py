@@ -15,7 +15,14 @@ from bench.corpora.steps import REPAIRS, Faulted, Repair, Scale, Turned, Windows
 from tests.conftest import random_corpus
 from tests.features.captures import corpus_of
 
-STEPS = [Windows(0.1), Repair(REPAIRS), Scale("peak"), Scale("log"), Faulted(tuple(FAULTS), 2), Turned(2)]
+STEPS = [
+    Windows(0.1),
+    Repair(REPAIRS),
+    Scale("peak"),
+    Scale("log"),
+    Faulted(tuple(FAULTS), 2),
+    Turned(2),
+]
 
 
 @given(
@@ -25,8 +32,12 @@ STEPS = [Windows(0.1), Repair(REPAIRS), Scale("peak"), Scale("log"), Faulted(tup
     st.sampled_from([1.0, 12.0, 54.0]),
 )
 def test_windows_equal_a_loop(lengths, seconds, hop, rate):
-    arrays = [np.random.default_rng(n).integers(0, 999, (n, 2, 3)).astype(np.uint16) for n in lengths]
-    corpus = corpus_of(arrays, rate=rate)[np.random.default_rng(len(lengths)).permutation(len(lengths))]
+    arrays = [
+        np.random.default_rng(n).integers(0, 999, (n, 2, 3)).astype(np.uint16) for n in lengths
+    ]
+    corpus = corpus_of(arrays, rate=rate)[
+        np.random.default_rng(len(lengths)).permutation(len(lengths))
+    ]
     frames = max(1, round(seconds * rate))
     step = max(1, round(hop * rate)) if hop else math.ceil(frames / 2)
     expected = []
@@ -34,7 +45,9 @@ def test_windows_equal_a_loop(lengths, seconds, hop, rate):
         if begin == 0 or begin + frames <= len(corpus[i]):
             expected.append((corpus.index[i], begin, corpus[i][begin : begin + frames]))
     made = Windows(seconds, hop)(corpus)
-    assert [*zip(made.index, made.piece, strict=True)] == [(index, begin) for index, begin, _ in expected]
+    assert [*zip(made.index, made.piece, strict=True)] == [
+        (index, begin) for index, begin, _ in expected
+    ]
     assert all(map(np.array_equal, made, (part for *_, part in expected)))
     assert storage(made)[0] is storage(corpus)[0]
 
@@ -73,7 +86,11 @@ def naive_repair(frames, kinds, full_scale, rate):
             values = np.where(filled, beside(values) / np.maximum(beside(sound), 1), values)
             sound |= filled
         out.append(values)
-    return np.array([out[t] - np.min(out[: t + 1], axis=0) for t in range(len(out))]) if "offset" in kinds else out
+    return (
+        np.array([out[t] - np.min(out[: t + 1], axis=0) for t in range(len(out))])
+        if "offset" in kinds
+        else out
+    )
 
 
 @given(
@@ -86,27 +103,42 @@ def naive_repair(frames, kinds, full_scale, rate):
 def test_repair_equals_a_loop(seed, grid, kinds, rate, kind):
     arrays = [frames.astype(kind) for frames in with_broken(seed, grid)]
     for one, frames in zip(Repair(kinds)(corpus_of(arrays, rate=rate)), arrays, strict=True):
-        np.testing.assert_allclose(one, naive_repair(frames, kinds, 1023, rate), rtol=1e-5, atol=1e-3)
+        np.testing.assert_allclose(
+            one, naive_repair(frames, kinds, 1023, rate), rtol=1e-5, atol=1e-3
+        )
 
 
 @given(st.integers(0, 10_000), st.sampled_from([(3, 5), (1, 1)]), st.sampled_from([1023.0, 0.7]))
 def test_scaling_to_the_peak_equals_a_loop(seed, grid, full_scale):
     rng = np.random.default_rng(seed)
-    arrays = [rng.random((n, *grid)) * (rng.random((n, 1, 1)) < 0.6) * full_scale for n in (1, 2, 20)]
-    arrays = [a.astype(np.float32) if full_scale < 1 else np.rint(a).astype(np.uint16) for a in arrays]
+    arrays = [
+        rng.random((n, *grid)) * (rng.random((n, 1, 1)) < 0.6) * full_scale for n in (1, 2, 20)
+    ]
+    arrays = [
+        a.astype(np.float32) if full_scale < 1 else np.rint(a).astype(np.uint16) for a in arrays
+    ]
     found = Scale("peak")(corpus_of(arrays, full_scale=full_scale))
     for one, frames in zip(found, arrays, strict=True):
-        expected = [frames[t] * (full_scale / (float(frames[: t + 1].max()) or 1)) for t in range(len(frames))]
+        expected = [
+            frames[t] * (full_scale / (float(frames[: t + 1].max()) or 1))
+            for t in range(len(frames))
+        ]
         np.testing.assert_allclose(one, expected, rtol=1e-6)
-    assert found.frames.dtype == np.float32 and found.frames.max() <= np.float32(full_scale)  # also after rounding
+    assert found.frames.dtype == np.float32 and found.frames.max() <= np.float32(
+        full_scale
+    )  # also after rounding
 
 
 def test_logarithmic_readings_by_hand():
     (found,) = Scale("log")(corpus_of([np.array([[[0, 255, 1023]]], dtype=np.uint16)]))
     by_hand = [0, 1023 * np.log(1 + 1000 * 255 / 1023) / np.log(1001), 1023]
     assert found.dtype == np.float32 and found.ravel() == pytest.approx(by_hand, rel=1e-6)
-    (same,) = Scale("log")(corpus_of([np.array([[[-0.5, 0.25, 2.0]]], dtype=np.float32)], full_scale=1.0))
-    assert same.ravel() == pytest.approx([0, np.log(251) / np.log(1001), 1], rel=1e-6)  # in shares; none beyond 0 to 1
+    (same,) = Scale("log")(
+        corpus_of([np.array([[[-0.5, 0.25, 2.0]]], dtype=np.float32)], full_scale=1.0)
+    )
+    assert same.ravel() == pytest.approx(
+        [0, np.log(251) / np.log(1001), 1], rel=1e-6
+    )  # in shares; none beyond 0 to 1
 
 
 def test_originals_stay_and_copies_equal_the_fault_at_the_drawn_severity():
@@ -121,7 +153,9 @@ def test_originals_stay_and_copies_equal_the_fault_at_the_drawn_severity():
         rng = step.generator(i, copy)
         name, severity = names[rng.integers(len(names))], int(rng.integers(5))
         shares = corpus[i].astype(np.float32) / np.float32(1023)
-        expected = FAULTS[name].damage(shares, FAULTS[name].amounts[severity], rng) * np.float32(1023)
+        expected = FAULTS[name].damage(shares, FAULTS[name].amounts[severity], rng) * np.float32(
+            1023
+        )
         assert np.array_equal(made[4 * i + copy + 1], np.rint(expected).clip(0, 1023))
         drawn.add((name, severity))
     assert len(drawn) > 15  # of 20
@@ -132,8 +166,12 @@ def test_no_test_capture_meets_the_draws_of_a_training_copy():
         return rng.bit_generator.state["state"]["state"]
 
     test = {first(f.generator("1", i)) for f in FAULTS.values() if not f.sensor for i in range(50)}
-    test |= {first(f.generator(str(s), 0)) for f in FAULTS.values() if f.sensor for s in range(1, 50)}
-    training = [first(Faulted(("noise",), 9).generator(i, copy)) for i in range(50) for copy in range(9)]
+    test |= {
+        first(f.generator(str(s), 0)) for f in FAULTS.values() if f.sensor for s in range(1, 50)
+    }
+    training = [
+        first(Faulted(("noise",), 9).generator(i, copy)) for i in range(50) for copy in range(9)
+    ]
     assert len(set(training)) == 450 and not test & set(training)
 
 
@@ -143,7 +181,9 @@ def test_what_is_made_of_a_capture_depends_on_it_alone(step):
     made, rows = step(corpus), step.rows(corpus)
     assert np.array_equal(corpus.index[rows], made.index) and made.steps == (step,)
     assert made.captures.equals(corpus.captures.iloc[rows].reset_index(drop=True))
-    assert len(set(zip(made.index, made.piece, strict=True))) == len(made)  # what a kept table is read by
+    assert len(set(zip(made.index, made.piece, strict=True))) == len(
+        made
+    )  # what a kept table is read by
     for i in range(4):
         assert all(map(np.array_equal, step(corpus[i : i + 1]), made[np.flatnonzero(rows == i)]))
     none = step(corpus[np.array([], dtype=int)])
@@ -153,13 +193,17 @@ def test_what_is_made_of_a_capture_depends_on_it_alone(step):
 @pytest.mark.parametrize(("grid", "others"), [((4, 4), 7), ((3, 5), 3), ((1, 3), 1), ((1, 1), 0)])
 def test_turned_copies_lie_otherwise_in_all_frames_alike_and_every_way_occurs(grid, others):
     rng = np.random.default_rng(0)
-    arrays = [rng.integers(0, 1023, (int(n), *grid)).astype(np.uint16) for n in rng.integers(1, 9, 30)]
+    arrays = [
+        rng.integers(0, 1023, (int(n), *grid)).astype(np.uint16) for n in rng.integers(1, 9, 30)
+    ]
     made = Turned(4)(corpus_of(arrays))
     seen = set()
     for i, frames in enumerate(arrays):
         turns = [frames, frames.transpose(0, 2, 1)] if grid[0] == grid[1] else [frames]
         ways = [f[:, ::up, ::left].tobytes() for f in turns for up in (1, -1) for left in (1, -1)]
         turned = [ways.index(made[5 * i + copy].tobytes()) for copy in range(5)]
-        assert turned[0] == 0 and len(set(turned[1:])) == min(4, max(1, others))  # alike only where there is no other
+        assert turned[0] == 0 and len(set(turned[1:])) == min(
+            4, max(1, others)
+        )  # alike only where there is no other
         seen |= set(turned[1:])
     assert seen == (set(range(1, others + 1)) or {0})

@@ -15,9 +15,9 @@ from bench.corpora import library, synth
 from bench.corpora.folder import content_digest, open_folder, verified, write_folder
 from bench.corpora.library import import_corpus, imported, open_corpus
 from bench.errors import InputError
+from bench.ground.scratch import home, scratch
 from bench.plan.cells import cells
 from bench.plan.plan import planned
-from bench.scratch import home, scratch
 from tests.conftest import random_corpus
 from tests.corpora.made import GOOD, csv
 
@@ -61,12 +61,17 @@ HARMS = [
 TEXTS = [
     rewrite(lambda text: text.replace('"rate_hz": 100.0', '"rate_hz": 50.0')),
     rewrite(lambda text: text.replace('"files"', '"others"')),
-    *(rewrite(lambda _, text=text: text) for text in ("null", "[" * 100_000, '{"a": ' + "9" * 5000 + "}")),
+    *(
+        rewrite(lambda _, text=text: text)
+        for text in ("null", "[" * 100_000, '{"a": ' + "9" * 5000 + "}")
+    ),
 ]
 HARMED = [*product(["frames.npy"], HARMS), *product(["corpus.json"], HARMS + TEXTS)]
 
 
-@pytest.mark.parametrize(("name", "harm"), [*HARMED, ("lengths.npy", flip), ("captures.parquet", Path.unlink)])
+@pytest.mark.parametrize(
+    ("name", "harm"), [*HARMED, ("lengths.npy", flip), ("captures.parquet", Path.unlink)]
+)
 def test_a_harmed_file_is_refused_found_and_mended(stored, corpus, name, harm):
     harm(stored / name)
     assert name in refused(open_folder, stored)
@@ -81,7 +86,10 @@ def test_a_harmed_file_is_refused_found_and_mended(stored, corpus, name, harm):
 def test_frames_are_hashed_when_they_look_different_and_only_then(stored, corpus):
     frames, seal = stored / "frames.npy", stored / "seal.json"
     written = {seal.stat().st_mtime_ns}
-    assert open_folder(stored).digest == content_digest(corpus) and {seal.stat().st_mtime_ns} == written
+    assert (
+        open_folder(stored).digest == content_digest(corpus)
+        and {seal.stat().st_mtime_ns} == written
+    )
     os.utime(frames)
     for _ in range(3):
         assert np.array_equal(open_folder(stored).frames, corpus.frames)
@@ -117,7 +125,9 @@ def test_an_import_that_dies_leaves_the_earlier_corpus(tmp_path, monkeypatch, at
     csv(tmp_path, *(row.replace("ann", "bob") for row in GOOD))
     with monkeypatch.context() as patch:
         patch.setattr(at, lambda *_, **__: os._exit(9))  # without any clean-up
-        process = multiprocessing.get_context("fork").Process(target=import_corpus, args=("table", path, OPTIONS))
+        process = multiprocessing.get_context("fork").Process(
+            target=import_corpus, args=("table", path, OPTIONS)
+        )
         process.start()
         process.join(60)
     assert process.exitcode == 9
@@ -133,7 +143,9 @@ def test_an_import_that_dies_leaves_the_earlier_corpus(tmp_path, monkeypatch, at
 def bring(monkeypatch):
     """A function that imports a corpus; ``arm`` is imported."""
     monkeypatch.setattr(
-        library, "load", lambda *_: lambda path, seed: random_corpus(seed=int(seed), info={"source": "x"})
+        library,
+        "load",
+        lambda *_: lambda path, seed: random_corpus(seed=int(seed), info={"source": "x"}),
     )
 
     def bring(name="arm", seed="0"):
@@ -166,7 +178,11 @@ def test_what_points_nowhere_or_outside_is_refused_and_mended_by_an_import(bring
     if how in ("loop", "nowhere"):
         assert imported() == []
     bring()
-    assert pointer.read_text() == good and not pointer.is_symlink() and len(open_corpus("arm", {})) == 36
+    assert (
+        pointer.read_text() == good
+        and not pointer.is_symlink()
+        and len(open_corpus("arm", {})) == 36
+    )
 
 
 def test_a_damaged_corpus_does_not_hide_the_others(bring, capsys):
@@ -189,7 +205,9 @@ def test_a_damaged_generated_corpus_is_generated_again(monkeypatch):
 
     def right():
         corpus = open_corpus("synth", SYNTH)
-        return np.array_equal(corpus.frames, expected.frames) and corpus.captures.equals(expected.captures)
+        return np.array_equal(corpus.frames, expected.frames) and corpus.captures.equals(
+            expected.captures
+        )
 
     assert right() and right() and len(generated) == 1
     place, other = (open_corpus("synth", SYNTH | more).path for more in ({}, {"seed": 1}))
@@ -207,7 +225,9 @@ def test_several_corpora_are_opened_as_one_for_any_protocol(bring):
     for name, seed in (("leg", "1"), ("hip", "2")):
         bring(name, seed)
     (plan,) = planned(cells({"data": "arm+leg+hip", "where": "corpus != 'hip'", "model": "lda"}), 1)
-    assert plan.corpus.name == "arm+leg+hip" and len(set(plan.corpus.subjects)) == len(plan.folds) == 8
+    assert (
+        plan.corpus.name == "arm+leg+hip" and len(set(plan.corpus.subjects)) == len(plan.folds) == 8
+    )
     before = open_corpus("arm+leg", {}).digest
     bring("leg", "3")
     assert open_corpus("arm+leg", {}).digest != before

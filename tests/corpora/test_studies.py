@@ -13,7 +13,12 @@ from tests.corpora.made import archive, cost_csv, held_out_csv, line, training_c
 
 
 def test_cost_by_hand(tmp_path):
-    lines = line(frame=1), line(frame=2, values=[9] * 64), line(frame=1), line(7, 3, 12, 1, [1023] * 64)
+    lines = (
+        line(frame=1),
+        line(frame=2, values=[9] * 64),
+        line(frame=1),
+        line(7, 3, 12, 1, [1023] * 64),
+    )
     corpus = cost.read(cost_csv(tmp_path, *lines))
     assert list(corpus.lengths) == [2, 1, 1] and list(corpus.starts) == [0, 2, 3]
     assert corpus.captures.to_dict("list") == {
@@ -27,7 +32,10 @@ def test_cost_by_hand(tmp_path):
     assert list(corpus[0][0][7]) == list(range(8)) and list(corpus[0][0][0]) == list(range(56, 64))
     assert (corpus[0][1] == 9).all() and (corpus[2] == 1023).all()
     warnings = corpus.info["warnings"]
-    assert "captures: 3 here, 7805 published" in warnings and "subjects: 2 here, 31 published" in warnings
+    assert (
+        "captures: 3 here, 7805 published" in warnings
+        and "subjects: 2 here, 31 published" in warnings
+    )
     assert any("challenge split cannot be recovered" in w for w in warnings)
 
 
@@ -37,13 +45,27 @@ def test_the_training_subjects_of_the_challenge_are_recovered():
     for subject in range(31):
         for gesture, sums in cost.CHALLENGE_FRAMES.items():
             total = sums[(subject * 5) % 21] if subject < 21 else 50 + subject
-            for variant, n in (("gentle", total // 3), ("normal", total - total // 3), ("rough", 17)):
+            for variant, n in (
+                ("gentle", total // 3),
+                ("normal", total - total // 3),
+                ("rough", 17),
+            ):
                 rows.append((str(subject + 1), variant, gesture))
                 lengths.append(n)
-    captures, lengths = pd.DataFrame(rows, columns=["subject", "variant", "gesture"]), np.array(lengths)
+    captures, lengths = (
+        pd.DataFrame(rows, columns=["subject", "variant", "gesture"]),
+        np.array(lengths),
+    )
     assert cost.training_subjects(captures, lengths) == {str(i) for i in range(1, 22)}
-    shared = (captures["subject"] == "31") & (captures["gesture"] == "rub") & (captures["variant"] != "rough")
-    lengths[shared] = cost.CHALLENGE_FRAMES["rub"][0] - 900, 900  # a test subject has one known sum by chance
+    shared = (
+        (captures["subject"] == "31")
+        & (captures["gesture"] == "rub")
+        & (captures["variant"] != "rough")
+    )
+    lengths[shared] = (
+        cost.CHALLENGE_FRAMES["rub"][0] - 900,
+        900,
+    )  # a test subject has one known sum by chance
     assert cost.training_subjects(captures, lengths) == {str(i) for i in range(1, 22)}
     lengths[0] += 1  # one subject no longer matches in one gesture
     assert cost.training_subjects(captures, lengths) == set()
@@ -61,7 +83,10 @@ def test_split_marks_gentle_and_normal_captures_only(tmp_path, monkeypatch):
 
 def test_haart_by_hand_from_folder_parent_and_zip(tmp_path):
     training = training_csv(("P4", "constant"), ("P4", "pat"), ("P10", "pat"))
-    parts = {"training.csv": training, "testWITHLABELS.csv": held_out_csv(("T9", "rub"), ("T1", "pat"))}
+    parts = {
+        "training.csv": training,
+        "testWITHLABELS.csv": held_out_csv(("T9", "rub"), ("T1", "pat")),
+    }
     path = archive(tmp_path, parts={f"HAART DataSet/{name}": text for name, text in parts.items()})
     corpus = haart.read(path)
     assert corpus.captures.to_dict("list") == {
@@ -82,7 +107,11 @@ def test_haart_by_hand_from_folder_parent_and_zip(tmp_path):
         assert np.array_equal(haart.read(source).frames, corpus.frames)
 
 
-FILES = {"02/150505-2coverdynamicpat.csv": 1, "02/150505-2nonestaticrub.csv": 2, "10/150505-10nonestaticnotouch.csv": 1}
+FILES = {
+    "02/150505-2coverdynamicpat.csv": 1,
+    "02/150505-2nonestaticrub.csv": 2,
+    "10/150505-10nonestaticnotouch.csv": 1,
+}
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +138,9 @@ def test_every_repetition_of_cuddlebot_is_a_capture_in_pressure(recordings, tmp_
     lines = (recordings / "02/150505-2nonestaticrub.csv").read_text().splitlines()
     row = 5400 + 17 * 10 + 3  # second repetition, frame 17, row 3
     assert corpus[2][17, 3].tolist() == [1023 - int(word) for word in lines[row].split(",")]
-    assert corpus[2].shape == (540, 10, 10) and any("4 here, 902 published" in w for w in corpus.info["warnings"])
+    assert corpus[2].shape == (540, 10, 10) and any(
+        "4 here, 902 published" in w for w in corpus.info["warnings"]
+    )
     with tarfile.open(tmp_path / "a.tar.xz", "w:xz") as packed:
         packed.add(recordings, "Touch Data")
     with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as packed:
@@ -120,6 +151,15 @@ def test_every_repetition_of_cuddlebot_is_a_capture_in_pressure(recordings, tmp_
 
 
 def test_an_import_with_changes_has_a_name_of_its_own(recordings):
-    corpus = library.import_corpus("cuddlebot", recordings, {"crop": "8x8", "frames": "54:486", "align": "6:0"})
-    assert corpus.name == "cuddlebot-aligned" and corpus.grid == (8, 8) and set(corpus.lengths) == {432}
-    assert corpus.info["changes"] == "align=6:0, frames=54:486, crop=8x8" and "not known" in corpus.info["source"]
+    corpus = library.import_corpus(
+        "cuddlebot", recordings, {"crop": "8x8", "frames": "54:486", "align": "6:0"}
+    )
+    assert (
+        corpus.name == "cuddlebot-aligned"
+        and corpus.grid == (8, 8)
+        and set(corpus.lengths) == {432}
+    )
+    assert (
+        corpus.info["changes"] == "align=6:0, frames=54:486, crop=8x8"
+        and "not known" in corpus.info["source"]
+    )

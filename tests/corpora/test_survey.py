@@ -22,14 +22,22 @@ def noise(frames=12, grid=(5, 6), seed=0):
 WHOLE = random_corpus(grid=(3, 4), full_scale=170.0)
 
 
-@given(st.lists(st.integers(0, 35), min_size=1, max_size=20), st.sampled_from(["uint16", "float32"]))
+@given(
+    st.lists(st.integers(0, 35), min_size=1, max_size=20), st.sampled_from(["uint16", "float32"])
+)
 def test_tables_are_those_of_all_readings_of_ragged_slices(chosen, kind):
-    offset = 0 if kind == "uint16" else 10_000.5  # squares of large readings must not lose the small differences
-    some = WHOLE.changed(frames=WHOLE.frames.astype(kind) + np.array(offset, kind))[np.array(chosen)]
+    offset = (
+        0 if kind == "uint16" else 10_000.5
+    )  # squares of large readings must not lose the small differences
+    some = WHOLE.changed(frames=WHOLE.frames.astype(kind) + np.array(offset, kind))[
+        np.array(chosen)
+    ]
     result = Survey(some)
     every = np.concatenate(list(some)).reshape(-1, 12).astype(float)
     labels = [np.repeat(values, some.lengths) for values in (some.gestures, np.arange(len(some)))]
-    readings = pd.DataFrame(every, index=pd.MultiIndex.from_arrays(labels, names=["gesture", "capture"]))
+    readings = pd.DataFrame(
+        every, index=pd.MultiIndex.from_arrays(labels, names=["gesture", "capture"])
+    )
     by, full = readings.groupby("gesture"), readings >= 170
     pressure = pd.DataFrame(
         {
@@ -57,7 +65,9 @@ def test_tables_are_those_of_all_readings_of_ragged_slices(chosen, kind):
         "full_scale": 100 * full.mean(),
         "sd": np.sqrt((centred**2).mean()),
     }
-    assert result.taxels[["row", "col"]].to_numpy().tolist() == [list(place) for place in np.ndindex(3, 4)]
+    assert result.taxels[["row", "col"]].to_numpy().tolist() == [
+        list(place) for place in np.ndindex(3, 4)
+    ]
     for column, values in expected.items():
         np.testing.assert_allclose(result.taxels[column], values, atol=1e-9)
 
@@ -74,7 +84,9 @@ def test_taxels_are_compared_with_those_around_them(seed, grid):
     for r, c in np.ndindex(grid):
         near = [(y, x) for y, x in np.ndindex(grid) if max(abs(y - r), abs(x - c)) == 1]
         moving = [sd[p] for p in near if varies[:, p[0], p[1]].any()]
-        assert taxels.loc[(r, c), "around"] == pytest.approx(np.median(moving) if moving else np.nan, nan_ok=True)
+        assert taxels.loc[(r, c), "around"] == pytest.approx(
+            np.median(moving) if moving else np.nan, nan_ok=True
+        )
         alone = [not v[r, c] and all(v[p] for p in near) and bool(near) for v in varies]
         assert taxels.loc[(r, c), "still"] == pytest.approx(100 * np.mean(alone))
 
@@ -100,12 +112,28 @@ def test_broken_and_odd_taxels_are_named():
 
 def test_missing_and_uneven_combinations():
     keys = list(itertools.product(["2", "10"], ["pat", "rub", "tap"], ["bare", "fur"]))
-    rows = [key for key in keys if key != ("2", "rub", "fur") and key[:2] != ("10", "tap")] + [("10", "pat", "bare")]
+    rows = [key for key in keys if key != ("2", "rub", "fur") and key[:2] != ("10", "tap")] + [
+        ("10", "pat", "bare")
+    ]
     subjects, gestures, covers = map(list, zip(*rows, strict=True))
-    more = {"cover": covers, "split": ["train"] * len(rows), "repetition": range(len(rows)), "note": [*map(str, rows)]}
-    result = Survey(corpus_of([noise(seed=i) for i in range(len(rows))], gestures, subject=subjects, **more))
-    assert result.factors == ["subject", "gesture", "cover"]  # a number counts, notes were never meant to be crossed
-    assert result.counts.to_numpy().tolist() == [[*key, rows.count(key)] for key in keys] and result.usual == 1
+    more = {
+        "cover": covers,
+        "split": ["train"] * len(rows),
+        "repetition": range(len(rows)),
+        "note": [*map(str, rows)],
+    }
+    result = Survey(
+        corpus_of([noise(seed=i) for i in range(len(rows))], gestures, subject=subjects, **more)
+    )
+    assert result.factors == [
+        "subject",
+        "gesture",
+        "cover",
+    ]  # a number counts, notes were never meant to be crossed
+    assert (
+        result.counts.to_numpy().tolist() == [[*key, rows.count(key)] for key in keys]
+        and result.usual == 1
+    )
     assert [line.strip() for line in result.gap_lines()[1:]] == [
         "subject 10, gesture tap: none",  # one gap, not one for each cover
         "subject 2, gesture rub, cover fur: none",
@@ -118,9 +146,13 @@ def test_groups_are_those_of_all_pairs_compared(seed, kind):
     rng = np.random.default_rng(seed)
     shapes = [(1, 1), (1, 2), (2, 1)]
     arrays = []
-    for _ in range(30):  # few values, so that captures are alike in parts, as a whole, and not at all
+    for _ in range(
+        30
+    ):  # few values, so that captures are alike in parts, as a whole, and not at all
         values = rng.integers(0, 2, (rng.integers(1, 4), *shapes[rng.integers(3)])).astype(kind)
-        arrays.append(-values if kind == "float32" else values)  # a zero with a sign equals one without
+        arrays.append(
+            -values if kind == "float32" else values
+        )  # a zero with a sign equals one without
     expected = {tuple(j for j, b in enumerate(arrays) if np.array_equal(a, b)) for a in arrays}
     assert identical(arrays) == sorted(list(group) for group in expected if len(group) > 1)
     assert identical(arrays[:1]) == identical([]) == []
@@ -146,6 +178,19 @@ def test_an_import_warns_of_them_and_a_survey_lists_them():
     corpus = copied(random_corpus(longest=20), [(10, 1), (30, 1), (5, 4)])
     survey, table = Survey(corpus), Survey(corpus).duplicates
     (line,) = survey.repeated()
-    assert "\n" not in line and line.startswith("Duplicates: 5 captures") and Survey(random_corpus()).repeated() == []
-    assert table[["group", "capture"]].to_numpy().tolist() == [[1, 1], [1, 10], [1, 30], [2, 4], [2, 5]]
-    assert Survey(corpus[np.array([30, 9, 1])]).duplicates["capture"].tolist() == [1, 30]  # of the whole corpus
+    assert (
+        "\n" not in line
+        and line.startswith("Duplicates: 5 captures")
+        and Survey(random_corpus()).repeated() == []
+    )
+    assert table[["group", "capture"]].to_numpy().tolist() == [
+        [1, 1],
+        [1, 10],
+        [1, 30],
+        [2, 4],
+        [2, 5],
+    ]
+    assert Survey(corpus[np.array([30, 9, 1])]).duplicates["capture"].tolist() == [
+        1,
+        30,
+    ]  # of the whole corpus

@@ -70,7 +70,9 @@ def test_it_is_as_hard_as_people(described):
     values = described.filter(regex=r"^f\d\d").to_numpy()
     gestures = described["gesture"].to_numpy(dtype=str)
     svm = make_pipeline(StandardScaler(), SVC(C=10, gamma=0.01))
-    predicted = cross_val_predict(svm, values, gestures, groups=described["subject"], cv=GroupKFold(6))
+    predicted = cross_val_predict(
+        svm, values, gestures, groups=described["subject"], cv=GroupKFold(6)
+    )
     assert 0.5 < np.mean(predicted == gestures) < 0.72
     names = sorted(PUBLISHED.index)
     confused = confusion_matrix(gestures, predicted, labels=names)
@@ -89,9 +91,16 @@ def test_the_same_arguments_give_the_same_bytes_counted_and_ordered_as_cost():
     assert more.captures.iloc[: len(first)].equals(first.captures)
     ordered = {name: list(dict.fromkeys(values)) for name, values in first.captures.items()}
     variants = ["gentle", "normal", "rough"]
-    assert ordered == {"subject": ["1", "2"], "variant": variants, "gesture": list(GESTURES), "repetition": [1, 2]}
+    assert ordered == {
+        "subject": ["1", "2"],
+        "variant": variants,
+        "gesture": list(GESTURES),
+        "repetition": [1, 2],
+    }
     other = generate(subjects=2, repetitions=2, seed=5)
-    assert len(first) == 2 * 3 * 14 * 2 and len({c.tobytes() for c in [*first, *other]}) == 2 * len(first)
+    assert len(first) == 2 * 3 * 14 * 2 and len({c.tobytes() for c in [*first, *other]}) == 2 * len(
+        first
+    )
     assert first.synthetic and first.frames.dtype == np.uint16 and first.frames.max() <= 1023
 
 
@@ -105,10 +114,14 @@ def test_any_grid_and_rate(rows, cols, rate_hz, seed):
 
 
 COUNTS = [(name, -1) for name in ("subjects", "repetitions", "rows", "cols", "seed", "noise")]
-REALS = [(name, value) for name in ("rate_hz", "gain") for value in (0.0, float("inf"), float("nan"))]
+REALS = [
+    (name, value) for name in ("rate_hz", "gain") for value in (0.0, float("inf"), float("nan"))
+]
 
 
-@pytest.mark.parametrize(("name", "value"), [*COUNTS, ("rows", 0), *REALS, ("variants", ("wild",)), ("variants", ())])
+@pytest.mark.parametrize(
+    ("name", "value"), [*COUNTS, ("rows", 0), *REALS, ("variants", ("wild",)), ("variants", ())]
+)
 def test_impossible_arguments(name, value):
     with pytest.raises(InputError, match=f"data.{name}="):
         generate(**{name: value})

@@ -19,7 +19,11 @@ def stored(table, folder, kind):
 
 @pytest.mark.parametrize("marks", [(1, 1), ("true", "TRUE"), (0, 0), (False, True)])
 def test_a_column_marks_generated_captures(tmp_path, marks):
-    labels = {"subject": ["ann", "ann", "bob"], "gesture": ["pat", "pat", "rub"], "frame": [0, 1, 0]}
+    labels = {
+        "subject": ["ann", "ann", "bob"],
+        "gesture": ["pat", "pat", "rub"],
+        "frame": [0, 1, 0],
+    }
     table = pd.DataFrame(labels | {"synthetic": [marks[0], *marks], "x": 1})
     corpus = read(stored(table, tmp_path, "csv"), 54.0, "1x1")
     assert corpus.synthetic is (marks != (0, 0))
@@ -35,7 +39,9 @@ HIGHEST = {1023: np.uint16, 65535: np.uint16, 65536: np.float32, 2**62: np.float
     st.sampled_from([0, 1]),
     st.sampled_from([*HIGHEST]),
 )
-def test_ragged_captures_are_the_same_from_every_kind_of_file(tmp_path, lengths, seed, origin, highest):
+def test_ragged_captures_are_the_same_from_every_kind_of_file(
+    tmp_path, lengths, seed, origin, highest
+):
     rng = np.random.default_rng(seed)
     frames = rng.random((sum(lengths), 2, 3)) * min(highest, 2**20)
     frames = frames if isinstance(highest, float) else frames.astype(np.int64)
@@ -49,11 +55,17 @@ def test_ragged_captures_are_the_same_from_every_kind_of_file(tmp_path, lengths,
     table["frame"] = np.concatenate([np.arange(origin, origin + n) for n in lengths])
     table = pd.concat([table, pd.DataFrame(frames.reshape(-1, 6)).add_prefix("x")], axis=1)
     np.savez(tmp_path / "my.npz", frames=frames, offsets=np.cumsum([0, *lengths]), **labels)
-    for path in (stored(table, tmp_path, "csv"), stored(table, tmp_path, "parquet"), tmp_path / "my.npz"):
+    for path in (
+        stored(table, tmp_path, "csv"),
+        stored(table, tmp_path, "parquet"),
+        tmp_path / "my.npz",
+    ):
         corpus, kind = read(path, rate_hz=54.0, grid="2x3", full_scale=1e30), HIGHEST[highest]
         assert np.array_equal(corpus.frames, frames.astype(kind)) and corpus.frames.dtype == kind
         assert list(corpus.lengths) == lengths
-        assert corpus.captures.to_dict("list") == {name: list(values) for name, values in labels.items()}
+        assert corpus.captures.to_dict("list") == {
+            name: list(values) for name, values in labels.items()
+        }
 
 
 @pytest.mark.parametrize(("end", "blank"), [("\n", ["", "", ""]), ("\r\n", ["\t", " "])])
@@ -66,7 +78,9 @@ def test_line_ends_blank_lines_at_the_end_and_a_byte_order_mark(tmp_path, end, b
 
 def test_words_and_numbers_of_any_kind(tmp_path):
     rows = ["0x1f, pat ,0,0x2,1e3,.5", "0x1f,pat,1,0x2,+1,0007", "null,NA,0,nan, 2 ,3"]
-    corpus = made.read(made.csv(tmp_path, *rows, header=made.HEADER.replace("place", '"the, place"')))
+    corpus = made.read(
+        made.csv(tmp_path, *rows, header=made.HEADER.replace("place", '"the, place"'))
+    )
     assert corpus.captures.to_dict("list") == {
         "subject": ["0x1f", "null"],
         "gesture": ["pat", "NA"],
@@ -75,13 +89,17 @@ def test_words_and_numbers_of_any_kind(tmp_path):
     assert corpus.frames.ravel().tolist() == [1000, 0.5, 1, 7, 2, 3]
     for make in (made.parquet, made.npz):
         assert set(made.read(make(tmp_path, subject=[" ann", "ann "])).subjects) == {"ann"}
-        assert set(made.read(make(tmp_path, subject=["jürgen".encode()] * 2)).subjects) == {"jürgen"}
+        assert set(made.read(make(tmp_path, subject=["jürgen".encode()] * 2)).subjects) == {
+            "jürgen"
+        }
 
 
 def square(*names, **columns):
     """One capture of one frame on 2 x 2 taxels; the value of a channel is the number in its name."""
     values = [int("".join(c for c in name if c.isdecimal()) or 0) for name in names]
-    table = pd.DataFrame([["ann", "pat", 0, *values]], columns=["subject", "gesture", "frame", *names])
+    table = pd.DataFrame(
+        [["ann", "pat", 0, *values]], columns=["subject", "gesture", "frame", *names]
+    )
     return table.assign(**columns)
 
 
@@ -121,11 +139,17 @@ def test_a_frame_that_does_not_fit_the_model_is_refused(table, facts):
     with pytest.raises(InputError) as error:
         from_frame(table, FOUR, 54.0, (2, 2), 1023.0, "input")
     message = str(error.value)
-    assert message.startswith("input") and "\n" not in message and all(fact in message for fact in facts), message
+    assert (
+        message.startswith("input")
+        and "\n" not in message
+        and all(fact in message for fact in facts)
+    ), message
 
 
 def test_captures_of_a_frame_with_or_without_names_and_numbers():
-    table = pd.concat([square(*FOUR[::-1])] * 3, ignore_index=True).assign(capture=[3, 3, 7], frame=[0, 1, 0])
+    table = pd.concat([square(*FOUR[::-1])] * 3, ignore_index=True).assign(
+        capture=[3, 3, 7], frame=[0, 1, 0]
+    )
     for part, names, lengths in (
         (table, ["3", "7"], [2, 1]),
         (table.drop(columns="frame"), ["3", "7"], [2, 1]),

@@ -12,9 +12,21 @@ from bench.cli import main
 from bench.corpora.library import import_corpus, open_corpus
 from bench.corpora.read import haart
 from bench.errors import InputError
-from bench.scratch import home
+from bench.ground.scratch import home
 from tests.corpora import made
-from tests.corpora.made import GOOD, HEADER, RELEASE, SESSION, archive, csv, line, npz, parquet, raw, read
+from tests.corpora.made import (
+    GOOD,
+    HEADER,
+    RELEASE,
+    SESSION,
+    archive,
+    csv,
+    line,
+    npz,
+    parquet,
+    raw,
+    read,
+)
 
 UNSEEN = ["a\0b", "a\u2028b", "\ufeffa", "x" * 201, " "]
 
@@ -24,7 +36,9 @@ def refused(kind, path, *facts, **options):
     with pytest.raises(InputError) as error:
         made.READERS[kind](path, **options)
     message = str(error.value)
-    assert len(message) <= 300 and message.isprintable() and all(fact in message for fact in facts), message
+    assert (
+        len(message) <= 300 and message.isprintable() and all(fact in message for fact in facts)
+    ), message
 
 
 ROWS = [  # a second row of a table, and what the message names beside file and line
@@ -49,20 +63,38 @@ CONTENTS = [
     (HEADER.replace("gesture", "label"), ["line 1", "gesture"]),
     (HEADER.replace("place", ",".join(f"c{i}" for i in range(300))), ["line 1", "303", "256"]),
     (HEADER.replace("place", "fold") + "\nann,pat,0,arm,1,2\n", ["fold"]),
-    (HEADER.replace("place", "synthetic") + "\nann,pat,0,perhaps,1,2\n", ["synthetic", "perhaps", "1"]),
-    (HEADER.encode() + b"\n" + b"ann,pat,0,arm,1,2\n" * 3000 + b"ann,\xe9,0,arm,1,2\n", ["line 3002"]),
+    (
+        HEADER.replace("place", "synthetic") + "\nann,pat,0,perhaps,1,2\n",
+        ["synthetic", "perhaps", "1"],
+    ),
+    (
+        HEADER.encode() + b"\n" + b"ann,pat,0,arm,1,2\n" * 3000 + b"ann,\xe9,0,arm,1,2\n",
+        ["line 3002"],
+    ),
 ]
 ARRAYS = [
-    *(({"offsets": offsets}, ["offsets", "3"]) for offsets in ([0, 2, 2], [0, 4, 3], [0.0, 2.0, 3.0])),
-    *(({"frames": frames}, ["frames"]) for frames in (np.zeros((3, 2)), np.ones((3, 1, 2), complex))),
+    *(
+        ({"offsets": offsets}, ["offsets", "3"])
+        for offsets in ([0, 2, 2], [0, 4, 3], [0.0, 2.0, 3.0])
+    ),
+    *(
+        ({"frames": frames}, ["frames"])
+        for frames in (np.zeros((3, 2)), np.ones((3, 1, 2), complex))
+    ),
     *(({"frames": np.full((3, 1, 2), v)}, ["frame 1", "channel 1"]) for v in (-1, np.nan, 1e10)),
     ({"subject": ["1"]}, ["subject", "(1,)", "2"]),
     *(({"day": ["ann", word]}, ["capture 2", "day"]) for word in UNSEEN[1:]),
     ({"gesture": None}, ["gesture"]),
 ]
 COLUMNS = [
-    *(({"b": values}, ["b"]) for values in ([True, False], ["1", "2"], [[1], [2]], pa.array([1, 2], pa.duration("s")))),
-    *(({"frame": frames}, ["row", "frame"]) for frames in ([0, 1.5], [0, None], [0, 2.0**60], [0, 2], [7, 8])),
+    *(
+        ({"b": values}, ["b"])
+        for values in ([True, False], ["1", "2"], [[1], [2]], pa.array([1, 2], pa.duration("s")))
+    ),
+    *(
+        ({"frame": frames}, ["row", "frame"])
+        for frames in ([0, 1.5], [0, None], [0, 2.0**60], [0, 2], [7, 8])
+    ),
     *(({"b": [1, value]}, ["row 2", "b"]) for value in (-1, None, np.inf)),
     *(({"place": ["ann", word]}, ["row 2", "place"]) for word in UNSEEN),
     ({"subject": [], "gesture": [], "frame": [], "a": [], "b": []}, []),
@@ -91,10 +123,19 @@ TWO = made.training_csv(("P4", "pat"), ("X10", "pat"))
 RELEASES = [
     ({"training.csv": None}, ["training.csv"]),
     ({"training.csv": without_line(TRAINING, 432)}, ["training.csv, line 2", "431", "432"]),
-    ({"training.csv": TRAINING.replace("pat", "wave")}, ["training.csv, line 2", "Gesture", "wave"]),
+    (
+        {"training.csv": TRAINING.replace("pat", "wave")},
+        ["training.csv, line 2", "Gesture", "wave"],
+    ),
     ({"training.csv": TWO}, ["training.csv, line 434", "ParticipantNo", "X10"]),
-    ({"testWITHLABELS.csv": without_line(TESTING, 10)}, ["testWITHLABELS.csv, line 11", "frame 11", "frame 9"]),
-    ({"testWITHLABELS.csv": TESTING.replace("Sequence,", "")}, ["testWITHLABELS.csv, line 1", "Sequence"]),
+    (
+        {"testWITHLABELS.csv": without_line(TESTING, 10)},
+        ["testWITHLABELS.csv, line 11", "frame 11", "frame 9"],
+    ),
+    (
+        {"testWITHLABELS.csv": TESTING.replace("Sequence,", "")},
+        ["testWITHLABELS.csv, line 1", "Sequence"],
+    ),
     ({"old/training.csv": TRAINING}, ["training.csv", "twice"]),
 ]
 RECORDING = b"1,2,3,4,5,6,7,8,9,10\n" * 5400
@@ -123,7 +164,10 @@ STARTS = [b"", b"PK\x03\x04", b"PAR1", b"\x93NUMPY\x01\x00v\x00{'descr'"]
 DAMAGE = [lambda c: c[:200] + bytes(200) + c[400:], lambda c: c[: len(c) // 2]]
 PLACES = ["/dev/zero", "/dev/null", "nowhere", "."]
 WRONG = [  # format, a function that writes the file, facts of the one line
-    *(("table", lambda p, r=r: csv(p, GOOD[0], r, GOOD[1]), ["my.csv, line 3", *f]) for r, f in ROWS),
+    *(
+        ("table", lambda p, r=r: csv(p, GOOD[0], r, GOOD[1]), ["my.csv, line 3", *f])
+        for r, f in ROWS
+    ),
     *(("table", lambda p, c=c: raw(p, "my.csv", c), ["my.csv", *f]) for c, f in CONTENTS),
     *(("table", lambda p, a=a: npz(p, **a), ["my.npz", *f]) for a, f in ARRAYS),
     *(("table", lambda p, c=c: parquet(p, **c), ["my.parquet", *f]) for c, f in COLUMNS),
@@ -137,7 +181,10 @@ WRONG = [  # format, a function that writes the file, facts of the one line
     *((k, lambda p, n=n, c=c: raw(p, n, c), [n]) for k, n in ZIPS for c in STARTS),
     *(("haart", lambda p, d=d: changed(archive(p), d), ["r.zip"]) for d in DAMAGE),
     *(("table", lambda p, d=d: changed(npz(p), d), ["my.npz"]) for d in DAMAGE),
-    *(("haart", lambda p, k=k: archive(p, k), ["r.zip", "deflate"]) for k in (zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)),
+    *(
+        ("haart", lambda p, k=k: archive(p, k), ["r.zip", "deflate"])
+        for k in (zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+    ),
     *((kind, lambda p, n=n: p / n, []) for kind in made.READERS for n in PLACES),
 ]
 
@@ -149,7 +196,10 @@ def test_a_file_that_cannot_be_is_refused_by_place_and_reason(tmp_path, kind, ma
 
 @pytest.mark.parametrize("make", [csv, npz])
 def test_options_that_cannot_be(tmp_path, make):
-    for key, values in {"full_scale": (1e300, 1e-50, -1.0, np.nan), "rate_hz": (0.0, np.nan, np.inf)}.items():
+    for key, values in {
+        "full_scale": (1e300, 1e-50, -1.0, np.nan),
+        "rate_hz": (0.0, np.nan, np.inf),
+    }.items():
         for value in values:
             refused("table", make(tmp_path), key, **{key: value})
     for grid in ("2by3", "0x2", "٣x1", f"1x{'9' * 5000}", "1000000x1000000"):
@@ -164,13 +214,23 @@ def test_lines_are_counted_across_blocks(tmp_path, monkeypatch):
     monkeypatch.setattr("bench.corpora.read.rows.AT_ONCE", 1)
     refused("table", csv(tmp_path, *GOOD, "ann,pat,0,arm,-1,2"), "line 4", "a")
     refused("table", parquet(tmp_path, a=[1, -1]), "row 2", "a")
-    refused("table", csv(tmp_path, GOOD[0], "ann,pat,0,leg,1,2", "ann,pat,1,arm,1,2"), "line 4", "frame 1")
+    refused(
+        "table",
+        csv(tmp_path, GOOD[0], "ann,pat,0,leg,1,2", "ann,pat,1,arm,1,2"),
+        "line 4",
+        "frame 1",
+    )
 
 
 def test_files_that_are_too_large_or_unpack_to_too_much(tmp_path, monkeypatch):
-    refused("haart", release(tmp_path, {"training.csv": TRAINING + "\n" * (17 << 20)}), "r.zip", "MiB")
+    refused(
+        "haart", release(tmp_path, {"training.csv": TRAINING + "\n" * (17 << 20)}), "r.zip", "MiB"
+    )
     zeros = pa.array(np.zeros(1 << 20, np.int8))
-    pq.write_table(pa.table({n: zeros for n in ("subject", "gesture", "frame", "a", "b")}), tmp_path / "bomb.parquet")
+    pq.write_table(
+        pa.table({n: zeros for n in ("subject", "gesture", "frame", "a", "b")}),
+        tmp_path / "bomb.parquet",
+    )
     refused("table", tmp_path / "bomb.parquet", "bomb.parquet", "MiB")
     monkeypatch.setattr(haart, "LARGEST", 4096)
     refused("haart", archive(tmp_path), "larger")
@@ -195,7 +255,9 @@ def test_a_refused_import_ends_with_2_and_leaves_the_earlier_corpus(tmp_path, ca
     before = sorted(str(p) for p in (home() / "corpora").rglob("*"))
     for make, row in ((csv, {"header": "a"}), (parquet, {"b": [1, -1]}), (npz, {"offsets": [0]})):
         path = make(tmp_path, **row)
-        assert main(["data", "import", "table", str(path), "name=arm", "rate_hz=50", "grid=1x2"]) == 2
+        assert (
+            main(["data", "import", "table", str(path), "name=arm", "rate_hz=50", "grid=1x2"]) == 2
+        )
         (message,) = capsys.readouterr().err.splitlines()
         assert path.name in message
     assert open_corpus("arm", {}).frames.ravel().tolist() == [1, 2, 3, 4]

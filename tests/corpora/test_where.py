@@ -18,9 +18,15 @@ def captures():
     """Text with and without gaps, whole numbers, floats with gaps, truth; names with a space and with an accent."""
     rng = np.random.default_rng(3)
     table = pd.DataFrame({name: rng.choice(WORDS, 60) for name in ("subject", "gesture", "cover")})
-    table = table.assign(subject=rng.choice(["1", "2", "10"], 60), n=rng.integers(-3, 4, 60), flag=rng.random(60) < 0.5)
+    table = table.assign(
+        subject=rng.choice(["1", "2", "10"], 60),
+        n=rng.integers(-3, 4, 60),
+        flag=rng.random(60) < 0.5,
+    )
     table["two words"], table["épaisseur"] = rng.integers(0, 3, 60), rng.integers(-4, 5, 60) / 2
-    return table.assign(**{name: table[name].where(rng.random(60) < 0.7) for name in ("cover", "épaisseur")})
+    return table.assign(
+        **{name: table[name].where(rng.random(60) < 0.7) for name in ("cover", "épaisseur")}
+    )
 
 
 @pytest.mark.parametrize(
@@ -68,7 +74,9 @@ ATTACKS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "reason"), [*REFUSED, *((text, "allowed on columns") for text in ATTACKS)])
+@pytest.mark.parametrize(
+    ("text", "reason"), [*REFUSED, *((text, "allowed on columns") for text in ATTACKS)]
+)
 def test_a_condition_that_is_none_is_refused_in_a_line_and_does_nothing(captures, text, reason):
     before, started = captures.copy(), time.perf_counter()
     with pytest.raises(InputError) as refused:

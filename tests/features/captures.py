@@ -17,7 +17,9 @@ LEVELS = {  # lowest and highest value, full scale: typical sensors, and values 
 
 
 def corpus_of(arrays, gestures=None, rate=100.0, full_scale=1023.0, subject="1", **columns):
-    table = pd.DataFrame({"subject": subject, "gesture": gestures or "pat", **columns}, index=range(len(arrays)))
+    table = pd.DataFrame(
+        {"subject": subject, "gesture": gestures or "pat", **columns}, index=range(len(arrays))
+    )
     return Corpus.from_captures(arrays, table, rate, full_scale=full_scale)
 
 
@@ -37,7 +39,9 @@ def ragged(seed, grid, low=0, high=1023):
 
 
 def near(values, expected, rtol=1e-5, atol=1e-9):
-    np.testing.assert_allclose(np.asarray(values, float), np.asarray(expected, float), rtol=rtol, atol=atol)
+    np.testing.assert_allclose(
+        np.asarray(values, float), np.asarray(expected, float), rtol=rtol, atol=atol
+    )
 
 
 def strongest(signal, waves, points):

@@ -6,12 +6,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bench import source
 from bench.features import cache
 from bench.features.cache import cache_key
 from bench.features.jung28 import Jung28
 from bench.features.jung54 import Jung54
-from bench.scratch import home
+from bench.ground import source
+from bench.ground.scratch import home
 
 
 @pytest.fixture
@@ -38,7 +38,9 @@ def test_a_changed_table_is_computed_again(stored, corpus, extracted, name):
     frame = CHANGES[name](whole.to_pandas())
     frame.attrs = {}
     changed = pa.Table.from_pandas(frame, preserve_index=False)
-    pq.write_table(changed.replace_schema_metadata(whole.schema.metadata), path)  # with all that the file says of it
+    pq.write_table(
+        changed.replace_schema_metadata(whole.schema.metadata), path
+    )  # with all that the file says of it
     del extracted[:]
     for _ in range(2):  # the second time it is mended
         cache._read.cache_clear()
@@ -47,7 +49,11 @@ def test_a_changed_table_is_computed_again(stored, corpus, extracted, name):
 
 def test_features_are_computed_once_per_corpus(corpus, stored, monkeypatch):
     expected = Jung54().transform(corpus)
-    assert Jung54().transform(stored[np.array([4, 2])]).equals(expected.iloc[[4, 2]].reset_index(drop=True))
+    assert (
+        Jung54()
+        .transform(stored[np.array([4, 2])])
+        .equals(expected.iloc[[4, 2]].reset_index(drop=True))
+    )
     monkeypatch.setattr(Jung54, "extract", lambda *_: pytest.fail("computed again"))
     assert Jung54().transform(stored).equals(expected)
     monkeypatch.setattr(cache.pd, "read_parquet", lambda *_: pytest.fail("read again"))
@@ -60,20 +66,35 @@ def test_the_key_depends_on_corpus_parameters_class_and_code(monkeypatch):
     key = cache_key(Jung54(), "a")
     assert len({*(cache_key(f, "a") for f in features), cache_key(Jung54(), "b"), key}) == 5
     original = source._read
-    monkeypatch.setattr("bench.features.cache._source", source.source_digest)  # which is asked once for each class
-    for name, other in (("signals.py", True), ("jung28.py", True), ("jung54.py", True), ("kept.py", False)):
-        changed = lambda p, at, n=name: (original(p, at)[0] + p.endswith(n) * b"changed", original(p, at)[1])  # noqa: E731
+    monkeypatch.setattr(
+        "bench.features.cache._source", source.source_digest
+    )  # which is asked once for each class
+    for name, other in (
+        ("signals.py", True),
+        ("jung28.py", True),
+        ("jung54.py", True),
+        ("kept.py", False),
+    ):
+        changed = lambda p, at, n=name: (
+            original(p, at)[0] + p.endswith(n) * b"changed",
+            original(p, at)[1],
+        )  # noqa: E731
         with monkeypatch.context() as patch:
             patch.setattr(source, "_read", changed)
             assert (cache_key(Jung54(), "a") != key) == other
 
 
-def test_a_folder_that_cannot_be_written_only_costs_time(corpus, stored, extracted, tmp_path, monkeypatch):
+def test_a_folder_that_cannot_be_written_only_costs_time(
+    corpus, stored, extracted, tmp_path, monkeypatch
+):
     expected = Jung28().transform(corpus[3:5])
     (tmp_path / "file").write_text("")
     with monkeypatch.context() as patch:
         patch.setenv("TOUCHBENCH_HOME", str(tmp_path / "file"))
-        assert Jung28().transform(stored[3:5]).equals(expected) and extracted == [2, 2]  # no capture more than needed
+        assert Jung28().transform(stored[3:5]).equals(expected) and extracted == [
+            2,
+            2,
+        ]  # no capture more than needed
 
     def full(*_, **__):
         raise OSError(28, "No space left on device")

@@ -43,19 +43,27 @@ def test_columns_and_slices(features, monkeypatch):
 
     def same(some, rows):
         found, expected = features.transform(some), table.iloc[rows].reset_index(drop=True)
-        rounds = {"rtol": 1e-9, "atol": 1e-9} if isinstance(features, Hughes36 | Ta273) else {"check_exact": True}
+        rounds = (
+            {"rtol": 1e-9, "atol": 1e-9}
+            if isinstance(features, Hughes36 | Ta273)
+            else {"check_exact": True}
+        )
         pd.testing.assert_frame_equal(found, expected, **rounds)
 
     width, features = WIDTH[features], clone(features)
     with pytest.raises(NotFittedError):
         features.get_feature_names_out()
     table = features.fit_transform(corpus, corpus.gestures)
-    assert table.shape == (12, width) and table.columns.is_unique and np.isfinite(table).all(axis=None)
+    assert (
+        table.shape == (12, width) and table.columns.is_unique and np.isfinite(table).all(axis=None)
+    )
     assert list(features.get_feature_names_out()) == list(table.columns)
     assert repr(clone(features).get_params()) == repr(features.get_params())
     same(corpus[np.array([7, 3, 10, 3])], [7, 3, 10, 3])
     assert features.set_output(transform="pandas").transform(corpus[:0]).shape == (0, width)
-    monkeypatch.setattr(signals, "blocks", lambda c, blocks=signals.blocks: blocks(c, values=15 * 64))
+    monkeypatch.setattr(
+        signals, "blocks", lambda c, blocks=signals.blocks: blocks(c, values=15 * 64)
+    )
     monkeypatch.setattr(hughes36, "FRAMES_TO_SCORE", 15)
     monkeypatch.setattr(touch, "RUN", 7 * 64)
     monkeypatch.setattr(touch, "BATCH", 1)
@@ -78,8 +86,17 @@ CONSTANT = {  # columns that are 0 for constant captures
 @pytest.mark.parametrize("features", CONSTANT, ids=str)
 def test_constant_captures(features, grid):
     for frames in (1, 2, 3, 50):
-        for value, kind in [(0, np.uint16), (65535, np.uint16), (1023, np.float32), (0.1, np.float32)]:
-            row = row_of(clone(features), np.full((frames, *grid), value, kind), full_scale=max(value, 1023.0))
+        for value, kind in [
+            (0, np.uint16),
+            (65535, np.uint16),
+            (1023, np.float32),
+            (0.1, np.float32),
+        ]:
+            row = row_of(
+                clone(features),
+                np.full((frames, *grid), value, kind),
+                full_scale=max(value, 1023.0),
+            )
             still = row.filter(regex=CONSTANT[features])
             assert np.isfinite(row).all() and len(still) > 3 and (still.abs() < 1e-12).all()
 
@@ -97,14 +114,25 @@ def test_only_training_captures_are_learnt_from(features):
     table = fitted.transform(corpus)
     assert table.equals(blind.transform(corpus)) and not table.equals(leaky.transform(corpus))
     if not isinstance(features, Hughes36):
-        assert table.equals(clone(features).fit(corpus[~test]).transform(corpus))  # labels are the gestures
+        assert table.equals(
+            clone(features).fit(corpus[~test]).transform(corpus)
+        )  # labels are the gestures
 
 
-def test_columns_that_balli_keeps_have_their_order_and_values_and_are_all_where_nothing_can_be_learnt(corpus):
+def test_columns_that_balli_keeps_have_their_order_and_values_and_are_all_where_nothing_can_be_learnt(
+    corpus,
+):
     every, features = Balli(0).transform(corpus), Balli(12).fit(corpus, corpus.gestures)
-    assert features.transform(corpus).equals(every[[name for name in NAMES if name in set(features.names_)]])
+    assert features.transform(corpus).equals(
+        every[[name for name in NAMES if name in set(features.names_)]]
+    )
     still = corpus_of([np.full((9, 4, 4), 5, np.uint16)] * 12, ["a", "b"] * 6)
-    for few in (corpus[:1], corpus[corpus.gestures == "pat"], corpus[corpus.subjects == "1"][::3], still):
+    for few in (
+        corpus[:1],
+        corpus[corpus.gestures == "pat"],
+        corpus[corpus.subjects == "1"][::3],
+        still,
+    ):
         assert Balli().fit_transform(few).shape == (len(few), 208)
 
 
@@ -115,7 +143,10 @@ def test_columns_that_balli_keeps_have_their_order_and_values_and_are_all_where_
         (Balli(-1), "features.selected=-1"),
         (Hughes36(states=0), "features.states=0"),
         (Subset(Jung28(), 0), "count=0"),
-        *((Gaus(families), "features.families=") for families in [(), ("sd", "lbp"), ("sd", "bmh", "sd")]),
+        *(
+            (Gaus(families), "features.families=")
+            for families in [(), ("sd", "lbp"), ("sd", "bmh", "sd")]
+        ),
     ],
     ids=str,
 )

@@ -26,8 +26,12 @@ def naive(frames, rate, full_scale):
     spread = total.std() / P.shape[1]
     waves = [k for k in range(1, points // 2 + 1) if 0.625 <= k * rate / points <= 5]
     wave, size = strongest(total, waves, points)
-    tops = [np.argwhere(frame == frame.max())[0] + 1 for frame in frames]  # the first in reading order
-    logs = [np.log(x + 1e-4 * full_scale) for x in ((P - P.min(axis=0)).sum() / T, spread, 2 * size / T)]
+    tops = [
+        np.argwhere(frame == frame.max())[0] + 1 for frame in frames
+    ]  # the first in reading order
+    logs = [
+        np.log(x + 1e-4 * full_scale) for x in ((P - P.min(axis=0)).sum() / T, spread, 2 * size / T)
+    ]
     return [logs[0], spread, logs[1], wave * rate / points, logs[2], *np.mean(tops, axis=0), T]
 
 
@@ -41,7 +45,9 @@ def naive(frames, rate, full_scale):
 def test_gesture_level_features_equal_loops(seed, grid, rate, levels, real):
     rng = np.random.default_rng(seed)
     full_scale = 1.0 if real else 1023.0
-    arrays = [rng.integers(levels[0], levels[1] + 1, (rng.integers(1, 100), *grid)) for _ in range(3)]
+    arrays = [
+        rng.integers(levels[0], levels[1] + 1, (rng.integers(1, 100), *grid)) for _ in range(3)
+    ]
     arrays = [(a / 1023).astype(np.float32) if real else a.astype(np.uint16) for a in arrays]
     table = quick().extract(corpus_of(arrays, rate=rate, full_scale=full_scale))
     for i, frames in enumerate(arrays):
@@ -77,9 +83,13 @@ def test_everything_is_finite(grid):
         ([constant[0], constant[2]], ["a", "b"]),  # nothing was ever pressed
         ([*noisy, constant[1]], ["a", "a", "a", "b"]),  # one capture of one frame
     ):
-        features = quick(states=3).fit(corpus_of(arrays, gestures, full_scale=65535.0), np.array(gestures))
+        features = quick(states=3).fit(
+            corpus_of(arrays, gestures, full_scale=65535.0), np.array(gestures)
+        )
         table = features.transform(everything)
-        assert np.isfinite(table).all(axis=None) and table.filter(like="hmm_").min(axis=None) >= -100
+        assert (
+            np.isfinite(table).all(axis=None) and table.filter(like="hmm_").min(axis=None) >= -100
+        )
 
 
 def test_likelihoods_are_per_frame_of_what_training_frames_standardise(corpus):
@@ -88,7 +98,11 @@ def test_likelihoods_are_per_frame_of_what_training_frames_standardise(corpus):
     table = features.transform(test)
     for kind, models, observe in (
         ("moments", features.models_[0], moments),
-        ("code", features.models_[1], lambda c: hughes36._code(hughes36._values(c), features.encoder_)),
+        (
+            "code",
+            features.models_[1],
+            lambda c: hughes36._code(hughes36._values(c), features.encoder_),
+        ),
     ):
         seen = observe(train)
         for i in range(len(test)):
@@ -100,10 +114,15 @@ def test_likelihoods_are_per_frame_of_what_training_frames_standardise(corpus):
 def paths(models, c, frames):
     """Every path of states through one sequence with its log-probability and that of the frames together."""
     states = len(models.start_[c])
-    density = norm.logpdf(frames[:, None], models.mean_[c], np.sqrt(models.variance_[c])).sum(axis=2)
+    density = norm.logpdf(frames[:, None], models.mean_[c], np.sqrt(models.variance_[c])).sum(
+        axis=2
+    )
     for path in itertools.product(range(states), repeat=len(frames)):
         log = np.log(models.start_[c, path[0]]) + sum(density[t, s] for t, s in enumerate(path))
-        yield path, log + sum(np.log(models.transition_[c, a, b]) for a, b in itertools.pairwise(path))
+        yield (
+            path,
+            log + sum(np.log(models.transition_[c, a, b]) for a, b in itertools.pairwise(path)),
+        )
 
 
 @given(st.integers(0, 10_000), st.sampled_from([0.1, 1, 30]))
@@ -121,11 +140,19 @@ def test_likelihoods_and_an_iteration_equal_sums_over_all_paths(seed, far):
     if far > 1:  # one state may have all the weight
         return
     models = GaussianHMMs(2, 1)
-    models._begin = lambda parts: vars(models).update({k: v.copy() for k, v in vars(begin).items() if k[-1] == "_"})
+    models._begin = lambda parts: vars(models).update(
+        {k: v.copy() for k, v in vars(begin).items() if k[-1] == "_"}
+    )
     models.fit(frames, lengths, classes)
     for c in range(2):
         mine = np.flatnonzero(classes == c)
-        start, moves, weight, first, second = np.zeros(2), np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2)), 0
+        start, moves, weight, first, second = (
+            np.zeros(2),
+            np.zeros((2, 2)),
+            np.zeros(2),
+            np.zeros((2, 2)),
+            0,
+        )
         for i, (path, log) in ((number, one) for number in mine for one in every[number][c]):
             share = np.exp(log - logs[i, c])
             start[path[0]] += share

@@ -33,7 +33,11 @@ def mean(values):
 def centre(frame):
     """Row and column of the centre of pressure, from 1; the middle of the grid where nothing is pressed."""
     places = np.indices(frame.shape) + 1
-    return (places * frame).sum(axis=(1, 2)) / frame.sum() if frame.any() else (np.array(frame.shape) + 1) / 2
+    return (
+        (places * frame).sum(axis=(1, 2)) / frame.sum()
+        if frame.any()
+        else (np.array(frame.shape) + 1) / 2
+    )
 
 
 def rises(x):
@@ -45,7 +49,11 @@ def peaks(frame, least):
     """Taxels above a value that are above those before them in reading order, and not below those after them."""
     for r, c in np.ndindex(frame.shape):
         around = np.pad(frame, 1)[r : r + 3, c : c + 3].ravel()
-        if frame[r, c] > least and (frame[r, c] > around[:4]).all() and (frame[r, c] >= around[5:]).all():
+        if (
+            frame[r, c] > least
+            and (frame[r, c] > around[:4]).all()
+            and (frame[r, c] >= around[5:]).all()
+        ):
             yield r + 1, c + 1
 
 
@@ -66,7 +74,9 @@ def jung(frames, corpus, area="frame", crossings=False):
     for moved in np.abs(path).sum(axis=0):
         out += [moved / steps, moved]
     out += [T, *np.histogram(P, bins=8, range=(0, corpus.full_scale))[0] / P.size]
-    found = [[np.hypot(*(place - centre(frame))) for place in peaks(frame, 0.75 * top)] for frame in P]
+    found = [
+        [np.hypot(*(place - centre(frame))) for place in peaks(frame, 0.75 * top)] for frame in P
+    ]
     counts = [len(distances) for distances in found]
     out += [np.mean(counts), np.var(counts), mean(sum(found, []))]
     out += [mean([abs(np.mean(b) - np.mean(a)) for a, b in pairwise(found) if a and b])]
@@ -75,8 +85,14 @@ def jung(frames, corpus, area="frame", crossings=False):
     quadrants, length = np.zeros(4), np.hypot(*path.T)
     for down, right in path[length > 1e-6]:
         for side in (-5, 5):
-            quadrants[int((np.degrees(np.arctan2(-down, right)) + side) % 360 // 90) % 4] += 0.5 / steps
-    out += [*quadrants, mean(length), np.std(length), length.sum(), np.ptp(length)] if T > 1 else [0] * 8
+            quadrants[int((np.degrees(np.arctan2(-down, right)) + side) % 360 // 90) % 4] += (
+                0.5 / steps
+            )
+    out += (
+        [*quadrants, mean(length), np.std(length), length.sum(), np.ptp(length)]
+        if T > 1
+        else [0] * 8
+    )
     return out + [strongest(x, range(1, T // 2 + 1), T)[0] * corpus.rate_hz / T for x in com.T]
 
 
@@ -98,7 +114,10 @@ def ta(frames, corpus, levels):
     out += [*(taxels > taxels.min(axis=0) + 0.1 * full_scale).mean(axis=0)]
     x, n = np.interp(np.linspace(0, T - 1, 128), np.arange(T), m), np.arange(128)
     out += [abs(sum(x * np.exp(-2j * np.pi * k * n / 128))) / 128 for k in range(1, 21)]
-    out += [np.sqrt((1 + (k > 0)) / 128) * sum(x * np.cos(np.pi * k * (2 * n + 1) / 256)) for k in range(20)]
+    out += [
+        np.sqrt((1 + (k > 0)) / 128) * sum(x * np.cos(np.pi * k * (2 * n + 1) / 256))
+        for k in range(20)
+    ]
     return out + [strongest(m, range(1, T // 2 + 1), T)[0] * rate / T]
 
 
@@ -118,7 +137,9 @@ def signals_of_balli(P):
     if values[1] - values[0] > 1e-9:
         longer = np.sqrt(1 - values[0] / values[1])
         angle = np.arctan2(vectors[1, 1], vectors[0, 1])
-        angle = round((angle + np.pi / 2 - 1e-9) % np.pi - np.pi / 2 + 1e-9, 12)  # 1e-16 is not constant beside 0
+        angle = round(
+            (angle + np.pi / 2 - 1e-9) % np.pi - np.pi / 2 + 1e-9, 12
+        )  # 1e-16 is not constant beside 0
     parts = components(region, np.ones((3, 3)))[1]
     holes = components(np.pad(~region, 1, constant_values=True))[1] - 1
     shape = [4 * np.sqrt(values[1]), 4 * np.sqrt(values[0]), longer, angle]
@@ -133,7 +154,10 @@ def statistics_of_balli(x):
         return not len(part) or np.std(part) <= 1e-9 * largest
 
     points = []
-    for n in (8, 16):  # of chunks that vary, range of the walk away from the mean, in standard deviations
+    for n in (
+        8,
+        16,
+    ):  # of chunks that vary, range of the walk away from the mean, in standard deviations
         chunks = [x[i : i + n] for i in range(0, T - n + 1, n) if not flat(x[i : i + n])]
         ratios = [np.ptp(np.cumsum(chunk - chunk.mean())) / chunk.std() for chunk in chunks]
         points += [(np.log(n), np.log(np.mean(ratios)))] if ratios else []
@@ -141,7 +165,17 @@ def statistics_of_balli(x):
     d, dd = np.diff(x), np.diff(x, 2)
     mobility = 0 if flat(x) or flat(d) else np.sqrt(d.var() / x.var())
     complexity = 0 if not mobility or flat(dd) else np.sqrt(dd.var() / d.var()) / mobility
-    out = [np.mean(x), np.median(x), np.var(x), x.min(), x.max(), np.mean(x * x), hurst, mobility, complexity]
+    out = [
+        np.mean(x),
+        np.median(x),
+        np.var(x),
+        x.min(),
+        x.max(),
+        np.mean(x * x),
+        hurst,
+        mobility,
+        complexity,
+    ]
     if flat(x):
         return [*out, 0, 0, 0, 0]
     y = x - x.mean()
@@ -168,7 +202,16 @@ def gaus(frames, corpus):
     moving, shape = np.ptp(x, axis=0) > 0, np.zeros((2, x.shape[1]))
     if moving.any():
         shape[:, moving] = stats.skew(x[:, moving]), stats.kurtosis(x[:, moving])
-    taxels = [x.mean(axis=0), median, x.min(axis=0), x.max(axis=0), x.sum(axis=0) / corpus.rate_hz, q1, q3, q3 - q1]
+    taxels = [
+        x.mean(axis=0),
+        median,
+        x.min(axis=0),
+        x.max(axis=0),
+        x.sum(axis=0) / corpus.rate_hz,
+        q1,
+        q3,
+        q3 - q1,
+    ]
     return [*out, *np.transpose([*taxels, x.var(axis=0), *shape]).ravel()]
 
 
@@ -202,7 +245,9 @@ def test_features_equal_a_loop_over_the_definitions(features, seed, grid, levels
 def test_wingerden_is_2014_with_features_29_to_43_of_2017_and_two_more(seed, grid):
     corpus = corpus_of(ragged(seed, grid))
     table, later = Wingerden45().transform(corpus), Jung54().transform(corpus)
-    shared = [c for c in later if 29 <= int(c[1:3]) <= 43 or c.startswith(("f01", "f12", "f20", "f28"))]
+    shared = [
+        c for c in later if 29 <= int(c[1:3]) <= 43 or c.startswith(("f01", "f12", "f20", "f28"))
+    ]
     np.testing.assert_allclose(table[shared], later[shared])
     for i, frames in enumerate(corpus):
         change = np.abs(np.diff(frames.astype(float), axis=0)).mean(axis=(1, 2))
@@ -230,8 +275,20 @@ def test_runs_of_gaus_by_hand():
     rest = "0" * 40
     patterns = {
         "1011011101111" + rest: [1, 1, 1, 1, 0],
-        "111111" + rest + "11111": [0, 0, 0, 0, 1],  # a run of 6 is none of 5, the last step ends a run
-        "11" + rest + "1": [1, 1, 0, 0, 0],  # the runs before and after the border of two captures are two
+        "111111" + rest + "11111": [
+            0,
+            0,
+            0,
+            0,
+            1,
+        ],  # a run of 6 is none of 5, the last step ends a run
+        "11" + rest + "1": [
+            1,
+            1,
+            0,
+            0,
+            0,
+        ],  # the runs before and after the border of two captures are two
         "1" + rest + "1": [2, 0, 0, 0, 0],
     }
     table = Gaus(("smmhh",)).transform(corpus_of([course_of(bits) for bits in patterns]))
@@ -247,7 +304,9 @@ def test_patterns_of_gaus_of_one_frame_by_hand():
         "57": [[5, 5, 5], [5, 5, 5], [5, 5, 5]],
         "58": [[9, 1, 9], [1, 5, 1], [9, 1, 9]],
     }
-    table = Gaus(("lbptop",)).transform(corpus_of([np.array([frame], np.uint16) for frame in frames.values()]))
+    table = Gaus(("lbptop",)).transform(
+        corpus_of([np.array([frame], np.uint16) for frame in frames.values()])
+    )
     assert (table.sum(axis=1) == 1).all()  # nothing on the planes of time
     for i, bin in enumerate(frames):
         assert table.loc[i, f"lbptop_xy_{bin}"] == 1
@@ -257,13 +316,21 @@ def test_touch_by_hand_on_a_fingertip_that_taps_and_moves():
     frames = np.zeros((3, 4, 4), np.uint16)
     frames[0, 1, 1], frames[1, 1, 2], frames[2, 1, 2] = 512, 512, 256
     row = row_of(TouchFeatures(), frames, 54.0, 1024.0)
-    assert row["row_mean"] == 1.5 / 4 and row["col_range"] == 0.25 and row["half_area_q50"] == 1 / 16
-    assert row["concentration_mean"] == pytest.approx(1 / 16) and row["peak_q50"] == pytest.approx(np.log(0.5 + 1e-4))
+    assert (
+        row["row_mean"] == 1.5 / 4 and row["col_range"] == 0.25 and row["half_area_q50"] == 1 / 16
+    )
+    assert row["concentration_mean"] == pytest.approx(1 / 16) and row["peak_q50"] == pytest.approx(
+        np.log(0.5 + 1e-4)
+    )
     assert row["spread_mean"] == row["elongation_mean"] == 0
     # changes 1 and -1/4 of full scale in sum; the first frame has the value of the second
     assert row["relative_change_mean"] == pytest.approx((1 + 1 + 1 / 3) / 3)
-    assert row["net_change_q5"] == pytest.approx(-1 / 3 * 0.9) and row["one_way_mean"] == pytest.approx(1 / 3)
-    assert row["likeness_q95"] == pytest.approx(0.9) and row["likeness_mean"] == pytest.approx(1 / 3)
+    assert row["net_change_q5"] == pytest.approx(-1 / 3 * 0.9) and row[
+        "one_way_mean"
+    ] == pytest.approx(1 / 3)
+    assert row["likeness_q95"] == pytest.approx(0.9) and row["likeness_mean"] == pytest.approx(
+        1 / 3
+    )
     assert row["taxels_most_0"] == row["taxels_most_1"] == pytest.approx(np.log(0.5 + 1e-4))
     assert row["taxels_mean_2"] == pytest.approx(np.log(1e-4))
 
@@ -275,7 +342,9 @@ def test_neighbours_of_a_capture_change_nothing_in_touch(seed, grid):
     captures = pd.DataFrame({"subject": ["1"], "gesture": ["pat"]})
     for others in ([before], [capture, capture], []):
         frames, start = np.concatenate([*others, capture, after]), sum(map(len, others))
-        corpus = Corpus(frames, np.array([start]), np.array([len(capture)]), captures, 12.0, full_scale=1023.0)
+        corpus = Corpus(
+            frames, np.array([start]), np.array([len(capture)]), captures, 12.0, full_scale=1023.0
+        )
         assert TouchFeatures().transform(corpus).equals(row)
 
 

@@ -14,7 +14,9 @@ from bench.features.selection import Subset
 
 class Ridge(EmpiricalCovariance):
     def fit(self, X, y=None):
-        self.covariance_ = np.cov(X.T, bias=True).reshape(X.shape[1], -1) + 1e-3 * np.eye(X.shape[1])
+        self.covariance_ = np.cov(X.T, bias=True).reshape(X.shape[1], -1) + 1e-3 * np.eye(
+            X.shape[1]
+        )
         return self
 
 
@@ -22,7 +24,9 @@ def slow_hits(values, label, subject, columns):
     """Captures that discriminant analysis gets right when their group of subjects is left out."""
     right, lda = 0, LinearDiscriminantAnalysis(solver="lsqr", covariance_estimator=Ridge())
     for train, test in GroupKFold(min(5, len(set(subject)))).split(values, groups=subject):
-        x = (values[:, columns] - values[train][:, columns].mean(axis=0)) / values[train][:, columns].std(axis=0)
+        x = (values[:, columns] - values[train][:, columns].mean(axis=0)) / values[train][
+            :, columns
+        ].std(axis=0)
         right += (lda.fit(x[train], label[train]).predict(x[test]) == label[test]).sum()
     return right
 
@@ -48,7 +52,11 @@ def labelled(seed, captures=120, columns=8, classes=3, subjects=6):
     rng = np.random.default_rng(seed)
     label, subject = np.arange(captures) % classes, rng.integers(0, subjects, captures).astype(str)
     values = rng.normal(size=(captures, columns)) + rng.normal(size=(classes, columns))[label] * 0.5
-    return values @ rng.normal(size=(columns, columns)) * 10.0 ** rng.integers(-3, 4, columns), label, subject
+    return (
+        values @ rng.normal(size=(columns, columns)) * 10.0 ** rng.integers(-3, 4, columns),
+        label,
+        subject,
+    )
 
 
 @pytest.mark.parametrize("subjects", [2, 11])
@@ -61,7 +69,10 @@ def test_the_criterion_is_discriminant_analysis_left_out_by_subject(subjects):
     for size in (1, 2, 5):
         sets = np.array([np.random.default_rng(i).permutation(8)[:size] for i in range(10)])
         hits = sum(part.hits(sets) for part in parts)
-        assert hits.tolist() == [slow_hits(values, label, subject, s) for s in sets] and len(set(hits)) > 1
+        assert (
+            hits.tolist() == [slow_hits(values, label, subject, s) for s in sets]
+            and len(set(hits)) > 1
+        )
 
 
 @pytest.mark.parametrize("seed", [0, 8])
@@ -87,7 +98,11 @@ def test_a_subset_keeps_the_selected_columns_of_training_captures(corpus):
     train, test = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
     every = Jung28().fit_transform(corpus)
     label = np.unique(corpus.gestures[train], return_inverse=True)[1]
-    kept = every.columns[selection.select(every.iloc[train].to_numpy(), label, corpus.subjects[train], 6)]
+    kept = every.columns[
+        selection.select(every.iloc[train].to_numpy(), label, corpus.subjects[train], 6)
+    ]
     features = Subset(Jung28(), 6).fit(corpus[train], corpus.gestures[train])
     assert list(features.get_feature_names_out()) == list(kept) and len(kept) == 6
-    pd.testing.assert_frame_equal(features.transform(corpus[test]), every.iloc[test][kept].reset_index(drop=True))
+    pd.testing.assert_frame_equal(
+        features.transform(corpus[test]), every.iloc[test][kept].reset_index(drop=True)
+    )

@@ -24,7 +24,13 @@ QUICK = [
     {"model": "svm", "svm.scaling": "z", "svm.C": 10.0, "svm.gamma": 0.001},
     {"model": "lda", "window": 0.05, "columns": 0.25},
 ]
-BEFORE = {"window": [0.0, 0.05], "repair": [""], "faults": [""], "scale": ["none"], "columns": [1.0, 0.5, 0.25]}
+BEFORE = {
+    "window": [0.0, 0.05],
+    "repair": [""],
+    "faults": [""],
+    "scale": ["none"],
+    "columns": [1.0, 0.5, 0.25],
+}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -33,13 +39,20 @@ def quick():
     few = {m: space for m, space in portfolio.SPACES.items() if m in ("lda", "svm", "softmax")}
     models = {m: portfolio.MODELS[m] for m in few}
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in {"FIRST": QUICK, "BEFORE": BEFORE, "SPACES": few, "MODELS": models}.items():
+        for name, value in {
+            "FIRST": QUICK,
+            "BEFORE": BEFORE,
+            "SPACES": few,
+            "MODELS": models,
+        }.items():
             patch.setattr(portfolio, name, value)
         yield
 
 
 def searched(corpus, trials, **kwargs):
-    return Auto(seconds=float("inf"), trials=trials, inner="2", **kwargs).fit(corpus, corpus.gestures)
+    return Auto(seconds=float("inf"), trials=trials, inner="2", **kwargs).fit(
+        corpus, corpus.gestures
+    )
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +62,11 @@ def search(quick):
 
 def test_a_trial_is_judged_as_a_plain_loop_would(search):
     corpus = noisy()
-    X, y, who = TouchFeatures().transform(corpus).to_numpy(), corpus.gestures, corpus.subjects.astype(str)
+    X, y, who = (
+        TouchFeatures().transform(corpus).to_numpy(),
+        corpus.gestures,
+        corpus.subjects.astype(str),
+    )
     hits = np.zeros(len(corpus))
     for train, test in GroupKFold(2, shuffle=True, random_state=0).split(X, groups=who):
         scaler = StandardScaler().fit(X[train])
@@ -57,21 +74,36 @@ def test_a_trial_is_judged_as_a_plain_loop_would(search):
         hits[test] = machine.predict(scaler.transform(X[test])) == y[test]
     trial = search.trials_.loc[1]
     assert trial["state"] == "complete" and trial["subjects"] == 4
-    assert trial["accuracy"] == pytest.approx(np.mean([hits[who == s].mean() for s in np.unique(who)]))
+    assert trial["accuracy"] == pytest.approx(
+        np.mean([hits[who == s].mean() for s in np.unique(who)])
+    )
 
 
 def test_what_decides_is_what_was_picked_fitted_to_everybody(search):
     corpus, trials = noisy(), search.trials_
     chosen = trials[trials["weight"] > 0]
     assert chosen["weight"].sum() == pytest.approx(1) and (chosen["state"] == "complete").all()
-    assert sum(name.isdecimal() for name in search.chosen_) == len(search.best_.members) == len(chosen) <= 5
-    members = zip(search.best_.members, search.best_.weights, search.best_.temperatures, strict=True)
+    assert (
+        sum(name.isdecimal() for name in search.chosen_)
+        == len(search.best_.members)
+        == len(chosen)
+        <= 5
+    )
+    members = zip(
+        search.best_.members, search.best_.weights, search.best_.temperatures, strict=True
+    )
     mean = sum(w * tempered(m.predict_proba(corpus), t) for m, w, t in members)
     np.testing.assert_allclose(search.predict_proba(corpus), mean)
     heaviest = trials.loc[trials["weight"].idxmax()]
     again = portfolio.system(dict(heaviest.dropna()), seed=0).fit(corpus, corpus.gestures)
-    assert np.array_equal(search.best_.members[0].predict_proba(corpus), again.predict_proba(corpus))
-    assert trials.loc[trials["state"] == "complete", ["flash_bytes", "ram_bytes", "predict_ms"]].notna().all(axis=None)
+    assert np.array_equal(
+        search.best_.members[0].predict_proba(corpus), again.predict_proba(corpus)
+    )
+    assert (
+        trials.loc[trials["state"] == "complete", ["flash_bytes", "ram_bytes", "predict_ms"]]
+        .notna()
+        .all(axis=None)
+    )
     assert search.trained_faults == () and len(Auto().trained_faults) > 10
     saved = pickle.loads(pickle.dumps(search))
     assert np.array_equal(saved.predict_proba(corpus), search.predict_proba(corpus))
@@ -110,8 +142,13 @@ def test_a_trial_that_fails_is_listed_and_the_others_go_on(monkeypatch):
     fails.__wrapped__ = portfolio.MODELS["svm"]  # its signature
     monkeypatch.setitem(portfolio.MODELS, "svm", fails)
     search = searched(noisy(), 3)
-    assert search.trials_["state"].tolist() == ["complete", "failed", "complete"] and search.trials_["weight"][1] == 0
-    assert search.chosen_["failed"] == 1 and "FloatingPointError: not today" in search.chosen_["error"]
+    assert (
+        search.trials_["state"].tolist() == ["complete", "failed", "complete"]
+        and search.trials_["weight"][1] == 0
+    )
+    assert (
+        search.chosen_["failed"] == 1 and "FloatingPointError: not today" in search.chosen_["error"]
+    )
     monkeypatch.setattr(portfolio, "FIRST", QUICK[1:2])
     with pytest.raises(RuntimeError, match="not today"):
         searched(noisy(), 1)
@@ -125,7 +162,11 @@ def drawn(seed, members=3, captures=30, classes=3):
     codes = rng.integers(classes, size=captures)
     proba = rng.dirichlet(np.ones(classes), (members, captures))
     proba[:, np.arange(captures), codes] += rng.random((members, 1))
-    return proba / proba.sum(axis=2, keepdims=True), codes, rng.integers(4, size=captures).astype(str)
+    return (
+        proba / proba.sum(axis=2, keepdims=True),
+        codes,
+        rng.integers(4, size=captures).astype(str),
+    )
 
 
 @given(st.integers(0, 200), st.sampled_from([1, 2, 3]))
@@ -156,5 +197,7 @@ def test_the_temperature_has_the_least_loss_within_its_bounds(bounds):
         powers /= powers.sum(axis=1, keepdims=True)
         losses[t] = -np.log(powers[np.arange(30), codes]).mean()
     best = fit_temperature(logarithms(proba[0]), codes, *bounds)
-    assert bounds[0] <= best <= bounds[1] and best == pytest.approx(min(losses, key=losses.get), rel=0.03)
+    assert bounds[0] <= best <= bounds[1] and best == pytest.approx(
+        min(losses, key=losses.get), rel=0.03
+    )
     np.testing.assert_allclose(tempered(proba[0], t), powers)

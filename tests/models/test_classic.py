@@ -37,10 +37,14 @@ def test_bayes_equals_scipys_normal_density():
     X, y = points(d=3)
     model = GaussianBayes(ridge=0.01).fit(X, y)
     densities = [
-        multivariate_normal(X[y == c].mean(axis=0), np.cov(X[y == c].T) + 0.01 * np.eye(3)).pdf(X) / 3 for c in "abc"
+        multivariate_normal(X[y == c].mean(axis=0), np.cov(X[y == c].T) + 0.01 * np.eye(3)).pdf(X)
+        / 3
+        for c in "abc"
     ]
     expected = np.stack(densities, axis=1)
-    np.testing.assert_allclose(model.predict_proba(X), expected / expected.sum(axis=1, keepdims=True), rtol=1e-8)
+    np.testing.assert_allclose(
+        model.predict_proba(X), expected / expected.sum(axis=1, keepdims=True), rtol=1e-8
+    )
     X = np.column_stack([X, X.sum(axis=1), np.ones(len(X))])  # dependent and constant features
     assert np.isfinite(GaussianBayes(1e-6).fit(X, y).predict_proba(X)).all()
 
@@ -55,7 +59,9 @@ def test_a_level_is_a_step_of_the_pruning_sequence():
 
     alphas = DecisionTreeClassifier(random_state=0).cost_complexity_pruning_path(X, y).ccp_alphas
     pruned = dict.fromkeys(leaves(ccp_alpha=alpha + 1e-9) for alpha in alphas if alpha > 1e-9)
-    kept = [n for n in (leaves(), *pruned) if n >= 3]  # fewer leaves than classes cannot name them all
+    kept = [
+        n for n in (leaves(), *pruned) if n >= 3
+    ]  # fewer leaves than classes cannot name them all
     steps = [PrunedTree(level).fit(X, y).tree_.get_n_leaves() for level in range(len(kept) + 2)]
     assert len(kept) > 5 and steps == [*kept, kept[-1], kept[-1]]
 
@@ -63,8 +69,16 @@ def test_a_level_is_a_step_of_the_pruning_sequence():
 def test_networks_and_grids_are_the_published_ones():
     grid = jung2017_svm_rbf().spaces["svm"]
     assert len(grid["C"]) == 11 and len(grid["gamma"]) == 10
-    assert (min(grid["C"]), max(grid["C"]), min(grid["gamma"]), max(grid["gamma"])) == (2**-5, 2**15, 2**-15, 2**3)
-    assert jung2014_svm().spaces["svm"]["kernel"] == ["linear"] and len(jung2014_svm().spaces["svm"]["C"]) == 11
+    assert (min(grid["C"]), max(grid["C"]), min(grid["gamma"]), max(grid["gamma"])) == (
+        2**-5,
+        2**15,
+        2**-15,
+        2**3,
+    )
+    assert (
+        jung2014_svm().spaces["svm"]["kernel"] == ["linear"]
+        and len(jung2014_svm().spaces["svm"]["C"]) == 11
+    )
     assert jung2017_tree().spaces["tree"]["level"] == [5, 10, 15, 20, 25, 30]
     assert jung2017_nn().named_steps["classifier"].layers == (54, 27)
     assert wingerden2014_mlp().named_steps["classifier"].layers == (46,)
@@ -86,7 +100,9 @@ def test_varying_features_are_scaled_as_usual_and_constant_ones_stay(ours, their
     ours = clone(ours).fit(train)
     theirs = theirs.fit(train)
     np.testing.assert_array_equal(ours.transform(test)[:, :3], theirs.transform(test)[:, :3])
-    assert (ours.transform(test)[:, 3] == still).all() and (ours.transform(train)[:, 3] == still).all()
+    assert (ours.transform(test)[:, 3] == still).all() and (
+        ours.transform(train)[:, 3] == still
+    ).all()
     assert np.abs(theirs.transform(test)[:, 3]).max() > 100
 
 
@@ -100,7 +116,9 @@ def of_captures(seed, captures=30, d=3, classes=3):
     labels = np.repeat(rng.permutation(1000)[:captures], rows), rng.integers(0, 3, rows.sum())
     index = pd.MultiIndex.from_arrays(labels, names=["capture", "copy"])
     code = np.repeat(np.arange(captures) % classes, rows)
-    X = 2 * rng.normal(size=(classes, d))[code] + np.repeat(rng.normal(size=(captures, d)), rows, axis=0)
+    X = 2 * rng.normal(size=(classes, d))[code] + np.repeat(
+        rng.normal(size=(captures, d)), rows, axis=0
+    )
     X = (X + 0.5 * rng.normal(size=X.shape)) @ rng.normal(size=(d, d))
     order = rng.permutation(len(X))
     return pd.DataFrame(X, index=index).iloc[order], np.array([*"abcdef"])[code][order]
@@ -121,12 +139,16 @@ def test_discriminants_equal_scikit_learns(seed, counts, shrinkage):
     X, y = points(seed, counts)
     shares = np.array(counts) / sum(counts)
     scaled = StandardScaler().fit_transform(X)
-    theirs = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=shrinkage, priors=shares).fit(scaled, y)
+    theirs = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=shrinkage, priors=shares).fit(
+        scaled, y
+    )
     expected = theirs.decision_function(scaled) - np.log(shares)
     ours = Discriminants(shrinkage).fit(X, y)
     np.testing.assert_allclose(ours.decision_function(X), expected, rtol=1e-6, atol=1e-6)
     assert np.array_equal(ours.predict(X), ours.classes_[expected.argmax(axis=1)])
-    np.testing.assert_allclose(ours.predict_proba(X), softmax(expected, axis=1), rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(
+        ours.predict_proba(X), softmax(expected, axis=1), rtol=1e-5, atol=1e-9
+    )
 
 
 @given(st.integers(0, 10_000), st.sampled_from([1.0, 2.0, 3.7, 8.0]), st.sampled_from([0.0, 0.2]))
@@ -149,15 +171,24 @@ def test_windows_of_a_capture_against_a_covariance_taken_apart(seed, windows, sh
     one = between + within / windows
     one = (1 - shrinkage) * one + shrinkage * np.trace(one) / 3 * np.eye(3)
     model = Discriminants(shrinkage, windows).fit(X, y)
-    expected = np.array([[-0.5 * (m - centre[c]) @ np.linalg.solve(one, m - centre[c]) for c in names] for m in Z[:7]])
+    expected = np.array(
+        [
+            [-0.5 * (m - centre[c]) @ np.linalg.solve(one, m - centre[c]) for c in names]
+            for m in Z[:7]
+        ]
+    )
     found = windows * model.decision_function(X.iloc[:7])
-    np.testing.assert_allclose(found - found[:, :1], expected - expected[:, :1], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(
+        found - found[:, :1], expected - expected[:, :1], rtol=1e-5, atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("shrinkage", [0.0, 0.2])
 def test_constant_features_have_no_weight(shrinkage):
     X, y = points(d=3)
-    still = np.column_stack([X, np.full(len(X), 7.0), np.full(len(X), 1e9) + np.arange(len(X)) % 2 * 1e-2, X * 0])
+    still = np.column_stack(
+        [X, np.full(len(X), 7.0), np.full(len(X), 1e9) + np.arange(len(X)) % 2 * 1e-2, X * 0]
+    )
     model = Discriminants(shrinkage).fit(still, y)
     assert (model.coef_[:, 3:] == 0).all() and (model.coef_[:, :3] != 0).all()
     moved = still.copy()
@@ -176,7 +207,10 @@ def test_leaving_a_person_out_equals_the_plain_fit_and_takes_nothing_of_them(sto
     """
     subjects, y = stored.subjects, stored.gestures
     train = np.flatnonzero(subjects != "2")
-    wrong, others = np.where(subjects == "2", np.roll(y, 1), y), np.where(subjects == "2", "1", subjects)
+    wrong, others = (
+        np.where(subjects == "2", np.roll(y, 1), y),
+        np.where(subjects == "2", "1", subjects),
+    )
     renamed = stored.changed(captures=stored.captures.assign(subject=others))
     by_person.KEPT.clear()
     for X, gestures in ((renamed, wrong), (stored, wrong), (stored, y)):

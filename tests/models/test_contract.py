@@ -32,7 +32,9 @@ class Given(ClassifierMixin, BaseEstimator):
 
     def __getattr__(self, name):
         if name == "predict_proba" and self.__dict__.get("proba") is not None:
-            return lambda X: np.resize(np.array(self.proba, dtype=float), (len(X), len(self.classes_)))
+            return lambda X: np.resize(
+                np.array(self.proba, dtype=float), (len(X), len(self.classes_))
+            )
         raise AttributeError(name)
 
 
@@ -48,7 +50,11 @@ def test_a_factory_is_handed_the_feature_set_whatever_its_argument_is_called(cor
     def plain(C=2.0):
         return make_pipeline(StandardScaler(), SVC(C=C))
 
-    expected = make_pipeline(Jung28(), StandardScaler(), SVC(C=3.0)).fit(corpus, corpus.gestures).predict(corpus)
+    expected = (
+        make_pipeline(Jung28(), StandardScaler(), SVC(C=3.0))
+        .fit(corpus, corpus.gestures)
+        .predict(corpus)
+    )
     for factory in (mine, plain):
         built = contract.build(factory, Jung28(), C=3.0)
         assert np.array_equal(built.fit(corpus, corpus.gestures).predict(corpus), expected)
@@ -60,8 +66,14 @@ def test_a_factory_is_handed_the_feature_set_whatever_its_argument_is_called(cor
 @pytest.mark.parametrize(
     ("answer", "fact"),
     [
-        *(({"labels": [label]}, f"predict gives {label!r}, which is not one of the t") for label in ("Pat", None, 0)),
-        ({"proba": [0.2, 2.0, -1.2]}, "predict_proba gives .*softmax"),  # logits, with a sum of 1 by chance
+        *(
+            ({"labels": [label]}, f"predict gives {label!r}, which is not one of the t")
+            for label in ("Pat", None, 0)
+        ),
+        (
+            {"proba": [0.2, 2.0, -1.2]},
+            "predict_proba gives .*softmax",
+        ),  # logits, with a sum of 1 by chance
         ({"proba": [0.5, 0.5, 0.01]}, "predict_proba gives .*sum of 1.01"),
         ({"proba": [np.nan] * 3}, "predict_proba gives .*not finite; .* abstains"),
     ],
@@ -104,7 +116,9 @@ class Owner(Given):
 def test_a_method_is_known_by_the_names_of_its_parameters_others_are_the_authors_own(corpus):
     own = Owner(["pat"]).fit(corpus, corpus.gestures)
     contract.check(own)
-    assert contract.window(own, 100.0) is None and contract.seen_by_features(own, corpus) == [corpus]
+    assert contract.window(own, 100.0) is None and contract.seen_by_features(own, corpus) == [
+        corpus
+    ]
     assert not contract.decides_often(own)
     assert contract.kept(own, 40, 64) == 40 * 64 and contract.kept_before(own, 64) == 0
     assert len(contract.decide(own, corpus)[0]) == len(corpus)
@@ -123,7 +137,12 @@ def test_a_classifier_of_series_is_given_them_in_one_length(corpus):
 
 
 def test_a_module_is_made_for_the_window_and_trained(corpus):
-    model = FromTorch(module=linear, frames=5, batch=8, rate=0.01, epochs=20).fit(corpus, corpus.gestures)
+    model = FromTorch(module=linear, frames=5, batch=8, rate=0.01, epochs=20).fit(
+        corpus, corpus.gestures
+    )
     assert (model.predict(corpus) == corpus.gestures).mean() > 0.7 and len(model.history_) == 20
     assert model.parameters_ == 5 * 64 * 3 + 3
-    assert contract.window(model, 100.0) == 5 and contract.window(FromTorch(module=linear, seconds=0.5), 100.0) == 50
+    assert (
+        contract.window(model, 100.0) == 5
+        and contract.window(FromTorch(module=linear, seconds=0.5), 100.0) == 50
+    )

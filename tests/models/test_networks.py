@@ -28,18 +28,36 @@ def at(rate, **kwargs):
 
 def test_the_subject_who_chooses_the_epoch_is_not_trained_on(corpus, monkeypatch):
     seen, samples = [], Zhou2016GMLSTM.samples
-    monkeypatch.setattr(Zhou2016GMLSTM, "samples", lambda self, c: seen.append(set(c.subjects)) or samples(self, c))
+    monkeypatch.setattr(
+        Zhou2016GMLSTM, "samples", lambda self, c: seen.append(set(c.subjects)) or samples(self, c)
+    )
     model = Zhou2016GMLSTM(frames=16, epochs=2, batch=16).fit(corpus, corpus.gestures)
     trained, *judged = seen
-    assert judged[0] == judged[1] and len(judged[0]) == 1 and trained == set(corpus.subjects) - judged[0]
+    assert (
+        judged[0] == judged[1]
+        and len(judged[0]) == 1
+        and trained == set(corpus.subjects) - judged[0]
+    )
     assert all("held_accuracy" in row for row in model.history_)
 
 
 @pytest.mark.parametrize(
     ("system", "rate", "classes", "parameters", "memory"),
     [
-        (Hughes2017CNN, 135.0, 14, 11_204, 6_494 + 30 * 26 * 7 * 7 + 10 * 9 * 2 * 2),  # printed 80 too small
-        (Hughes2017CNN, 54.0, 7, 17_157, 4_255 + 30 * 18 * 6 * 6 + 20 * 5 * 2 * 2),  # Table VIII, and what is pooled
+        (
+            Hughes2017CNN,
+            135.0,
+            14,
+            11_204,
+            6_494 + 30 * 26 * 7 * 7 + 10 * 9 * 2 * 2,
+        ),  # printed 80 too small
+        (
+            Hughes2017CNN,
+            54.0,
+            7,
+            17_157,
+            4_255 + 30 * 18 * 6 * 6 + 20 * 5 * 2 * 2,
+        ),  # Table VIII, and what is pooled
         (Hughes2017CNNRNN, 135.0, 14, 16_254, 45_124),
         (Hughes2017CNNRNN, 54.0, 7, 22_207, 24_145),  # one more layer of 50
         (Hughes2017AERNN, 135.0, 14, 40_949, 488),
@@ -51,10 +69,16 @@ def test_published_sizes_of_hughes2017(system, rate, classes, parameters, memory
     model = system(epochs=1).fit(corpus, corpus.gestures)
     assert (model.parameters_, model.activations_) == (parameters, memory)
     longest = corpus[np.argsort(-corpus.lengths)]
-    assert system(epochs=1).fit(longest, longest.gestures).activations_ == memory  # of a step, however long it was
+    assert (
+        system(epochs=1).fit(longest, longest.gestures).activations_ == memory
+    )  # of a step, however long it was
     frames = at(rate, subjects=1, per_class=1, gestures=("pat",), longest=1400, seed=1).detached()
     steps = pickle.loads(pickle.dumps(model)).samples(frames).steps
-    most = {Hughes2017CNN: 1, Hughes2017CNNRNN: 36 if rate > 100 else 46, Hughes2017AERNN: 270 if rate > 100 else 432}
+    most = {
+        Hughes2017CNN: 1,
+        Hughes2017CNNRNN: 36 if rate > 100 else 46,
+        Hughes2017AERNN: 270 if rate > 100 else 432,
+    }
     assert frames.lengths[0] > 600 and steps.max() == most[system]
 
 
@@ -75,10 +99,15 @@ def test_published_sizes_of_the_others():
 
 def gradients(output, net, seed=0):
     """Of a weighted sum of an output."""
-    weight = torch.rand(output.shape, generator=torch.Generator().manual_seed(seed), dtype=output.dtype)
+    weight = torch.rand(
+        output.shape, generator=torch.Generator().manual_seed(seed), dtype=output.dtype
+    )
     parameters = list(net.parameters())
     by_parameter = torch.autograd.grad((output * weight).sum(), parameters, allow_unused=True)
-    return [torch.zeros_like(p) if g is None else g for p, g in zip(parameters, by_parameter, strict=True)]
+    return [
+        torch.zeros_like(p) if g is None else g
+        for p, g in zip(parameters, by_parameter, strict=True)
+    ]
 
 
 @given(st.tuples(*[st.integers(1, 6)] * 3), st.tuples(*[st.integers(0, 5)] * 3), st.integers(1, 3))
@@ -115,14 +144,22 @@ def test_attention_of_ones_own_is_that_of_the_library():
     x = torch.randn(3, 7, ren2023.WIDTH)
     ours, theirs = own(x), library(x, x, x, need_weights=False)[0]
     torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
-    torch.testing.assert_close(gradients(ours, own), gradients(theirs, library), rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(
+        gradients(ours, own), gradients(theirs, library), rtol=1e-3, atol=1e-3
+    )
 
 
 def test_a_mounting_has_the_signals_of_a_turned_skin():
     frames = np.random.default_rng(0).random((9, 4, 4), dtype=np.float32)
-    expected = [signals(np.rot90(f, k, axes=(1, 2))) for k in range(4) for f in (frames, frames[:, :, ::-1])]
+    expected = [
+        signals(np.rot90(f, k, axes=(1, 2))) for k in range(4) for f in (frames, frames[:, :, ::-1])
+    ]
     own = torch.from_numpy(signals(frames).astype(np.float32))
     torch.manual_seed(0)
     found = touchnet._mounted(own.expand(400, *own.shape)).numpy()
-    same = np.array([[np.allclose(one, other, rtol=1e-4, atol=1e-4) for other in expected] for one in found])
-    assert (same.sum(axis=1) == 1).all() and (same.sum(axis=0) > 20).all()  # each of the eight about 50 times
+    same = np.array(
+        [[np.allclose(one, other, rtol=1e-4, atol=1e-4) for other in expected] for one in found]
+    )
+    assert (same.sum(axis=1) == 1).all() and (
+        same.sum(axis=0) > 20
+    ).all()  # each of the eight about 50 times

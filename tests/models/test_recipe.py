@@ -11,11 +11,11 @@ from bench.corpora.steps import Faulted, Repair, Scale, Windows
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.touch import TouchFeatures
+from bench.ground.registry import load
 from bench.models.classic.lda import lda
 from bench.models.classic.softmax import softmax
 from bench.models.classic.svm import svm
 from bench.models.recipe import Recipe, build, taken
-from bench.registry import load
 from tests.conftest import random_corpus
 from tests.models.test_systems import COMPOSED
 
@@ -46,9 +46,13 @@ def test_steps_are_taken_one_after_the_other(corpus):
     for step in steps:
         by_hand = step(by_hand)
     assert np.array_equal(seen.frames, by_hand.frames) and seen.steps == tuple(steps)
-    assert np.array_equal(corpus.index[row], seen.index) and np.array_equal(corpus.gestures[row], seen.gestures)
+    assert np.array_equal(corpus.index[row], seen.index) and np.array_equal(
+        corpus.gestures[row], seen.gestures
+    )
     assert seen.piece.max() // COPY == 2
-    model = build(svm, Jung28(), window=0.1, repair="offset+dead", scale="peak", faults=("noise",), copies=2)
+    model = build(
+        svm, Jung28(), window=0.1, repair="offset+dead", scale="peak", faults=("noise",), copies=2
+    )
     assert model.training_steps() == steps and model.steps() == steps[1:]
     model.fit(corpus, corpus.gestures)
     again = svm(Jung28()).fit(seen, seen.gestures)

@@ -40,7 +40,11 @@ def table(rows=300, d=6, copies=2):
     copy = rng.integers(0, copies + 1, rows)
     X[copy > 0, 2] += 30
     index = pd.MultiIndex.from_arrays([np.arange(rows) // 2, copy], names=["capture", "copy"])
-    return pd.DataFrame((X * 10.0 ** np.arange(d)).astype(np.float32), index=index), np.array([*"abc"])[y], copy == 0
+    return (
+        pd.DataFrame((X * 10.0 ** np.arange(d)).astype(np.float32), index=index),
+        np.array([*"abc"])[y],
+        copy == 0,
+    )
 
 
 def test_the_perceptron_decides_as_scikit_learns_network_of_the_same_weights():
@@ -57,7 +61,11 @@ def test_the_perceptron_decides_as_scikit_learns_network_of_the_same_weights():
 def test_rows_are_drawn_as_often_as_they_count():
     """Copies that count nearly nothing change nearly nothing; those that count as much as captures do."""
     X, y, whole = table()
-    alone, hardly, much = Quick().fit(X[whole], y[whole]), Quick(damaged=1e-12).fit(X, y), Quick().fit(X, y)
+    alone, hardly, much = (
+        Quick().fit(X[whole], y[whole]),
+        Quick(damaged=1e-12).fit(X, y),
+        Quick().fit(X, y),
+    )
     np.testing.assert_allclose(hardly.mean_, alone.mean_, rtol=1e-4)
     np.testing.assert_allclose(hardly.coefs_[0], alone.coefs_[0], atol=1e-4)
     assert abs(much.mean_[2] - alone.mean_[2]) > 1
@@ -93,14 +101,21 @@ def test_in_doubt_the_network_decides_and_else_discriminants_of_undamaged_rows()
 def test_a_capture_is_the_mean_of_its_windows_and_a_short_one_has_weights_of_its_own():
     made = random_corpus(subjects=4, per_class=3)
     rng, lengths = np.random.default_rng(0), np.resize([12, 25, 40, 60, 90], len(made))
-    frames = [rng.integers(0, 400, (n, 4, 5)).astype(np.uint16) * (1 + i % 3) for i, n in enumerate(lengths)]
+    frames = [
+        rng.integers(0, 400, (n, 4, 5)).astype(np.uint16) * (1 + i % 3)
+        for i, n in enumerate(lengths)
+    ]
     corpus = Corpus.from_captures(frames, made.captures, 30.0)
     system = Reflex(faults=("none",)).fit(corpus, corpus.gestures)
     proba = system.predict_proba(corpus)
     for seconds, judge, short in ((1.0, Guarded(), False), (0.5, Discriminants(), True)):
-        cuts = [Windows(seconds)(Repair(("stuck", "dead"))(corpus[[i]])) for i in range(len(corpus))]
+        cuts = [
+            Windows(seconds)(Repair(("stuck", "dead"))(corpus[[i]])) for i in range(len(corpus))
+        ]
         rows = np.repeat(np.arange(len(corpus)), [len(cut) for cut in cuts])
-        features = pd.concat([TouchFeatures().extract(cut) for cut in cuts]).set_axis(labels(rows, 0 * rows))
+        features = pd.concat([TouchFeatures().extract(cut) for cut in cuts]).set_axis(
+            labels(rows, 0 * rows)
+        )
         each = judge.fit(features, corpus.gestures[rows]).predict_proba(features)
         for i in np.flatnonzero((corpus.lengths < 30) == short):
             np.testing.assert_allclose(proba[i], each[rows == i].mean(axis=0), atol=1e-5)

@@ -13,8 +13,16 @@ from bench.models.series import Series
 from tests.conftest import random_corpus
 
 
-@given(st.integers(3, 30), st.integers(1, 40), st.integers(2, 5), st.sampled_from(PENALTIES), st.integers(0, 99))
-def test_ridge_and_what_it_predicts_for_left_out_groups_equal_scikit_learn(captures, width, groups, penalty, seed):
+@given(
+    st.integers(3, 30),
+    st.integers(1, 40),
+    st.integers(2, 5),
+    st.sampled_from(PENALTIES),
+    st.integers(0, 99),
+)
+def test_ridge_and_what_it_predicts_for_left_out_groups_equal_scikit_learn(
+    captures, width, groups, penalty, seed
+):
     rng = np.random.default_rng(seed)
     features = rng.standard_normal((captures, width)).astype(np.float32)
     features -= features.mean(axis=0)
@@ -25,26 +33,38 @@ def test_ridge_and_what_it_predicts_for_left_out_groups_equal_scikit_learn(captu
     np.testing.assert_allclose(exact.T @ ours.dual(penalty), whole.coef_.T, rtol=1e-4, atol=1e-6)
     expected = np.empty_like(targets)
     for train, test in LeaveOneGroupOut().split(features, groups=group):
-        expected[test] = SklearnRidge(alpha=penalty).fit(exact[train], targets[train]).predict(exact[test])
+        expected[test] = (
+            SklearnRidge(alpha=penalty).fit(exact[train], targets[train]).predict(exact[test])
+        )
     parts = [np.flatnonzero(group == g) for g in np.unique(group)]
     np.testing.assert_allclose(ours.left_out(penalty, parts), expected, rtol=1e-4, atol=1e-5)
 
 
 @given(st.integers(1, 4), st.integers(1, 5), st.integers(1, 30), st.integers(0, 99))
 def test_series_equal_a_loop(rows, cols, longest, seed):
-    corpus = random_corpus(subjects=2, per_class=1, grid=(rows, cols), longest=longest + 1, seed=seed)
+    corpus = random_corpus(
+        subjects=2, per_class=1, grid=(rows, cols), longest=longest + 1, seed=seed
+    )
     corpus = corpus[np.random.default_rng(seed).permutation(len(corpus))[:4]]
     values = []
     for frame in np.concatenate([*corpus]).astype(float):
         total = frame.sum()
-        row = sum((r + 1) * frame[r].sum() for r in range(rows)) / total if total else (rows + 1) / 2
-        col = sum((c + 1) * frame[:, c].sum() for c in range(cols)) / total if total else (cols + 1) / 2
+        row = (
+            sum((r + 1) * frame[r].sum() for r in range(rows)) / total if total else (rows + 1) / 2
+        )
+        col = (
+            sum((c + 1) * frame[:, c].sum() for c in range(cols)) / total
+            if total
+            else (cols + 1) / 2
+        )
         values.append([*frame.ravel(), total, row, col, frame.max(), (frame > 0.05 * 1023).mean()])
     values = np.array(values)
     sd = np.where(values.std(axis=0) > 1e-9, values.std(axis=0), 1)
     values = (values - values.mean(axis=0)) / sd
     captures = np.split(values, np.cumsum(corpus.lengths)[:-1])
-    for series, own in zip(Series("both", length=12).fit(corpus).each(corpus), captures, strict=True):
+    for series, own in zip(
+        Series("both", length=12).fit(corpus).each(corpus), captures, strict=True
+    ):
         at = np.linspace(0, len(own) - 1, 12)
         expected = [np.interp(at, np.arange(len(own)), column) for column in own.T]
         np.testing.assert_allclose(series, expected, rtol=1e-4, atol=1e-4)
@@ -55,6 +75,8 @@ def test_scores_are_those_of_scikit_learn_with_the_best_penalty_and_temperature(
     features = fitted._features(corpus)
     fitted._scale(features)
     exact = RidgeClassifier(alpha=fitted.penalty_).fit(features.astype(np.float64), corpus.gestures)
-    expected = softmax(exact.decision_function(features.astype(np.float64)) / fitted.temperature_, axis=1)
+    expected = softmax(
+        exact.decision_function(features.astype(np.float64)) / fitted.temperature_, axis=1
+    )
     np.testing.assert_allclose(fitted.predict_proba(corpus), expected, atol=1e-4)
     assert (fitted.predict(corpus) == corpus.gestures).mean() > 0.9

@@ -32,7 +32,10 @@ BY_HAND = [
     (LogisticRegression(), 3 * 4 + 3),
     (LinearDiscriminantAnalysis(), 3 * 4 + 3),
     (KNeighborsClassifier(), 60 * 4 + 60),  # every capture and its class
-    (GaussianNB(), 2 * 3 * 4 + 2 * 3 + 1),  # means, variances; priors, counts; the floor of variances
+    (
+        GaussianNB(),
+        2 * 3 * 4 + 2 * 3 + 1,
+    ),  # means, variances; priors, counts; the floor of variances
     (GaussianBayes(), 3 * (4 + 10 + 1)),
     (MLPClassifier((5,), max_iter=5), 4 * 5 + 5 + 5 * 3 + 3),
 ]
@@ -53,14 +56,20 @@ def test_known_kinds_by_hand(classifier, numbers):
     [
         (DecisionTreeClassifier(), lambda tree: [tree]),
         (ensemble.RandomForestClassifier(n_estimators=5), lambda forest: forest.estimators_),
-        (ensemble.GradientBoostingClassifier(n_estimators=3), lambda boosted: boosted.estimators_.ravel()),
+        (
+            ensemble.GradientBoostingClassifier(n_estimators=3),
+            lambda boosted: boosted.estimators_.ravel(),
+        ),
     ],
 )
 def test_a_tree_has_two_numbers_a_node_one_a_tree_and_the_shares_of_each_leaf_once(model, trees_of):
     total, leaves = 0, set()
     for tree in (each.tree_ for each in trees_of(model.fit(X, Y))):
         total += 1 + 2 * tree.node_count
-        leaves |= {tuple(shares.ravel()) for shares in tree.value[tree.children_left < 0].astype(np.float32)}
+        leaves |= {
+            tuple(shares.ravel())
+            for shares in tree.value[tree.children_left < 0].astype(np.float32)
+        }
     assert parameter_count(model) == total + sum(map(len, leaves))
 
 
@@ -69,7 +78,9 @@ def test_boosted_trees_and_support_vectors_by_hand():
     text = "".join(boosted.get_booster().get_dump())
     leaves = text.count("leaf=")  # root and class of each of 3 x 4 trees besides
     assert parameter_count(boosted) == 2 * (text.count("yes=") + leaves) + leaves + 2 * 12
-    histograms = ensemble.HistGradientBoostingClassifier(max_iter=3, early_stopping=False, min_samples_leaf=5).fit(X, Y)
+    histograms = ensemble.HistGradientBoostingClassifier(
+        max_iter=3, early_stopping=False, min_samples_leaf=5
+    ).fit(X, Y)
     nodes = [tree.nodes for each in histograms._predictors for tree in each]
     trees = sum(2 * len(n) + int(n["is_leaf"].sum()) for n in nodes)
     assert trees <= parameter_count(histograms) <= trees + 60 * 4 + 100  # and the edges of its bins
@@ -83,7 +94,9 @@ def test_pipelines_and_ensembles_are_the_sum_of_their_parts():
     for other in (DecisionTreeClassifier(max_depth=2), GaussianNB()):
         parts = [("a", DecisionTreeClassifier()), ("b", other)]
         stacked = ensemble.StackingClassifier(parts, LogisticRegression(), cv=2).fit(X, Y)
-        assert parameter_count(stacked) == sum(map(parameter_count, stacked.estimators_)) + 3 * 6 + 3
+        assert (
+            parameter_count(stacked) == sum(map(parameter_count, stacked.estimators_)) + 3 * 6 + 3
+        )
 
 
 class OneNet(ClassifierMixin, BaseEstimator):
@@ -107,7 +120,11 @@ def test_memory_is_what_features_and_classifiers_work_in(corpus):
     costs, n = sizes(machine, 64, 40), len(machine.named_steps["classifier"].support_)
     # summed pressure, two frames, features, kernels, scores
     assert costs["ram_bytes"] == 4 * (40 + 2 * 64 + 28 + n + 3)
-    assert costs["flash_bytes"] == 4 * (costs["parameters"] + 2 * 28)  # low end and width of each feature
+    assert costs["flash_bytes"] == 4 * (
+        costs["parameters"] + 2 * 28
+    )  # low end and width of each feature
     # spatial peaks of jung54 and areas are above a share of the maximum of the whole capture
     assert {part.keeps(40, 64) for part in (Jung54(), Jung28(area="capture"), Ta273())} == {40 * 64}
-    assert Balli().keeps(40, 64) == 16 * 40 + 64 and Subset(Jung28(), 5).keeps(40, 64) == 40 + 2 * 64
+    assert (
+        Balli().keeps(40, 64) == 16 * 40 + 64 and Subset(Jung28(), 5).keeps(40, 64) == 40 + 2 * 64
+    )

@@ -8,7 +8,13 @@ from torch import nn
 from bench.models.nets.taxel_major import pool, taxel_major
 
 
-@given(st.integers(1, 9), st.integers(1, 9), st.integers(1, 3), st.integers(0, 2), st.integers(0, 10_000))
+@given(
+    st.integers(1, 9),
+    st.integers(1, 9),
+    st.integers(1, 3),
+    st.integers(0, 2),
+    st.integers(0, 10_000),
+)
 def test_a_stack_equals_its_taxel_major_form(rows, cols, kernel, padding, seed):
     assume(min(rows, cols) + 2 * padding >= kernel)
     torch.manual_seed(seed)
@@ -24,7 +30,9 @@ def test_a_stack_equals_its_taxel_major_form(rows, cols, kernel, padding, seed):
     x = torch.rand(6, 3, rows, cols, dtype=torch.float64, requires_grad=True)
     outputs = net(x), taxel_major(net, x)
     torch.testing.assert_close(*outputs)
-    torch.testing.assert_close(*(torch.autograd.grad(y.square().sum(), [*net.parameters(), x]) for y in outputs))
+    torch.testing.assert_close(
+        *(torch.autograd.grad(y.square().sum(), [*net.parameters(), x]) for y in outputs)
+    )
 
 
 def test_gradient_of_a_tie_goes_to_the_first():

@@ -31,12 +31,16 @@ def linear():
 def trained(net, windows, schedule, target=0, rate=0.0, judge=None):
     """The history of a training, by default of one that changes nothing."""
     optimiser = Optimiser(torch.optim.SGD(net.parameters(), rate))
-    return train(net, windows, target + np.zeros(len(windows), dtype=int), optimiser, schedule, judge=judge)
+    return train(
+        net, windows, target + np.zeros(len(windows), dtype=int), optimiser, schedule, judge=judge
+    )
 
 
 def test_an_epoch_is_a_new_order_of_whole_batches_in_training_mode(windows, monkeypatch):
     seen, batch, net = [], windows.batch, linear()
-    monkeypatch.setattr(windows, "batch", lambda rows: seen.append([net.training, *rows]) or batch(rows))
+    monkeypatch.setattr(
+        windows, "batch", lambda rows: seen.append([net.training, *rows]) or batch(rows)
+    )
     trained(net, windows, Schedule(2, 16, 0), judge=lambda: float(net.eval().training))
     steps = np.array(seen).reshape(2, -1, 17)
     assert steps[..., 0].all() and steps.shape[1] == len(windows) // 16
@@ -64,7 +68,10 @@ def test_loss_with_smoothing_by_hand(windows):
     (row,) = trained(net, windows, Schedule(1, len(windows), 0, smoothing=0.2), target)
     proba = net(windows.batch(np.arange(len(windows)))).softmax(1).detach().numpy()
     expected = np.eye(2)[target] * 0.8 + 0.1
-    assert row == {"loss": pytest.approx(-(expected * np.log(proba)).sum(1).mean(), rel=1e-5), "rate": 0.0}
+    assert row == {
+        "loss": pytest.approx(-(expected * np.log(proba)).sum(1).mean(), rel=1e-5),
+        "rate": 0.0,
+    }
 
 
 def test_a_training_that_diverges_says_where_unless_an_epoch_was_judged(windows):
@@ -92,7 +99,9 @@ def test_the_optimiser_of_cnn85_equals_the_update_rule_written_out():
         net(torch.full((1, 3), float(t))).square().sum().backward()
         gradients = [p.grad.numpy().copy() for p in net.parameters()]
         sgd.step()
-        for i, (decay, g) in enumerate(zip((1e-4, 0), gradients, strict=True)):  # of weights, not of biases
+        for i, (decay, g) in enumerate(
+            zip((1e-4, 0), gradients, strict=True)
+        ):  # of weights, not of biases
             momentum[i] = 0.9 * momentum[i] - 0.1 * g - decay * expected[i]
             expected[i] = expected[i] + 0.1 * momentum[i] / (1 - 0.9**t)
         for p, value in zip(net.parameters(), expected, strict=True):
@@ -122,7 +131,11 @@ def test_the_search_keeps_the_rate_with_the_lowest_last_loss_and_discards_the_tr
         sgd.rate = rate
         losses[rate] = [step(None) for _ in range(30)][-1]
     best, (net, sgd, step) = min(losses, key=losses.get), valley()
-    for epoch, rate, kept in ((0, 0.5, best), (1, 0.123, 0.123), (10, 0.123, best)):  # it searches every ten epochs
+    for epoch, rate, kept in (
+        (0, 0.5, best),
+        (1, 0.123, 0.123),
+        (10, 0.123, best),
+    ):  # it searches every ten epochs
         sgd.rate = rate
         sgd.before_epoch(epoch, np.zeros((40, 2)), step)
         assert sgd.rate == kept and sgd.rates == tuple(r for r in PAPER if r <= best)
@@ -137,7 +150,11 @@ def loop(frames, length, hop, padding):
     windows, start = [], 0
     while True:
         piece = frames[start : start + length]
-        padded = np.zeros((length, *frames.shape[1:])) if padding == "zero" else np.stack([frames[-1]] * length)
+        padded = (
+            np.zeros((length, *frames.shape[1:]))
+            if padding == "zero"
+            else np.stack([frames[-1]] * length)
+        )
         padded[: len(piece)] = piece
         windows.append((start, len(piece), padded))
         if start + length >= len(frames):
@@ -156,12 +173,18 @@ def test_windows_equal_a_loop(length, hop, seed, grid, padding):
     hop = min(hop, length)
     corpus = random_corpus(subjects=1, per_class=2, seed=seed, grid=grid)[np.array([3, 0, 5])]
     windows = Windows(corpus, length, hop, padding)
-    expected = [(i, *w) for i, frames in enumerate(corpus) for w in loop(frames, length, hop, padding)]
-    assert list(zip(windows.capture, windows.start, windows.seen, strict=True)) == [e[:3] for e in expected]
+    expected = [
+        (i, *w) for i, frames in enumerate(corpus) for w in loop(frames, length, hop, padding)
+    ]
+    assert list(zip(windows.capture, windows.start, windows.seen, strict=True)) == [
+        e[:3] for e in expected
+    ]
     order = np.random.default_rng(seed).permutation(len(windows))
     batch = windows.batch(order)
     assert batch.dtype == torch.float32 and batch.shape == (len(order), length, *grid)
-    np.testing.assert_allclose(batch.numpy(), np.stack([expected[i][3] for i in order]) / 1023, rtol=1e-6)
+    np.testing.assert_allclose(
+        batch.numpy(), np.stack([expected[i][3] for i in order]) / 1023, rtol=1e-6
+    )
 
 
 @given(st.integers(1, 8), st.integers(1, 8), st.integers(1, 5), st.integers(0, 99))
@@ -174,7 +197,9 @@ def test_sequences_equal_a_loop(frames, hop, longest, seed):
         mine = np.flatnonzero(windows.capture == capture)
         for piece in [mine[i : i + longest] for i in range(0, len(mine), longest)]:
             end = windows.start[piece[-1]] + windows.seen[piece[-1]]
-            expected.append((capture, windows.start[piece[0]], end - windows.start[piece[0]], len(piece), piece))
+            expected.append(
+                (capture, windows.start[piece[0]], end - windows.start[piece[0]], len(piece), piece)
+            )
     columns = zip(sequences.capture, sequences.start, sequences.seen, sequences.steps, strict=True)
     assert list(columns) == [e[:4] for e in expected]
     order = np.random.default_rng(seed).permutation(len(sequences))
@@ -196,7 +221,11 @@ def test_windows_of_signals_equal_a_loop(lengths, frames, seed):
     for capture, array in enumerate(arrays):
         own = signals(array.astype(np.float32) / np.float32(1023))
         own[0, [*OF_STEPS]] = own[min(1, len(own) - 1), [*OF_STEPS]]
-        starts = [start for start in range(0, len(array), hop) if start == 0 or start + frames <= len(array)]
+        starts = [
+            start
+            for start in range(0, len(array), hop)
+            if start == 0 or start + frames <= len(array)
+        ]
         expected += [(capture, start, own[start : start + frames]) for start in starts]
     found = Stretches(corpus_of(arrays), frames, hop)
     assert [(c, s) for c, s, _ in expected] == list(zip(found.capture, found.start, strict=True))
@@ -208,18 +237,25 @@ def test_windows_of_signals_equal_a_loop(lengths, frames, seed):
 
 @given(st.lists(st.integers(1, 40), min_size=2, max_size=5), st.integers(0, 99))
 def test_training_windows_of_signals_stay_within_their_captures(lengths, seed):
-    arrays = [np.full((n, 2, 2), 100 + k, dtype=np.uint16) for k, n in enumerate(lengths)]  # tell them by their total
+    arrays = [
+        np.full((n, 2, 2), 100 + k, dtype=np.uint16) for k, n in enumerate(lengths)
+    ]  # tell them by their total
     drawn, total = Stretches(corpus_of(arrays), 12, 6, drawn=True), SIGNALS.index("total")
     totals = drawn.values[np.cumsum([0, *lengths[:-1]]), total]
     torch.manual_seed(seed)
     values, seen = drawn.batch(np.tile(np.arange(len(drawn)), 5))
-    for window, count, capture in zip(values[..., total], seen, np.tile(drawn.capture, 5), strict=True):
+    for window, count, capture in zip(
+        values[..., total], seen, np.tile(drawn.capture, 5), strict=True
+    ):
         assert 1 <= count <= lengths[capture] and (window[:count] == totals[capture]).all()
 
 
 def test_votes_by_hand():
     proba = np.array([[0.9, 0.1], [0.4, 0.6], [0.4, 0.6], [0.2, 0.8], [0.7, 0.3]], dtype=np.float32)
     shares = votes(proba, np.array([3, 2]))
-    assert shares.argmax(axis=1).tolist() == [1, 1]  # 2 of 3 against a higher mean; a tie by the mean
+    assert shares.argmax(axis=1).tolist() == [
+        1,
+        1,
+    ]  # 2 of 3 against a higher mean; a tie by the mean
     np.testing.assert_allclose(shares.sum(axis=1), 1, rtol=1e-6)
     assert np.array_equal(votes(proba, np.ones(5, dtype=int)), proba)

@@ -19,12 +19,12 @@ from bench.corpora.folder import open_folder, write_folder
 from bench.features.jung28 import Jung28
 from bench.features.selection import Subset
 from bench.features.ta273 import Ta273
+from bench.ground.scratch import home
 from bench.models.classic.svm import svm
 from bench.models.search.study import Study, Tried
 from bench.models.search.tuning import Search
 from bench.models.sizes import parameter_count
 from bench.models.space import Range
-from bench.scratch import home
 from tests.conftest import random_corpus, with_other_values
 
 GRID = {"C": [0.125, 8.0, 512.0], "gamma": [0.01, 1.0]}
@@ -34,7 +34,9 @@ SELECTED = Subset(Jung28(), 4)  # which learns from labels
 def noisy(subjects=4, longest=15):
     """Captures whose classes overlap, so that parameters matter."""
     corpus = random_corpus(subjects=subjects, per_class=3, longest=longest)
-    noise = np.random.default_rng(1).integers(0, 120, len(corpus)).repeat(corpus.lengths)[:, None, None]
+    noise = (
+        np.random.default_rng(1).integers(0, 120, len(corpus)).repeat(corpus.lengths)[:, None, None]
+    )
     return corpus.changed(frames=(corpus.frames + noise).astype(np.uint16))
 
 
@@ -52,11 +54,15 @@ def by_hand(corpus, folds):
             machine = make_pipeline(MinMaxScaler(), SVC(C=C, gamma=gamma, break_ties=True))
             machine.fit(learnt.transform(corpus[train]).to_numpy(), y[train])
             hit[test] = machine.predict(learnt.transform(corpus[test]).to_numpy()) == y[test]
-    return {point: np.mean([hit[subjects == s].mean() for s in set(subjects)]) for point, hit in hits.items()}
+    return {
+        point: np.mean([hit[subjects == s].mean() for s in set(subjects)])
+        for point, hit in hits.items()
+    }
 
 
 @pytest.mark.parametrize(
-    ("inner", "splitter"), [("2", GroupKFold(2, shuffle=True, random_state=0)), ("loso", LeaveOneGroupOut())]
+    ("inner", "splitter"),
+    [("2", GroupKFold(2, shuffle=True, random_state=0)), ("loso", LeaveOneGroupOut())],
 )
 def test_a_grid_is_searched_as_a_plain_loop_would(inner, splitter):
     corpus = noisy(subjects=5)
@@ -66,7 +72,9 @@ def test_a_grid_is_searched_as_a_plain_loop_would(inner, splitter):
     best = max(expected.values()) - 1e-9  # means that are summed in another order differ
     trials = search.trials_.set_index(["svm.C", "svm.gamma"])
     assert set(trials.index) == set(expected) and len(trials) == 6
-    assert (search.chosen_["svm.C"], search.chosen_["svm.gamma"]) == min(k for k, v in expected.items() if v >= best)
+    assert (search.chosen_["svm.C"], search.chosen_["svm.gamma"]) == min(
+        k for k, v in expected.items() if v >= best
+    )
     for point, row in trials[trials["state"] == "complete"].iterrows():
         assert row["accuracy"] == pytest.approx(expected[point]) and row["subjects"] == 5
     again = svm(clone(SELECTED), C=search.chosen_["svm.C"], gamma=search.chosen_["svm.gamma"]).fit(
@@ -83,7 +91,13 @@ def test_a_search_ends_with_its_budget():
 
 def test_what_is_taken_by_hand():
     """Losses to the best, subject by subject: 0.05 +- 0.029, 0 +- 0 and 0.025 +- 0.063."""
-    rows = {0.5: [1.0], 8.0: [0.9] * 4, 1.0: [0.9, 0.8, 0.9, 0.8], 4.0: [0.9] * 4, 2.0: [0.9, 0.7, 1.0, 0.9]}
+    rows = {
+        0.5: [1.0],
+        8.0: [0.9] * 4,
+        1.0: [0.9, 0.8, 0.9, 0.8],
+        4.0: [0.9] * 4,
+        2.0: [0.9, 0.7, 1.0, 0.9],
+    }
     trials = [
         Tried(
             {"model": "svm", "features": "selected", "svm.C": C},
@@ -98,14 +112,18 @@ def test_what_is_taken_by_hand():
     assert search._ranked(trials) == [4, 3, 1]
 
 
-def test_test_subjects_change_nothing_that_is_chosen_or_learned_and_nothing_is_judged_again(tmp_path, monkeypatch):
+def test_test_subjects_change_nothing_that_is_chosen_or_learned_and_nothing_is_judged_again(
+    tmp_path, monkeypatch
+):
     """With the cache of features and the stored study on the way."""
     corpus, searches = noisy(), []
     test = np.flatnonzero(corpus.subjects == "2")
     for folder, captures in (("a", corpus), ("b", with_other_values(corpus, test))):
         write_folder(captures, tmp_path / folder)
         captures = open_folder(tmp_path / folder)[np.flatnonzero(corpus.subjects != "2")]
-        search = Search({"svm": svm}, {"svm": svm.space}, {"a": Jung28(), "b": Ta273()}, "2", trials=5)
+        search = Search(
+            {"svm": svm}, {"svm": svm.space}, {"a": Jung28(), "b": Ta273()}, "2", trials=5
+        )
         searches.append(search.fit(captures, captures.gestures))
     one, other = searches
     assert one.chosen_ == other.chosen_
@@ -126,7 +144,9 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(tmp_path, monkeypat
     write_folder(corpus, tmp_path / "stored")
     stored = open_folder(tmp_path / "stored")
     space, made = {"C": Range(1e-3, 1e3, log=True), "gamma": Range(1e-3, 1.0)}, []
-    search = Search({"svm": svm}, {"svm": space}, {"jung28": Jung28()}, "2", trials=13)  # ten are drawn blindly
+    search = Search(
+        {"svm": svm}, {"svm": space}, {"jung28": Jung28()}, "2", trials=13
+    )  # ten are drawn blindly
     straight = clone(search).fit(corpus, corpus.gestures).trials_  # not stored
 
     def cut_off(self, *args, real=Search._made):
@@ -139,7 +159,9 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(tmp_path, monkeypat
         patch.setattr(Search, "_made", cut_off)
         clone(search).fit(stored, stored.gestures)
     (lock,) = (home() / "studies").glob("*.lock")
-    (lock.with_suffix("") / ".killed.pickle").write_bytes(b"half of a trial")  # of a process that was killed
+    (lock.with_suffix("") / ".killed.pickle").write_bytes(
+        b"half of a trial"
+    )  # of a process that was killed
     resumed = search.fit(stored, stored.gestures).trials_
     pd.testing.assert_frame_equal(resumed.drop(columns="seconds"), straight.drop(columns="seconds"))
     assert straight["svm.C"].nunique() == 13  # they differ, or this shows nothing
@@ -151,12 +173,20 @@ def test_a_trial_is_worse_if_a_signed_rank_test_over_the_subjects_so_far_says_so
     made = Study({"model": ["m"]}, {"m": {}}, 0, 9, np.inf, 0.0, {"cost": 1.0})
     step = iter(
         [
-            Tried({"model": "m"}, "complete", subjects=dict.fromkeys(range(10), 1.0), costs={"cost": 2.0}),  # too dear
+            Tried(
+                {"model": "m"},
+                "complete",
+                subjects=dict.fromkeys(range(10), 1.0),
+                costs={"cost": 2.0},
+            ),  # too dear
             Tried({"model": "m"}, "complete", subjects=dict(enumerate([*best, 1.0]))),
             Tried({"model": "m"}, "large", subjects={"a": 99.0, "b": 99.0}),
         ]
     )
     made.search(lambda: next(step, None), {}, SimpleNamespace(digest=""), np.array([]))
-    expected = len(mine) > 1 and wilcoxon(mine - best, alternative="less", zero_method="zsplit").pvalue < 0.1
+    expected = (
+        len(mine) > 1
+        and wilcoxon(mine - best, alternative="less", zero_method="zsplit").pvalue < 0.1
+    )
     expected = expected and mine.mean() < np.mean([*best, 1.0])
     assert made.worse(Tried({"model": "m"}, "complete", subjects=dict(enumerate(mine)))) == expected

@@ -18,16 +18,28 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.work.workers import Here
+from bench.running.workers import Here
 
-GESTURES = {4: "pat", 8: "rub", 12: "stroke", 13: "tap"}  # of an exported table, whose gestures are numbers
+GESTURES = {
+    4: "pat",
+    8: "rub",
+    12: "stroke",
+    13: "tap",
+}  # of an exported table, whose gestures are numbers
 VARIANTS = {1: "gentle", 2: "normal", 3: "rough"}
 TABLE = ["grid=8x8", "rate_hz=45", "full_scale=1023"]
 RATE = ["rate_hz=45.0"]
 PEOPLES = ("people.csv", "three.csv")  # exported captures that become those of people
 PROGRESS = re.compile(r" after [\d.]+ s, \d+ of \d+ folds|━|^run \d+ of \d+: .*…")
 QUIET_FRAMES = 20  # behind each capture
-SYNTH = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "data.rate_hz=45.0", "jobs=1"]
+SYNTH = [
+    "data=synth",
+    "data.subjects=3",
+    "data.variants=normal",
+    "data.repetitions=1",
+    "data.rate_hz=45.0",
+    "jobs=1",
+]
 PEOPLE, THREE = (["data=people", "jobs=1"], ["data=three", "jobs=1"])
 SYSTEMS = '''"""Systems for special cases."""
 
@@ -92,8 +104,27 @@ class Knows(Levels):
 MINE = ",".join(f"mine.py:{name}" for name in ("Raises", "Batch", "Epochs", "Knows"))
 RUNS = {  # commands that fill the store, by the name of what they print
     "corpora": [
-        ["data", "export", "synth", "people.csv", "subjects=4", "repetitions=1", "variants=normal+rough", *RATE],
-        ["data", "export", "synth", "three.csv", "subjects=3", "repetitions=1", "variants=normal", "seed=7", *RATE],
+        [
+            "data",
+            "export",
+            "synth",
+            "people.csv",
+            "subjects=4",
+            "repetitions=1",
+            "variants=normal+rough",
+            *RATE,
+        ],
+        [
+            "data",
+            "export",
+            "synth",
+            "three.csv",
+            "subjects=3",
+            "repetitions=1",
+            "variants=normal",
+            "seed=7",
+            *RATE,
+        ],
         ["data", "import", "table", "people.csv", "name=people", *TABLE],
         ["data", "import", "table", "three.csv", "name=three", *TABLE],
     ],
@@ -102,20 +133,69 @@ RUNS = {  # commands that fill the store, by the name of what they print
         ["run", *PEOPLE, "model=lda", "features=touch", "model.window=0.5"],
         ["run", *PEOPLE, "model=rf", "model.trees=5", "features=jung28", "seed=0,1"],
         ["run", *PEOPLE, f"model={MINE}"],
-        ["run", *PEOPLE, "model=bayes", "features=jung28", "where=variant == 'rough'", "target=gesture+variant"],
+        [
+            "run",
+            *PEOPLE,
+            "model=bayes",
+            "features=jung28",
+            "where=variant == 'rough'",
+            "target=gesture+variant",
+        ],
         ["run", *THREE, "model=bayes", "features=jung28", "protocol=kfold", "protocol.folds=2"],
         ["run", *THREE, "model=tree,bayes", "features=jung28"],
         ["run", *SYNTH, "model=tree", "features=jung28"],
     ],
     "tune": [["tune", *PEOPLE, "model=tree", "features=jung28", "model.level=1,9", "inner=2"]],
-    "smallest": [["tune", *PEOPLE, "model=tree", "features=jung28", "smallest=level", "model.level=1,3", "inner=2"]],
+    "smallest": [
+        [
+            "tune",
+            *PEOPLE,
+            "model=tree",
+            "features=jung28",
+            "smallest=level",
+            "model.level=1,3",
+            "inner=2",
+        ]
+    ],
     "stress": [
-        ["stress", *PEOPLE, "model=tree,bayes", "features=jung28", "faults=noise,dead_taxels", "train_subjects=1,2"],
-        ["stress", *SYNTH, "model=rf", "model.trees=5", "features=jung28", "seed=0,1", "faults=noise", "out=seeds"],
+        [
+            "stress",
+            *PEOPLE,
+            "model=tree,bayes",
+            "features=jung28",
+            "faults=noise,dead_taxels",
+            "train_subjects=1,2",
+        ],
+        [
+            "stress",
+            *SYNTH,
+            "model=rf",
+            "model.trees=5",
+            "features=jung28",
+            "seed=0,1",
+            "faults=noise",
+            "out=seeds",
+        ],
     ],
     "replay": [
-        ["run", *THREE, "model=tree,bayes", "features=jung28", "after=each", "stopping=yes", "hop_ms=1200"],
-        ["run", *THREE, "model=tree", "features=jung28", "after=each", "stopping=yes", "start=middle"],
+        [
+            "run",
+            *THREE,
+            "model=tree,bayes",
+            "features=jung28",
+            "after=each",
+            "stopping=yes",
+            "hop_ms=1200",
+        ],
+        [
+            "run",
+            *THREE,
+            "model=tree",
+            "features=jung28",
+            "after=each",
+            "stopping=yes",
+            "start=middle",
+        ],
     ],
 }
 
@@ -128,9 +208,11 @@ def inside(folder: Path, template: Path | None = None) -> Iterator[None]:
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
         patch.chdir(folder)
         if template:
-            patch.setattr("bench.store.create", lambda path: shutil.copy(template, path))
-        patch.setattr("bench.work.loop.Processes", Here)
-        patch.setattr("bench.commands.printing.WIDTH", 250)  # room for all columns, however long times are
+            patch.setattr("bench.store.client.create", lambda path: shutil.copy(template, path))
+        patch.setattr("bench.running.loop.Processes", Here)
+        patch.setattr(
+            "bench.commands.printing.WIDTH", 250
+        )  # room for all columns, however long times are
         yield
 
 
@@ -158,7 +240,11 @@ def step(command: list[str]) -> str:
         code = main([*command])
     if command[:2] == ["data", "export"] and command[3] in PEOPLES:
         _like_people(Path(command[3]))
-    said = [f"! {line}\n" for line in errors.getvalue().splitlines() if line and not PROGRESS.search(line)]
+    said = [
+        f"! {line}\n"
+        for line in errors.getvalue().splitlines()
+        if line and not PROGRESS.search(line)
+    ]
     return f"$ bench {' '.join(command)}\n{out.getvalue()}{''.join(said)}{f'exit code {code}' * bool(code)}\n\n"
 
 
@@ -166,11 +252,16 @@ def _like_people(path: Path) -> None:
     """Keep some gestures, by name, and no mark of generated captures."""
     table = pd.read_csv(path, skipinitialspace=True)
     table = table[table["gesture"].isin(GESTURES)].drop(columns="synthetic")
-    table["gesture"], table["variant"] = table["gesture"].map(GESTURES), table["variant"].map(VARIANTS)
+    table["gesture"], table["variant"] = (
+        table["gesture"].map(GESTURES),
+        table["variant"].map(VARIANTS),
+    )
     channels, rng = [name for name in table if name.startswith("ch")], np.random.default_rng(0)
     captures = []
     for _, capture in table.groupby(["subject", "variant", "gesture"], sort=False):
-        quiet = capture.iloc[[0] * 5 * QUIET_FRAMES].copy()  # more than are used: what is drawn depends on it
+        quiet = capture.iloc[
+            [0] * 5 * QUIET_FRAMES
+        ].copy()  # more than are used: what is drawn depends on it
         quiet[channels] = rng.integers(0, 4, (len(quiet), len(channels)))
         captures.append(pd.concat([capture, quiet[:QUIET_FRAMES]]))
         captures[-1]["frame"] = np.arange(1, len(captures[-1]) + 1)

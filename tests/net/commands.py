@@ -69,7 +69,9 @@ STEPS = {  # each list in a copy of the store
         ["choose", "groups=yes", *ON, *TREE],
         ["choose", "groups=yes", *ON, "batch=yes"],
     ],
-    "report": [["report", "max_flash=64kB", "min_worst_person=10", "paper=accuracy,macro_f1,flash"]],
+    "report": [
+        ["report", "max_flash=64kB", "min_worst_person=10", "paper=accuracy,macro_f1,flash"]
+    ],
     "audit": [["audit", "model=mine.py:Batch"]],
     "check": [
         ["check", "update=yes", *PEOPLE, "model=tree,bayes", "features=jung28", "baseline=b.json"],
@@ -79,16 +81,36 @@ STEPS = {  # each list in a copy of the store
     "data": [
         ["data"],
         ["data", "show", "people", "where=subject != '4'", "target=variant"],
-        ["data", "export", "synth", "o.csv", "subjects=1", "repetitions=1", "variants=normal", *RATE],
+        [
+            "data",
+            "export",
+            "synth",
+            "o.csv",
+            "subjects=1",
+            "repetitions=1",
+            "variants=normal",
+            *RATE,
+        ],
         ["data", "import", "table", "o.csv", "name=mine", *TABLE],
         ["data", "verify", "people"],
     ],
     "fit": [["fit", *LDA, "stopping=no", "out=rec"], ["predict", "rec", "three.csv", "out=p.csv"]],
 }
 FILES = {  # golden files of what commands write, by the step that writes them
-    "report": ["report/comparison.csv", "report/pairs.csv", "report/provenance.csv", "report/ranking.csv"]
+    "report": [
+        "report/comparison.csv",
+        "report/pairs.csv",
+        "report/provenance.csv",
+        "report/ranking.csv",
+    ]
     + ["report/statistics.csv", "report/comparison.md", "report/comparison.tex"]
-    + ["report/index.html", "report/streaming.csv", "report/stopping.csv", "report/paper.csv", "report/paper.tex"],
+    + [
+        "report/index.html",
+        "report/streaming.csv",
+        "report/stopping.csv",
+        "report/paper.csv",
+        "report/paper.tex",
+    ],
     "data": ["look/index.html"],
     "check": ["check.xml"],
     "fit": ["p.csv"],

@@ -45,7 +45,9 @@ def lines_of(text: str, folders: tuple[Path, ...] = (), masked: re.Pattern = MAS
     hidden: list[int] = []
     lines, before = [], ""
     for line in text.splitlines():
-        edge = next((e for e in ("┃", "│", "|") if line.startswith(e)), "&" if " & " in line else "")
+        edge = next(
+            (e for e in ("┃", "│", "|") if line.startswith(e)), "&" if " & " in line else ""
+        )
         if edge:
             cells = re.split(r"(?<!\\)" + re.escape(edge), line)
             if edge == "┃" or (edge == "|" != before) or before == r"\toprule":
@@ -53,7 +55,9 @@ def lines_of(text: str, folders: tuple[Path, ...] = (), masked: re.Pattern = MAS
                 hidden = [i for i, cell in enumerate(cells) if headings.fullmatch(_plain(cell))]
             elif not set(line) <= set("| -:"):
                 end = r" \\" * line.endswith(r"\\")
-                cells = [" # " if i in hidden and cell.strip() else cell for i, cell in enumerate(cells)]
+                cells = [
+                    " # " if i in hidden and cell.strip() else cell for i, cell in enumerate(cells)
+                ]
                 cells[-1] = cells[-1].removesuffix(end) + end
             line = edge.join(cells)
         before = edge or line
@@ -74,7 +78,9 @@ def csv_of(text: str, folders: tuple[Path, ...] = ()) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(head)
-    writer.writerows([["#" if h and c else _nine(c) for h, c in zip(hidden, row, strict=True)] for row in rows])
+    writer.writerows(
+        [["#" if h and c else _nine(c) for h, c in zip(hidden, row, strict=True)] for row in rows]
+    )
     return "".join(_same(line) for line in out.getvalue().splitlines(keepends=True))
 
 
@@ -100,8 +106,12 @@ def page_of(html: str, folders: tuple[Path, ...] = ()) -> str:
     while "<svg" in html:  # the inner ones first
         html = re.sub(r"<svg\b(?:(?!<svg\b).)*?</svg>", _figure, html, flags=re.S)
     html = re.sub(rf"<img\b{TAG}", _figure, html)
-    html = re.sub(r"<tr\b.*?(?=<tr\b|</?tbody|</table>)", _row, html, flags=re.S)  # which need not be closed
-    lines = re.sub(rf"</?({BLOCKS})\b{TAG}", LINE, html.replace("</table>", f"{LINE}| {LINE}")).split(LINE)
+    html = re.sub(
+        r"<tr\b.*?(?=<tr\b|</?tbody|</table>)", _row, html, flags=re.S
+    )  # which need not be closed
+    lines = re.sub(
+        rf"</?({BLOCKS})\b{TAG}", LINE, html.replace("</table>", f"{LINE}| {LINE}")
+    ).split(LINE)
     lines = [line if line.startswith("| ") else _words(line) for line in lines]
     return lines_of("\n".join("" if line == "| " else line for line in lines if line), folders)
 

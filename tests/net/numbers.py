@@ -21,18 +21,29 @@ import numpy as np
 import pandas as pd
 
 import bench
-from bench import contract, registry
+from bench import contract
 from bench.corpora import faults
 from bench.corpora.corpus import Corpus
-from bench.outcomes.runs import every_result
-from bench.store import connect
+from bench.ground import registry
+from bench.reading.runs import every_result
+from bench.store.client import connect
 
 FOLDER = Path(__file__).parent / "numbers"
-ELSEWHERE = {"rtol": 1e-3, "atol": 1e-5}  # networks sum in another order on another processor: up to 3e-4 was seen
+ELSEWHERE = {
+    "rtol": 1e-3,
+    "atol": 1e-5,
+}  # networks sum in another order on another processor: up to 3e-4 was seen
 TOUCHES = "gesture in ('pat', 'rub', 'stroke', 'tap')"
-CAPTURES = {"data__subjects": 3, "data__variants": ("normal",), "data__repetitions": 1, "data__rate_hz": 45.0}
+CAPTURES = {
+    "data__subjects": 3,
+    "data__variants": ("normal",),
+    "data__repetitions": 1,
+    "data__rate_hz": 45.0,
+}
 ON = {"data": "synth", "where": TOUCHES, "features": "jung28", "jobs": 1, **CAPTURES}
-QUICK: dict[str, dict[str, object]] = {  # systems with little to learn; networks learn for one epoch
+QUICK: dict[
+    str, dict[str, object]
+] = {  # systems with little to learn; networks learn for one epoch
     "rf": {"trees": 10},
     "et": {"trees": 10},
     "xgb": {"trees": 5},
@@ -46,7 +57,12 @@ QUICK: dict[str, dict[str, object]] = {  # systems with little to learn; network
     "touchnet": {"seconds": 0.2, "width": 4, "updates": 10, "batch": 16},
     "auto": {"seconds": float("inf"), "trials": 2, "inner": "2"},
 }
-NOT_STORED = ("seconds", "ms_p", "predict_ms", "front")  # parts of the names of columns that depend on time
+NOT_STORED = (
+    "seconds",
+    "ms_p",
+    "predict_ms",
+    "front",
+)  # parts of the names of columns that depend on time
 
 
 def touches() -> Corpus:
@@ -73,7 +89,10 @@ def columns(name: str) -> pd.DataFrame:
     """Mean and digest of each feature over all captures."""
     corpus = touches()
     table = registry.load("features", name)().fit_transform(corpus, corpus.gestures)
-    rows = [(column, float(values.mean()), digest(values.to_numpy(float))) for column, values in table.items()]
+    rows = [
+        (column, float(values.mean()), digest(values.to_numpy(float)))
+        for column, values in table.items()
+    ]
     return pd.DataFrame(rows, columns=["feature", "mean", "digest"])
 
 
@@ -82,7 +101,9 @@ def damaged(name: str) -> pd.DataFrame:
     corpus, fault, rows = touches(), faults.all_faults()[name], []
     everything = np.arange(len(corpus))
     for severity in range(1, 6):
-        frames = faults.damaged(corpus, everything, faults.as_shares(corpus, everything), fault, severity).frames
+        frames = faults.damaged(
+            corpus, everything, faults.as_shares(corpus, everything), fault, severity
+        ).frames
         rows.append((severity, len(frames), float(frames.mean()), digest(frames)))
     return pd.DataFrame(rows, columns=["severity", "frames", "mean", "digest"])
 
@@ -90,7 +111,9 @@ def damaged(name: str) -> pd.DataFrame:
 RUNS: dict[str, Callable[[], pd.DataFrame]] = {
     "run": lambda: bench.run(model="bayes", **ON),
     "tune": lambda: bench.tune(model="tree", model__level=[1, 9], inner="2", **ON),
-    "stress": lambda: bench.run(model="bayes", under=["noise", "dead_taxels"], train_subjects=[1], **ON),
+    "stress": lambda: bench.run(
+        model="bayes", under=["noise", "dead_taxels"], train_subjects=[1], **ON
+    ),
     "stream": lambda: bench.run(model="bayes", after=["250ms", "500ms"], stopping=True, **ON),
 }
 
@@ -112,7 +135,9 @@ def tables(name: str) -> pd.DataFrame:
 
 def digest(values: np.ndarray | str) -> str:
     """Digest of a text, or of numbers; -0 is 0."""
-    data = values.encode() if isinstance(values, str) else np.ascontiguousarray(values + 0).tobytes()
+    data = (
+        values.encode() if isinstance(values, str) else np.ascontiguousarray(values + 0).tobytes()
+    )
     return hashlib.sha256(data).hexdigest()[:12]
 
 
@@ -138,12 +163,20 @@ def stored() -> list[tuple[str, str]]:
 
 def read(path: Path) -> pd.DataFrame:
     """Stored numbers, to the last digit."""
-    return pd.read_csv(path, float_precision="round_trip", dtype={"digest": str}, keep_default_na=False, na_values=[""])
+    return pd.read_csv(
+        path,
+        float_precision="round_trip",
+        dtype={"digest": str},
+        keep_default_na=False,
+        na_values=[""],
+    )
 
 
 def compare(path: Path, found: pd.DataFrame, exact: bool) -> None:
     """Raise AssertionError where found numbers are not the stored ones."""
     found.to_csv("found.csv", index=False)
     left_out = [] if exact else ["digest"]
-    tables = [read(each).drop(columns=left_out, errors="ignore") for each in (path, Path("found.csv"))]
+    tables = [
+        read(each).drop(columns=left_out, errors="ignore") for each in (path, Path("found.csv"))
+    ]
     pd.testing.assert_frame_equal(*tables, check_exact=exact, **{} if exact else ELSEWHERE)

@@ -10,8 +10,8 @@ import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from bench.registry import run_views
-from bench.store import connect
+from bench.ground.registry import run_views
+from bench.store.client import connect
 from tests.net.masks import MASKED
 
 APART = re.compile(f"{MASKED.pattern}|front")  # trials that no other beats in accuracy and time
@@ -19,7 +19,11 @@ APART = re.compile(f"{MASKED.pattern}|front")  # trials that no other beats in a
 
 def untimed(columns: Mapping[str, Iterable]) -> dict[str, list[str]]:
     """The columns of a table to the last digit, but for those that differ between any two runs."""
-    return {str(name): [*map(repr, column)] for name, column in columns.items() if not APART.fullmatch(str(name))}
+    return {
+        str(name): [*map(repr, column)]
+        for name, column in columns.items()
+        if not APART.fullmatch(str(name))
+    }
 
 
 def contents(folder: Path) -> dict[str, list[str]]:
@@ -27,7 +31,9 @@ def contents(folder: Path) -> dict[str, list[str]]:
     found = {}
     with contextlib.chdir(folder):
         store = connect() if Path("mlflow.db").exists() else None
-        for number, run in enumerate(map(store.result, store.of_kind(*run_views())) if store else ()):
+        for number, run in enumerate(
+            map(store.result, store.of_kind(*run_views())) if store else ()
+        ):
             values = {name: [value] for name, value in (run.metrics | run.about).items()}
             for table, columns in [("", values), *sorted(run.tables.items())]:
                 name = f"run {number}, {run.kind} {run['system']}: {table} "
@@ -41,8 +47,12 @@ def main(before: str, after: str) -> int:
     changed = [name for name in dict.fromkeys([*old, *new]) if old.get(name) != new.get(name)]
     for name in changed:
         one, other = old.get(name, []), new.get(name, [])
-        row = next((i for i, pair in enumerate(zip(one, other, strict=False)) if pair[0] != pair[1]), 0)
-        print(f"{name}: {len(one)} -> {len(other)} rows, row {row}: {one[row : row + 1]} -> {other[row : row + 1]}")
+        row = next(
+            (i for i, pair in enumerate(zip(one, other, strict=False)) if pair[0] != pair[1]), 0
+        )
+        print(
+            f"{name}: {len(one)} -> {len(other)} rows, row {row}: {one[row : row + 1]} -> {other[row : row + 1]}"
+        )
     print(f"{len(changed)} of {len({*old, *new})} differ")
     return int(bool(changed) or not old)
 

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 import bench
-from bench.options import commands
-from bench.store import connect
+from bench.grammar.options import commands
+from bench.store.client import connect
 from tests.net import masks, stores
 from tests.net.build import RUNS, step
 from tests.net.commands import BUILT, FILES, LINES, ON, SCENES, STEPS, WRONG
@@ -54,7 +54,10 @@ def compare_files(golden, folder, names):
 
 @pytest.mark.parametrize("name", RUNS)
 def test_runs_print_what_they_printed(name, net_store, golden):
-    golden(f"runs/{name}.txt", masks.lines_of((net_store / f"printed/{name}.txt").read_text(), golden.folders))
+    golden(
+        f"runs/{name}.txt",
+        masks.lines_of((net_store / f"printed/{name}.txt").read_text(), golden.folders),
+    )
 
 
 def test_runs_write_what_they_wrote(net_store, golden):
@@ -96,7 +99,9 @@ def test_the_api_returns_what_it_returned(work, golden):
     objects = {
         "run": bench.run(model=["tree", "bayes"], **jung, **people),
         "stress": bench.stress(model=["tree", "bayes"], **faults, **jung, **people),
-        "replay": bench.run(model="tree", after="each", stopping=True, start="middle", data="three", jobs=1, **jung),
+        "replay": bench.run(
+            model="tree", after="each", stopping=True, start="middle", data="three", jobs=1, **jung
+        ),
         "runs": bench.runs(data="people"),
         "choose": bench.choose(**on, max_flash="64kB"),
         "groups": bench.groups(data="synth"),
@@ -111,14 +116,20 @@ def test_a_changed_last_digit_of_a_store_is_told(in_net, net_store, capsys):
     """By the comparison of stores that changes of structure go through."""
     store = connect()
     run = store.of_kind("cell")[0].info.run_id
-    store.log(run, {"macro_f1": np.nextafter(store.client.get_run(run).data.metrics["macro_f1"], 2)})
+    store.log(
+        run, {"macro_f1": np.nextafter(store.client.get_run(run).data.metrics["macro_f1"], 2)}
+    )
     (path,) = in_net.glob(f"mlruns/*/{run}/artifacts/predictions.parquet")
     table = pd.read_parquet(path)
     table.loc[3, "p_pat"] = np.nextafter(table.loc[3, "p_pat"], np.float32(2))
     table.to_parquet(path, index=False)
     assert stores.main(net_store, in_net) == 1
     found = capsys.readouterr().out
-    assert "macro_f1: 1 -> 1 rows, row 0" in found and "p_pat: 12 -> 12 rows, row 3" in found and "\n2 of " in found
+    assert (
+        "macro_f1: 1 -> 1 rows, row 0" in found
+        and "p_pat: 12 -> 12 rows, row 3" in found
+        and "\n2 of " in found
+    )
 
 
 def shown(value, folders):

@@ -9,7 +9,8 @@ from tests.net import numbers
 SLOW = ("jung2017_svm_rbf", "ta2015_svm", "reflex")
 
 CASES = [
-    pytest.param(*case, id="-".join(case), marks=[pytest.mark.nightly] * (case[1] in SLOW)) for case in numbers.cases()
+    pytest.param(*case, id="-".join(case), marks=[pytest.mark.nightly] * (case[1] in SLOW))
+    for case in numbers.cases()
 ]
 
 
@@ -24,7 +25,11 @@ def test_numbers_are_what_they_were(request, group, name):
 def test_all_that_is_stored_is_compared_and_a_changed_digit_is_found():
     assert set(numbers.stored()) == set(numbers.cases())
     stored = numbers.FOLDER / "models/svm.csv"
-    for factor, exact, differs in ((1 + 4e-16, True, True), (1.01, False, True), (1 + 1e-9, False, False)):
+    for factor, exact, differs in (
+        (1 + 4e-16, True, True),
+        (1.01, False, True),
+        (1 + 1e-9, False, False),
+    ):
         changed = numbers.read(stored)
         changed.iloc[3, 1] *= factor
         with pytest.raises(AssertionError, match=changed.columns[1]) if differs else nullcontext():

@@ -8,22 +8,46 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import bench.work.loop as loop
+import bench.running.loop as loop
 from bench.cli import main
-from bench.registry import load, names, parameters
-from bench.words import text_of
-from bench.work.workers import Here
+from bench.ground.registry import load, names, parameters
+from bench.ground.words import text_of
+from bench.running.workers import Here
 from tests.nightly.bounded import bounded
 
 pytestmark = pytest.mark.nightly
 ODD = """0 1 -1 0.5 1e-300 1e309 nan -inf None true 1000001 4294967296 1000000000000 0x10 1_0 ١ ½ = , ,, 1, + a+b é ' "
 \\ ../../x /dev/null - ~ $(id) {0} %s [ __class__ None,1 1,1""".split()
 ODD += ["", "9" * 25, "9" * 5000, "a" * 300, "a\0b", "\n", "\ud800"]
-WHERE = ["variant == 'rough'", "repetition > 0", "repetition.isin([1])", "nothing == 1", "gesture", "(", "(" * 500, ""]
-WHERE += ["__import__('os')", "gesture.to_csv('x')", "@x", "gesture == " * 200, "9" * 5000 + " < repetition"]
-CHEAP = dict.fromkeys(("epochs", "pretraining", "runs", "patience"), "1") | dict.fromkeys(("trees", "rounds"), "5")
+WHERE = [
+    "variant == 'rough'",
+    "repetition > 0",
+    "repetition.isin([1])",
+    "nothing == 1",
+    "gesture",
+    "(",
+    "(" * 500,
+    "",
+]
+WHERE += [
+    "__import__('os')",
+    "gesture.to_csv('x')",
+    "@x",
+    "gesture == " * 200,
+    "9" * 5000 + " < repetition",
+]
+CHEAP = dict.fromkeys(("epochs", "pretraining", "runs", "patience"), "1") | dict.fromkeys(
+    ("trees", "rounds"), "5"
+)
 CHEAP |= dict.fromkeys(("trials", "iterations"), "2") | {"kernels": "84"}
-SLOW = {"auto", "rocket", "touchnet", "mlp", "balli2015_rf", "wingerden2014_mlp"}  # even on so few captures
+SLOW = {
+    "auto",
+    "rocket",
+    "touchnet",
+    "mlp",
+    "balli2015_rf",
+    "wingerden2014_mlp",
+}  # even on so few captures
 OWN = {
     "run": "",
     "stress": "faults=noise faults=shift,rotation faults=all train_subjects=1",
@@ -35,7 +59,15 @@ OWN = {
     "runs": "delete=yes yes=yes",
     "data": "name=n grid=2x2 rate_hz=10 full_scale=255 format=cost",
 }
-DATA = ["", "import table x.csv", "import cost x", "export synth o.csv", "show synth", "verify synth", "no"]
+DATA = [
+    "",
+    "import table x.csv",
+    "import cost x",
+    "export synth o.csv",
+    "show synth",
+    "verify synth",
+    "no",
+]
 
 
 @st.composite
@@ -46,19 +78,35 @@ def lines(draw):
     begin = [command, *(draw(st.sampled_from(DATA)).split() if command == "data" else [])]
     if command not in ("data", "report", "check"):
         pairs |= {"data.subjects": "3", "data.variants": "normal"}
-        for key, room in {"model": "models", "protocol": "protocols", "features": "features"}.items():
+        for key, room in {
+            "model": "models",
+            "protocol": "protocols",
+            "features": "features",
+        }.items():
             if key == "model" or draw(st.booleans()):
                 part = draw(st.sampled_from(sorted(set(names(room)) - SLOW)))
                 usual = parameters(load(room, part))
                 pairs |= {key: part} | {f"{key}.{k}": CHEAP[k] for k in usual if k in CHEAP}
-                pairs |= {f"{key}.{k}": text_of(v) for k, v in usual.items() if v and draw(st.integers(0, 6)) == 0}
+                pairs |= {
+                    f"{key}.{k}": text_of(v)
+                    for k, v in usual.items()
+                    if v and draw(st.integers(0, 6)) == 0
+                }
         if draw(st.integers(0, 2)) == 0:
             pairs["where"] = draw(st.sampled_from(WHERE))
     words = [f"{key}={value}" for key, value in pairs.items()]
     for _ in range(draw(st.sampled_from([0, 0, 1, 1, 2, 3]))):
         at, odd = draw(st.integers(0, max(0, len(words) - 1))), draw(st.sampled_from(ODD))
         key = words[at].partition("=")[0] if words else "model"
-        forms = [[f"{key}={odd}"], [f"{key}.seed={odd}"], [f"{odd}={odd}"], [odd], [key], [f"{key}=1"] * 2, []]
+        forms = [
+            [f"{key}={odd}"],
+            [f"{key}.seed={odd}"],
+            [f"{odd}={odd}"],
+            [odd],
+            [key],
+            [f"{key}=1"] * 2,
+            [],
+        ]
         words[at : at + 1] = draw(st.sampled_from(forms))
     return [*begin, *words]
 
@@ -67,7 +115,10 @@ def ended(words):
     """Exit code and error output of a command."""
     os.environ["OMP_NUM_THREADS"] = "1"
     loop.Processes = Here
-    with contextlib.redirect_stderr(io.StringIO()) as errors, contextlib.redirect_stdout(io.StringIO()):
+    with (
+        contextlib.redirect_stderr(io.StringIO()) as errors,
+        contextlib.redirect_stdout(io.StringIO()),
+    ):
         loop.console.file = errors
         code = main(words)
     return code, errors.getvalue()

@@ -32,7 +32,9 @@ def plain_table(content):
     assert all(len(row) == len(header) for row in rows)
     cells = {name: [row[i].strip() for row in rows] for i, name in enumerate(header)}
     frames = np.array([[float(cell) for cell in cells.pop(name)] for name in header[-2:]]).T
-    frame = [int(cell, 16) if cell[:2] in ("0x", "0X") else int(cell) for cell in cells.pop("frame")]
+    frame = [
+        int(cell, 16) if cell[:2] in ("0x", "0X") else int(cell) for cell in cells.pop("frame")
+    ]
     starts = [i for i, number in enumerate(frame) if number == frame[0]]
     lengths = np.diff([*starts, len(frame)]).tolist()
     return frames, lengths, {name: [words[i] for i in starts] for name, words in cells.items()}
@@ -89,7 +91,9 @@ HEADER = "subject,gesture,frame,a,b\n"
 def refused(path, *facts, kind="table", **options):
     options = {} if kind != "table" else {"rate_hz": "50", "grid": "1x2"} | options
     message = bounded(imported, kind, path, options)
-    assert isinstance(message, str) and all(fact in message for fact in (path.name, *facts)), message
+    assert isinstance(message, str) and all(fact in message for fact in (path.name, *facts)), (
+        message
+    )
 
 
 def right(path, **options):
@@ -107,11 +111,17 @@ def test_a_header_of_a_megabyte(tmp_path):
     names = ",".join(f"c{i}" for i in range(150_000))
     cost = f"subject,variant,gesture,frame,{','.join(CHANNELS)},"
     refused(written(path, cost + names + "\n"), "line 1", "c0", kind="cost")
-    refused(written(path, f"subject,gesture,frame,{names}\nann,pat,0{',7' * 150_000}\n"), "line 1", "149995 more")
+    refused(
+        written(path, f"subject,gesture,frame,{names}\nann,pat,0{',7' * 150_000}\n"),
+        "line 1",
+        "149995 more",
+    )
     text = f"subject,gesture,frame,{names}\nann,pat,0{',7' * 149_999},-1\n"
     refused(written(path, text), "line 2", "c149999", grid="300x500")
     names = ",".join(f"c{i}" for i in range(40_000))
-    right(written(path, f"subject,gesture,frame,{names}\nann,pat,0{',7' * 40_000}\n"), grid="200x200")
+    right(
+        written(path, f"subject,gesture,frame,{names}\nann,pat,0{',7' * 40_000}\n"), grid="200x200"
+    )
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", " \n"])
@@ -127,8 +137,15 @@ def npz(path, packing=zipfile.ZIP_STORED, captures=1, **members):
     word = ("<U1", (1,), ["a".encode("utf-32-le")])
     offsets = ("<i8", (2,), [np.array([0, captures], dtype="<i8").tobytes()])
     with zipfile.ZipFile(path, "w", packing) as archive:
-        for name, (descr, shape, parts) in ({"offsets": offsets, "subject": word, "gesture": word} | members).items():
-            head = f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}}}".encode().ljust(117) + b"\n"
+        for name, (descr, shape, parts) in (
+            {"offsets": offsets, "subject": word, "gesture": word} | members
+        ).items():
+            head = (
+                f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}}}".encode().ljust(
+                    117
+                )
+                + b"\n"
+            )
             with archive.open(f"{name}.npy", "w") as file:
                 file.write(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head)
                 for part in parts:
@@ -142,7 +159,9 @@ def test_archives_that_claim_or_hold_too_much(tmp_path):
     refused(npz(tmp_path / "a.npz", captures=2, frames=two, subject=("<U9000", (10**9,), [])))
     right(npz(tmp_path / "a.npz", captures=2, frames=two), grid="1x1")
     zeros = ("|u1", (300 << 20, 1, 1), [bytes(1 << 20)] * 300)
-    refused(npz(tmp_path / "a.npz", zipfile.ZIP_DEFLATED, captures=300 << 20, frames=zeros), "300 MiB")
+    refused(
+        npz(tmp_path / "a.npz", zipfile.ZIP_DEFLATED, captures=300 << 20, frames=zeros), "300 MiB"
+    )
     header = f"ParticipantNo,Substrate,Cover,Gesture,{','.join(haart.CELLS)}\n"
     with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("training.csv", header + "\n" * 200_000_000)

@@ -11,7 +11,7 @@ import pytest
 from joblib.externals.loky import get_reusable_executor
 
 from bench.cli import main
-from bench.store import connect
+from bench.store.client import connect
 from tests.conftest import BENCH, predictions, runs
 
 pytestmark = [
@@ -33,16 +33,20 @@ def until(true, seconds=PATIENCE):
 
 def test_a_fold_that_kills_its_worker_is_recorded_and_the_others_go_on(plug, capsys):
     """The system is of an installed package, known by its entry point only, to this process and to new workers."""
-    plug("[touchbench.models]\nwayward = tests.work.wayward:Wayward\n", "", "empty")
+    plug("[touchbench.models]\nwayward = tests.running.wayward:Wayward\n", "", "empty")
     get_reusable_executor().shutdown(kill_workers=True)
     assert main(["run", "model=wayward", "model.die=3", *SMALL]) == 1
     get_reusable_executor().shutdown(kill_workers=True)
     captured = capsys.readouterr()
     last = captured.err.splitlines()[-1]
     assert "3/4" in captured.out
-    assert "fold 3" in last and "died" in Path(last.split("traceback of the first: ")[1]).read_text()
+    assert (
+        "fold 3" in last and "died" in Path(last.split("traceback of the first: ")[1]).read_text()
+    )
     store, (parent,) = runs("cell")
-    assert parent.info.status == "FAILED" and parent.data.metrics["accuracy"] == pytest.approx(1 / 14)
+    assert parent.info.status == "FAILED" and parent.data.metrics["accuracy"] == pytest.approx(
+        1 / 14
+    )
     folds = predictions(store, parent, "folds").set_index("fold")["status"]
     assert dict(folds) == dict.fromkeys("124", "FINISHED") | {"3": "FAILED"}
 
@@ -58,13 +62,17 @@ def test_control_c_keeps_the_finished_folds():
     before = stored()
     os.killpg(process.pid, signal.SIGINT)
     _, error = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 130 and "Traceback" not in error and error.splitlines()[-1].startswith("bench: ")
+    assert (
+        process.returncode == 130
+        and "Traceback" not in error
+        and error.splitlines()[-1].startswith("bench: ")
+    )
     assert before <= stored() and len(stored()) < 12 and runs("cell")[1][0].info.status == "KILLED"
 
 
 @pytest.mark.real_store
 def test_stores_created_by_several_processes_at_once_are_whole():
-    code = "from bench.store import connect; print(connect().experiment_id)"
+    code = "from bench.store.client import connect; print(connect().experiment_id)"
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     started = [subprocess.Popen([sys.executable, "-c", code], **pipes) for _ in range(3)]
     ids = {process.communicate(timeout=PATIENCE)[0].split()[-1] for process in started}

@@ -19,7 +19,7 @@ import pytest
 from filelock import FileLock
 
 import bench
-from bench import store
+from bench.store.client import client as store
 from tests.conftest import BENCH
 from tests.net.stores import contents, untimed
 
@@ -47,14 +47,25 @@ class Place:
         self.root, self.work, self.home, self.tmp = root, root / "work", root / "home", root / "tmp"
         shutil.rmtree(root, ignore_errors=True)
         for folder in (self.work, self.home, self.tmp):
-            shutil.copytree(template / folder.name, folder) if template else folder.mkdir(parents=True)
+            shutil.copytree(template / folder.name, folder) if template else folder.mkdir(
+                parents=True
+            )
 
     def start(self, arguments):
         """A command as the leader of a group of its own."""
-        environment = os.environ | {"PYTHONPATH": str(ROOT), "TOUCHBENCH_HOME": str(self.home), "TMPDIR": str(self.tmp)}
+        environment = os.environ | {
+            "PYTHONPATH": str(ROOT),
+            "TOUCHBENCH_HOME": str(self.home),
+            "TMPDIR": str(self.tmp),
+        }
         environment.pop("MLFLOW_TRACKING_URI", None)
         with (self.root / "log.txt").open("ab") as log:
-            how = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": log, "start_new_session": True}
+            how = {
+                "stdin": subprocess.DEVNULL,
+                "stdout": log,
+                "stderr": log,
+                "start_new_session": True,
+            }
             return subprocess.Popen([*BENCH, *arguments], cwd=self.work, env=environment, **how)
 
     def done(self, arguments):
@@ -78,20 +89,30 @@ class Place:
     def running(self):
         """Processes of this round that have not ended after some patience."""
         end = time.monotonic() + PATIENCE
-        while (left := [p.pid for p in psutil.process_iter() if self._started(p)]) and time.monotonic() < end:
+        while (
+            left := [p.pid for p in psutil.process_iter() if self._started(p)]
+        ) and time.monotonic() < end:
             time.sleep(0.1)
         return left
 
     def _started(self, process):
         try:
-            return process.status() != psutil.STATUS_ZOMBIE and process.environ().get("TMPDIR") == str(self.tmp)
+            return process.status() != psutil.STATUS_ZOMBIE and process.environ().get(
+                "TMPDIR"
+            ) == str(self.tmp)
         except psutil.Error:  # it has ended, or belongs to someone else
             return False
 
     def names(self):
         """All names in the folders, but the files of runs."""
-        paths = (p.relative_to(self.root) for folder in (self.work, self.home) for p in folder.rglob("*"))
-        return {str(p) for p in paths if p.parts[:2] not in (("work", "mlruns"), ("work", "model"), ("home", "tmp"))}
+        paths = (
+            p.relative_to(self.root) for folder in (self.work, self.home) for p in folder.rglob("*")
+        )
+        return {
+            str(p)
+            for p in paths
+            if p.parts[:2] not in (("work", "mlruns"), ("work", "model"), ("home", "tmp"))
+        }
 
     def stored(self):
         """What runs, folders of results and imports hold, times left out."""
@@ -102,7 +123,11 @@ class Place:
         for path in (path for folder in folders for path in folder.rglob("*")):
             if path.suffix == ".csv":
                 found[path.name] = untimed(pd.read_csv(path, dtype=str))
-            elif path.is_file() and path.suffix not in (".png", ".svg", ".html") and path.name != "seal.json":
+            elif (
+                path.is_file()
+                and path.suffix not in (".png", ".svg", ".html")
+                and path.name != "seal.json"
+            ):
                 found[path.name] = path.read_bytes()
         return found
 
@@ -136,7 +161,10 @@ def test_a_killed_command_ends_as_an_unbroken_one(template, tmp_path, name):
             assert at.stored() in (before, expected), how
         at.done(arguments)
         stored = at.stored()
-        assert stored == expected, (how, {k for k in stored | expected if stored.get(k) != expected.get(k)})
+        assert stored == expected, (
+            how,
+            {k for k in stored | expected if stored.get(k) != expected.get(k)},
+        )
         assert at.names() <= names, (how, at.names() - names)
         assert not [*at.root.glob("tmp/*"), *at.root.glob("home/tmp/*")], how
         for lock in at.root.rglob("*.lock"):
@@ -145,13 +173,19 @@ def test_a_killed_command_ends_as_an_unbroken_one(template, tmp_path, name):
 
 
 def test_a_kill_at_any_moment_of_its_creation_leaves_none_or_a_good_one():
-    code = "from bench.store import create; from pathlib import Path; import mlflow.store.db.utils; "
+    code = "from bench.store.client import create; from pathlib import Path; import mlflow.store.db.utils; "
     code += "print('now', flush=True); create(Path('mlflow.db'))"
     begun = time.monotonic()
-    subprocess.run([sys.executable, "-c", code.replace("mlflow.db'", "whole.db'")], check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, "-c", code.replace("mlflow.db'", "whole.db'")],
+        check=True,
+        capture_output=True,
+    )
     lasts = time.monotonic() - begun
     for share in (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9):
-        with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as p:
+        with subprocess.Popen(
+            [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        ) as p:
             p.stdout.readline()
             time.sleep(share * lasts / 2)
             p.send_signal(signal.SIGKILL)
@@ -163,16 +197,27 @@ def test_a_kill_at_any_moment_of_its_creation_leaves_none_or_a_good_one():
 @pytest.mark.pool
 def test_a_full_disk_in_the_middle_of_a_run_loses_nothing(tmp_path):
     """A limit on the size of a file, one page below what the store needs, stands for the disk."""
-    command = [*BENCH, "run", "model=bayes", "features=jung28", "data.variants=normal", "data.subjects=24"]
+    command = [
+        *BENCH,
+        "run",
+        "model=bayes",
+        "features=jung28",
+        "data.variants=normal",
+        "data.subjects=24",
+    ]
 
     def ran(name, **how):
         (tmp_path / name).mkdir(exist_ok=True)
-        done = subprocess.run(command, cwd=tmp_path / name, capture_output=True, text=True, timeout=600, **how)
+        done = subprocess.run(
+            command, cwd=tmp_path / name, capture_output=True, text=True, timeout=600, **how
+        )
         return done.returncode, done.stderr
 
     assert ran("reference")[0] == 0
     room = (tmp_path / "reference" / "mlflow.db").stat().st_size - 4096
-    code, errors = ran("full", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)))
+    code, errors = ran(
+        "full", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+    )
     assert code == 1 and "repeat the command" in errors and "Traceback" not in errors, errors
     assert ran("full")[0] == 0
     assert contents(tmp_path / "reference") == contents(tmp_path / "full") != {}

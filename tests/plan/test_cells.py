@@ -5,7 +5,7 @@ import resource
 import pytest
 
 from bench.errors import InputError
-from bench.options import KEYS, backend_of, parse
+from bench.grammar.options import KEYS, backend_of, parse
 from bench.plan.cells import cells
 from bench.plan.plan import planned
 
@@ -23,7 +23,9 @@ def test_a_comma_makes_a_grid_of_what_each_part_takes():
     assert titles("") == ["svm · jung54 | synth | loso"]
     svm = ["svm · jung28", "svm · jung54"]
     line = "data=haart protocol=challenge,loso model=cnn85,svm features=jung28,jung54 seed=3,5"
-    assert titles(line) == [f"{s} | haart | {p}" for p in ("challenge", "loso") for s in ("cnn85", "cnn85", *svm)]
+    assert titles(line) == [
+        f"{s} | haart | {p}" for p in ("challenge", "loso") for s in ("cnn85", "cnn85", *svm)
+    ]
     assert [c.model.parameters["seed"] for c in cells_of("model=cnn85 seed=3,5")] == [3, 5]
 
 
@@ -44,7 +46,10 @@ def test_dotted_keys_set_parameters_by_the_type_of_their_default(line, part, nam
 def test_a_dotted_key_is_for_the_parts_that_take_it():
     svm, rf = cells_of("model=svm,rf model.trees=7 data.subjects=3 data.variants=rough+gentle")
     assert "trees" not in svm.model.parameters and rf.model.parameters["trees"] == 7
-    assert svm.data_parameters["variants"] == ("rough", "gentle") and svm.data_parameters["subjects"] == 3
+    assert (
+        svm.data_parameters["variants"] == ("rough", "gentle")
+        and svm.data_parameters["subjects"] == 3
+    )
     (usual,) = cells_of("model.window=0.0")  # a step as it is without
     assert "window" not in usual.model.parameters and usual == cells_of("")[0]
     (cell,) = cells_of("model=cnn85 model.frames=20 model.hop=10 protocol=kfold protocol.folds=5")

@@ -10,16 +10,22 @@ from pathlib import Path
 
 import pytest
 
-from bench import source
-from bench.circumstances.faults import Faults
-from bench.circumstances.instants import Instants
-from bench.circumstances.subjects import Subjects
 from bench.errors import InputError
+from bench.ground import source
+from bench.ground.registry import forget, load
 from bench.plan.cells import cells
 from bench.plan.plan import Plan, corpus_of, folds_of
-from bench.registry import forget, load
+from bench.running.circumstances.faults import Faults
+from bench.running.circumstances.instants import Instants
+from bench.running.circumstances.subjects import Subjects
 
-RUNS = {"run": (), "stress": (Faults(("noise",)),), "stream": (Instants(),), "curve": (Subjects((1,)),), "tune": ()}
+RUNS = {
+    "run": (),
+    "stress": (Faults(("noise",)),),
+    "stream": (Instants(),),
+    "curve": (Subjects((1,)),),
+    "tune": (),
+}
 EVERY = {*RUNS}
 
 
@@ -32,7 +38,9 @@ def usual(**values):
 
 def key(*circumstances, threads=1, tuning=None, **values):
     cell, corpus, folds = usual(**values)
-    return Plan(replace(cell, tuning=tuning, circumstances=circumstances), corpus, folds, 1, threads).key
+    return Plan(
+        replace(cell, tuning=tuning, circumstances=circumstances), corpus, folds, 1, threads
+    ).key
 
 
 def of(name):
@@ -45,15 +53,19 @@ unchanged = cache(of)
 
 @pytest.fixture
 def changed(monkeypatch):
-    """Changes the text of a module as `bench.source` reads it."""
+    """Changes the text of a module as `bench.ground.source` reads it."""
 
     def change(module, edit):
         read, text, path = source._read, Path.read_bytes, source.path_of(module)
         before = path.read_bytes()
         assert edit(before) != before, f"{module} has nothing to change"
-        monkeypatch.setattr(Path, "read_bytes", lambda self: edit(before) if self == path else text(self))
         monkeypatch.setattr(
-            source, "_read", lambda file, at: (read.__wrapped__ if file == str(path) else read)(file, at)
+            Path, "read_bytes", lambda self: edit(before) if self == path else text(self)
+        )
+        monkeypatch.setattr(
+            source,
+            "_read",
+            lambda file, at: (read.__wrapped__ if file == str(path) else read)(file, at),
         )
 
     return change
@@ -75,17 +87,20 @@ def line(text):
         ("bench.models.classic.svm", lambda text: text + b"\n# a remark\n", set()),
         ("bench.models.classic.svm", code, EVERY),
         ("bench.protocols.subjects", code, EVERY),
-        ("bench.scores", code, EVERY),
-        ("bench.work.fold", code, EVERY),
-        ("bench.circumstances.faults", line, {"stress"}),
+        ("bench.values.scores", code, EVERY),
+        ("bench.running.fold", code, EVERY),
+        ("bench.running.circumstances.faults", line, {"stress"}),
         ("bench.corpora.faults", code, {"stress", "tune"}),
-        ("bench.work.replay", code, {"stream"}),
-        ("bench.circumstances.subjects", code, {"curve"}),
+        ("bench.running.replay", code, {"stream"}),
+        ("bench.running.circumstances.subjects", code, {"curve"}),
         ("bench.models.rocket", code, set()),
         ("bench.models.search.tuning", code, {"tune"}),
-        ("bench.work.loop", code, set()),
+        ("bench.running.loop", code, set()),
         # what is shown, and chosen by
-        *((f"bench.{name}", code, set()) for name in ("reports.views.faults", "measures", "outcomes.candidates")),
+        *(
+            (f"bench.{name}", code, set())
+            for name in ("reports.views.faults", "measures", "outcomes.candidates")
+        ),
     ],
 )
 def test_a_change_of_code_makes_those_runs_stale_that_depend_on_it(module, edit, stale, changed):
@@ -98,7 +113,9 @@ def test_everything_else_that_numbers_depend_on_is_in_the_key(monkeypatch):
     keys = [
         key(),
         key(**{"data.subjects": "3"}),
-        *(key(where=f"gesture != '{gesture}'") for gesture in ("pat", "tap")),  # as many captures, in the same places
+        *(
+            key(where=f"gesture != '{gesture}'") for gesture in ("pat", "tap")
+        ),  # as many captures, in the same places
         key(target="variant+gesture"),
         key(protocol="kfold", **{"protocol.folds": "2", "data.repetitions": "2"}),
         key(**{"model.C": "2"}),
@@ -114,7 +131,9 @@ def test_everything_else_that_numbers_depend_on_is_in_the_key(monkeypatch):
 
 
 @pytest.mark.parametrize(("late", "on_path"), [(False, True), (True, False)])
-def test_what_a_file_imports_from_beside_it_or_from_the_path_counts(tmp_path, monkeypatch, late, on_path):
+def test_what_a_file_imports_from_beside_it_or_from_the_path_counts(
+    tmp_path, monkeypatch, late, on_path
+):
     """In packages with and without __init__, through modules of theirs, and whether or not they were imported."""
     monkeypatch.setattr(sys, "path", [*sys.path, *([str(tmp_path / "lib")] if on_path else [])])
     monkeypatch.setattr(sys, "modules", dict(sys.modules))  # what is imported here is forgotten
@@ -126,7 +145,9 @@ def test_what_a_file_imports_from_beside_it_or_from_the_path_counts(tmp_path, mo
     if not late:
         (package / "__init__.py").touch()
     early, inside = ("", "    {}\n") if late else ("{}\n", "")
-    text = f"{early}def mine():\n{inside}    return Net()\n".replace("{}", "from nets_of_mine.net import Net")
+    text = f"{early}def mine():\n{inside}    return Net()\n".replace(
+        "{}", "from nets_of_mine.net import Net"
+    )
     (mine / "wrap.py").write_text(text)
     part = load("models", f"{mine / 'wrap.py'}:mine")
     before = source.source_digest(part)
@@ -141,7 +162,9 @@ def test_a_key_does_not_depend_on_what_was_imported_before():
     code = "import sys; sys.path.insert(0, sys.argv[1]); from tests.plan.test_identity import key; print(key())"
     command = [sys.executable, "-c", code, str(Path(source.__file__).parent.parent)]
     importlib.import_module("bench.reports.page")
-    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == f"{key()}\n"
+    assert (
+        subprocess.run(command, capture_output=True, text=True, check=True).stdout == f"{key()}\n"
+    )
 
 
 def test_files_that_a_system_names_are_part_of_its_key():

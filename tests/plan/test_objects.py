@@ -19,8 +19,8 @@ from bench.features.jung54 import Jung54
 from bench.plan import objects
 from bench.plan.cells import cells
 from bench.plan.plan import planned
-from bench.work import loop
-from tests.work.fakes import Memory
+from bench.running import loop
+from tests.running.fakes import Memory
 
 SMALL = {"data.subjects": 3, "data.variants": ("normal",)}
 
@@ -35,7 +35,9 @@ def test_folds_are_part_of_what_a_run_is():
     assert first == again != other
     for seed in (None, 0):  # without a seed there are other folds each time, so it is never resumed
         drawn = StratifiedShuffleSplit(2, test_size=14, random_state=seed)
-        assert (keys(model="bayes", protocol=drawn) == keys(model="bayes", protocol=drawn)) is (seed == 0)
+        assert (keys(model="bayes", protocol=drawn) == keys(model="bayes", protocol=drawn)) is (
+            seed == 0
+        )
 
 
 def test_a_file_that_changes_while_it_is_used_is_refused():
@@ -57,7 +59,12 @@ class Raw(ClassifierMixin, BaseEstimator):
 
 
 def test_what_stands_first_decides_whether_captures_or_a_table_is_read():
-    tables = [SVC(), OwnSVC(), make_pipeline(OwnSVC()), VotingClassifier([("a", SVC()), ("b", GaussianNB())])]
+    tables = [
+        SVC(),
+        OwnSVC(),
+        make_pipeline(OwnSVC()),
+        VotingClassifier([("a", SVC()), ("b", GaussianNB())]),
+    ]
     tables += [partial(SVC, C=8), SVC, OwnSVC, GridSearchCV(SVC(), {"C": [1]})]
     assert [contract.reads_tables(part) for part in tables] == [True] * len(tables)
     union = FeatureUnion([("a", Jung28()), ("b", Jung54())])
@@ -70,7 +77,9 @@ def test_searches_and_unions_over_captures_run(monkeypatch):
     monkeypatch.setattr(loop, "connect", lambda writes: Memory())
     union = make_pipeline(FeatureUnion([("a", Jung28()), ("b", Jung28())]), SVC())
     search = GridSearchCV(make_pipeline(Jung28(), SVC()), {"svc__C": [1, 2]}, cv=2)
-    for outcome in loop.execute(loop.prepared(cells(SMALL | {"data.repetitions": 1, "model": [union, search]}), 1)):
+    for outcome in loop.execute(
+        loop.prepared(cells(SMALL | {"data.repetitions": 1, "model": [union, search]}), 1)
+    ):
         assert outcome.folds == "3/3" and outcome["features"] == "raw frames"
         assert "touchbench.arguments" not in outcome  # an object cannot be typed
     assert list(contract.features(make_pipeline(Jung28(), SVC()))) == ["jung28"]

@@ -8,11 +8,11 @@ import pandas as pd
 from sklearn.dummy import DummyClassifier
 from sklearn.pipeline import make_pipeline
 
-from bench.circumstances.base import Case, Circumstance, option
-from bench.measures import Cost, in_percent
-from bench.options import DATA, Command, Option, keys, parse
+from bench.grammar.options import DATA, Command, Option, keys, parse
 from bench.reports.views.base import View
-from bench.work.fitted import Fitted
+from bench.running.circumstances.base import Case, Circumstance, option
+from bench.running.fitted import Fitted
+from bench.values.measures import Cost, in_percent
 
 
 @dataclass(frozen=True)

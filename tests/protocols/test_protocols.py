@@ -40,14 +40,20 @@ def test_captures_of_ragged_subjects_are_split_as_scikit_learn_does(seed):
         (CaptureKFold(3, seed), StratifiedKFold(3, **shuffled), None),
         (Holdout(seed=seed), StratifiedShuffleSplit(1, test_size=0.35, random_state=seed), None),
         (LeaveOneCapture(), LeaveOneOut(), None),
-        (RepeatedKFold(3, 2, seed), RepeatedStratifiedKFold(n_splits=3, n_repeats=2, random_state=seed), None),
+        (
+            RepeatedKFold(3, 2, seed),
+            RepeatedStratifiedKFold(n_splits=3, n_repeats=2, random_state=seed),
+            None,
+        ),
     ):
         assert pairs(protocol.split(corpus)) == pairs(splitter.split(y, y, groups))
 
 
 def test_loso_leaves_subjects_out_in_natural_order():
     corpus = random_corpus(subjects=12)
-    assert [corpus.subjects[test[0]] for _, test in LOSO().split(corpus)] == [str(i) for i in range(1, 13)]
+    assert [corpus.subjects[test[0]] for _, test in LOSO().split(corpus)] == [
+        str(i) for i in range(1, 13)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -71,11 +77,15 @@ def test_subjects_are_apart_where_the_name_promises_it(protocol, mixed, covers, 
         assert len(train) and len(test) and not set(train) & set(test)
         assert bool(set(corpus.subjects[train]) & set(corpus.subjects[test])) == mixed
     assert ("subjects mixed" in protocol.label(corpus)) == mixed
-    assert (sorted(np.concatenate([test for _, test in folds])) == list(range(len(corpus)))) == covers
+    assert (
+        sorted(np.concatenate([test for _, test in folds])) == list(range(len(corpus)))
+    ) == covers
 
 
 def test_challenge_uses_the_declared_split(corpus):
-    corpus.captures["split"] = pd.Series(corpus.subjects).map({"1": "train", "3": "train", "4": "test"}).fillna("")
+    corpus.captures["split"] = (
+        pd.Series(corpus.subjects).map({"1": "train", "3": "train", "4": "test"}).fillna("")
+    )
     ((train, test),) = Challenge().split(corpus)
     assert set(corpus.subjects[train]) == {"1", "3"} and set(corpus.subjects[test]) == {"4"}
     assert Challenge().official_split(corpus)
@@ -85,12 +95,18 @@ def test_challenge_uses_the_declared_split(corpus):
 def test_challenge_draws_subjects_where_nothing_is_declared():
     corpus = random_corpus(subjects=9)
     drawn = [pairs(Challenge(repeats=3, seed=7).split(corpus)) for _ in range(2)]
-    assert drawn[0] == drawn[1] and [len(set(corpus.subjects[[*train]])) for train, _ in drawn[0]] == [6, 6, 6]
-    assert len({test for _, test in drawn[0]}) > 1 and "not the official split" in Challenge().label(corpus)
+    assert drawn[0] == drawn[1] and [
+        len(set(corpus.subjects[[*train]])) for train, _ in drawn[0]
+    ] == [6, 6, 6]
+    assert len(
+        {test for _, test in drawn[0]}
+    ) > 1 and "not the official split" in Challenge().label(corpus)
 
 
 def test_challenge_on_cost_without_its_split_takes_21_subjects_gentle_and_normal():
-    corpus = random_corpus(subjects=31, gestures=("pat", "rub"), per_class=3, info={"format": "cost"})
+    corpus = random_corpus(
+        subjects=31, gestures=("pat", "rub"), per_class=3, info={"format": "cost"}
+    )
     corpus.captures["variant"] = ["gentle", "normal", "rough"] * (len(corpus) // 3)
     for train, test in Challenge().split(corpus):
         assert len(set(corpus.subjects[train])) == 21 and len(set(corpus.subjects[test])) == 10
@@ -101,7 +117,10 @@ def test_challenge_on_cost_without_its_split_takes_21_subjects_gentle_and_normal
 @pytest.mark.parametrize(
     ("protocol", "subjects", "split"),
     [
-        *((p, 4, None) for p in (SubjectKFold(5), CaptureKFold(13), Challenge(0), Holdout(0.0), Holdout(0.01))),
+        *(
+            (p, 4, None)
+            for p in (SubjectKFold(5), CaptureKFold(13), Challenge(0), Holdout(0.0), Holdout(0.01))
+        ),
         *((p, 4, None) for p in (RepeatedKFold(13), RepeatedKFold(3, 0), Within(4), Within(1))),
         *((p, 1, None) for p in (LOSO(), Challenge())),
         (Challenge(), 4, ["train", "test"] * 18),  # subjects on both sides

@@ -9,16 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.model_selection import StratifiedKFold
 
-from bench import scores
-from bench.circumstances.faults import Faults
 from bench.corpora.steps import Windows
 from bench.errors import InputError
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, planned
 from bench.protocols.windows import WindowKFold
-from bench.work.evaluation import evaluated
+from bench.running.circumstances.faults import Faults
+from bench.running.evaluation import evaluated
+from bench.values import scores
 from tests.conftest import SMALL, random_corpus
-from tests.work.fakes import Level, cell_of
+from tests.running.fakes import Level, cell_of
 
 
 @given(seed=st.integers(0, 500), frames=st.integers(2, 12), hop=st.integers(1, 6))
@@ -33,7 +33,9 @@ def test_windows_of_all_captures_are_dealt_as_scikit_learn_does(seed, frames, ho
     for (train, test, parts), (learnt, tested) in zip(protocol.split(windows), theirs, strict=True):
         assert np.array_equal(train, learnt) and np.array_equal(test, tested)
         assert sorted(i for _, part in parts for i in part) == list(test)
-        assert all(not len(more) and len(set(windows.index[part])) == len(part) for more, part in parts)
+        assert all(
+            not len(more) and len(set(windows.index[part])) == len(part) for more, part in parts
+        )
 
 
 class Batch(Level):
@@ -73,7 +75,9 @@ def test_rows_say_that_the_protocol_is_optimistic_and_faults_are_refused():
     (plan,) = planned(cells(typed), 1)
     assert plan.label == "3-fold of 1 s windows, optimistic: subjects mixed, captures mixed"
     assert plan.mixes_subjects and plan.facts["test_over_train"]
-    with pytest.raises(InputError, match="protocol=windows.* tests windows, not captures; leave under= out"):
+    with pytest.raises(
+        InputError, match="protocol=windows.* tests windows, not captures; leave under= out"
+    ):
         planned([replace(plan.cell, circumstances=(Faults(("noise",)),))], 1)
     with pytest.raises(InputError, match=r"protocol\.seconds=0, .* above 0"):
         planned(cells(typed | {"protocol.seconds": "0"}), 1)

@@ -8,4 +8,6 @@ import pytest
 @pytest.fixture
 def quick(monkeypatch):
     """Figures are made, but nothing is drawn: most of the time would go there."""
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>"))
+    monkeypatch.setattr(
+        "matplotlib.figure.Figure.savefig", lambda self, path, **_: Path(path).write_text("<svg/>")
+    )

@@ -3,24 +3,33 @@
 import tempfile
 from pathlib import Path
 
-from bench.tables import file_of, write_table
+from bench.store.tables import file_of, write_table
 from tests import results
 from tests.results import made_up, with_hits
 
 __all__ = ["keep", "made_up", "stressed", "tracked_run", "with_hits"]
 
 PARAMS = ("corpus_digest", "git", "cpu", "threads", "faults")
-PARTS = {"model_name": "model", "protocol_name": "protocol"}  # names are parameters, words with their values tags
+PARTS = {
+    "model_name": "model",
+    "protocol_name": "protocol",
+}  # names are parameters, words with their values tags
 OF_THE_STORE = ("run_id", "started", "status", "features_name")
 
 
 def keep(store, result):
     """Store a result; the id of its run."""
-    params = {k for k in result.about if k in PARAMS or ("." in k and not k.startswith("touchbench."))}
+    params = {
+        k for k in result.about if k in PARAMS or ("." in k and not k.startswith("touchbench."))
+    }
     tags = {k: v for k, v in result.about.items() if k not in {*params, *PARTS, *OF_THE_STORE}}
     info = store.create(result["system"], tags).info
     run = info.run_id
-    store.log(run, result.metrics, {k: result[k] for k in params} | {v: result[k] for k, v in PARTS.items()})
+    store.log(
+        run,
+        result.metrics,
+        {k: result[k] for k in params} | {v: result[k] for k, v in PARTS.items()},
+    )
     with tempfile.TemporaryDirectory() as folder:
         for name in result.tables:
             write_table(result.tables[name], Path(folder) / file_of(name))

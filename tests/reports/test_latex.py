@@ -12,14 +12,25 @@ import pytest
 import bench
 from bench.cli import main
 from bench.reports.latex import COSTS, SCORES, escaped, latex, papers, sheet, side_by_side
-from bench.result import MARK
+from bench.values.result import MARK
 from tests.reports.store import tracked_run
 from tests.results import evaluated, with_hits
 
 
 def row(system, accuracy, **more):
-    about = {"data": "my_arm", "subset": "a < 50 % #1", "protocol": "LOSO", "group": "g", "unit": "capture"}
-    numbers = {"accuracy_low": 0.4004, "accuracy_high": 0.6006, "subject_sd": 0.02, "macro_f1": 0.499}
+    about = {
+        "data": "my_arm",
+        "subset": "a < 50 % #1",
+        "protocol": "LOSO",
+        "group": "g",
+        "unit": "capture",
+    }
+    numbers = {
+        "accuracy_low": 0.4004,
+        "accuracy_high": 0.6006,
+        "subject_sd": 0.02,
+        "macro_f1": 0.499,
+    }
     numbers |= {"flash_bytes": 4000, "predict_ms_p50": 1.5}
     counts = {"captures": 48, "subjects": 4, "folds": "4/4", "seed": "0"}
     named = {"name": system, "system": system, "accuracy": accuracy / 100}
@@ -27,30 +38,67 @@ def row(system, accuracy, **more):
 
 
 def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
-    hits = {"LOSO": {"a": [10, 14, 18, 12], "b": [16, 16, 12, 16]}, "10-fold": {"a": [20, 18, 20, 20]}}
-    runs = [evaluated("a", with_hits([12, 16, 16, 14]), protocol_label="LOSO", seed=1), evaluated("c", failed=1)]
+    hits = {
+        "LOSO": {"a": [10, 14, 18, 12], "b": [16, 16, 12, 16]},
+        "10-fold": {"a": [20, 18, 20, 20]},
+    }
+    runs = [
+        evaluated("a", with_hits([12, 16, 16, 14]), protocol_label="LOSO", seed=1),
+        evaluated("c", failed=1),
+    ]
     for name, rows in hits.items():
         about = {"protocol_label": name, "mixes_subjects": str(name != "LOSO").lower()}
-        runs += [evaluated(system, with_hits(row), cost=2.0, **about) for system, row in rows.items()]
+        runs += [
+            evaluated(system, with_hits(row), cost=2.0, **about) for system, row in rows.items()
+        ]
     (one,) = papers(runs, ["accuracy", "macro_f1", "fit", "flash"])
     seeds = 5 * (np.array(hits["LOSO"]["a"]) + [12, 16, 16, 14]) / 2  # percent of 20 captures
     rows = {row["system"]: row for row in one.table.texts}
     loso, folds = [["LOSO", "LOSO, macro-F1"], ["10-fold ‡", "10-fold ‡, macro-F1"]]
-    assert [*rows] == ["b", "a"] and one.table.headings == ["system", *loso, *folds, "fit s", "flash kB"]
-    assert rows["a"]["LOSO"] == f"{seeds.mean():.1f} ± {seeds.std(ddof=1):.1f}" and rows["b"]["LOSO"] == "75.0 ± 10.0"
-    assert rows["b"]["10-fold ‡"] == "-" and rows["b"]["flash kB"] == "8" and rows["b"]["fit s"] == "6.00"
+    assert [*rows] == ["b", "a"] and one.table.headings == [
+        "system",
+        *loso,
+        *folds,
+        "fit s",
+        "flash kB",
+    ]
+    assert (
+        rows["a"]["LOSO"] == f"{seeds.mean():.1f} ± {seeds.std(ddof=1):.1f}"
+        and rows["b"]["LOSO"] == "75.0 ± 10.0"
+    )
+    assert (
+        rows["b"]["10-fold ‡"] == "-"
+        and rows["b"]["flash kB"] == "8"
+        and rows["b"]["fit s"] == "6.00"
+    )
     assert rows["a"]["LOSO, macro-F1"] == f"{50 * (runs[0]['macro_f1'] + runs[2]['macro_f1']):.1f}"
     text = side_by_side([one])
-    assert r"b & \textbf{75.0 $\pm$ 10.0} &" in text and r"$^\ddagger$ Training and test captures come from" in text
+    assert (
+        r"b & \textbf{75.0 $\pm$ 10.0} &" in text
+        and r"$^\ddagger$ Training and test captures come from" in text
+    )
     table = sheet([one]).set_index("system")
     assert {"LOSO: accuracy %", "LOSO: macro_f1 %", "fit_seconds", "flash kB"} < {*table}
-    assert table.loc["a", "LOSO: SD %"] == pytest.approx(seeds.std(ddof=1)) and "‡" in table.loc["a", "note"]
+    assert (
+        table.loc["a", "LOSO: SD %"] == pytest.approx(seeds.std(ddof=1))
+        and "‡" in table.loc["a", "note"]
+    )
 
 
 def test_a_comparison_has_intervals_its_best_without_a_mark_and_its_p():
-    rows = [row(f"a {MARK}", 90.0), row("b & co_1", 85.04), row("c", 80.0, p_holm=0.0004, against="b & co_1")]
+    rows = [
+        row(f"a {MARK}", 90.0),
+        row("b & co_1", 85.04),
+        row("c", 80.0, p_holm=0.0004, against="b & co_1"),
+    ]
     text = latex([*rows, row("d", 70.0, unit="window", data="x (synthetic)")])
-    shown = (r"\textbf{85.0 [40.0, 60.1]}", "80.0 [40.0, 60.1]", "$<$ 0.001", r"against b \& co\_1", r"a $<$ 50 \% \#1")
+    shown = (
+        r"\textbf{85.0 [40.0, 60.1]}",
+        "80.0 [40.0, 60.1]",
+        "$<$ 0.001",
+        r"against b \& co\_1",
+        r"a $<$ 50 \% \#1",
+    )
     assert [words for words in shown if words not in text] == [] and text.count("textbf") == 1
     marked = [row(f"{system} {MARK}", 80) for system in "ab"]
     assert "textbf" not in latex(marked)  # none of them is compared
@@ -68,19 +116,34 @@ def test_text_is_escaped_and_control_characters_are_gone():
 
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")
 def test_tables_compile_and_fit_a_page():
-    names = ["reflex", "rf[leaf=5, tried=3, trees=2000] · touch", "Tree_1 · ta273", "tuned tree[level=1|9] · jung28"]
+    names = [
+        "reflex",
+        "rf[leaf=5, tried=3, trees=2000] · touch",
+        "Tree_1 · ta273",
+        "tuned tree[level=1|9] · jung28",
+    ]
     protocols = ["LOSO (10 subjects)", "challenge (official split)", "10-fold, subjects mixed"]
-    runs = [evaluated(name, with_hits([9, 14, 18, 11]), protocol_label=on) for name in names for on in protocols]
+    runs = [
+        evaluated(name, with_hits([9, 14, 18, 11]), protocol_label=on)
+        for name in names
+        for on in protocols
+    ]
     side = side_by_side(papers(runs, [*SCORES, *COSTS]))
     (caption,) = re.findall(r"\\caption\{(.*)\}\n", side)
     assert "tried=" not in caption and "tried=0" in side and r"\begin{table*}" in side
-    assert r"\begin{table}" in side_by_side(papers(runs[:1], ["accuracy"]))  # takes one of two columns
+    assert r"\begin{table}" in side_by_side(
+        papers(runs[:1], ["accuracy"])
+    )  # takes one of two columns
     one = latex([row("a \\ { } \" ' ` ~ ^ < > | $ % # _ &", 50.0)] * 2)
     for columns in ("onecolumn", "twocolumn"):
         head = rf"\documentclass[a4paper,{columns}]{{article}}\usepackage{{booktabs,graphicx}}"
         head += r"\usepackage[textwidth=16cm]{geometry}"
-        Path("paper.tex").write_text(rf"{head}\begin{{document}}{side}{one}\end{{document}}", encoding="utf-8")
-        done = subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper"], capture_output=True)
+        Path("paper.tex").write_text(
+            rf"{head}\begin{{document}}{side}{one}\end{{document}}", encoding="utf-8"
+        )
+        done = subprocess.run(
+            ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper"], capture_output=True
+        )
         log = Path("paper.log").read_text(errors="replace")
         assert done.returncode == 0 and "Missing character" not in log
         assert "Overfull" not in log, re.findall("Overfull.*", log)
@@ -92,7 +155,9 @@ def test_the_call_makes_what_the_report_writes(store, quick):
     assert main(["report", "paper=accuracy,flash"]) == 0
     table = bench.runs()
     text = bench.latex(table, paper=["accuracy", "flash"])
-    assert text == Path("report/paper.tex").read_text() == bench.latex(table, paper="accuracy,flash")
+    assert (
+        text == Path("report/paper.tex").read_text() == bench.latex(table, paper="accuracy,flash")
+    )
     assert bench.latex(table) == Path("report/comparison.tex").read_text()
     with pytest.raises(bench.InputError, match="give the table of bench.runs"):
         bench.latex(pd.DataFrame({"system": []}), paper="accuracy")

@@ -4,11 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench import scores
-from bench.outcomes.frame import grouped
+from bench.reading.frame import grouped
 from bench.reports import papers as reproduction
 from bench.reports.comparison import comparison, published, scored
 from bench.reports.details import macro_interval, recall_interval
+from bench.values import scores
 from tests.results import evaluated, made_up
 
 CHALLENGE = {"data": "haart", "synthetic": "false", "protocol": "challenge"}
@@ -16,7 +16,9 @@ CHALLENGE = {"data": "haart", "synthetic": "false", "protocol": "challenge"}
 
 def beside(*runs):
     """Results of systems on HAART, and the published numbers beside them."""
-    results = [evaluated(system, predictions, **CHALLENGE | about) for system, predictions, about in runs]
+    results = [
+        evaluated(system, predictions, **CHALLENGE | about) for system, predictions, about in runs
+    ]
     return results, reproduction.against(results).set_index("id")
 
 
@@ -44,21 +46,31 @@ def test_which_run_stands_beside_which_number():
     }
     for name, (verdict, note) in expected.items():
         assert table.loc[name, "verdict"] == verdict and note in table.loc[name, "note"], name
-    assert np.isfinite(table.loc["hughes2017-haart-ae-rnn", "ours"])  # a vote where there is one decision a capture
+    assert np.isfinite(
+        table.loc["hughes2017-haart-ae-rnn", "ours"]
+    )  # a vote where there is one decision a capture
     section = reproduction.published_section(table.reset_index())
     rows = [row for row in section["here"].texts if row["system"].startswith("Ta et al. 2015")]
     printed = [row["ours % [95 %]"] for row in rows]
-    assert [*filter("-".__ne__, printed)] == [f"{each:.1f}" for each in ours["ours"]]  # of three subjects
+    assert [*filter("-".__ne__, printed)] == [
+        f"{each:.1f}" for each in ours["ours"]
+    ]  # of three subjects
     assert "3 subjects: too few for an interval" in {row["verdict"] for row in rows}
     assert sum(section["counts"].values()) == table["ours"].notna().sum()
     assert len(section["here"]) + len(section["away"]) == len(table)
     beside_ours = comparison(scored(grouped(results))).groupby(["data", "system"])["published"]
     shown = beside_ours.agg(lambda each: {*each.dropna()})
     assert shown[("haart", "ta2015_rf")] == {"70.91 (capture, ta2015-haart-test)"}
-    assert shown[("synth (synthetic)", "ta2015_rf")] == set() == shown[("haart", "hughes2017_cnn[epochs=3]")]
+    assert (
+        shown[("synth (synthetic)", "ta2015_rf")]
+        == set()
+        == shown[("haart", "hughes2017_cnn[epochs=3]")]
+    )
 
 
-@pytest.mark.parametrize("mark", [{"touchbench.depends_on_batch": "true"}, {"touchbench.conditions": "subject"}])
+@pytest.mark.parametrize(
+    "mark", [{"touchbench.depends_on_batch": "true"}, {"touchbench.conditions": "subject"}]
+)
 def test_a_run_on_the_batch_or_on_conditions_is_no_published_system(mark):
     results, table = beside(("ta2015_rf", made_up(3), mark))
     (shown,) = comparison(scored(grouped(results))).itertuples()
@@ -75,14 +87,22 @@ def test_units_and_their_intervals():
     low, high = scores.subject_interval(decided)
     pooled, headline = table.loc["albawi2018-pooled"], table.loc["albawi2018-headline"]
     hit = (decided["true"] == decided["predicted"]).mean()
-    assert pooled[["ours", "low", "high"]].tolist() == pytest.approx([100 * hit, 100 * low, 100 * high])
+    assert pooled[["ours", "low", "high"]].tolist() == pytest.approx(
+        [100 * hit, 100 * low, 100 * high]
+    )
     assert headline["ours"] == pytest.approx(100 * per_class["precision"].mean())
-    assert headline["low"] < headline["ours"] < headline["high"] and "macro precision" in headline["note"]
+    assert (
+        headline["low"] < headline["ours"] < headline["high"]
+        and "macro precision" in headline["note"]
+    )
 
 
 def test_intervals_of_classes_by_a_plain_loop():
     labelled, classes = scores.captures(made_up(5, skill=0.4, seed=3)), ["pat", "rub", "tap"]
-    labelled.loc[labelled["subject"] == "2", "predicted"] = ["", *labelled["predicted"][labelled["subject"] == "2"][1:]]
+    labelled.loc[labelled["subject"] == "2", "predicted"] = [
+        "",
+        *labelled["predicted"][labelled["subject"] == "2"][1:],
+    ]
     parts = [part for _, part in labelled.groupby("subject", sort=True)]
     draws = []
     for times in np.random.default_rng(0).multinomial(5, np.full(5, 0.2), 20):
@@ -90,12 +110,20 @@ def test_intervals_of_classes_by_a_plain_loop():
         draws.append(scores.per_class(pd.concat(drawn), classes))
     for metric in ("precision", "recall"):
         ends = np.quantile([table[metric].mean() for table in draws], [0.025, 0.975])
-        assert macro_interval(labelled, classes, f"macro_{metric}", draws=20) == pytest.approx(tuple(ends))
+        assert macro_interval(labelled, classes, f"macro_{metric}", draws=20) == pytest.approx(
+            tuple(ends)
+        )
     recalls = np.array([100 * table["recall"].to_numpy() for table in draws])
     ours = recall_interval(labelled, classes, draws=20)
-    assert ours[["low", "high"]].to_numpy().T == pytest.approx(np.quantile(recalls, [0.025, 0.975], axis=0))
+    assert ours[["low", "high"]].to_numpy().T == pytest.approx(
+        np.quantile(recalls, [0.025, 0.975], axis=0)
+    )
     assert np.isnan(macro_interval(parts[0], classes, "macro_recall")).all()
-    rows = {"subject": list("aabbccddee"), "true": ["x", "y", *"xxxxxxxx"], "predicted": [*"xxyxxxxxxx"]}
+    rows = {
+        "subject": list("aabbccddee"),
+        "true": ["x", "y", *"xxxxxxxx"],
+        "predicted": [*"xxyxxxxxxx"],
+    }
     table = recall_interval(pd.DataFrame(rows), ["x", "y", "z"])
     assert table.loc["x", "recall"] == pytest.approx(800 / 9) and table.loc["y", "recall"] == 0
     assert table.loc["z"].isna().all()

@@ -19,15 +19,15 @@ import bench
 from bench.cli import main
 from bench.commands import printing
 from bench.errors import InputError
-from bench.measures import costs
-from bench.outcomes.frame import grouped
-from bench.registry import views
+from bench.ground.registry import views
+from bench.reading.frame import grouped
 from bench.reports import page
 from bench.reports.chart import marks
 from bench.reports.comparison import published
 from bench.reports.live import packed
 from bench.reports.summary import summary_of
-from bench.result import BATCH, MARK
+from bench.values.measures import costs
+from bench.values.result import BATCH, MARK
 from tests.reports.store import keep, tracked_run
 from tests.results import HAART, evaluated, made_up, streamed, stressed, with_hits
 
@@ -35,7 +35,10 @@ HOSTILE = 'svm[x=<script>alert(1)</script>|"&*_] · `a`'
 
 
 def typed(system):
-    return {"touchbench.command": "run", "touchbench.arguments": f'{{"data": "haart", "model": "{system}"}}'}
+    return {
+        "touchbench.command": "run",
+        "touchbench.arguments": f'{{"data": "haart", "model": "{system}"}}',
+    }
 
 
 def verdict(results, budgets):
@@ -55,9 +58,23 @@ class Parsed(HTMLParser):
         found = dict(attributes)
         self.ids += [found["id"]] if "id" in found else []
         self.scripts += [found.get("type", "code")] * (tag == "script")
-        self.loaded += [found[k] for k in ("src", "srcset", "data", "poster", "action") if k in found]
-        self.loaded += [found[k] for k in ("href", "xlink:href") if k in found and found[k][0] != "#"]
-        if tag not in ("meta", "br", "img", "input", "thead", "tbody", "tr", "th", "td"):  # the last end by themselves
+        self.loaded += [
+            found[k] for k in ("src", "srcset", "data", "poster", "action") if k in found
+        ]
+        self.loaded += [
+            found[k] for k in ("href", "xlink:href") if k in found and found[k][0] != "#"
+        ]
+        if tag not in (
+            "meta",
+            "br",
+            "img",
+            "input",
+            "thead",
+            "tbody",
+            "tr",
+            "th",
+            "td",
+        ):  # the last end by themselves
             self.open.append(tag)
 
     def handle_startendtag(self, tag, attributes):
@@ -87,7 +104,9 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(store, quick):
     code = Path(page.__file__).with_name("page.js").read_text(encoding="utf-8")
     assert {*parsed.scripts} == {"code", "text/plain"} and parsed.scripts.count("code") == 1
     digest = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
-    assert f"script-src 'sha256-{digest}'; default-src" in text and f"<script>{code}</script>" in text
+    assert (
+        f"script-src 'sha256-{digest}'; default-src" in text and f"<script>{code}</script>" in text
+    )
     assert len(code.splitlines()) <= 250
     words = " ".join(" ".join(parsed.words).split())
     assert HOSTILE in words
@@ -102,11 +121,18 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(store, quick):
 def test_the_table_of_systems_by_hand(store):
     """Of eight people, each loses a capture of 20 with b (p = 2 / 2 ** 8), and every other one with c (2 / 2 ** 4)."""
     hits = {"a": [15] * 8, "b": [14] * 8, "c": [14, 15] * 4}
-    runs = [evaluated(name, with_hits(each), cost=1.0 + i) for i, (name, each) in enumerate(hits.items())]
+    runs = [
+        evaluated(name, with_hits(each), cost=1.0 + i)
+        for i, (name, each) in enumerate(hits.items())
+    ]
     table = verdict(runs, {}).table
     assert [row["system"].removesuffix(" (chosen)") for row in table.texts] == ["a", "c", "b"]
     assert [row["difference"] for row in table.texts] == ["-", "-2.5", "-5.0"]
-    assert [row["test"] for row in table.texts] == ["reference", "n.s.", "0.016"]  # two tests, 2 * 2 / 2 ** 8
+    assert [row["test"] for row in table.texts] == [
+        "reference",
+        "n.s.",
+        "0.016",
+    ]  # two tests, 2 * 2 / 2 ** 8
     assert [row["rank"] for row in table.texts] == ["1-2 ≈", "1-3 ≈", "2-3"]
     assert [row["flash kB"] for row in table.texts] == ["4", "12", "8"]
     few = verdict([evaluated(name, with_hits(each[:5])) for name, each in hits.items()], {})
@@ -116,21 +142,38 @@ def test_the_table_of_systems_by_hand(store):
 
 def test_numbers_for_the_script_by_hand():
     """Two seeds of a, whose mean stands above them; its captures are those of the lowest seed."""
-    runs = [evaluated("a", with_hits([15] * 8), seed=1), evaluated("a", with_hits([13] * 8), seed=0, cost=3.0)]
+    runs = [
+        evaluated("a", with_hits([15] * 8), seed=1),
+        evaluated("a", with_hits([13] * 8), seed=0, cost=3.0),
+    ]
     runs += [evaluated("b", with_hits(range(10, 18)))]
     answer = replace(verdict(runs, {}), key="loso")
-    data = json.loads(gzip.decompress(base64.b64decode(packed(answer, {"a": "rf", "b": "mine.py:B"}))))
+    data = json.loads(
+        gzip.decompress(base64.b64decode(packed(answer, {"a": "rf", "b": "mine.py:B"})))
+    )
     heads = [column["name"] for column in data["columns"]]
     cells, seeds = (dict(zip(heads, data[name], strict=True)) for name in ("cells", "seeds"))
-    assert data["name"] == ["a", "b"] and data["family"] == ["features", "own"] and data["counts"] == [2, 0]
+    assert (
+        data["name"] == ["a", "b"]
+        and data["family"] == ["features", "own"]
+        and data["counts"] == [2, 0]
+    )
     assert seeds["system"] == ["seed 0", "seed 1"] and len(cells["system"]) == 2
-    accuracies = [text.split()[0] for text in (*seeds["accuracy % [95 %]"], cells["accuracy % [95 %]"][0])]
-    assert accuracies == ["65.0", "75.0", "70.0"] and [*seeds["flash kB"], cells["flash kB"][0]] == ["12", "4", "8"]
+    accuracies = [
+        text.split()[0] for text in (*seeds["accuracy % [95 %]"], cells["accuracy % [95 %]"][0])
+    ]
+    assert accuracies == ["65.0", "75.0", "70.0"] and [
+        *seeds["flash kB"],
+        cells["flash kB"][0],
+    ] == ["12", "4", "8"]
     assert [each[0] for each in data["scores"]] == [70.0] * 8 and data["people"] == [*"12345678"]
     assert data["hits"][0].count("1") == 13 * 8
     true = [data["gestures"][i] for i in data["true"]]
     table = runs[1].tables["predictions"].sort_values("capture")
-    assert true == table["true"].tolist() and np.cumsum(data["captures"]).tolist() == table["capture"].tolist()
+    assert (
+        true == table["true"].tolist()
+        and np.cumsum(data["captures"]).tolist() == table["capture"].tolist()
+    )
 
 
 def test_a_report_that_is_cut_off_leaves_the_earlier_one(quick, store, monkeypatch):
@@ -151,7 +194,9 @@ def test_a_report_that_is_cut_off_leaves_the_earlier_one(quick, store, monkeypat
         patch.setattr(page, "latex", lambda _: (_ for _ in ()).throw(KeyboardInterrupt))
         page.write_report(store, Path("report"))
     assert files() == before
-    left = Path("report", f".{socket.gethostname()}-{2**22 + 1}-abc")  # of a process that was killed; no PID is so high
+    left = Path(
+        "report", f".{socket.gethostname()}-{2**22 + 1}-abc"
+    )  # of a process that was killed; no PID is so high
     left.mkdir()
     page.write_report(store, Path("report"))
     assert files() != before and not left.exists()
@@ -163,9 +208,14 @@ def test_p_values_compare_with_the_system_that_was_asked_for(quick, store):
     page.write_report(store, Path("report"), against="b")
     rows = pd.read_csv("report/statistics.csv").set_index("system")
     assert rows["difference"].tolist() == pytest.approx([5, 0, -5]) and np.isnan(rows.loc["b", "p"])
-    assert rows["p_holm"].dropna().tolist() == pytest.approx([4 / 2**6] * 2)  # six of one sign, two tests
+    assert rows["p_holm"].dropna().tolist() == pytest.approx(
+        [4 / 2**6] * 2
+    )  # six of one sign, two tests
     pairs = pd.read_csv("report/pairs.csv").set_index(["system", "other"])
-    assert pairs.loc[("a", "b"), "p_holm"] == pytest.approx(6 / 2**6) and pairs["gain"].tolist() == [6] * 3
+    assert (
+        pairs.loc[("a", "b"), "p_holm"] == pytest.approx(6 / 2**6)
+        and pairs["gain"].tolist() == [6] * 3
+    )
     text = Path("report/index.html").read_text()
     assert "every system against b" in text and "was selected by these results" not in text
     with pytest.raises(InputError, match="against=d: no complete run of this system is stored"):
@@ -180,10 +230,16 @@ def test_the_footnote_of_reflex_stands_wherever_it_is_compared_on_haart(quick, s
     assert main(["choose", "data=haart"]) == 0 and words in capsys.readouterr().out
     page.write_report(store, Path("report"))
     for name in ("comparison.tex", "comparison.md", "index.html"):
-        assert words in html.unescape(Path("report", name).read_text()).replace(r"\textquotesingle{}", "'"), name
+        assert words in html.unescape(Path("report", name).read_text()).replace(
+            r"\textquotesingle{}", "'"
+        ), name
     for name in ("comparison", "statistics", "pairs", "streaming"):
         rows = pd.read_csv(f"report/{name}.csv").fillna("").astype(str)
-        about = rows.drop(columns=["note", "against"], errors="ignore").agg(" ".join, axis=1).str.contains("reflex")
+        about = (
+            rows.drop(columns=["note", "against"], errors="ignore")
+            .agg(" ".join, axis=1)
+            .str.contains("reflex")
+        )
         assert rows["note"].str.contains(words).tolist() == about.tolist() and about.any(), name
     runs = [evaluated("reflex", **HAART)]
     assert printing.show(runs, [(views()["run"], runs)]) == 0 and words in capsys.readouterr().out
@@ -200,7 +256,9 @@ def test_one_subject_one_class_labels_only_folds_of_several_and_no_complete_run(
     ]
     for protocol, predictions in enumerate(odd):
         for i in (0, 1):
-            tracked_run(store, f"s{i}", predictions, failed=protocol == 4, protocol_label=f"P{protocol}")
+            tracked_run(
+                store, f"s{i}", predictions, failed=protocol == 4, protocol_label=f"P{protocol}"
+            )
     page.write_report(store, Path("report"))
     text = Path("report/index.html").read_text()
     assert not Parsed(text).open and "no complete run" in text
@@ -215,17 +273,26 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
     for i, system in enumerate(("svm", "rf", "ta2015_rf[trees=9]")):
         arguments = f'{{"data": "synth", "protocol": "loso", "model": "{system}"}}'
         about = {"touchbench.command": "run", "touchbench.arguments": arguments}
-        results.append(evaluated(system, made_up(8, skill=0.3 + 0.25 * i, seed=i), cost=10.0**i, **about))
+        results.append(
+            evaluated(system, made_up(8, skill=0.3 + 0.25 * i, seed=i), cost=10.0**i, **about)
+        )
         keep(store, results[-1])
-    for budget, system in (({}, "ta2015_rf[trees=9]"), ({"flash": 100.0, "worst_person": 0.0}, "rf")):
+    for budget, system in (
+        ({}, "ta2015_rf[trees=9]"),
+        ({"flash": 100.0, "worst_person": 0.0}, "rf"),
+    ):
         answer = verdict(results, budget)
         assert answer.choice.table["system"][answer.choice.chosen] == system in answer.lines[0]
         words = [costs()[k].argument(v) for k, v in budget.items()]
-        assert answer.command == " ".join(["bench choose data=synth where=all protocol=loso", *words])
+        assert answer.command == " ".join(
+            ["bench choose data=synth where=all protocol=loso", *words]
+        )
         assert main([*answer.command.split()[1:], "why=yes"]) == 0
         printed = capsys.readouterr().out
         assert all(line in printed for line in answer.lines)
-    points = marks(answer, {r.system: r["model_name"] for r in results}, {*published()["system"]}).set_index("name")
+    points = marks(
+        answer, {r.system: r["model_name"] for r in results}, {*published()["system"]}
+    ).set_index("name")
     least = min(answer.among.subjects.loc[answer.choice.chosen])
     assert points.loc[points["chosen"], "worst_person"].tolist() == pytest.approx([least])
     assert points[["chosen", "out", "kind", "flash"]].T.to_dict("list") == {
@@ -234,4 +301,6 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
         "ta2015_rf[trees=9]": [False, True, "changed", 400.0],
     }
     other = evaluated("svm", made_up(8), corpus_digest="e" * 64)
-    assert verdict([*results, other], {}).command == ""  # its words would mean runs on another version of it, too
+    assert (
+        verdict([*results, other], {}).command == ""
+    )  # its words would mean runs on another version of it, too

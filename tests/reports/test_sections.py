@@ -10,8 +10,8 @@ import pytest
 from scipy import stats
 
 from bench.cli import main
-from bench.outcomes.frame import grouped
-from bench.registry import views
+from bench.ground.registry import views
+from bench.reading.frame import grouped
 from bench.reports import ledger
 from bench.reports.comparison import published
 from bench.reports.contexts import contexts
@@ -41,14 +41,24 @@ def test_faults_of_each_method_the_run_that_met_most_then_the_newest_with_its_lo
     part = views()["under"].section(results, tmp_path).parts[0]
     picture, table = part.picture, part.table
     drawing = picture.path.read_text()
-    assert all(f">{text}</text>" in drawing for text in ("23", "10", "5", "-", "svm (60 % clean)", "rf (70 % clean)"))
+    assert all(
+        f">{text}</text>" in drawing
+        for text in ("23", "10", "5", "-", "svm (60 % clean)", "rf (70 % clean)")
+    )
     row = table.shown().set_index("system").loc["svm"]
-    assert row["half of the margin is lost at"] == "shift 2.2" and row["failing of tested groups"] == "3 of 40"
+    assert (
+        row["half of the margin is lost at"] == "shift 2.2"
+        and row["failing of tested groups"] == "3 of 40"
+    )
     assert row["worst subject"] == "30.0" and table.shown()["system"].tolist() == ["rf", "svm"]
 
 
 def test_groups_of_several_corpora_and_words_of_what_they_share_come_from_the_class():
-    runs = [evaluated("svm", corpus_digest=digest, **{"dim.mode": mode}) for digest in "ab" for mode in ("up", "down")]
+    runs = [
+        evaluated("svm", corpus_digest=digest, **{"dim.mode": mode})
+        for digest in "ab"
+        for mode in ("up", "down")
+    ]
     same = {"dim.mode": ("pressed {}", "up")}
     found = contexts(runs, same)
     assert len(found) == 3 and [members for _, members in contexts(runs)] == [[runs[3]], [runs[1]]]
@@ -57,21 +67,51 @@ def test_groups_of_several_corpora_and_words_of_what_they_share_come_from_the_cl
 
 
 def run(git, right, cost=1.0, relative=2.0, **about):
-    return evaluated("a", with_hits([right] * 5), cost=cost, metrics={"predict_relative": relative}, git=git, **about)
+    return evaluated(
+        "a",
+        with_hits([right] * 5),
+        cost=cost,
+        metrics={"predict_relative": relative},
+        git=git,
+        **about,
+    )
 
 
 def test_a_step_is_where_the_gate_would_no_longer_report_the_same():
-    runs = [run("a", 9), run("a", 14), run("b", 14, relative=3.9), run("c", 8), run("d+changes", 8, cost=1.09)]
-    runs += [run("e", 8, cost=1.11), run("f", 8, 1.11, relative=4.1), run("x", 3, seed=1), run("x", 20, data="other")]
+    runs = [
+        run("a", 9),
+        run("a", 14),
+        run("b", 14, relative=3.9),
+        run("c", 8),
+        run("d+changes", 8, cost=1.09),
+    ]
+    runs += [
+        run("e", 8, cost=1.11),
+        run("f", 8, 1.11, relative=4.1),
+        run("x", 3, seed=1),
+        run("x", 20, data="other"),
+    ]
     table = history(runs)
-    assert table["revision"].tolist() == ["a", "b", "c", "d+changes", "e", "f"]  # the newest of a; others have one
+    assert table["revision"].tolist() == [
+        "a",
+        "b",
+        "c",
+        "d+changes",
+        "e",
+        "f",
+    ]  # the newest of a; others have one
     wrong = table.set_index("revision")["step"].str.partition(":")[0].to_dict()
     assert wrong == {"a": "", "b": "", "c": "worse", "d+changes": "", "e": "larger", "f": "slower"}
     assert table["before"].tolist() == ["", "a", "b", "c", "d+changes", "e"]
     assert "30 of 100 labels changed" in table["step"][2] and "time x2.05" in table["step"][5]
     again = history([run("a", 9), run("b", 9), run("a", 9)])
     assert again["revision"].tolist() == ["b", "a"]  # the runs that count, in their order
-    slow = history([run(git, 14, relative=relative) for git, relative in zip("abcd", (1, 1.5, 1.9, 2.5), strict=True)])
+    slow = history(
+        [
+            run(git, 14, relative=relative)
+            for git, relative in zip("abcd", (1, 1.5, 1.9, 2.5), strict=True)
+        ]
+    )
     assert slow["step"].str.partition(":")[0].tolist() == ["", "", "", "slower"]
 
 
@@ -82,12 +122,22 @@ def test_the_report_draws_each_revision_and_lists_steps(store, quick, capsys, tm
     made = [run("0" * 12, 9), run("1" * 12, 14), run("3" * 12 + "+changes", 8)]
     shown, table = section(made, tmp_path)
     np.testing.assert_allclose(table["accuracy %"], [45, 70, 40])
-    assert table["flash kB"].tolist() == [4] * 3 and (table["step"] != "").tolist() == [False, True, True]
-    ticks = {label.get_text() for axes in drawn(history(made)).axes for label in axes.get_xticklabels()}
-    assert any(text.startswith("33333333+") for text in ticks) and len(shown.parts[0].table.rows) == 2
+    assert table["flash kB"].tolist() == [4] * 3 and (table["step"] != "").tolist() == [
+        False,
+        True,
+        True,
+    ]
+    ticks = {
+        label.get_text() for axes in drawn(history(made)).axes for label in axes.get_xticklabels()
+    }
+    assert (
+        any(text.startswith("33333333+") for text in ticks) and len(shown.parts[0].table.rows) == 2
+    )
 
 
-ONE = pd.DataFrame({"a": [90.0, 80, 50], "b": [70.0, 80, 60], "c": [10.0, 20, 70]}).T  # accuracy of three people
+ONE = pd.DataFrame(
+    {"a": [90.0, 80, 50], "b": [70.0, 80, 60], "c": [10.0, 20, 70]}
+).T  # accuracy of three people
 TWO = pd.DataFrame({"a": [40.0, 40], "b": [60.0, 40], "c": [50.0, 30]}).T
 
 
@@ -100,9 +150,13 @@ def test_ranks_by_hand():
     assert table["one_place"].to_dict() == {"a": 1, "b": 2, "c": 3}  # means 73.3, 70, 33.3
     assert table["two_place"].to_dict() == {"b": 1, "a": 2.5, "c": 2.5}  # means 50, 40, 40
     ends = ["difference", "difference_low", "difference_high"]
-    assert table.loc["a", ends].tolist() == pytest.approx([-2, np.nan, np.nan], nan_ok=True)  # of five people
+    assert table.loc["a", ends].tolist() == pytest.approx(
+        [-2, np.nan, np.nan], nan_ok=True
+    )  # of five people
     six = ranking({"one": ONE, "two": ONE}).set_index("system")
-    lost = ONE.loc["c"] - ONE.loc[six.index[0]]  # the interval of the test of six people is their whole range
+    lost = (
+        ONE.loc["c"] - ONE.loc[six.index[0]]
+    )  # the interval of the test of six people is their whole range
     assert six.loc["c", ends].tolist() == pytest.approx([lost.mean(), lost.min(), lost.max()])
 
 
@@ -145,7 +199,11 @@ HITS = {  # of 20 captures of each of six subjects
     ("lda", "windows"): [18, 17, 19, 18, 18, 18],
     ("lda", "kfold"): [12, 12, 12, 13, 15, 17],
 }
-WORDS = {"loso": "LOSO (6 subjects)", "windows": "10-fold of windows, optimistic", "kfold": "10-fold, subjects mixed"}
+WORDS = {
+    "loso": "LOSO (6 subjects)",
+    "windows": "10-fold of windows, optimistic",
+    "kfold": "10-fold, subjects mixed",
+}
 
 
 def runs(hits=HITS, **about):
@@ -153,7 +211,11 @@ def runs(hits=HITS, **about):
     made = []
     for (system, name), right in hits.items():
         typed = {"data": "haart", "protocol": name, "model": system, "features": "touch"}
-        tags = {"touchbench.command": "run", "touchbench.arguments": json.dumps(typed), "protocol": name}
+        tags = {
+            "touchbench.command": "run",
+            "touchbench.arguments": json.dumps(typed),
+            "protocol": name,
+        }
         tags |= {"protocol_label": WORDS[name], "mixes_subjects": str(name != "loso").lower()}
         made.append(evaluated(system, with_hits(right), **HAART | tags | about))
     return made
@@ -166,35 +228,52 @@ def test_points_are_paired_over_people():
         row, loso = table.loc[system, protocol], np.array(HITS[system, "loso"])
         assert row["accuracy"] == pytest.approx(5 * np.mean(right)) and row["subjects"] == 6
         assert row["mixes_subjects"] == (protocol != "loso")
-        better = sum(np.mean(other) > np.mean(right) for (_, p), other in HITS.items() if p == protocol)
+        better = sum(
+            np.mean(other) > np.mean(right) for (_, p), other in HITS.items() if p == protocol
+        )
         assert row["place"] == f"{better + 1} of 2"
         if protocol == "loso":
             assert np.isnan(row["points"])
             continue
         points = 5.0 * (np.array(right) - loso)
         assert row["points"] == pytest.approx(points.mean())
-        ends = [points.min(), points.max()]  # the interval of the test of six people is their whole range
+        ends = [
+            points.min(),
+            points.max(),
+        ]  # the interval of the test of six people is their whole range
         assert row[["points_low", "points_high"]].tolist() == pytest.approx(ends)
         assert row["p"] == pytest.approx(2 / 2**6)  # all six gain
 
 
 def test_only_captures_under_two_protocols_are_in_it():
-    one, without = ({k: hits for k, hits in HITS.items() if (k[1] == "loso") == loso} for loso in (True, False))
+    one, without = (
+        {k: hits for k, hits in HITS.items() if (k[1] == "loso") == loso} for loso in (True, False)
+    )
     other = runs({("svm", "kfold"): HITS["svm", "kfold"]}, subset="cover == 'none'")
     assert not len(ledger.ledger([])) and not len(ledger.ledger([*runs(one), *other]))
     made = runs(without)
     table = ledger.ledger(made)
-    assert len(table) == 4 and table["points"].isna().all() and ledger.explained(made, ledger.under(made)).empty
+    assert (
+        len(table) == 4
+        and table["points"].isna().all()
+        and ledger.explained(made, ledger.under(made)).empty
+    )
 
 
 def test_published_numbers_without_the_points_of_their_protocol():
     made = runs()
     numbers = ledger.explained(made, ledger.under(made)).set_index("id")
-    assert set(numbers.index) == set(published().query("data == 'haart' and accuracy.notna()")["id"])
-    people = 5 * np.mean([np.subtract(HITS[s, "kfold"], HITS[s, "loso"]) for s in ("svm", "lda")], axis=0)
+    assert set(numbers.index) == set(
+        published().query("data == 'haart' and accuracy.notna()")["id"]
+    )
+    people = 5 * np.mean(
+        [np.subtract(HITS[s, "kfold"], HITS[s, "loso"]) for s in ("svm", "lda")], axis=0
+    )
     ends = stats.ttest_1samp(people, 0).confidence_interval()
     row = numbers.loc["cang2015-haart-all"]
-    assert row["nearest"] == "kfold (inferred)" and row["printed"] == 90 and "inferred" in row["says"]
+    assert (
+        row["nearest"] == "kfold (inferred)" and row["printed"] == 90 and "inferred" in row["says"]
+    )
     found = row[["points", "points_low", "points_high", "less"]].tolist()
     assert found == pytest.approx([people.mean(), ends.low, ends.high, 90 - people.mean()])
     assert numbers.loc["almashhadani2021-haart", ["points", "less"]].tolist() == [0, 83.2]
@@ -208,8 +287,13 @@ def test_published_numbers_without_the_points_of_their_protocol():
 
 
 def test_share_of_the_spread():
-    printed, left = published()["accuracy"].iloc[[0, 1, 4]], published()["accuracy"].iloc[[0, 1, 5]]  # 53, 46, 64 or 54
-    assert ledger.share(printed, left) == pytest.approx(1 - np.var([53, 46, 54]) / np.var([53, 46, 64]))
+    printed, left = (
+        published()["accuracy"].iloc[[0, 1, 4]],
+        published()["accuracy"].iloc[[0, 1, 5]],
+    )  # 53, 46, 64 or 54
+    assert ledger.share(printed, left) == pytest.approx(
+        1 - np.var([53, 46, 54]) / np.var([53, 46, 64])
+    )
     assert np.isnan(ledger.share(printed[:2], left[:2]))
 
 
@@ -218,16 +302,25 @@ def test_one_command_runs_what_is_missing():
     assert ledger.missing(runs(some)) == [
         "bench run data=haart protocol=windows,within,challenge model=svm,lda features=touch"
     ]
-    (tuned,) = ledger.missing(runs({("svm", "loso"): HITS["svm", "loso"]}, **{"touchbench.command": "tune"}))
+    (tuned,) = ledger.missing(
+        runs({("svm", "loso"): HITS["svm", "loso"]}, **{"touchbench.command": "tune"})
+    )
     assert tuned.startswith("bench tune data=haart protocol=windows,kfold,")
-    assert ledger.missing(runs()) == ["bench run data=haart protocol=within,challenge model=svm,lda features=touch"]
+    assert ledger.missing(runs()) == [
+        "bench run data=haart protocol=within,challenge model=svm,lda features=touch"
+    ]
 
 
 def test_a_line_is_interrupted_at_a_protocol_that_its_system_lacks():
-    rows = ledger.ledger(runs({key: right for key, right in HITS.items() if key != ("svm", "kfold")}))
+    rows = ledger.ledger(
+        runs({key: right for key, right in HITS.items() if key != ("svm", "kfold")})
+    )
     (axes,) = ledger.slopes(rows, "").axes
     drawn = [container.lines[0].get_ydata() for container in axes.containers]
-    means = [[5 * np.mean(HITS[system, p]) for p in ("windows", "kfold", "loso")] for system in ("svm", "lda")]
+    means = [
+        [5 * np.mean(HITS[system, p]) for p in ("windows", "kfold", "loso")]
+        for system in ("svm", "lda")
+    ]
     means[0][1] = np.nan
     np.testing.assert_allclose([ys.astype(float) for ys in drawn], means)
 
@@ -238,12 +331,26 @@ def test_the_section_and_its_picture(tmp_path):
     (section,), rows = ledger.section(made, against(made), tmp_path)
     pd.testing.assert_frame_equal(rows, ledger.ledger(made))
     first, _, numbers = section.parts
-    assert "differs: svm under windows, lda under kfold, lda under loso" in " ".join(first.sentences)
+    assert "differs: svm under windows, lda under kfold, lda under loso" in " ".join(
+        first.sentences
+    )
     texts = first.table.texts
-    assert [row["protocol"] for row in texts[:3]] == [WORDS["windows"], WORDS["kfold"], WORDS["loso"]]
-    assert texts[1]["points over LOSO [95 %]"].startswith("+7.5 [") and texts[2]["points over LOSO [95 %]"] == "-"
+    assert [row["protocol"] for row in texts[:3]] == [
+        WORDS["windows"],
+        WORDS["kfold"],
+        WORDS["loso"],
+    ]
+    assert (
+        texts[1]["points over LOSO [95 %]"].startswith("+7.5 [")
+        and texts[2]["points over LOSO [95 %]"] == "-"
+    )
     drawing = first.picture.path.read_text()
     assert 'id="line2d' not in drawing  # which other figures of the page have, too
-    assert all(word in drawing for word in ("optimistic", "subjects mixed", "new subjects", "svm", "lda"))
+    assert all(
+        word in drawing for word in ("optimistic", "subjects mixed", "new subjects", "svm", "lda")
+    )
     words = " ".join(numbers.sentences)
-    assert re.search(r"The 2 published|is unknown, so nothing is explained", words) and "not run here" in words
+    assert (
+        re.search(r"The 2 published|is unknown, so nothing is explained", words)
+        and "not run here" in words
+    )

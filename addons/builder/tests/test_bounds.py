@@ -9,7 +9,10 @@ from scipy import stats
 
 from touchbench_builder.bounds import agrees, ahead, lower_bound, new_person
 
-ALIKE = ([41, 44, 43, 46, 45, 42], [50, 52, 50, 55, 53, 50])  # fewer differences than chance alone makes
+ALIKE = (
+    [41, 44, 43, 46, 45, 42],
+    [50, 52, 50, 55, 53, 50],
+)  # fewer differences than chance alone makes
 UNLIKE = ([50, 12, 55, 30, 49], [60, 48, 56, 60, 50])
 
 
@@ -17,13 +20,19 @@ def by_hand(right, total, level, people):
     """The rule of the page, one person after the other."""
     angles = []
     for r, n in zip(right, total, strict=True):
-        angles.append((math.asin(math.sqrt(r / (n + 1))) + math.asin(math.sqrt((r + 1) / (n + 1)))) / 2)
+        angles.append(
+            (math.asin(math.sqrt(r / (n + 1))) + math.asin(math.sqrt((r + 1) / (n + 1)))) / 2
+        )
     known = len(angles)
     other = 0.15**2 + sum(1 / (4 * n + 2) for n in total) / known
     own = statistics.variance(angles)
     variance = max(own, ((known - 1) * own + 8 * other) / (known + 7))
     mean = sum(angles) / known
-    return mean, variance, mean - stats.t.ppf(level, known - 1) * math.sqrt(variance / known + variance / people)
+    return (
+        mean,
+        variance,
+        mean - stats.t.ppf(level, known - 1) * math.sqrt(variance / known + variance / people),
+    )
 
 
 def generated(mean, sd, people, bad=0.0):
@@ -38,8 +47,12 @@ def generated(mean, sd, people, bad=0.0):
 def test_bounds_are_those_of_a_loop(counts):
     found = new_person(*counts)
     _, variance, low = by_hand(*counts, 0.95, 4)
-    assert found.mean == pytest.approx(sum(r / n for r, n in zip(*counts, strict=True)) / len(counts[0]))
-    expected = stats.norm.expect(lambda angle: math.sin(angle) ** 2, loc=low, scale=math.sqrt(variance), lb=-9, ub=9)
+    assert found.mean == pytest.approx(
+        sum(r / n for r, n in zip(*counts, strict=True)) / len(counts[0])
+    )
+    expected = stats.norm.expect(
+        lambda angle: math.sin(angle) ** 2, loc=low, scale=math.sqrt(variance), lb=-9, ub=9
+    )
     assert found.mean_low == pytest.approx(min(expected, math.sin(low) ** 2), abs=1e-6)
     assert found.person_low == pytest.approx(math.sin(by_hand(*counts, 0.9, 1)[2]) ** 2)
     assert found.next_people == 4 and [ahead(known) for known in (8, 9, 16, 31)] == [4, 5, 8, 16]
@@ -49,7 +62,9 @@ def test_bounds_are_those_of_a_loop(counts):
     ("right", "total", "mean", "lowest", "highest"),
     [([50] * 5, 50, 1, 0.8, 0.95), ([0] * 5, 50, 0, 0, 0), ([8, 9, 7, 8], 10, 0.8, None, None)],
 )
-def test_bounds_without_an_error_without_a_correct_capture_and_of_too_few_people(right, total, mean, lowest, highest):
+def test_bounds_without_an_error_without_a_correct_capture_and_of_too_few_people(
+    right, total, mean, lowest, highest
+):
     found = new_person(right, [total] * len(right))
     assert found.mean == pytest.approx(mean)
     if lowest is None:
@@ -59,14 +74,18 @@ def test_bounds_without_an_error_without_a_correct_capture_and_of_too_few_people
         assert lowest <= found.mean_low <= highest and lowest <= found.person_low <= highest
 
 
-@pytest.mark.parametrize(("mean", "sd", "bad"), ((0.7, 0.15, 0), (0.8, 0.1, 0.1), (0.9, 0.05, 0.1), (0.98, 0.02, 0)))
+@pytest.mark.parametrize(
+    ("mean", "sd", "bad"), ((0.7, 0.15, 0), (0.8, 0.1, 0.1), (0.9, 0.05, 0.1), (0.98, 0.02, 0))
+)
 @pytest.mark.parametrize("known", (5, 8))
 def test_bounds_hold_where_students_t_does_not(mean, sd, bad, known):
     counts = generated(mean, sd, known + 4, bad)
     right, later, total = counts[:, :known], counts[:, known:] / 60, np.full(known, 60)
     low, person = lower_bound(right, total, 0.95, 4), lower_bound(right, total, 0.9, 1)
     assert np.mean(low <= later.mean(axis=1)) >= 0.95
-    assert np.mean(low <= mean * (1 - 0.3 * bad)) >= 0.98  # of everybody: more certain than that of four
+    assert (
+        np.mean(low <= mean * (1 - 0.3 * bad)) >= 0.98
+    )  # of everybody: more certain than that of four
     assert np.mean(person[:, None] <= later) >= 0.9
     shares = right / 60
     student = shares.mean(1) - stats.t.ppf(0.95, known - 1) * stats.sem(shares, axis=1)

@@ -16,7 +16,10 @@ WRONG = [
     ["build", "a.csv", "data=synth", "out=robot"],
     ["build", "nowhere.csv", *SENSOR, "out=robot"],
     ["build", "data=synth", "out=."],
-    *(["build", f"{name}.csv", *SENSOR, "out=robot"] for name in ("alone", "pat", "case", "saturated")),
+    *(
+        ["build", f"{name}.csv", *SENSOR, "out=robot"]
+        for name in ("alone", "pat", "case", "saturated")
+    ),
     ["build", "check", "nowhere", "data=synth"],
     ["build", "check", "four", "data=synth"],
     ["build", "check", "five", "data=synth", "board=uno-r3"],
@@ -29,14 +32,19 @@ def test_recordings_that_cannot_teach_and_wrong_words_are_refused(golden):
     captures = {
         "alone": corpus.captures.assign(subject="1"),
         "pat": corpus.captures.assign(gesture="pat"),
-        "case": corpus.captures.assign(gesture=gesture.where(subject != "1", gesture.str.capitalize())),
+        "case": corpus.captures.assign(
+            gesture=gesture.where(subject != "1", gesture.str.capitalize())
+        ),
     }
     for name, table in captures.items():
         write_table(corpus.changed(captures=table), Path(f"{name}.csv"))
     write_table(corpus.changed(frames=0 * corpus.frames + 1023), Path("saturated.csv"))
     for name, people in {"four": 4, "five": 5}.items():
         Path(name).mkdir()
-        facts = {"certificate": 1, "expected": {"people": {str(person): [8, 10] for person in range(people)}}}
+        facts = {
+            "certificate": 1,
+            "expected": {"people": {str(person): [8, 10] for person in range(people)}},
+        }
         Path(name, "certificate.json").write_text(json.dumps(facts))
     text = "".join(map(step, WRONG))
     golden("refusals.txt", re.sub(r"! step \d of .*\n", "", text))  # with the seconds that passed

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import nctdtr, stdtr, stdtrit
 
-from bench import few
+from bench.values import few
 
 SPREAD = 0.15  # SD between people, in radians: HAART's is 0.03 to 0.12; 0.15 is 9 points at 90 % and 15 at 50 %
 GESTURE_SPREAD = 0.25  # the same of the accuracy of one gesture: HAART's is 0.0 to 0.45
@@ -31,7 +31,9 @@ class Bounds:
     """What to expect for a new person; of fewer than five people the mean alone."""
 
     mean: float  # accuracy, over people
-    mean_low: float | None  # with 95 % probability, the mean of the next ``next_people`` people or more exceeds it
+    mean_low: (
+        float | None
+    )  # with 95 % probability, the mean of the next ``next_people`` people or more exceeds it
     person_low: float | None  # the next person exceeds it with 90 % probability
     next_people: int | None
 
@@ -59,11 +61,16 @@ def new_person(right: np.ndarray, total: np.ndarray, spread: float = SPREAD) -> 
     if len(right) < few.INTERVAL:
         return Bounds(mean, None, None, None)
     mean_low = lower_bound(right, total, MEAN_LEVEL, people, spread)
-    return Bounds(mean, float(mean_low), float(lower_bound(right, total, PERSON_LEVEL, 1, spread)), people)
+    return Bounds(
+        mean, float(mean_low), float(lower_bound(right, total, PERSON_LEVEL, 1, spread)), people
+    )
 
 
 def agrees(
-    certificate_right: np.ndarray, certificate_total: np.ndarray, right: np.ndarray, total: np.ndarray
+    certificate_right: np.ndarray,
+    certificate_total: np.ndarray,
+    right: np.ndarray,
+    total: np.ndarray,
 ) -> Check | None:
     """Whether people who came later are as accurate as certified: a one-sided t-test on angles.
 
@@ -88,7 +95,9 @@ def ahead(people: int) -> int:
     return max(4, (people + 1) // 2)
 
 
-def lower_bound(right: np.ndarray, total: np.ndarray, level: float, people: int, spread: float = SPREAD) -> np.ndarray:
+def lower_bound(
+    right: np.ndarray, total: np.ndarray, level: float, people: int, spread: float = SPREAD
+) -> np.ndarray:
     """What the mean accuracy of so many next people exceeds with this probability.
 
     Args:
@@ -112,11 +121,17 @@ def _people(right: np.ndarray, total: np.ndarray, spread: float) -> tuple[np.nda
     """Mean angle of people, and the variance of one: their own, or its mean with that of other studies, if larger."""
     angles = _angles(right, total)
     own, known = angles.var(axis=-1, ddof=1), angles.shape[-1]
-    other = spread**2 + (1 / (4 * np.asarray(total) + 2)).mean(axis=-1)  # between people, and of a person's captures
-    return angles.mean(axis=-1), np.maximum(own, ((known - 1) * own + WEIGHT * other) / (known - 1 + WEIGHT))
+    other = spread**2 + (1 / (4 * np.asarray(total) + 2)).mean(
+        axis=-1
+    )  # between people, and of a person's captures
+    return angles.mean(axis=-1), np.maximum(
+        own, ((known - 1) * own + WEIGHT * other) / (known - 1 + WEIGHT)
+    )
 
 
 def _angles(right: np.ndarray, total: np.ndarray) -> np.ndarray:
     """Freeman and Tukey's angles of accuracies, with a variance of 1 / (4 total + 2)."""
     right, total = np.asarray(right, float), np.asarray(total, float)
-    return (np.arcsin(np.sqrt(right / (total + 1))) + np.arcsin(np.sqrt((right + 1) / (total + 1)))) / 2
+    return (
+        np.arcsin(np.sqrt(right / (total + 1))) + np.arcsin(np.sqrt((right + 1) / (total + 1)))
+    ) / 2

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from bench import few
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.measures import budgets
-from bench.outcomes.frame import frame
-from bench.outcomes.scene import Board, Scene
-from bench.result import several
-from bench.sentences import environment
+from bench.reading.frame import frame
+from bench.reading.scene import Board, Scene
+from bench.values import few
+from bench.values.measures import budgets
+from bench.values.result import several
+from bench.values.sentences import environment
 from touchbench_builder import choice as choices
 from touchbench_builder.bounds import GESTURE_SPREAD, SPREAD, new_person
 from touchbench_builder.choice import BITS, OF_STREAMS, Choice, planned, run, trained
@@ -26,7 +26,7 @@ from touchbench_chip.tables import check
 from touchbench_chip.write import digest, most
 
 if TYPE_CHECKING:
-    from bench.work.saved import Recogniser
+    from bench.running.saved import Recogniser
     from touchbench_builder.progress import Progress
 
 LOST = 10.0  # points of accuracy: a system survives a fault that costs less
@@ -54,12 +54,28 @@ def certificate(
         "command": command,
         "data": {
             **{"corpus": corpus.name, "digest": corpus.digest, "where": on.get("where", "")},
-            **{"synthetic": corpus.synthetic, "people": len(set(corpus.subjects)), "captures": len(corpus)},
-            **{"gestures": recogniser.classes, "grid": list(recogniser.grid), "rate_hz": recogniser.rate_hz},
-            **{"full_scale": recogniser.full_scale, "subjects": sorted(set(corpus.subjects.astype(str)))},
+            **{
+                "synthetic": corpus.synthetic,
+                "people": len(set(corpus.subjects)),
+                "captures": len(corpus),
+            },
+            **{
+                "gestures": recogniser.classes,
+                "grid": list(recogniser.grid),
+                "rate_hz": recogniser.rate_hz,
+            },
+            **{
+                "full_scale": recogniser.full_scale,
+                "subjects": sorted(set(corpus.subjects.astype(str))),
+            },
             **{"warnings": warnings},
         },
-        "system": {"name": choice.name, "model": f"runs:/{run_id}/model", "bits": BITS, "code": digest()},
+        "system": {
+            "name": choice.name,
+            "model": f"runs:/{run_id}/model",
+            "bits": BITS,
+            "code": digest(),
+        },
         "expected": expected(choice.nested),
         "compared": choice.table.round(4).replace({np.nan: None}).to_dict("records"),
         "left_out": choice.left_out,
@@ -87,7 +103,9 @@ def expected(nested: pd.DataFrame) -> dict[str, Any]:
         "people": {str(p): [int(row["right"]), int(row["total"])] for p, row in counts.iterrows()},
         "systems": {str(name) or "none": int(n) for name, n in chosen.value_counts().items()},
         "gestures": {
-            str(gesture): _bounds(part.groupby(people[part.index]).agg(right="sum", total="size"), GESTURE_SPREAD)
+            str(gesture): _bounds(
+                part.groupby(people[part.index]).agg(right="sum", total="size"), GESTURE_SPREAD
+            )
             for gesture, part in right.groupby(nested["true"].astype(str))
         },
     }
@@ -101,7 +119,9 @@ def _bounds(counts: pd.DataFrame, spread: float) -> dict[str, Any]:
 def _faults(on: Mapping[str, str], scene: Scene, choice: Choice) -> list[dict[str, Any]]:
     """What each fault costs the chosen system: the worst severity that costs less than `LOST` points, and the next."""
     under = [*(scene.faults.names if scene.faults else choices.FAULTS)]
-    cases = frame([run(*planned({**on, "protocol": "loso", **choice.values, "under": under}))], cases=True)
+    cases = frame(
+        [run(*planned({**on, "protocol": "loso", **choice.values, "under": under}))], cases=True
+    )
     found = []
     for name, part in cases.groupby("case", sort=False):
         part = part.sort_values("level")
@@ -121,18 +141,30 @@ def _faults(on: Mapping[str, str], scene: Scene, choice: Choice) -> list[dict[st
 
 def _watched(on: Mapping[str, str], scene: Scene, choice: Choice) -> dict[str, Any] | None:
     """Recordings of people left out, watched by the chosen system, if the scene has budgets of streams."""
-    limits = {key: budgets()[key].typed(scene.values[key]) for key in OF_STREAMS if key in scene.values}
+    limits = {
+        key: budgets()[key].typed(scene.values[key]) for key in OF_STREAMS if key in scene.values
+    }
     if not limits:
         return None
     numbers = run(*planned({**on, "protocol": "loso", **choice.values}, "watch")).metrics
     for key, limit in limits.items():
         cost = budgets()[key]
-        if (amount := cost.cell(numbers) if cost.among is None else numbers.get("false_alarms_per_hour")) is None:
-            raise InputError(f"{choice.name}: {cost.noun} is unknown: {cost.unknown}; leave {key}= out of the scene")
+        if (
+            amount := cost.cell(numbers)
+            if cost.among is None
+            else numbers.get("false_alarms_per_hour")
+        ) is None:
+            raise InputError(
+                f"{choice.name}: {cost.noun} is unknown: {cost.unknown}; leave {key}= out of the scene"
+            )
         if amount > limit:
             words = f"{cost.noun} {cost.amount(amount)}, its budget is {cost.amount(limit)}"
-            raise InputError(f"{choice.name} fits all other budgets, but has {words}; relax it, or record more people")
-    minutes, rate, latency = map(numbers.get, ("background_minutes", "false_alarms_per_hour", "latency_s_p50"))
+            raise InputError(
+                f"{choice.name} fits all other budgets, but has {words}; relax it, or record more people"
+            )
+    minutes, rate, latency = map(
+        numbers.get, ("background_minutes", "false_alarms_per_hour", "latency_s_p50")
+    )
     alarms = None if rate is None else round(rate * minutes / 60)
     return {
         "background_minutes": round(minutes, 1),
@@ -152,7 +184,9 @@ def _chip(numbers: Mapping[str, float], rate_hz: float, board: Board | None) -> 
         names = ("title", "flash_kb", "ram_kb", "clock_mhz", "fpu", "share")
         found["board"] = {name: getattr(board, name) for name in names}
     if board is not None and board.fpu:
-        found["processor_share"] = round(numbers["frame_instructions"] * rate_hz / (1e6 * board.clock_mhz), 4)
+        found["processor_share"] = round(
+            numbers["frame_instructions"] * rate_hz / (1e6 * board.clock_mhz), 4
+        )
     return found
 
 
@@ -181,7 +215,11 @@ def _no_stream(recogniser: Recogniser, without: str) -> str:
     if without:
         return "the budgets have no room for the detector"
     can = check(recogniser.estimator)
-    return "the captures cannot teach a detector of touches" if can else "the C of this system cannot watch a stream"
+    return (
+        "the captures cannot teach a detector of touches"
+        if can
+        else "the C of this system cannot watch a stream"
+    )
 
 
 def unknown(corpus: Corpus) -> list[str]:
@@ -189,16 +227,28 @@ def unknown(corpus: Corpus) -> list[str]:
     people, captures = len(set(corpus.subjects)), corpus.captures
     lines = []
     if people < few.INTERVAL:
-        lines.append(f"{several(people, 'subject')} were recorded: too few for a bound. Record {few.INTERVAL} or more.")
-    columns = [str(c) for c in captures if c not in ("subject", "gesture", "split") and captures[c].nunique() < 50]
+        lines.append(
+            f"{several(people, 'subject')} were recorded: too few for a bound. Record {few.INTERVAL} or more."
+        )
+    columns = [
+        str(c)
+        for c in captures
+        if c not in ("subject", "gesture", "split") and captures[c].nunique() < 50
+    ]
     for column in columns:
         if captures[column].nunique(dropna=False) == 1:
-            lines.append(f"All captures have {column} {captures[column].iloc[0]}; nothing is known of another one.")
+            lines.append(
+                f"All captures have {column} {captures[column].iloc[0]}; nothing is known of another one."
+            )
     if not {*map(str.lower, columns)} & {*SESSIONS}:
-        lines.append("No column names sessions: nothing is known of the same people and sensor on another day.")
+        lines.append(
+            "No column names sessions: nothing is known of the same people and sensor on another day."
+        )
     if corpus.synthetic:
         lines.append("The captures are generated. They say nothing about people.")
-    lines.append("Nothing is known of another sensor of this make, or of people unlike the recorded ones.")
+    lines.append(
+        "Nothing is known of another sensor of this make, or of people unlike the recorded ones."
+    )
     return lines
 
 

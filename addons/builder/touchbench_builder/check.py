@@ -10,10 +10,10 @@ from typing import Any
 import pandas as pd
 from scipy.special import bdtrc
 
-from bench import few
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.result import several
+from bench.values import few
+from bench.values.result import several
 from touchbench_builder.bounds import ALPHA
 from touchbench_builder.folder import JSON, labelled
 
@@ -27,7 +27,9 @@ def checked(words: list[str], values: Mapping[str, Any]) -> int:
     from touchbench_builder.bounds import agrees
 
     if len(words) != 1 or "data" not in values:
-        raise InputError("bench build check needs a folder and data=: bench build check robot data=newpeople")
+        raise InputError(
+            "bench build check needs a folder and data=: bench build check robot data=newpeople"
+        )
     folder = Path(words[0])
     if not (folder / JSON).is_file():
         raise InputError(f"{folder}: no {JSON} is here; give the folder that bench build wrote")
@@ -36,7 +38,11 @@ def checked(words: list[str], values: Mapping[str, Any]) -> int:
     if len(known) < few.INTERVAL:
         was = f"{folder} was built on {several(len(known), 'subject')}, too few for a bound that could be tested"
         raise InputError(f"{was}; build it on {few.INTERVAL} or more")
-    taken = {key: value for key, value in values.items() if key == "where" or key.partition(".")[0] == "data"}
+    taken = {
+        key: value
+        for key, value in values.items()
+        if key == "where" or key.partition(".")[0] == "data"
+    }
     if unused := sorted(values.keys() - taken.keys()):
         raise InputError(f"bench build check takes data= and where=; leave {unused[0]}= out")
     corpus = bench.corpus(**{key.replace("data.", ""): value for key, value in taken.items()})
@@ -44,7 +50,9 @@ def checked(words: list[str], values: Mapping[str, Any]) -> int:
     labels, unlike = labelled(folder, facts["data"]["gestures"], corpus)
     right = pd.Series(labels == corpus.gestures.astype(str))
     counts = right.groupby(corpus.subjects.astype(str)).agg(right="sum", total="size")
-    found = agrees(*(known[c].to_numpy() for c in known), *(counts[c].to_numpy() for c in ("right", "total")))
+    found = agrees(
+        *(known[c].to_numpy() for c in known), *(counts[c].to_numpy() for c in ("right", "total"))
+    )
     mean, people = 100 * float((counts["right"] / counts["total"]).mean()), len(counts)
     say(
         f"{corpus.name}: {several(len(corpus), 'capture')} of {several(people, 'subject')} in C: {mean:.1f} % correct, "
@@ -81,9 +89,15 @@ def _fits(corpus: Corpus, facts: Mapping[str, Any]) -> None:
         ("full_scale", float(corpus.full_scale), data["full_scale"]),
     ):
         if mine != theirs:
-            raise InputError(f"data={corpus.name}: {name} is {mine}, the C was built for {theirs}; use its sensor")
+            raise InputError(
+                f"data={corpus.name}: {name} is {mine}, the C was built for {theirs}; use its sensor"
+            )
     if others := sorted({*corpus.gestures.astype(str)} - {*data["gestures"]}):
-        raise InputError(f"data={corpus.name}: the C does not know {others[0]}; leave it out with where=")
+        raise InputError(
+            f"data={corpus.name}: the C does not know {others[0]}; leave it out with where="
+        )
     same = sorted({*corpus.subjects.astype(str)} & {*data["subjects"]})
     if corpus.name == data["corpus"] and same:
-        raise InputError(f"data={corpus.name}: subject {same[0]} was recorded for the build; give people who were not")
+        raise InputError(
+            f"data={corpus.name}: subject {same[0]} was recorded for the build; give people who were not"
+        )

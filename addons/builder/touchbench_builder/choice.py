@@ -17,19 +17,19 @@ from bench.commands import run as commands
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
-from bench.measures import costs
+from bench.grammar.options import backend_of, keys, limits_of, settings, values_of
+from bench.ground.progress import about, span
 from bench.models.search import portfolio
-from bench.options import backend_of, keys, limits_of, settings, values_of
-from bench.outcomes import choice as rule
-from bench.outcomes.scene import Scene, boards
 from bench.plan.cells import cells
 from bench.plan.plan import corpus_of
-from bench.progress import about, span
-from bench.scores import captures
-from bench.store import connect
-from bench.work.fit import fit
-from bench.work.loop import Left, execute, expected, lookup
-from bench.work.saved import Recogniser, load
+from bench.reading import choice as rule
+from bench.reading.scene import Scene, boards
+from bench.running.fit import fit
+from bench.running.loop import Left, execute, expected, lookup
+from bench.running.saved import Recogniser, load
+from bench.store.client import connect
+from bench.values.measures import costs
+from bench.values.scores import captures
 from touchbench_chip.measure import ROOMY, lacking, measured, measured_watching
 from touchbench_chip.tables import check
 from touchbench_chip.write import digest, files_of
@@ -37,26 +37,43 @@ from touchbench_streams.teaching import Watching
 
 if TYPE_CHECKING:
     from bench.contract import System
-    from bench.machine import Backend
+    from bench.ground.machine import Backend
     from bench.plan.cells import Cell
     from bench.plan.plan import Plan
-    from bench.result import Result
+    from bench.values.result import Result
     from touchbench_builder.progress import Progress
     from touchbench_streams.detectors.ticks import TickWatcher
 
 BITS = 8  # of a weight in C; Python rounds to as many where it can
 ROUNDED = ("lda", "softmax", "reflex")  # models with model.bits=
 REPAIRED = "stuck+dead"
-OF_STREAMS = ("max_false_alarms", "max_latency")  # budgets of a scene that the chosen system must meet in recordings
+OF_STREAMS = (
+    "max_false_alarms",
+    "max_latency",
+)  # budgets of a scene that the chosen system must meet in recordings
 BUILT = "touchbench.built"  # tag of a model: what it was built from
 STREAM = "the detector of touches in a stream"
 EARLY = "calibration and early decisions"
-COSTS = ("flash_bytes", "ram_bytes", "stack_bytes", "frame_instructions", "most_instructions")  # of the linked C
-LIMITED = {"flash": "flash_bytes", "ram": "ram_bytes", "cycles": "most_instructions"}  # of these, by budget
+COSTS = (
+    "flash_bytes",
+    "ram_bytes",
+    "stack_bytes",
+    "frame_instructions",
+    "most_instructions",
+)  # of the linked C
+LIMITED = {
+    "flash": "flash_bytes",
+    "ram": "ram_bytes",
+    "cycles": "most_instructions",
+}  # of these, by budget
 SMALLEST: dict[str, object] = {"model": "tree", "features": "jung28"}
 LARGEST: dict[str, object] = {"model": "reflex", "model.bits": BITS}
 LARGEST_S = 60.0  # of a fit on one core
-FAULTS = ("dead_taxels", "stuck_taxels", "noise")  # that the choice is tested under if the scene names none
+FAULTS = (
+    "dead_taxels",
+    "stuck_taxels",
+    "noise",
+)  # that the choice is tested under if the scene names none
 # Times the processor time of a comparison: that of a fault, of watching recordings in one fold, and of the last fit,
 # which also teaches a detector of touches to systems whose C can watch a stream.
 FAULTED, WATCHED, LAST, LAST_WATCHING = 2.5, 2.0, 2.0, 6.0
@@ -68,8 +85,12 @@ class Choice:
 
     values: dict[str, Any]  # its keys of ``bench run``
     name: str  # in tables
-    table: pd.DataFrame  # a row per compared system: system, accuracy in percent, flash and ram in kB, verdict
-    nested: pd.DataFrame  # a row per capture, labelled by the system that was chosen without its subject
+    table: (
+        pd.DataFrame
+    )  # a row per compared system: system, accuracy in percent, flash and ram in kB, verdict
+    nested: (
+        pd.DataFrame
+    )  # a row per capture, labelled by the system that was chosen without its subject
     left_out: list[str]  # systems that were not compared, with reasons
     runs: list[str]  # ids of the compared runs
     limits: dict[str, float]  # budget of each cost
@@ -84,7 +105,9 @@ def systems(corpus: Corpus) -> list[tuple[dict[str, Any], float]]:
     """
     every = [portfolio.complete(trial) for trial in portfolio.FIRST]
     trials: dict[tuple, dict[str, Any]] = {}
-    for trial in [t for t in every if t["window"]] + [t | {"window": 1.0} for t in every if not t["window"]]:
+    for trial in [t for t in every if t["window"]] + [
+        t | {"window": 1.0} for t in every if not t["window"]
+    ]:
         try:
             check(portfolio.system(trial, 0))
         except InputError:
@@ -92,17 +115,31 @@ def systems(corpus: Corpus) -> list[tuple[dict[str, Any], float]]:
         if trial["features"] == "touch":
             trials.setdefault((trial["model"], trial["window"]), trial)
     width = len(TouchFeatures().fit(corpus[:1]).names_)
-    found: list[tuple[dict[str, Any], float]] = [(SMALLEST, portfolio.LEAST_S), (LARGEST, LARGEST_S)]
+    found: list[tuple[dict[str, Any], float]] = [
+        (SMALLEST, portfolio.LEAST_S),
+        (LARGEST, LARGEST_S),
+    ]
     for (model, window), trial in trials.items():
-        values = {"model": model, "features": "touch", "model.window": window, "model.repair": REPAIRED}
-        values |= {f"model.{key.partition('.')[2]}": value for key, value in trial.items() if "." in key}
+        values = {
+            "model": model,
+            "features": "touch",
+            "model.window": window,
+            "model.repair": REPAIRED,
+        }
+        values |= {
+            f"model.{key.partition('.')[2]}": value for key, value in trial.items() if "." in key
+        }
         values |= {"model.bits": BITS} if model in ROUNDED else {}
         found.append((values, portfolio.work(trial, corpus, width, len(set(corpus.gestures)))))
     return sorted(found, key=lambda pair: pair[1])
 
 
 def compared(
-    corpus: Corpus, on: Mapping[str, Any], scene: Scene, limits: Mapping[str, float], progress: Progress
+    corpus: Corpus,
+    on: Mapping[str, Any],
+    scene: Scene,
+    limits: Mapping[str, float],
+    progress: Progress,
 ) -> Choice:
     """Run the systems on people left out, link each for a Cortex-M4F, and choose within the budgets of the scene.
 
@@ -110,7 +147,9 @@ def compared(
     """
     progress.begin(f"systems on people left out, within {span(progress.left)}")
     under = {"under": [*scene.faults.names]} if scene.faults else {}
-    every = [pair for pair in systems(corpus) if not (scene_watches(scene) and pair[0] == SMALLEST)]  # its C cannot
+    every = [
+        pair for pair in systems(corpus) if not (scene_watches(scene) and pair[0] == SMALLEST)
+    ]  # its C cannot
     kept: dict[str, tuple[dict[str, Any], Plan]] = {}
     results, left_out, longest, slowest = [], [], 0.0, 0.0
     for number, (values, work) in enumerate(every, 1):
@@ -119,13 +158,17 @@ def compared(
         seconds = max(slowest, work * len(plan.folds) / plan.workers)
         need = max(longest, seconds) + sum(afterwards(plan, scene, seconds))
         if results and before < need and lookup(connect(), [plan])[1]:
-            left_out.append(f"{name}: with its tests and its last fit, it would take {about(need)}; raise seconds=")
+            left_out.append(
+                f"{name}: with its tests and its last fit, it would take {about(need)}; raise seconds="
+            )
             continue
         progress.say(f"system {number} of {len(every)}: {name}; {span(before)} left")
         try:
             result = run(plan, backend)
             linked = {} if lacking() else _linked(on, values, str(result["run_id"]))
-            result.metrics |= {costs()[cost].source: linked[name] for cost, name in LIMITED.items() if linked}
+            result.metrics |= {
+                costs()[cost].source: linked[name] for cost, name in LIMITED.items() if linked
+            }
         except InputError as e:
             left_out.append(f"{name}: {e}")
             continue
@@ -146,9 +189,13 @@ def compared(
     table = found.choice.table[["system", "accuracy", "flash", "ram", "verdict"]]
     values, plan = kept[name]
     tests, last = afterwards(plan, scene, seconds_of(plan))
-    progress.say(f"{name}; {f'{about(tests)} more for its tests, ' * (tests > 0)}{about(last)} for its last fit")
+    progress.say(
+        f"{name}; {f'{about(tests)} more for its tests, ' * (tests > 0)}{about(last)} for its last fit"
+    )
     labels = nested(found, results)
-    return Choice(values, name, table, labels, left_out, [*runs.values()], found.budgets, runs[name])
+    return Choice(
+        values, name, table, labels, left_out, [*runs.values()], found.budgets, runs[name]
+    )
 
 
 def shown(values: Mapping[str, Any]) -> str:
@@ -184,7 +231,9 @@ def afterwards(plan: Plan, scene: Scene, seconds: float) -> tuple[float, float]:
     The last fit has one process; the comparison took so many seconds with all workers.
     """
     plain = seconds / (1 + FAULTED * len(scene.faults.names)) if scene.faults else seconds
-    tests = WATCHED * len(plan.folds) * scene_watches(scene) + FAULTED * len(FAULTS) * (not scene.faults)
+    tests = WATCHED * len(plan.folds) * scene_watches(scene) + FAULTED * len(FAULTS) * (
+        not scene.faults
+    )
     last = LAST_WATCHING if check(plan.cell.untrained) else LAST
     return tests * plain, last * plain * plan.workers
 
@@ -201,20 +250,28 @@ class Beside(Watching):
         super().__init__({})
         self.captures, self.recordings = corpus_of, Watching.captures(cell)
 
-    def learned(self, make_system: Callable[[], System], system: System, captures: Corpus) -> TickWatcher:
+    def learned(
+        self, make_system: Callable[[], System], system: System, captures: Corpus
+    ) -> TickWatcher:
         """Learn from recordings, where there are some."""
         return super().learned(make_system, system, self.recordings)
 
 
 def fitted(
-    on: Mapping[str, Any], values: Mapping[str, Any], key: str, stopping: bool = True, watch: bool = True
+    on: Mapping[str, Any],
+    values: Mapping[str, Any],
+    key: str,
+    stopping: bool = True,
+    watch: bool = True,
 ) -> tuple[str, Recogniser]:
     """The id of the run of a model that was trained on all captures, and the model; trained if it is not stored."""
     store = connect(writes=True)
     for stored in store.runs(f"tags.`{BUILT}` = '{key}'"):
         return stored.info.run_id, load(f"runs:/{stored.info.run_id}/model")
     (cell,) = cells({k: v for k, v in on.items() if k != "jobs"} | dict(values))
-    made = fit(cell, stopping=stopping, learner=Beside(cell) if watch and check(cell.untrained) else None)
+    made = fit(
+        cell, stopping=stopping, learner=Beside(cell) if watch and check(cell.untrained) else None
+    )
     store.log(made.run_id, tags={BUILT: key})
     return made.run_id, made.recogniser
 
@@ -269,21 +326,35 @@ def trained(
         recogniser.watcher = recogniser.watcher if watch else None
         recogniser.stopping = recogniser.stopping if stopping else None
         amounts = on_chip(recogniser)
-        if any(amounts[name] > 1000 * choice.limits.get(cost, np.inf) for cost, name in LIMITED.items()):
+        if any(
+            amounts[name] > 1000 * choice.limits.get(cost, np.inf) for cost, name in LIMITED.items()
+        ):
             continue
         without = [STREAM] * (watches and not watch) + [EARLY] * (not stopping)
         if without:  # a model that is stored as it is written
-            key = key_of(choice.run_id, "built", STREAM) if stopping else _key_of_linked(choice.run_id)
+            key = (
+                key_of(choice.run_id, "built", STREAM)
+                if stopping
+                else _key_of_linked(choice.run_id)
+            )
             run_id, recogniser = fitted(on, choice.values, key, stopping=stopping, watch=False)
         return run_id, recogniser, amounts, ", ".join(without)
-    what = "with the detector that the scene needs" if scene_watches(scene) else "trained on all captures"
+    what = (
+        "with the detector that the scene needs"
+        if scene_watches(scene)
+        else "trained on all captures"
+    )
     kilobytes = f"{amounts['flash_bytes'] / 1000:.1f} kB of flash and {amounts['ram_bytes'] / 1000:.1f} kB of RAM"
-    raise InputError(f"{choice.name} fits, but {what} it takes {kilobytes}; take a larger board or raise its budgets")
+    raise InputError(
+        f"{choice.name} fits, but {what} it takes {kilobytes}; take a larger board or raise its budgets"
+    )
 
 
 def _choose(results: list[Result], scene: Scene, limits: Mapping[str, float]) -> rule.Chosen:
     """What ``bench choose`` finds among some results."""
-    given = settings("choose", {k: v for k, v in scene.values.items() if k not in ("clock", "unit", *OF_STREAMS)})
+    given = settings(
+        "choose", {k: v for k, v in scene.values.items() if k not in ("clock", "unit", *OF_STREAMS)}
+    )
     budgets = limits_of(given) | dict(limits)
     return rule.choose(results, {}, given["by"], budgets, scene=scene, margin=given["margin"])
 
@@ -304,7 +375,9 @@ def nested(found: rule.Chosen, results: list[Result]) -> pd.DataFrame:
 def nothing_fits(choice: rule.Choice, by: str) -> str:
     """Why no system fits, in the sentences of ``bench choose``, and what would help."""
     binding = [limit for limit in choice.budgets if limit.over or limit.unknown]
-    lines = rule.said("verdict prices", **rule.told(choice._replace(budgets=binding), by, None, 0, False))
+    lines = rule.said(
+        "verdict prices", **rule.told(choice._replace(budgets=binding), by, None, 0, False)
+    )
     if (missing := lacking()) and any(limit.unknown for limit in binding):
         lines.append(f"Install {', '.join(missing)}, which measure C.")
     sizes = choice.table[["flash", "ram"]]

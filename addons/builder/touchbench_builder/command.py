@@ -1,6 +1,6 @@
 """The command ``bench build``, without anything heavy."""
 
-from bench.options import DATA, JOBS, START, TRUSTED, WHERE, Command, Option
+from bench.grammar.options import DATA, JOBS, START, TRUSTED, WHERE, Command, Option
 
 FORMATS = ("table", "cuddlebot", "haart", "cost", "recording")
 BUILD = Command(
@@ -30,8 +30,15 @@ BUILD = Command(
         Option("board", "text", "", "board whose flash and RAM are budgets, such as nano33ble"),
         Option("max_flash", "amount", None, "largest flash with code, such as 64kB"),
         Option("max_ram", "amount", None, "largest RAM of the library, such as 32kB"),
-        Option("max_cycles", "amount", None, "most instructions for the costliest frame, such as 600k"),
-        Option("seconds", "number", 600, "time; a system is left out if its comparison, faults and last fit need more"),
+        Option(
+            "max_cycles", "amount", None, "most instructions for the costliest frame, such as 600k"
+        ),
+        Option(
+            "seconds",
+            "number",
+            600,
+            "time; a system is left out if its comparison, faults and last fit need more",
+        ),
         Option("out", "text", "", "folder for the C; new or empty"),
         Option("replace", "yes", False, "yes: replace an earlier build at out="),
     ),

@@ -14,8 +14,8 @@ import numpy as np
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.scratch import made_whole, new_folder, remove
-from bench.work.saved import Recogniser
+from bench.ground.scratch import made_whole, new_folder, remove
+from bench.running.saved import Recogniser
 from touchbench_builder.certificate import line, page
 from touchbench_chip.classifiers import number
 from touchbench_chip.measure import compiled
@@ -44,13 +44,17 @@ static const READING readings[] = {{
 def new_build(out: Path, replaces: bool) -> Path:
     """A folder that is new or empty, or holds an earlier build that may be replaced."""
     if not shutil.which("cc") or not shutil.which("make"):
-        raise InputError("bench build needs cc and make, which are not installed; on Debian, install gcc make")
+        raise InputError(
+            "bench build needs cc and make, which are not installed; on Debian, install gcc make"
+        )
     if (earlier := _earlier(out)).is_dir():  # a kill came between two names
         remove(earlier) if out.exists() else earlier.rename(out)
     if replaces and (out / JSON).is_file():
         return out
     if (out / JSON).is_file():
-        raise InputError(f"out={out}: an earlier build is there; replace it with replace=yes, or name another folder")
+        raise InputError(
+            f"out={out}: an earlier build is there; replace it with replace=yes, or name another folder"
+        )
     return new_folder(out)
 
 
@@ -59,12 +63,18 @@ def _earlier(out: Path) -> Path:
     return out.absolute().with_name(f".{out.name}.earlier")
 
 
-def write(out: Path, recogniser: Recogniser, facts: dict[str, Any], corpus: Corpus, replaces: bool) -> None:
+def write(
+    out: Path, recogniser: Recogniser, facts: dict[str, Any], corpus: Corpus, replaces: bool
+) -> None:
     """Write the folder of a build, and test its C."""
     texts = files_of(recogniser, facts["system"]["bits"], "\n   ".join(heading(facts)))
     texts["touch.c"] = f"/* {origin(facts)} */\n\n{texts['touch.c']}"
     texts["Makefile"] += (CODE / "Makefile.more").read_text(encoding="utf-8")
-    texts |= {path.name: path.read_text(encoding="utf-8") for path in CODE.iterdir() if path.suffix != ".more"}
+    texts |= {
+        path.name: path.read_text(encoding="utf-8")
+        for path in CODE.iterdir()
+        if path.suffix != ".more"
+    }
     texts["vectors.h"] = vectors(recogniser, corpus)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -72,7 +82,13 @@ def write(out: Path, recogniser: Recogniser, facts: dict[str, Any], corpus: Corp
         in_c, _ = labelled(folder, recogniser.classes, corpus)
         others = int((recogniser.label(corpus)["label"].to_numpy() != in_c).sum())
         facts["c"] = {"captures": len(corpus), "other_labels": others}
-        _put(folder, {JSON: json.dumps(facts, indent=1, ensure_ascii=False) + "\n", "README.md": page(facts)})
+        _put(
+            folder,
+            {
+                JSON: json.dumps(facts, indent=1, ensure_ascii=False) + "\n",
+                "README.md": page(facts),
+            },
+        )
         _tested(folder)
         _placed(folder, out, replaces)
 
@@ -125,7 +141,10 @@ def labelled(folder: Path, classes: list[str], corpus: Corpus) -> tuple[np.ndarr
                 shutil.copyfile(folder / file, Path(name, file))
             run = compiled(Path(name), len(classes))
             answers = [run(frames) for frames in corpus]
-        except (OSError, ValueError) as e:  # a file or a compiler that is not there, C that was changed
+        except (
+            OSError,
+            ValueError,
+        ) as e:  # a file or a compiler that is not there, C that was changed
             raise InputError(f"{folder}: its C cannot be run: {e}; build it again") from e
     labels = np.array([classes[int(proba.argmax())] for proba, _ in answers], dtype=object)
     return labels, np.array([unlike for _, unlike in answers])
@@ -134,12 +153,21 @@ def labelled(folder: Path, classes: list[str], corpus: Corpus) -> tuple[np.ndarr
 def vectors(recogniser: Recogniser, corpus: Corpus) -> str:
     """The beginning of a capture of each class, with label and probabilities in Python, as C."""
     names = corpus.gestures.astype(str)
-    picked = np.array([np.flatnonzero(names == name)[len(names[names == name]) // 2] for name in recogniser.classes])
+    picked = np.array(
+        [
+            np.flatnonzero(names == name)[len(names[names == name]) // 2]
+            for name in recogniser.classes
+        ]
+    )
     some = corpus[picked].detached()
-    some = some.changed(lengths=np.minimum(some.lengths, round(VECTOR_S * corpus.rate_hz)), digest="", path=None)
+    some = some.changed(
+        lengths=np.minimum(some.lengths, round(VECTOR_S * corpus.rate_hz)), digest="", path=None
+    )
     table = recogniser.label(some)
     proba = table[[f"p_{name}" for name in recogniser.classes]].to_numpy()
-    whole = all(float(frames.max()) < 2**16 and (frames == np.rint(frames)).all() for frames in some)
+    whole = all(
+        float(frames.max()) < 2**16 and (frames == np.rint(frames)).all() for frames in some
+    )
     rows = [
         f"    {{{len(frames)}, {recogniser.classes.index(label)}, {{{', '.join(f'{share:.6f}f' for share in row)}}}}},"
         for frames, label, row in zip(some, table["label"], proba, strict=True)
@@ -158,7 +186,9 @@ def vectors(recogniser: Recogniser, corpus: Corpus) -> str:
 
 def _tested(folder: Path) -> None:
     """Compile and run the test of the folder as its user does, and remove what that made."""
-    done = subprocess.run(["make", "-s", "test"], cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["make", "-s", "test"], cwd=folder, capture_output=True, text=True, check=False
+    )
     if done.returncode:
         lines = " ".join((done.stdout + done.stderr).split())
         raise InputError(f"the C does not pass its own test, so nothing is written: {lines[-200:]}")

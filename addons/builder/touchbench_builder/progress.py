@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from bench.progress import console, span
+from bench.ground.progress import console, span
 
 STEPS = 6
 

@@ -19,10 +19,10 @@ from bench.corpora.doubts import doubts
 from bench.corpora.library import stored_value
 from bench.corpora.survey import Survey
 from bench.errors import InputError, nearest
-from bench.options import keys, limits_of, parse_words, settings
-from bench.outcomes.scene import Scene, boards, read_scene
-from bench.progress import warn
-from bench.words import quoted
+from bench.grammar.options import keys, limits_of, parse_words, settings
+from bench.ground.progress import warn
+from bench.ground.words import quoted
+from bench.reading.scene import Scene, boards, read_scene
 from touchbench_builder.progress import Progress
 from touchbench_streams.recent import saturated
 
@@ -45,7 +45,10 @@ def build(arguments: list[str]) -> int:
             )
         return _built(words, values, shlex.join(["bench", "build", *arguments]))
     except KeyboardInterrupt as e:
-        message = str(e) or "interrupted; finished steps are stored, and the same command continues from there"
+        message = (
+            str(e)
+            or "interrupted; finished steps are stored, and the same command continues from there"
+        )
         raise KeyboardInterrupt(message) from e
 
 
@@ -60,11 +63,17 @@ def _built(words: list[str], values: dict[str, str], command: str) -> int:
     out, scene = new_build(Path(given["out"]), given["replace"]), _scene(given)
     progress = Progress(given["seconds"])
     progress.begin("recordings")
-    on = {key: value for key, value in values.items() if key in ("where", "jobs") or key.partition(".")[0] == "data"}
+    on = {
+        key: value
+        for key, value in values.items()
+        if key in ("where", "jobs") or key.partition(".")[0] == "data"
+    }
     if words:
         on["data"] = _imported(Path(words[0]), values, given["format"])
     corpus = _captures({key: value for key, value in on.items() if key != "jobs"})
-    scene.reactions.of(sorted({*corpus.gestures.astype(str)}))  # refuses others before anything is run
+    scene.reactions.of(
+        sorted({*corpus.gestures.astype(str)})
+    )  # refuses others before anything is run
     warnings = surveyed(corpus)
     for warning in warnings:
         warn(f"warning: {warning}")
@@ -85,9 +94,14 @@ def _scene(given: Mapping[str, Any]) -> Scene:
             raise InputError(f"board={name}: no board has this name; {nearest(name, boards())}")
         board = replace(boards()[name], share=scene.board.share if scene.board else 1.0)
         scene = replace(scene, board=board, values={**scene.values, **board.budgets(timed=False)})
-    for key, what in (("max_decision", "the time of a decision"), ("max_predict", "computing time")):
+    for key, what in (
+        ("max_decision", "the time of a decision"),
+        ("max_predict", "computing time"),
+    ):
         if key in scene.values:
-            raise InputError(f"scene={given['scene']}: bench build does not measure {what}; leave its budget out")
+            raise InputError(
+                f"scene={given['scene']}: bench build does not measure {what}; leave its budget out"
+            )
     return scene
 
 
@@ -95,12 +109,16 @@ def _imported(file: Path, values: Mapping[str, str], kind: str) -> str:
     """The corpus of a file. It is read again each time: runs stay stored, as long as its content does not change."""
     if "data" in values:
         raise InputError(f"data={values['data']}: give a file or data=, not both")
-    words = "".join(c if c.isalnum() and c.isascii() else "_" for c in file.name.partition(".")[0]).strip("_")
+    words = "".join(
+        c if c.isalnum() and c.isascii() else "_" for c in file.name.partition(".")[0]
+    ).strip("_")
     name, source = values.get("name") or words or "recordings", file.name
     with suppress(InputError):  # there is none
         source = str(stored_value(name).info.get("source", source))
     if "name" not in values and file.name not in source:
-        raise InputError(f"{file}: a corpus {name} was imported from {source}; give the new one a name=")
+        raise InputError(
+            f"{file}: a corpus {name} was imported from {source}; give the new one a name="
+        )
     read(kind, file, {key: values[key] for key in FILE if key in values} | {"name": name})
     return name
 
@@ -113,9 +131,13 @@ def _captures(on: Mapping[str, str]) -> Corpus:
         if "differ by case" in doubt:
             raise InputError(f"{where}: {doubt}")
     if (people := len(set(corpus.subjects))) < 2:
-        raise InputError(f"{where}: {people} subject; record two at least, as each is left out of training in turn")
+        raise InputError(
+            f"{where}: {people} subject; record two at least, as each is left out of training in turn"
+        )
     if len(names := sorted(set(corpus.gestures))) < 2:
-        raise InputError(f"{where}: the only gesture is {names[0]}; record another one, or captures without touch")
+        raise InputError(
+            f"{where}: the only gesture is {names[0]}; record another one, or captures without touch"
+        )
     if (share := _share_saturated(corpus)) > FULL:
         raise InputError(
             f"{where}: the sensor saturates: in {100 * share:.0f} % of frames, a tenth of the taxels is at "
@@ -125,7 +147,9 @@ def _captures(on: Mapping[str, str]) -> Corpus:
 
 
 def _share_saturated(corpus: Corpus) -> float:
-    return sum(int(saturated(frames, corpus.full_scale).sum()) for frames in corpus) / int(corpus.lengths.sum())
+    return sum(int(saturated(frames, corpus.full_scale).sum()) for frames in corpus) / int(
+        corpus.lengths.sum()
+    )
 
 
 def surveyed(corpus: Corpus) -> list[str]:
@@ -133,7 +157,9 @@ def surveyed(corpus: Corpus) -> list[str]:
     survey = Survey(corpus)
     lines = [*doubts(corpus), *map(str, corpus.info.get("warnings", []))]
     lines += [text for text in map(str, survey.seams) if "cut" in text]
-    lines += [". ".join(map(str.strip, survey.taxel_lines()[:2]))] if len(survey.odd_taxels) else []  # an example
+    lines += (
+        [". ".join(map(str.strip, survey.taxel_lines()[:2]))] if len(survey.odd_taxels) else []
+    )  # an example
     lines += survey.repeated()
     missing = pd.crosstab(corpus.subjects.astype(str), corpus.gestures.astype(str)) == 0
     for subject, gesture in missing.stack()[lambda each: each].index[:3]:

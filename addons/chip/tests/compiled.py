@@ -25,8 +25,8 @@ from bench.models.classic.xgb import xgb
 from bench.models.nets.hughes2017 import Hughes2017CNN
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
-from bench.work.replay import learned
-from bench.work.saved import Recogniser
+from bench.running.replay import learned
+from bench.running.saved import Recogniser
 from touchbench_chip.write import files_of
 from touchbench_people.adaptation import adapted
 from touchbench_people.scaler import adaptable
@@ -37,7 +37,9 @@ WINDOW = {"window": 0.4, "repair": ("stuck", "dead")}
 SYSTEMS = {
     "reflex": lambda: Reflex(units=6, copies=1, window=0.4, early=0.2),
     "lda": lambda: Recipe(lda(TouchFeatures()), **WINDOW),
-    "lda scaled": lambda: Recipe(lda(TouchFeatures()), window=0.4, repair=("offset",), scale="peak"),
+    "lda scaled": lambda: Recipe(
+        lda(TouchFeatures()), window=0.4, repair=("offset",), scale="peak"
+    ),
     "softmax on jung28": lambda: softmax(Jung28()),
     "bayes": lambda: bayes(Jung28()),
     "svm": lambda: svm(Jung28()),
@@ -107,9 +109,13 @@ class Library:
     def __call__(self, frames, every=False):
         n = len(frames)
         values = np.ascontiguousarray(frames.reshape(n, -1), dtype=self.precision)
-        proba, settled, features = (np.zeros(size, self.precision) for size in ((n, self.classes), 1, 2000))
+        proba, settled, features = (
+            np.zeros(size, self.precision) for size in ((n, self.classes), 1, 2000)
+        )
         ready = np.zeros(n, np.int32)
-        point = [a.ctypes.data_as(ctypes.c_void_p) for a in (values, proba, settled, features, ready)]
+        point = [
+            a.ctypes.data_as(ctypes.c_void_p) for a in (values, proba, settled, features, ready)
+        ]
         label = self.code.library(point[0], n, int(every), *point[1:])
         return Answer(label, proba, float(settled[0]), features, ready)
 
@@ -117,7 +123,9 @@ class Library:
 def fitted(model, corpus, stopping=False):
     """A saved system, as `bench fit` makes one; the network inside reflex learns for a shorter time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.models.out_of_distribution.Perceptron", partial(Perceptron, updates=300))
+        patch.setattr(
+            "bench.models.out_of_distribution.Perceptron", partial(Perceptron, updates=300)
+        )
         taught = learned(lambda: model, corpus, np.arange(len(corpus)))[0] if stopping else None
         return Recogniser(model.fit(corpus, corpus.gestures), corpus, taught)
 

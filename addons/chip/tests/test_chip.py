@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from addons.chip.tests.compiled import lacking
-from bench import scores
 from bench.cli import main
 from bench.commands.printing import runs_table
-from bench.outcomes.candidates import candidates
+from bench.ground.registry import views
 from bench.plan.cells import cells
 from bench.plan.plan import planned
-from bench.registry import views
+from bench.reading.candidates import candidates
+from bench.values import scores
 from tests.conftest import predictions, runs
-from tests.outcomes.test_choice import run as costly
+from tests.reading.test_choice import run as costly
 from tests.reports.conftest import quick  # noqa: F401
 from tests.results import made_up, result
 from touchbench_chip import fold as onchip
@@ -26,10 +26,20 @@ from touchbench_chip import network
 from touchbench_chip.circumstance import InC
 
 SMALL = ["features=jung28", "data.subjects=3", "data.repetitions=1", "data.variants=normal"]
-COSTS = {"flash_bytes": 9e3, "code_bytes": 2e3, "table_bytes": 5e3, "ram_bytes": 3e3, "program_ram_bytes": 11e3}
+COSTS = {
+    "flash_bytes": 9e3,
+    "code_bytes": 2e3,
+    "table_bytes": 5e3,
+    "ram_bytes": 3e3,
+    "program_ram_bytes": 11e3,
+}
 COSTS |= {"stack_bytes": 400.0, "frame_instructions": 5e3, "most_instructions": 6e4}
 COSTS = {f"chip_{name}": value for name, value in COSTS.items()}
-WATCHED = {"chip_watch_flash_bytes": 31e3, "chip_watch_ram_bytes": 15e3, "chip_watch_most_instructions": 1.2e6}
+WATCHED = {
+    "chip_watch_flash_bytes": 31e3,
+    "chip_watch_ram_bytes": 15e3,
+    "chip_watch_most_instructions": 1.2e6,
+}
 WATCHED |= {"chip_watch_stack_bytes": 420.0}
 WATCHED |= {"chip_watch_idle_instructions": 1.1e5, "chip_watch_frame_instructions": 2.6e5}
 
@@ -45,7 +55,9 @@ def costs(monkeypatch):
     """No chip, whose compiler and emulator the marked test needs."""
     monkeypatch.setattr(onchip, "measured", lambda folder: COSTS)
     monkeypatch.setattr(
-        onchip, "measured_watching", lambda folder, _: WATCHED | {"chip_watch_defined": defined(folder)}
+        onchip,
+        "measured_watching",
+        lambda folder, _: WATCHED | {"chip_watch_defined": defined(folder)},
     )
     monkeypatch.setattr(onchip, "lacking", lambda: [])
 
@@ -58,14 +70,20 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, quick, 
     assert "in Python" in out and "60,000" in out and "9.0" in out
     one = result(metrics=COSTS | {"c_accuracy": 0.5, "accuracy": 0.5}, **{"chip.bits": 8})
     (row,) = runs_table([one], views()["form"]).texts
-    assert [row[name] for name in ("library RAM kB", "program RAM kB", "stack B")] == ["3.0", "11.0", "400"]
+    assert [row[name] for name in ("library RAM kB", "program RAM kB", "stack B")] == [
+        "3.0",
+        "11.0",
+        "400",
+    ]
     store, (run,) = runs("cell")
     python, table = scores.captures(predictions(store, run)), predictions(store, run, "c")
     assert table["python"].tolist() == python["predicted"].tolist() and table["capture"].is_unique
     in_c = scores.captures(table)["predicted"]
     assert run.data.metrics["other_labels"] == (in_c != table["python"]).sum() <= 0.1 * len(table)
     assert run.data.metrics["c_accuracy"] == pytest.approx((in_c == table["true"]).mean())
-    assert run.data.metrics["accuracy"] == pytest.approx((python["predicted"] == python["true"]).mean())
+    assert run.data.metrics["accuracy"] == pytest.approx(
+        (python["predicted"] == python["true"]).mean()
+    )
     np.testing.assert_allclose(table.filter(like="p_").sum(axis=1), 1, rtol=1e-4)
     assert run.data.params["chip.bits"] == "8"
     assert main(["report"]) == 0
@@ -73,9 +91,14 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, quick, 
 
 
 def test_a_machine_without_the_programs_is_refused_before_anything_runs(monkeypatch, capsys):
-    monkeypatch.setattr(compiled.shutil, "which", lambda name: None if "arm" in name else "/bin/true")
+    monkeypatch.setattr(
+        compiled.shutil, "which", lambda name: None if "arm" in name else "/bin/true"
+    )
     assert main(["run", "form=c", "model=bayes", *SMALL]) == 2
-    assert "needs arm-none-eabi-gcc, qemu-system-arm, which are not installed" in capsys.readouterr().err
+    assert (
+        "needs arm-none-eabi-gcc, qemu-system-arm, which are not installed"
+        in capsys.readouterr().err
+    )
 
 
 def test_c_that_does_not_fit_is_a_failed_fold(tmp_path):
@@ -84,7 +107,9 @@ def test_c_that_does_not_fit_is_a_failed_fold(tmp_path):
     )
     if shutil.which("make") is None:
         pytest.skip("make not installed")
-    with pytest.raises(ValueError, match="flash count chip: x does not fit: FLASH=1K is 9 bytes too small$"):
+    with pytest.raises(
+        ValueError, match="flash count chip: x does not fit: FLASH=1K is 9 bytes too small$"
+    ):
         compiled.measured(tmp_path)
 
 
@@ -111,17 +136,25 @@ def test_other_code_or_compilers_are_another_run(monkeypatch):
 
 
 @pytest.mark.live
-@pytest.mark.skipif(bool(compiled.lacking()), reason=f"{', '.join(compiled.lacking())} not installed")
+@pytest.mark.skipif(
+    bool(compiled.lacking()), reason=f"{', '.join(compiled.lacking())} not installed"
+)
 def test_a_chip_is_measured():
     assert main(["run", "form=c", "model=bayes", *SMALL]) == 0
     (run,) = runs("cell")[1]
     metrics = run.data.metrics
     assert metrics["chip_table_bytes"] == pytest.approx(metrics["flash_bytes"], rel=0.1)
     assert metrics["chip_ram_bytes"] == pytest.approx(metrics["ram_bytes"], rel=0.15)
-    room = metrics["chip_program_ram_bytes"] - metrics["chip_ram_bytes"]  # a stack of 4 kB and the library of C
+    room = (
+        metrics["chip_program_ram_bytes"] - metrics["chip_ram_bytes"]
+    )  # a stack of 4 kB and the library of C
     assert 4096 < room < 4096 + 8192
     assert 50 < metrics["chip_stack_bytes"] < 2000
-    assert metrics["chip_code_bytes"] + metrics["chip_table_bytes"] < metrics["chip_flash_bytes"] < 64e3
+    assert (
+        metrics["chip_code_bytes"] + metrics["chip_table_bytes"]
+        < metrics["chip_flash_bytes"]
+        < 64e3
+    )
     assert 1000 < metrics["chip_frame_instructions"] < metrics["chip_most_instructions"] < 1e6
 
 
@@ -129,7 +162,10 @@ def test_c_is_a_candidate_with_its_own_size_and_cycles():
     chip = {"chip_ram_bytes": 1000.0, "chip_most_instructions": 6e4}
     c = {"c": made_up(per_class=1)}
     sizes = {"32": 9000.0, "8": 5000.0}
-    in_c = [costly("lda", None, c, **chip, **{"chip_flash_bytes": n, "chip.bits": b}) for b, n in sizes.items()]
+    in_c = [
+        costly("lda", None, c, **chip, **{"chip_flash_bytes": n, "chip.bits": b})
+        for b, n in sizes.items()
+    ]
     table = candidates([costly("lda"), costly("svm"), *in_c], {}, clock=0.5).table
     assert table[["unit", "flash", "linked", "decision"]].to_numpy().tolist() == [
         ["capture", 9, True, 300],  # of Python what is linked, which the count leaves code out of
@@ -137,4 +173,9 @@ def test_c_is_a_candidate_with_its_own_size_and_cycles():
         ["in C, 8 bits", 5, True, 420],
         ["capture", 4, False, 300],
     ]
-    assert table["cycles"].tolist()[1:3] == [60, 60] and table["cycles"].isna().tolist() == [True, False, False, True]
+    assert table["cycles"].tolist()[1:3] == [60, 60] and table["cycles"].isna().tolist() == [
+        True,
+        False,
+        False,
+        True,
+    ]

@@ -33,20 +33,31 @@ from bench.features.touch import TouchFeatures
 from bench.models.classic.rf import et, rf
 from bench.models.recipe import Recipe
 from bench.models.sizes import sizes
-from bench.work.saved import quiet
+from bench.running.saved import quiet
 from touchbench_chip.tables import chip_of
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
 ARM = ("arm-none-eabi-gcc", "qemu-system-arm", "make")
 
 
-ALIKE = {"linear svm, z", "et", "windows of a frame", "a person"}  # in 8 bits they have the code of others
+ALIKE = {
+    "linear svm, z",
+    "et",
+    "windows of a frame",
+    "a person",
+}  # in 8 bits they have the code of others
 SAME_IN_8_BITS = {"lda", "lda scaled", "softmax on jung28", "bayes"}  # Python computes what C does
 
 
-@pytest.mark.parametrize("name, bits", [*((n, 32) for n in SYSTEMS), *((n, 8) for n in SYSTEMS if n not in ALIKE)])
+@pytest.mark.parametrize(
+    "name, bits", [*((n, 32) for n in SYSTEMS), *((n, 8) for n in SYSTEMS if n not in ALIKE)]
+)
 def test_it_decides_as_python_does(name, bits):
-    corpus, library, recogniser = touched(), in_c(name, bits), made(name, name in STOPPING and bits == 32)
+    corpus, library, recogniser = (
+        touched(),
+        in_c(name, bits),
+        made(name, name in STOPPING and bits == 32),
+    )
     table = recogniser.label(corpus)
     expected = table.filter(like="p_").to_numpy()
     answers = [library(frames) for frames in corpus]
@@ -54,7 +65,9 @@ def test_it_decides_as_python_does(name, bits):
     labels = np.array([recogniser.classes[answer.label] for answer in answers])
     second, first = np.sort(expected, axis=1)[:, -2:].T
     close = 0.02 if bits == 32 else 0.2
-    assert (labels == table["label"])[first - second > 2 * close].all() and (labels == table["label"]).mean() > 0.9
+    assert (labels == table["label"])[first - second > 2 * close].all() and (
+        labels == table["label"]
+    ).mean() > 0.9
     assert np.median(np.abs(proba - expected).max(axis=1)) < close / 4
     for i in (0, 5) if recogniser.stopping is not None else ():
         _, confidence, settled = recogniser.decision(corpus[i : i + 1], None)
@@ -82,7 +95,9 @@ def check_sizes(counted_of, exported, library, bits):
     counted = sizes(counted_of.estimator, 35, int(touched().lengths.max()))
     chip = chip_of(exported, bits)
     tables = [part.arrays.items() for part in (chip, *chip.deciders.values())]
-    arrays = [a for each in tables for name, a in each if name != "usual"]  # only linked if it is used
+    arrays = [
+        a for each in tables for name, a in each if name != "usual"
+    ]  # only linked if it is used
     assert counted["flash_bytes"] == pytest.approx(sum(a.nbytes for a in arrays), rel=0.1, abs=64)
     assert counted["ram_bytes"] == pytest.approx(library.code.state_bytes(), rel=0.1)
 
@@ -94,34 +109,56 @@ RARE = ["reflex", "lda scaled", "bayes", "svm", "rf", "xgb", "hughes2017_cnn"]
     "compiler, name",
     [
         *(("gcc", name) for name in ("lda scaled", "bayes")),
-        *(pytest.param("gcc", name, marks=pytest.mark.nightly) for name in RARE if name not in ("lda scaled", "bayes")),
+        *(
+            pytest.param("gcc", name, marks=pytest.mark.nightly)
+            for name in RARE
+            if name not in ("lda scaled", "bayes")
+        ),
         *(pytest.param("clang", name, marks=pytest.mark.nightly) for name in RARE),
     ],
 )
-def test_bad_input_is_a_code_that_changes_nothing_and_nothing_is_undefined(compiler, name, tmp_path):
+def test_bad_input_is_a_code_that_changes_nothing_and_nothing_is_undefined(
+    compiler, name, tmp_path
+):
     if lacking(compiler):
         pytest.skip(lacking(compiler))
     written(made(name, stopping=name == "bayes"), tmp_path, 8)
     shutil.copy(HERE / "abuse.c", tmp_path)
-    checked = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"] if compiler == "gcc" else []
+    checked = (
+        ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+        if compiler == "gcc"
+        else []
+    )
     flags = [*STRICT, *checked]  # clang has its sanitizers in a package of their own
-    subprocess.run([compiler, *flags, "abuse.c", "-lm", "-o", "abuse"], cwd=tmp_path, check=True, capture_output=True)
+    subprocess.run(
+        [compiler, *flags, "abuse.c", "-lm", "-o", "abuse"],
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+    )
     done = subprocess.run(["./abuse"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(
-    ("rows", "cols", "rate_hz", "window"), [(5, 7, 40.0, 0.4), (8, 8, 135.0, 1.0), (1, 3, 20.0, 2.0)]
+    ("rows", "cols", "rate_hz", "window"),
+    [(5, 7, 40.0, 0.4), (8, 8, 135.0, 1.0), (1, 3, 20.0, 2.0)],
 )
 def test_features_of_touch_are_those_of_python(rows, cols, rate_hz, window):
     rng = np.random.default_rng(rows)
     frames = round(window * rate_hz)
     lengths = [1, 2, 3, frames // 2, frames - 1, frames]
-    arrays = [np.round(np.cumsum(rng.normal(0, 40, (n, rows, cols)), axis=0)).clip(0, 1000) for n in lengths]
+    arrays = [
+        np.round(np.cumsum(rng.normal(0, 40, (n, rows, cols)), axis=0)).clip(0, 1000)
+        for n in lengths
+    ]
     if rows * cols > 8:
         arrays += [touched(rows, cols, rate_hz)[i][:frames] for i in range(6)]
     arrays = [a.astype(np.uint16) for a in arrays]
-    labels = {"subject": ["1", "2"] * (len(arrays) // 2), "gesture": ["a", "a", "b"] * (len(arrays) // 3)}
+    labels = {
+        "subject": ["1", "2"] * (len(arrays) // 2),
+        "gesture": ["a", "a", "b"] * (len(arrays) // 3),
+    }
     corpus = Corpus.from_captures(arrays, pd.DataFrame(labels), rate_hz)
     # a forest leaves features as they are; others measure them in place
     recogniser = fitted(Recipe(rf(TouchFeatures(), trees=1), window=window), corpus)
@@ -129,16 +166,25 @@ def test_features_of_touch_are_those_of_python(rows, cols, rate_hz, window):
     expected = TouchFeatures().extract(corpus).to_numpy()
     spread = expected.std(axis=0)
     # what is counted changes by one where a value lies on its mean but for rounding
-    counted = np.array([name.endswith(("crossings", "turns")) for name in TouchFeatures().fit(corpus).names_])
+    counted = np.array(
+        [name.endswith(("crossings", "turns")) for name in TouchFeatures().fit(corpus).names_]
+    )
     for i in range(len(corpus)):
         size = np.maximum(np.abs(expected[i]), np.maximum(spread, 1e-3))
         got, exact = (library(corpus[i]).features[: len(size)] for library in (single, double))
         apart = np.abs(got - expected[i]) / size
         assert np.quantile(apart, 0.98) < 1e-3 and np.median(apart) < 1e-5
         # Python has frames and gradients in single precision, too, which skewness and kurtosis show most
-        for apart, most in ((np.abs(exact - expected[i]) / size, 1e-3), (np.abs(got - exact) / size, 1e-2)):
+        for apart, most in (
+            (np.abs(exact - expected[i]) / size, 1e-3),
+            (np.abs(got - exact) / size, 1e-2),
+        ):
             apart = apart[~counted]
-            assert apart.max() < most and np.quantile(apart, 0.98) < 1e-4 and np.quantile(apart, 0.85) < 1e-5
+            assert (
+                apart.max() < most
+                and np.quantile(apart, 0.98) < 1e-4
+                and np.quantile(apart, 0.85) < 1e-5
+            )
 
 
 def test_features_of_jung_are_those_of_python():
@@ -148,12 +194,17 @@ def test_features_of_jung_are_those_of_python():
     for frames in (*touched(), fractions):
         one = Corpus.from_captures([frames], touched().captures[:1], touched().rate_hz)
         expected = Jung28().extract(one).to_numpy()[0]
-        np.testing.assert_allclose(library(frames).features[: len(expected)], expected, rtol=2e-5, atol=1e-4)
+        np.testing.assert_allclose(
+            library(frames).features[: len(expected)], expected, rtol=2e-5, atol=1e-4
+        )
 
 
 def lines_of(corpus, captures):
     """Frames as text, a blank line behind each capture."""
-    text = ["\n".join(" ".join(map(str, f)) for f in corpus[i].reshape(corpus.lengths[i], -1)) for i in captures]
+    text = [
+        "\n".join(" ".join(map(str, f)) for f in corpus[i].reshape(corpus.lengths[i], -1))
+        for i in captures
+    ]
     return "\n\n".join(text) + "\n"
 
 
@@ -163,18 +214,28 @@ def test_c_finds_the_captures_unlike_training_that_python_finds(tmp_path):
     written(recogniser, tmp_path)
     printed(["make", "-C", str(tmp_path), "CC=gcc"])
     for inverted in (0 * odd, odd, 0 * odd + 1):
-        frames = np.where(np.repeat(inverted, corpus.lengths)[:, None, None], 1023 - corpus.frames, corpus.frames)
+        frames = np.where(
+            np.repeat(inverted, corpus.lengths)[:, None, None], 1023 - corpus.frames, corpus.frames
+        )
         captures = corpus.changed(frames=frames)
         text = lines_of(captures, range(len(captures)))
-        done = subprocess.run([tmp_path / "touch"], input=text, capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [tmp_path / "touch"], input=text, capture_output=True, text=True, check=True
+        )
         strange = int(recogniser.label(captures)["unlike"].sum())
-        told = f"{strange} of {len(corpus)} captures look unlike all training captures\n" if strange else ""
+        told = (
+            f"{strange} of {len(corpus)} captures look unlike all training captures\n"
+            if strange
+            else ""
+        )
         assert done.stderr == told and strange == inverted.sum()
 
 
 def printed(call, text="", **options):
     """What a program prints, which must not fail."""
-    return subprocess.run(call, input=text, capture_output=True, text=True, check=True, **options).stdout
+    return subprocess.run(
+        call, input=text, capture_output=True, text=True, check=True, **options
+    ).stdout
 
 
 def test_the_program_prints_what_bench_live_prints(tmp_path, monkeypatch, capsys):
@@ -183,16 +244,22 @@ def test_the_program_prints_what_bench_live_prints(tmp_path, monkeypatch, capsys
     corpus, recogniser = touched(), made("lda", stopping=True)
     with quiet():
         mlflow.pyfunc.save_model(str(tmp_path / "rec"), **recogniser.model([], corpus[0][:2]))
-    assert main(["export", "rec", "out=c"]) == 0 and "TOUCH_THRESHOLD" not in capsys.readouterr().out
+    assert (
+        main(["export", "rec", "out=c"]) == 0 and "TOUCH_THRESHOLD" not in capsys.readouterr().out
+    )
     assert in_c("lda", 32)(corpus[0]).settled > 0
     printed(["make", "-C", "c", "CC=gcc"])
-    text = lines_of(corpus, [i for i in range(len(corpus)) if corpus.lengths[i] < corpus.lengths.max()][:5])
+    text = lines_of(
+        corpus, [i for i in range(len(corpus)) if corpus.lengths[i] < corpus.lengths.max()][:5]
+    )
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(text.encode())))
     assert main(["live", "rec"]) == 0
     outputs = printed(["c/touch"], text), capsys.readouterr().out
     mine, theirs = ([line.split(",") for line in out.splitlines()] for out in outputs)
     assert [row[:3] + row[4:] for row in mine] == [row[:3] + row[4:] for row in theirs]
-    np.testing.assert_allclose(*([float(row[3]) for row in rows[1:]] for rows in (mine, theirs)), atol=0.01)
+    np.testing.assert_allclose(
+        *([float(row[3]) for row in rows[1:]] for rows in (mine, theirs)), atol=0.01
+    )
     done = subprocess.run(["c/touch"], input="1 2\n", capture_output=True, text=True, check=False)
     words = "line 1: send 35 decimal numbers, all with commas or all with blanks between them\n"
     assert (done.returncode, done.stderr) == (2, words)
@@ -214,8 +281,24 @@ def test_a_cortex_m4_prints_what_this_machine_prints(tmp_path):
     printed(["make", "-C", folder, "touch", "chip", "CC=gcc"])
     text = lines_of(touched(), range(0, 12, 3))
     here = printed([folder / "touch"], text)
-    chip = ["qemu-system-arm", "-machine", "mps2-an386", "-cpu", "cortex-m4", "-nographic", "-monitor", "none"]
-    chip += ["-serial", "none", "-semihosting-config", "enable=on,target=native", "-kernel", folder / "touch.elf"]
+    chip = [
+        "qemu-system-arm",
+        "-machine",
+        "mps2-an386",
+        "-cpu",
+        "cortex-m4",
+        "-nographic",
+        "-monitor",
+        "none",
+    ]
+    chip += [
+        "-serial",
+        "none",
+        "-semihosting-config",
+        "enable=on,target=native",
+        "-kernel",
+        folder / "touch.elf",
+    ]
     assert printed(chip, text, timeout=120) == here and len(here.splitlines()) > 10
 
 
@@ -223,11 +306,17 @@ def test_a_cortex_m4_prints_what_this_machine_prints(tmp_path):
 @pytest.mark.skipif(bool(lacking(*ARM)), reason=lacking(*ARM))
 def test_what_is_too_large_is_not_linked(tmp_path):
     corpus, rng = touched(), np.random.default_rng(0)
-    noise = corpus.changed(captures=corpus.captures.assign(gesture=rng.choice(list("abc"), len(corpus))))
-    folder = written(fitted(et(Jung28(), trees=3000), noise[np.repeat(np.arange(len(noise)), 3)]), tmp_path)
+    noise = corpus.changed(
+        captures=corpus.captures.assign(gesture=rng.choice(list("abc"), len(corpus)))
+    )
+    folder = written(
+        fitted(et(Jung28(), trees=3000), noise[np.repeat(np.arange(len(noise)), 3)]), tmp_path
+    )
 
     def linked(*sizes):
-        return subprocess.run(["make", "-C", folder, "chip", *sizes], capture_output=True, text=True, check=False)
+        return subprocess.run(
+            ["make", "-C", folder, "chip", *sizes], capture_output=True, text=True, check=False
+        )
 
     done = linked()
     first, *rest = done.stderr.splitlines()
@@ -237,8 +326,13 @@ def test_what_is_too_large_is_not_linked(tmp_path):
     assert linked(f"FLASH={enough - 1}K").returncode and not (folder / "touch.elf").exists()
     done = linked(f"FLASH={enough}K")
     assert not done.returncode and (folder / "touch.elf").exists()
-    used, spare = (int(n) for n in re.search(r"and (\d+) of RAM, and (\d+) more of RAM", done.stdout).groups())
-    assert f"RAM=1K is {used + spare - 1024} bytes too small" in linked(f"FLASH={enough}K", "RAM=1K").stderr
+    used, spare = (
+        int(n) for n in re.search(r"and (\d+) of RAM, and (\d+) more of RAM", done.stdout).groups()
+    )
+    assert (
+        f"RAM=1K is {used + spare - 1024} bytes too small"
+        in linked(f"FLASH={enough}K", "RAM=1K").stderr
+    )
 
 
 @pytest.mark.nightly

@@ -27,7 +27,13 @@ WRONG = [
     [*IN_C, "model=cnn85"],
     [*IN_C, "model=lda", "features=touch"],
     [*IN_C, "model=lda", "features=touch", "model.window=0.4", "model.hop=0.1"],
-    [*IN_C, "model=lda", "features=touch", "model.window=0.4", "model.scale=log"],  # else scaled by the peak in C
+    [
+        *IN_C,
+        "model=lda",
+        "features=touch",
+        "model.window=0.4",
+        "model.scale=log",
+    ],  # else scaled by the peak in C
     [*IN_C, "model=lda", "features=jung28", "model.window=0.4"],
     [*IN_C, "model=lda", "features=jung28", "features.area=capture"],
     [*IN_C, "model=reflex", "model.scale=peak"],
@@ -37,7 +43,11 @@ WRONG = [
 
 def chip_of(text, folders):
     """What commands print, without sizes and instructions of linked C, which depend on the compiler."""
-    return re.sub(r"\d[\d.,]*(?= k?B\b| k?cycles| (k )?instructions)", "#", masks.lines_of(text, folders, LINKED))
+    return re.sub(
+        r"\d[\d.,]*(?= k?B\b| k?cycles| (k )?instructions)",
+        "#",
+        masks.lines_of(text, folders, LINKED),
+    )
 
 
 def test_help_and_refusals_are_what_they_were(golden):
@@ -47,7 +57,9 @@ def test_help_and_refusals_are_what_they_were(golden):
 
 def test_an_exported_system_is_what_it_was(golden):
     assert "exit code" not in step(["fit", *LDA, "stopping=no", "out=rec"])
-    assert "exit code" not in step(["fit", *SYNTH[:-1], *TREE, "model.scale=log", "stopping=no", "out=log"])
+    assert "exit code" not in step(
+        ["fit", *SYNTH[:-1], *TREE, "model.scale=log", "stopping=no", "out=log"]
+    )
     places = ("rec", "out=rec_c"), ("rec", "out=rec"), ("log", "out=log_c")
     golden("export.txt", "".join(step(["export", *place]) for place in places))
     golden("touch.h", Path("rec_c/touch.h").read_text())
@@ -56,7 +68,10 @@ def test_an_exported_system_is_what_it_was(golden):
 @pytest.mark.live
 @pytest.mark.skipif(bool(TOOLS), reason=TOOLS)
 def test_systems_as_c_print_what_they_printed(golden, tmp_path, empty_store):
-    run, choose = ["run", *THREE, "model=tree,bayes", "features=jung28"], ["choose", "data=three", *ON[1:], "by=cycles"]
+    run, choose = (
+        ["run", *THREE, "model=tree,bayes", "features=jung28"],
+        ["choose", "data=three", *ON[1:], "by=cycles"],
+    )
     in_c = ["run", *THREE, "model=bayes", "features=jung28", "form=c", "bits=32,8"]
     commands = {"corpora": RUNS["corpora"], "run": [run], "chip": [in_c, choose]}
     build(tmp_path / "net", commands, empty_store)
@@ -64,7 +79,12 @@ def test_systems_as_c_print_what_they_printed(golden, tmp_path, empty_store):
 
 
 def test_the_c_of_a_system_has_the_numbers_that_it_had(request):
-    bench.fit(model="lda", **{k: v for k, v in numbers.ON.items() if k != "jobs"}, out="fitted", stopping=False)
+    bench.fit(
+        model="lda",
+        **{k: v for k, v in numbers.ON.items() if k != "jobs"},
+        out="fitted",
+        stopping=False,
+    )
     for bits in ("32", "8"):
         stored, found = Path(__file__).parent / f"golden/c/{bits}.csv", Path(f"{bits}.csv")
         assert main(["export", "fitted", f"out=c{bits}", f"bits={bits}"]) == 0

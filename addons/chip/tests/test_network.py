@@ -34,10 +34,14 @@ def noise(name):
     rng = np.random.default_rng(rows)
     arrays = []
     for i, n in enumerate(LENGTHS):
-        strength = 0.5 + 0.5 * np.sin(np.arange(n)[:, None, None] / (3 + 5 * (i % 3)) + rng.normal(0, 1, (rows, cols)))
+        strength = 0.5 + 0.5 * np.sin(
+            np.arange(n)[:, None, None] / (3 + 5 * (i % 3)) + rng.normal(0, 1, (rows, cols))
+        )
         arrays.append((rng.integers(0, 1024, (n, rows, cols)) * strength).astype(np.uint16))
     gestures = [f"g{i % 3}" for i in range(len(arrays))]
-    return Corpus.from_captures(arrays, pd.DataFrame({"subject": "1", "gesture": gestures}), rate_hz)
+    return Corpus.from_captures(
+        arrays, pd.DataFrame({"subject": "1", "gesture": gestures}), rate_hz
+    )
 
 
 @cache
@@ -81,11 +85,15 @@ def test_after_every_frame_it_is_what_pytorch_says(name):
     library = Library(recogniser)
     frames = corpus[len(corpus) - 1]
     answer = library(frames, every=True)
-    expected = [by_hand(recogniser.estimator.net_, frames[: n + 1], 1023, window, hop) for n in range(101)]
+    expected = [
+        by_hand(recogniser.estimator.net_, frames[: n + 1], 1023, window, hop) for n in range(101)
+    ]
     assert np.ptp(expected, axis=0).max() > 0.05  # there is something to be classified
     np.testing.assert_allclose(answer.proba, expected, atol=2e-5)
     assert np.flatnonzero(answer.ready).tolist() == list(range(window - 1, 101, hop))
-    for frames, proba in zip(corpus, last(library, corpus), strict=True):  # that a label was taken changes nothing
+    for frames, proba in zip(
+        corpus, last(library, corpus), strict=True
+    ):  # that a label was taken changes nothing
         np.testing.assert_array_equal(library(frames, every=True).proba[-1], proba)
 
 

@@ -6,19 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from bench.circumstances.base import Circumstance, option
 from bench.errors import InputError
-from bench.options import used
-from bench.words import Values, items, labelled
+from bench.grammar.options import used
+from bench.ground.words import Values, items, labelled
+from bench.running.circumstances.base import Circumstance, option
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from bench.ground.source import Code
     from bench.plan.cells import Part
     from bench.plan.plan import Plan
-    from bench.source import Code
-    from bench.work.fitted import Fitted
-    from bench.work.results import FoldResult
+    from bench.running.fitted import Fitted
+    from bench.running.results import FoldResult
 
 C = "c"  # the form, and the table with its probabilities
 
@@ -43,9 +43,13 @@ class InC(Circumstance):
     word: ClassVar[str] = "form"
     columns: ClassVar[frozenset[str]] = frozenset({"python"})
 
-    form: str = option("", "c: also export each fitted system and measure its labels and costs in C", (C,))
+    form: str = option(
+        "", "c: also export each fitted system and measure its labels and costs in C", (C,)
+    )
     bits: str = option("32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8"))
-    detector: str = option("", "finds the touches of a stream, as of bench fit; for the costs of watching")
+    detector: str = option(
+        "", "finds the touches of a stream, as of bench fit; for the costs of watching"
+    )
 
     @classmethod
     def of(cls, values: Values) -> list[Self]:
@@ -53,7 +57,9 @@ class InC(Circumstance):
         for form in items("form", values["form"]):
             if form != C:
                 raise InputError(f"form={form}: give {C}")
-        of_detector = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
+        of_detector = {
+            key: value for key, value in values.items() if key.partition(".")[0] == "detector"
+        }
         made = super().of({key: value for key, value in values.items() if key not in of_detector})
         named = [part.typed() for part in watchers()[0].parts(of_detector)] if of_detector else [""]
         return [replace(one, detector=name) for one in made for name in named]
@@ -67,7 +73,11 @@ class InC(Circumstance):
 
     def arguments(self) -> dict[str, str]:
         """The options as typed."""
-        return {"form": C} | super().arguments() | (labelled("detector", self.detector) if self.detector else {})
+        return (
+            {"form": C}
+            | super().arguments()
+            | (labelled("detector", self.detector) if self.detector else {})
+        )
 
     def identity(self) -> object:
         """Bits, the C that is the same for all systems, the compilers, and the detector with its code."""
@@ -121,7 +131,9 @@ class InC(Circumstance):
 
     def labels(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
         """The labels of the C."""
-        from bench.scores import captures
+        from bench.values.scores import captures
 
         rows = captures(tables[C])[["fold", "capture", "subject", "true", "predicted"]]
-        return rows.assign(circumstance=self.key, case=C, level=int(self.bits), amount=f"{self.bits} bits")
+        return rows.assign(
+            circumstance=self.key, case=C, level=int(self.bits), amount=f"{self.bits} bits"
+        )

@@ -84,13 +84,17 @@ def _affine(steps: list, width: int) -> Affine:
         if hasattr(step, "shift_"):  # features of a person: touchbench_people.scaler
             scaling = _then(scaling, step.mean_ + step.shift_, 1 / step.scale_, step.mean_)
         elif isinstance(step, RangeScaler):
-            scaling = _then(scaling, step.data_min_, step.scale_, np.full(width, float(step.feature_range[0])))
+            scaling = _then(
+                scaling, step.data_min_, step.scale_, np.full(width, float(step.feature_range[0]))
+            )
         elif isinstance(step, ZScaler):
             scaling = _then(scaling, step.mean_, _inverse(step.scale_), np.zeros(width))
         elif isinstance(step, Pipeline):
             scaling = _then(scaling, *_affine([part for _, part in step.steps], width))
         else:
-            raise InputError(f"{type(step).__name__} between features and classifier has no C; leave it out")
+            raise InputError(
+                f"{type(step).__name__} between features and classifier has no C; leave it out"
+            )
     return scaling
 
 
@@ -106,8 +110,13 @@ def _measured(scaling: Affine) -> tuple[dict[str, np.ndarray], str]:
     a, b, c = scaling
     if not a.any() and not c.any() and (b == 1).all():
         return {}, ""
-    arrays = {"a": a.astype(SINGLE), "b": b.astype(SINGLE)} | ({"c": c.astype(SINGLE)} if c.any() else {})
-    return arrays, f"    measured(t->features, {{a}}, {{b}}, {'{c}' if c.any() else '0'}, t->features);\n"
+    arrays = {"a": a.astype(SINGLE), "b": b.astype(SINGLE)} | (
+        {"c": c.astype(SINGLE)} if c.any() else {}
+    )
+    return (
+        arrays,
+        f"    measured(t->features, {{a}}, {{b}}, {'{c}' if c.any() else '0'}, t->features);\n",
+    )
 
 
 def _scores(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -> Decider:
@@ -123,11 +132,15 @@ def _linear(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -
     return replace(scores, body=scores.body + "    softmax(proba, {CLASSES});\n")
 
 
-def _standardised(scaling: Affine, classifier: Discriminants) -> tuple[Affine, np.ndarray, np.ndarray]:
+def _standardised(
+    scaling: Affine, classifier: Discriminants
+) -> tuple[Affine, np.ndarray, np.ndarray]:
     """Scaling to mean 0 and SD 1, and weights and bias behind it."""
     learnt = classifier.learnt_
     varies = _varies(learnt.mean, learnt.sd)
-    standard = _then(scaling, learnt.mean, np.where(varies, _inverse(learnt.sd), 0), np.zeros(len(learnt.mean)))
+    standard = _then(
+        scaling, learnt.mean, np.where(varies, _inverse(learnt.sd), 0), np.zeros(len(learnt.mean))
+    )
     weights = classifier.coef_ * np.where(varies, learnt.sd, 0)
     return standard, weights, classifier.intercept_ + classifier.coef_ @ learnt.mean
 
@@ -159,7 +172,9 @@ def _guarded(_: Affine, classifier: Guarded, bits: int) -> Decider:
         "step": step,
         "bias": (linear.intercept_ + linear.coef_ @ mean).astype(SINGLE),
         "net_a": network.mean_,
-        "net_b": np.where(_varies(network.mean_, network.scale_), _inverse(network.scale_), 0).astype(SINGLE),
+        "net_b": np.where(
+            _varies(network.mean_, network.scale_), _inverse(network.scale_), 0
+        ).astype(SINGLE),
         "hidden": hidden,
         "hidden_step": hidden_step,
         "hidden_bias": network.intercepts_[0],
@@ -189,7 +204,9 @@ def _guarded(_: Affine, classifier: Guarded, bits: int) -> Decider:
 """
     units = len(network.intercepts_[0])
     comment = "linear discriminants, and a network as far as features are unusual"
-    return Decider(arrays, body, comment, {"measured": width, "units": units}, {"UNITS": str(units)})
+    return Decider(
+        arrays, body, comment, {"measured": width, "units": units}, {"UNITS": str(units)}
+    )
 
 
 def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
@@ -224,13 +241,17 @@ def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
     }}
     softmax(proba, {CLASSES});
 """
-    return Decider(arrays, body, "a normal distribution for each class", {"measured": len(scaling[0])})
+    return Decider(
+        arrays, body, "a normal distribution for each class", {"measured": len(scaling[0])}
+    )
 
 
 def _svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
     support = np.asarray(classifier.support_vectors_)
     width = support.shape[1]
-    if classifier.kernel == "rbf":  # distances stay the same, and a step for each feature is as small as can be
+    if (
+        classifier.kernel == "rbf"
+    ):  # distances stay the same, and a step for each feature is as small as can be
         middle = (support.min(axis=0) + support.max(axis=0)) / 2
         support, scaling = support - middle, _then(scaling, middle, np.ones(width), np.zeros(width))
     # 8 bits would change one label in six on HAART: the kernels of the published grid are narrow
@@ -248,7 +269,10 @@ def _svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
     body += "t->measured, proba);\n"
     body += "    softmax(proba, {CLASSES});\n"
     buffers = {"measured": int(first[-1])}
-    defines = {"LINEAR": str(int(classifier.kernel == "linear")), "GAMMA": number(classifier._gamma)}
+    defines = {
+        "LINEAR": str(int(classifier.kernel == "linear")),
+        "GAMMA": number(classifier._gamma),
+    }
     return Decider(arrays, body, "support vectors, one class against another", buffers, defines)
 
 
@@ -261,7 +285,13 @@ class Nodes:
     right: list[int] = field(default_factory=list)
     roots: list[int] = field(default_factory=list)
 
-    def add(self, sides: tuple[np.ndarray, np.ndarray], feature: np.ndarray, threshold: np.ndarray, leaf: Leaf) -> None:
+    def add(
+        self,
+        sides: tuple[np.ndarray, np.ndarray],
+        feature: np.ndarray,
+        threshold: np.ndarray,
+        leaf: Leaf,
+    ) -> None:
         """Add one tree; ``sides`` are the left and right child of each node, ``leaf(node)`` is the number of a leaf."""
         left, right = sides
         self.roots.append(len(self.feature))
@@ -284,7 +314,11 @@ class Nodes:
             raise InputError("a tree or its leaves are too many for 16 bits; fit smaller trees")
         kind = [("feature", np.int16), ("right", np.uint16), ("threshold", SINGLE)]
         nodes = np.zeros(len(self.feature), dtype=kind)
-        nodes["feature"], nodes["right"], nodes["threshold"] = self.feature, self.right, self.threshold
+        nodes["feature"], nodes["right"], nodes["threshold"] = (
+            self.feature,
+            self.right,
+            self.threshold,
+        )
         return {"nodes": nodes, "roots": np.array(self.roots, np.int32)}
 
 
@@ -308,9 +342,13 @@ def _forest(scaling: Affine, classifier: Any, bits: int) -> Decider:
         def leaf(node: int, shares: np.ndarray = shares) -> int:
             return numbers.setdefault(shares[node].tobytes(), len(numbers))
 
-        nodes.add((tree.children_left, tree.children_right), tree.feature, _at_most(tree.threshold), leaf)
+        nodes.add(
+            (tree.children_left, tree.children_right), tree.feature, _at_most(tree.threshold), leaf
+        )
     arrays, body = _measured(scaling)
-    arrays |= nodes.arrays() | {"shares": np.frombuffer(b"".join(numbers), np.int8 if bits == 8 else SINGLE)}
+    arrays |= nodes.arrays() | {
+        "shares": np.frombuffer(b"".join(numbers), np.int8 if bits == 8 else SINGLE)
+    }
     body += """    float sum = 0;
     for (int c = 0; c < {CLASSES}; c++)
         proba[c] = 0;
@@ -324,7 +362,9 @@ def _forest(scaling: Affine, classifier: Any, bits: int) -> Decider:
     for (int c = 0; c < {CLASSES}; c++)
         proba[c] /= sum;
 """
-    return Decider(arrays, body, "class shares of the leaves of trees", defines={"TREES": str(len(trees))})
+    return Decider(
+        arrays, body, "class shares of the leaves of trees", defines={"TREES": str(len(trees))}
+    )
 
 
 def _boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> Decider:
@@ -341,23 +381,31 @@ def _boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> Decider:
             scores.append(float(value[node]))
             return len(scores) - 1
 
-        left, right, feature = (np.array(tree[k]) for k in ("left_children", "right_children", "split_indices"))
+        left, right, feature = (
+            np.array(tree[k]) for k in ("left_children", "right_children", "split_indices")
+        )
         nodes.add((left, right), feature, value, leaf)
     if len(scores) >= 2**16:
-        raise InputError("the trees have more leaves than 16 bits can count; fit fewer or smaller ones")
+        raise InputError(
+            "the trees have more leaves than 16 bits can count; fit fewer or smaller ones"
+        )
     group = np.array(model["tree_info"], np.int32) + (1 if classes == 2 else 0)
     leaves, step = rounded(np.array(scores, float)[None], bits)
     arrays, body = _measured(scaling)
     arrays |= nodes.arrays() | {"scores": leaves[0], "step": step, "group": group}
     # The score that no tree gives: of a row of zeros, what the booster predicts without what the trees add.
-    margin = classifier.booster_.predict(np.zeros((1, width)), output_margin=True).astype(float).ravel()
+    margin = (
+        classifier.booster_.predict(np.zeros((1, width)), output_margin=True).astype(float).ravel()
+    )
     sums = np.zeros(classes)
     for tree, root in enumerate(nodes.roots):
         at = root
         while nodes.feature[at] >= 0:
             at = at + 1 if nodes.threshold[at] > 0 else at + nodes.right[at]
         sums[group[tree]] += scores[nodes.right[at]]
-    arrays["bias"] = ((np.array([0.0, margin[0]]) if classes == 2 else margin) - sums).astype(SINGLE)
+    arrays["bias"] = ((np.array([0.0, margin[0]]) if classes == 2 else margin) - sums).astype(
+        SINGLE
+    )
     body += """    for (int c = 0; c < {CLASSES}; c++)
         proba[c] = {bias}[c];
     for (int tree = 0; tree < {TREES}; tree++)

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.options import START, TRUSTED, Command, keys, parse_words, settings
-from bench.words import Option
+from bench.grammar.options import START, TRUSTED, Command, keys, parse_words, settings
+from bench.ground.words import Option
 
 if TYPE_CHECKING:
-    from bench.work.saved import Recogniser
+    from bench.running.saved import Recogniser
 
 CLOCK = Option(
     "clock",
@@ -33,7 +33,13 @@ EXPORT = Command(
     follows={"fit": "bench export {} out=in_c"},
     unfit="without_c",
     options=(
-        Option("bits", "text", "32", "bits per stored weight; 8 uses 16 for support vectors", ("32", "8")),
+        Option(
+            "bits",
+            "text",
+            "32",
+            "bits per stored weight; 8 uses 16 for support vectors",
+            ("32", "8"),
+        ),
         Option("out", "text", "", "folder for the C files; new or empty"),
     ),
 )
@@ -53,14 +59,16 @@ def without_c(recogniser: Recogniser) -> str:
 def export(arguments: list[str]) -> int:
     """Write a saved system as C."""
     from bench.commands.printing import then
-    from bench.scratch import made_whole, new_folder
-    from bench.work.saved import load
-    from bench.work.stopping import NO_SAVING
+    from bench.ground.scratch import made_whole, new_folder
+    from bench.running.saved import load
+    from bench.values.stopping import NO_SAVING
     from touchbench_chip.write import files_of
 
     words, values = parse_words(arguments, keys("export"), 1)
     if not words or "out" not in values:
-        raise InputError("give a model and out=, the folder for the C files: bench export MODEL out=FOLDER")
+        raise InputError(
+            "give a model and out=, the folder for the C files: bench export MODEL out=FOLDER"
+        )
     bits, out = int(settings("export", values)["bits"]), new_folder(Path(values["out"]))
 
     model = load(words[0])
@@ -75,7 +83,11 @@ def export(arguments: list[str]) -> int:
     if model.stopping is not None and not model.stopping.saves:
         print(f"{NO_SAVING}: touch.h has no TOUCH_THRESHOLD, and settled is always 0")
     if model.watcher is not None and "touch_watch(" not in files["touch.h"]:
-        print("touch.h has no touch_watch: only systems on the feature set touch can watch an endless stream in C")
-    print("make chip links for a Cortex-M4F with FLASH=256K RAM=32K; for another chip, append its sizes")
+        print(
+            "touch.h has no touch_watch: only systems on the feature set touch can watch an endless stream in C"
+        )
+    print(
+        "make chip links for a Cortex-M4F with FLASH=256K RAM=32K; for another chip, append its sizes"
+    )
     then(f"make -C {shlex.quote(str(out))} check flash")
     return 0

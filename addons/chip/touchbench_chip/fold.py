@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from bench import scores
 from bench.errors import InputError
-from bench.work.fitted import Fitted
-from bench.work.fold import computing
-from bench.work.replay import STATE, Calibration, Stopping, Waiting
-from bench.work.results import FoldResult
-from bench.work.saved import Recogniser
+from bench.running.fitted import Fitted
+from bench.running.fold import computing
+from bench.running.replay import STATE, Calibration, Stopping, Waiting
+from bench.running.results import FoldResult
+from bench.running.saved import Recogniser
+from bench.values import scores
 from touchbench_chip.circumstance import watchers, watching
 from touchbench_chip.measure import compiled, lacking, measured, measured_watching
 from touchbench_chip.tables import check
@@ -108,10 +108,17 @@ def compared(table: pd.DataFrame) -> dict[str, float]:
     """Accuracy in C, and the number of captures that it labels otherwise than Python."""
     labelled = scores.captures(table)
     in_c, python = (labelled[name].to_numpy() for name in ("predicted", "python"))
-    return {"c_accuracy": scores.over_people(labelled)["accuracy"], "other_labels": int((in_c != python).sum())}
+    return {
+        "c_accuracy": scores.over_people(labelled)["accuracy"],
+        "other_labels": int((in_c != python).sum()),
+    }
 
 
 def scored(table: pd.DataFrame, rate_hz: float) -> dict[str, float]:
     """Scores of the C over all folds, under ``c_`` and their usual names."""
     numbers = scores.summary(table, rate_hz)
-    return {f"c_{k}": v for k, v in numbers.items() if "accuracy" in k or k.startswith(("macro_", "subject_sd"))}
+    return {
+        f"c_{k}": v
+        for k, v in numbers.items()
+        if "accuracy" in k or k.startswith(("macro_", "subject_sd"))
+    }

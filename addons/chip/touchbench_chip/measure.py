@@ -19,9 +19,14 @@ from touchbench_chip.write import CODE
 
 PROGRAMS = ("cc", "make", "arm-none-eabi-gcc", "qemu-system-arm")
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC")
-REASON = re.compile(r"too small|error:|undefined reference")  # among the lines of a linker, what is not what follows
+REASON = re.compile(
+    r"too small|error:|undefined reference"
+)  # among the lines of a linker, what is not what follows
 LIMIT_S = 300  # of one program; QEMU takes seconds
-ROOMY = ("FLASH=4M", "RAM=1M")  # of a chip on which everything is counted, whether or not yours has as much
+ROOMY = (
+    "FLASH=4M",
+    "RAM=1M",
+)  # of a chip on which everything is counted, whether or not yours has as much
 PRINTED = (  # by make flash count chip
     r"flash: (?P<code_bytes>\d+) bytes of code, (?P<table_bytes>\d+) of tables",
     r"RAM of the library: (?P<ram_bytes>\d+) bytes of state",
@@ -56,7 +61,9 @@ def compiled(folder: Path, classes: int) -> Callable[[np.ndarray], tuple[np.ndar
 
     Both raise a ValueError: what does not compile, and a capture that is refused.
     """
-    (folder / "asked.c").write_text((CODE / "asked.c").read_text(encoding="utf-8"), encoding="utf-8")
+    (folder / "asked.c").write_text(
+        (CODE / "asked.c").read_text(encoding="utf-8"), encoding="utf-8"
+    )
     _output(["cc", *FLAGS, "asked.c", "-lm", "-o", "asked.so"], folder)
     run = ctypes.CDLL(str(folder / "asked.so")).asked
     floats = ctypes.POINTER(ctypes.c_float)
@@ -64,9 +71,16 @@ def compiled(folder: Path, classes: int) -> Callable[[np.ndarray], tuple[np.ndar
     def answer(frames: np.ndarray) -> tuple[np.ndarray, bool]:
         values = np.ascontiguousarray(frames.reshape(len(frames), -1), dtype=np.float32)
         proba, unlike = np.zeros(classes, np.float32), ctypes.c_int()
-        code = run(values.ctypes.data_as(floats), len(values), proba.ctypes.data_as(floats), ctypes.byref(unlike))
+        code = run(
+            values.ctypes.data_as(floats),
+            len(values),
+            proba.ctypes.data_as(floats),
+            ctypes.byref(unlike),
+        )
         if code < 0:
-            raise ValueError(f"the program refuses a capture of {len(frames)} frames with code {code}")
+            raise ValueError(
+                f"the program refuses a capture of {len(frames)} frames with code {code}"
+            )
         return proba, bool(unlike.value)
 
     return answer
@@ -140,7 +154,9 @@ def _output(call: list[str], folder: Path) -> str:
 def toolchain() -> list[str]:
     """Versions of the programs that bytes, instructions and rounding depend on."""
     return [
-        subprocess.run([name, "--version"], capture_output=True, text=True, check=False).stdout.partition("\n")[0]
+        subprocess.run(
+            [name, "--version"], capture_output=True, text=True, check=False
+        ).stdout.partition("\n")[0]
         for name in PROGRAMS
         if shutil.which(name)
     ]

@@ -20,7 +20,9 @@ def check(system: System) -> None:
         raise InputError(f"{type(system).__name__} has no C; use hughes2017_cnn, {HAVE}")
 
 
-def convolved(system: Hughes2017CNN, grid: tuple[int, int], bits: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def convolved(
+    system: Hughes2017CNN, grid: tuple[int, int], bits: int
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Sizes by name, and the weights of both layers of filters.
 
     Pools take the most of two times, and of two rows and columns where there are two. Biases and steps have 32 bits.
@@ -32,7 +34,10 @@ def convolved(system: Hughes2017CNN, grid: tuple[int, int], bits: int) -> tuple[
     maps = [(n - k + 1) // p for n, k, p in zip(grid, kernel1, pool1.kernel_size[1:], strict=True)]
     times = (window - frames + 1) // 2  # of pooled maps in a window
     # what no pool of the second layer reaches is not computed
-    sums = [(n - k + 1) // p * p for n, k, p in zip((times, *maps), second.kernel_size, pool2.kernel_size, strict=True)]
+    sums = [
+        (n - k + 1) // p * p
+        for n, k, p in zip((times, *maps), second.kernel_size, pool2.kernel_size, strict=True)
+    ]
     used = 2 * (sums[0] + second.kernel_size[0] - 1)  # times of the first layer in a window
     defines = {
         "CONVOLVED": 1,

@@ -13,14 +13,14 @@ from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
+from bench.ground.words import SATURATED
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
-from bench.words import SATURATED
 from touchbench_chip.classifiers import HAVE, Decider, decider, has_c, number
 
 if TYPE_CHECKING:
-    from bench.work.replay import Stopping
-    from bench.work.saved import Recogniser
+    from bench.running.replay import Stopping
+    from bench.running.saved import Recogniser
 
 BITS8, BITS16, BITS32 = 2**8, 2**16, 2**32
 LONGEST_TOUCH = 2**30  # frames; a window forgets
@@ -99,15 +99,29 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
         watch = watcher.in_c(recogniser.classes, recogniser.rate_hz)
         if watch is None:
             finds = watcher.chosen["detector"]
-            raise InputError(f"detector={finds} has no C; use frames or threshold in bench fit detector=, or watch=no")
-        defines |= _watching(watch, recogniser, sizes, 0 if any(map(is_fraction, steps)) else recogniser.step)
+            raise InputError(
+                f"detector={finds} has no C; use frames or threshold in bench fit detector=, or watch=no"
+            )
+        defines |= _watching(
+            watch, recogniser, sizes, 0 if any(map(is_fraction, steps)) else recogniser.step
+        )
         points = watcher.points
         arrays |= watch.arrays | {"levels": np.array([level for level, *_ in points], np.float32)}
         for function, part in watch.deciders.items():
-            deciders[function] = replace(decider(part, width, bits), classes=str(len(part.classes_)))
+            deciders[function] = replace(
+                decider(part, width, bits), classes=str(len(part.classes_))
+            )
     for function, part in deciders.items():
         defines |= {f"{function.upper()}_{name}": value for name, value in part.defines.items()}
-    return Chip({k: str(v) for k, v in defines.items()}, deciders, name, recogniser.classes, arrays, points, watch)
+    return Chip(
+        {k: str(v) for k, v in defines.items()},
+        deciders,
+        name,
+        recogniser.classes,
+        arrays,
+        points,
+        watch,
+    )
 
 
 def _sizes(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:
@@ -120,7 +134,9 @@ def _sizes(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:
         "FEATURES": width,
         "RATE_HZ": number(recogniser.rate_hz),
         "FULL_SCALE": number(recogniser.full_scale),
-        "CHECKED": min(recogniser.longest, 2 * round(recogniser.rate_hz) + 9),  # frames of make check
+        "CHECKED": min(
+            recogniser.longest, 2 * round(recogniser.rate_hz) + 9
+        ),  # frames of make check
         "LONGEST": longest,
     }
 
@@ -131,7 +147,9 @@ def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
     ``inside`` is the attribute of a recipe that is the system.
     """
     if contract.abstention(estimator) is not None:
-        raise InputError("a system that abstains has no C, which always names a gesture; remove abstains")
+        raise InputError(
+            "a system that abstains has no C, which always names a gesture; remove abstains"
+        )
     recipe = estimator if isinstance(estimator, Recipe) else None
     system = getattr(recipe, inside) if recipe else estimator
     if isinstance(system, Reflex):
@@ -158,7 +176,9 @@ def _features(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]
         if windows is not None:
             raise InputError("jung28 on windows has no C yet; leave model.window= out")
         return "jung28", None
-    raise InputError(f"{type(features).__name__} has no C; use touch with model.window=, or jung28 on whole captures")
+    raise InputError(
+        f"{type(features).__name__} has no C; use touch with model.window=, or jung28 on whole captures"
+    )
 
 
 def _steps(steps: list[Step], rate_hz: float) -> dict[str, Any]:
@@ -180,7 +200,9 @@ def _windows(windows: Windows | None, short: Windows | None, rate_hz: float) -> 
     early_window, early_hop = short.lengths(rate_hz) if short else (0, 0)
     for frames, step in ((window, hop), (early_window, early_hop)):
         if step != (frames + 1) // 2:
-            raise InputError(f"windows of {frames} frames every {step} have no C; leave model.hop= out")
+            raise InputError(
+                f"windows of {frames} frames every {step} have no C; leave model.hop= out"
+            )
     segment = max(2, round(SEGMENT_S * rate_hz))
     lags = ", ".join(str(max(1, round(s * rate_hz))) for s in LAGS_S)
     return {
@@ -200,12 +222,17 @@ def is_fraction(step: Step) -> bool:
     return isinstance(step, Scale) or (isinstance(step, Repair) and step.kinds != ("offset",))
 
 
-def _watching(watch: Any, recogniser: Recogniser, sizes: dict[str, Any], step: float) -> dict[str, Any]:
+def _watching(
+    watch: Any, recogniser: Recogniser, sizes: dict[str, Any], step: float
+) -> dict[str, Any]:
     """Constants of a watcher, and of its frames, which share the ring of signals with captures.
 
     Readings are multiples of ``step``, so that their sums are exact in few bits; 0 where there is none.
     """
-    steps, longest = recogniser.full_scale / step if step else np.inf, max(watch.part, sizes["HOP"], sizes["EARLY_HOP"])
+    steps, longest = (
+        recogniser.full_scale / step if step else np.inf,
+        max(watch.part, sizes["HOP"], sizes["EARLY_HOP"]),
+    )
     ring = max(sizes["WINDOW"], watch.frames)
     settled = int(np.ceil(SETTLED_S * recogniser.rate_hz))
     common = {
@@ -221,7 +248,9 @@ def _watching(watch: Any, recogniser: Recogniser, sizes: dict[str, Any], step: f
         "MOST": "uint8_t" if steps < BITS8 else "uint16_t",
     }
     of_detector = {name: value for _, group in watch.constants for name, value in group.items()}
-    return common | {name: number(v) if isinstance(v, float) else v for name, v in of_detector.items()}
+    return common | {
+        name: number(v) if isinstance(v, float) else v for name, v in of_detector.items()
+    }
 
 
 def _stopping(stopping: Stopping | None) -> dict[str, Any]:

@@ -6,16 +6,16 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.measures import TEXT, Cost, Measure, in_thousands, percent, text
 from bench.reports.views.base import View
-from bench.table import Table
+from bench.values.measures import TEXT, Cost, Measure, in_thousands, percent, text
+from bench.values.table import Table
 from touchbench_chip.circumstance import C
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.candidate import Candidate, Wish
-    from bench.result import Result
+    from bench.values.candidate import Candidate, Wish
+    from bench.values.result import Result
 
 WATCHING = (  # columns of the costs of watching an endless stream
     text("system", read=lambda r: r.system),
@@ -28,7 +28,9 @@ WATCHING = (  # columns of the costs of watching an endless stream
     Measure("frame", "in a touch", "chip_watch_frame_instructions", ",.0f"),
     Measure("most", "at most", "chip_watch_most_instructions", ",.0f"),
     Measure("recorded", "on a recording", "chip_watch_recorded_instructions", ",.0f", spare=1),
-    Measure("recorded_most", "at most there", "chip_watch_recorded_most_instructions", ",.0f", spare=2),
+    Measure(
+        "recorded_most", "at most there", "chip_watch_recorded_most_instructions", ",.0f", spare=2
+    ),
 )
 
 
@@ -78,7 +80,7 @@ class InC(View):
 
     def then(self, results: Sequence[Result]) -> str:
         """The next command to type."""
-        from bench.outcomes.frame import choosing
+        from bench.reading.frame import choosing
 
         return choosing(results, by="cycles")
 
@@ -92,12 +94,17 @@ class InC(View):
 
     def candidates(self, result: Result, wish: Wish) -> Iterator[Candidate]:
         """The system in C."""
-        from bench.candidate import Candidate
-        from bench.outcomes.reactions import by_capture
+        from bench.reading.reactions import by_capture
+        from bench.values.candidate import Candidate
 
-        bits, own = result.about["chip.bits"], {"flash": "chip_flash_bytes", "ram": "chip_ram_bytes", "predict": ""}
+        bits, own = (
+            result.about["chip.bits"],
+            {"flash": "chip_flash_bytes", "ram": "chip_ram_bytes", "predict": ""},
+        )
         scores = wish.reactions.scores(by_capture(result.tables[C], wish.reactions))
-        yield Candidate(f"in C, {bits} bits", scores, own, mark="C", linked=True, whole=bits == "32")
+        yield Candidate(
+            f"in C, {bits} bits", scores, own, mark="C", linked=True, whole=bits == "32"
+        )
 
     def lends(self, result: Result) -> dict[str, float]:
         """Bytes as linked in 32 bits, whose labels are those of Python: the counted ones leave code out."""

@@ -17,18 +17,34 @@ from touchbench_chip.classifiers import number
 from touchbench_chip.tables import Chip, chip_of
 
 if TYPE_CHECKING:
-    from bench.work.saved import Recogniser
+    from bench.running.saved import Recogniser
 
 CODE = Path(__file__).parent / "code"
 TYPES = {"int8": "int8_t", "int16": "int16_t", "int32": "int", "float32": "float"}
-PUBLIC = ("ROWS", "COLS", "TAXELS", "CLASSES", "RATE_HZ", "FULL_SCALE", "STOPPING", "THRESHOLD", "WATCH")
+PUBLIC = (
+    "ROWS",
+    "COLS",
+    "TAXELS",
+    "CLASSES",
+    "RATE_HZ",
+    "FULL_SCALE",
+    "STOPPING",
+    "THRESHOLD",
+    "WATCH",
+)
 SETTLED = "settled: 0 to 1; from TOUCH_THRESHOLD on, more touch is expected to gain too little."
 NOT_SETTLED = "settled: always 0, because training found no saving by deciding early."
 TOP = """/* From frames to a label, in the order in which it happens: a frame is checked and repaired, joins what is
    kept of the capture, and, where a decision is due, features are computed and classified. touch_push and touch_label
    stand at the end. All that changes is in touch_t; what was learnt is in tables.h. */
 """
-FUNCTIONS = ("measured", "layer", "softmax", "leaf", "machine")  # that a classifier may use, each in a file of its name
+FUNCTIONS = (
+    "measured",
+    "layer",
+    "softmax",
+    "leaf",
+    "machine",
+)  # that a classifier may use, each in a file of its name
 COMMENTS = {  # by the first constant of each group
     "ROWS": "The sensor, classes and features; readings are 0 to FULL_SCALE.",
     "CHECKED": "Frames of make check, and most of a capture.",
@@ -68,7 +84,9 @@ def files_of(recogniser: Recogniser, bits: int, title: str) -> dict[str, str]:
         "touch.h": _header(chip, title, recogniser.rate_hz),
         "tables.h": _tables(chip, bits),
         "touch.c": _code(chip),
-        "count.c": _fixed("count.c").replace("/* PRETENDED */", chip.watch.pretended if chip.watch else ""),
+        "count.c": _fixed("count.c").replace(
+            "/* PRETENDED */", chip.watch.pretended if chip.watch else ""
+        ),
         **{name: _fixed(name) for name in ("main.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")},
     }
 
@@ -94,7 +112,9 @@ def _header(chip: Chip, title: str, rate_hz: float) -> str:
     defines = chip.defines | {"RATE_HZ": repr(rate_hz)}  # in full, as main.c counts hops with it
     parts = {
         "title": title,
-        "public": "\n".join(f"#define TOUCH_{name} {defines[name]}" for name in PUBLIC if name in defines),
+        "public": "\n".join(
+            f"#define TOUCH_{name} {defines[name]}" for name in PUBLIC if name in defines
+        ),
         "state": _state(chip),
         "settled": SETTLED if defines["STOPPING"] == "1" else NOT_SETTLED,
         "watch": _fixed("watch.h") + _points(chip) if chip.watch else "",
@@ -143,7 +163,9 @@ def _state(chip: Chip) -> str:
     taxels = d["TAXELS"]
     members = ["int seen;  /* frames */", f"float frame[{taxels}];  /* this one, repaired */"]
     if "1" in (d["REPAIR_STUCK"], d["REPAIR_DEAD"]):
-        members.append(f"float least[{taxels}], most[{taxels}], moved[{taxels}];  /* of each taxel in this capture */")
+        members.append(
+            f"float least[{taxels}], most[{taxels}], moved[{taxels}];  /* of each taxel in this capture */"
+        )
         members.append(
             f"float sound[{taxels}], mean_around[{taxels}];  /* which taxels are, and what replaces others */"
         )
@@ -156,7 +178,9 @@ def _state(chip: Chip) -> str:
     buffers: dict[str, int] = {}
     for decider in chip.deciders.values():
         buffers |= {name: max(size, buffers.get(name, 0)) for name, size in decider.buffers.items()}
-    members += [f"float {name}[{size}];  /* the classifier works in it */" for name, size in buffers.items()]
+    members += [
+        f"float {name}[{size}];  /* the classifier works in it */" for name, size in buffers.items()
+    ]
     if d["STOPPING"] == "1":
         members.append(
             "int remembered, label_at[32]; int16_t labels[32];  /* labels so far, and after how many frames */"
@@ -179,7 +203,10 @@ def _watch_state(chip: Chip) -> str:
         *(line.format_map(chip.defines) for line in chip.watch.state),
     )
     return (
-        _fixed("counts.h") + "typedef struct {\n" + "".join(f"    {line}\n" for line in members) + "} touch_watch_t;\n"
+        _fixed("counts.h")
+        + "typedef struct {\n"
+        + "".join(f"    {line}\n" for line in members)
+        + "} touch_watch_t;\n"
     )
 
 
@@ -187,7 +214,9 @@ def _touch_state(d: dict[str, str]) -> list[str]:
     ring, points, taxels, classes = d["RING"], d["MOST_POINTS"], d["TAXELS"], d["CLASSES"]
     early = d["EARLY"] != "0"
     halves = "halves of the last window" + (", and of a shorter one" if early else "")
-    early_sum = f"float early_sum[{classes}]; int early_windows;  /* of shorter ones, before the first */"
+    early_sum = (
+        f"float early_sum[{classes}]; int early_windows;  /* of shorter ones, before the first */"
+    )
     return [
         f"float before[{taxels}];  /* the last one */",
         f"float signals[{ring}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
@@ -239,14 +268,18 @@ def _tables(chip: Chip, bits: int) -> str:
     if any(name.endswith("_vectors") for name in arrays):
         lines.append(f"typedef {'int16_t' if bits == 8 else 'float'} touch_vector_t;")
     if any(name.endswith("_nodes") for name in arrays):
-        lines.append("typedef struct { int16_t feature; uint16_t right; float threshold; } touch_node_t;")
+        lines.append(
+            "typedef struct { int16_t feature; uint16_t right; float threshold; } touch_node_t;"
+        )
     lines += [_array(name, values) for name, values in arrays.items()]
     return "/* Sizes, and what was learnt. */\n" + "\n".join(lines) + "\n"
 
 
 def _escaped(name: str) -> str:
     """A class name inside a C string; what is not ASCII as its bytes."""
-    return "".join(chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in name.encode())
+    return "".join(
+        chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in name.encode()
+    )
 
 
 def _array(name: str, values: np.ndarray) -> str:
@@ -269,7 +302,9 @@ def _array(name: str, values: np.ndarray) -> str:
 
 
 def _code(chip: Chip) -> str:
-    includes = '#include "touch.h"\n\n#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n'
+    includes = (
+        '#include "touch.h"\n\n#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n'
+    )
     pieces = [f"{TOP}\n{includes}", _fixed("frame.c"), _fixed(f"features_{chip.features}.c")]
     bodies = "".join(decider.body for decider in chip.deciders.values())
     bodies += "softmax(" if chip.defines["CALIBRATED"] == "1" else ""

@@ -16,7 +16,9 @@ from bench.cli import main
 from tests.commands.test_server import free_port
 from tests.conftest import predictions, runs
 
-pytest.importorskip("touchbench_dask", reason="touchbench-dask is not installed: pip install ./addons/dask")
+pytest.importorskip(
+    "touchbench_dask", reason="touchbench-dask is not installed: pip install ./addons/dask"
+)
 pytestmark = [pytest.mark.live, pytest.mark.skipif(os.name == "nt", reason="signals")]
 ROOT = Path(__file__).parents[3]
 SMALL = ["data.subjects=4", "data.variants=normal", "data.repetitions=2"]
@@ -46,10 +48,15 @@ class Slow(ClassifierMixin, BaseEstimator):
 @contextmanager
 def dask(what, *arguments):
     """``dask scheduler`` or ``dask worker``, in a group of its own that is killed at last."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "TOUCHBENCH_HOME": str(Path("remote_home").absolute())}
+    environment = os.environ | {
+        "PYTHONPATH": str(ROOT),
+        "TOUCHBENCH_HOME": str(Path("remote_home").absolute()),
+    }
     command = [sys.executable, "-m", f"distributed.cli.dask_{what}", *arguments, "--no-dashboard"]
     with Path(f"{what}_{time.time()}.txt").open("w") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True, env=environment)
+        process = subprocess.Popen(
+            command, stdout=log, stderr=log, start_new_session=True, env=environment
+        )
     try:
         yield process
     finally:
@@ -74,11 +81,15 @@ def test_folds_are_done_there_and_are_the_same_bit_for_bit(place, tmp_path, monk
     capsys.readouterr()
     assert main([*command, f"cluster={place}"]) == 0 and "already stored" in capsys.readouterr().err
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/other.db")
-    monkeypatch.setattr("bench.plan.plan.share_cores", lambda jobs, folds: (1, 1))  # as many threads as there
+    monkeypatch.setattr(
+        "bench.plan.plan.share_cores", lambda jobs, folds: (1, 1)
+    )  # as many threads as there
     assert main(command) == 0
     store, here = runs("cell")
     assert len(found) == 2
-    assert all(predictions(store, run).equals(found[run.data.tags["touchbench.cell"]]) for run in here)
+    assert all(
+        predictions(store, run).equals(found[run.data.tags["touchbench.cell"]]) for run in here
+    )
 
 
 def test_a_worker_that_is_killed_loses_no_fold(place, tmp_path, capsys):
@@ -89,7 +100,13 @@ def test_a_worker_that_is_killed_loses_no_fold(place, tmp_path, capsys):
     code += "while not (found := [*Path(sys.argv[1]).iterdir()]): time.sleep(0.1)\n"
     code += "time.sleep(0.5); os.kill(int(found[0].name.split('_')[1]), signal.SIGKILL)"
     killer = subprocess.Popen([sys.executable, "-c", code, str(marks)])
-    words = ["run", f"model={tmp_path}/slow.py:Slow", f"model.marks={marks}", *SMALL, f"cluster={place}"]
+    words = [
+        "run",
+        f"model={tmp_path}/slow.py:Slow",
+        f"model.marks={marks}",
+        *SMALL,
+        f"cluster={place}",
+    ]
     assert main(words) == 0 and killer.wait() == 0
     assert "4/4" in capsys.readouterr().out
     folds = [path.name.split("_")[0] for path in marks.iterdir()]
@@ -109,7 +126,11 @@ def test_the_commands_of_the_compose_file_have_options_that_exist_and_addresses_
     from distributed.cli import dask_scheduler, dask_worker
     from mlflow.cli import cli
 
-    known = {"server": cli.commands["server"], "scheduler": dask_scheduler.main, "worker": dask_worker.main}
+    known = {
+        "server": cli.commands["server"],
+        "scheduler": dask_scheduler.main,
+        "worker": dask_worker.main,
+    }
     services = yaml.safe_load((ROOT / "docs" / "compose" / "compose.yaml").read_text())["services"]
     params = {}
     for name in ("mlflow", "scheduler", "first", "second"):
@@ -120,5 +141,6 @@ def test_the_commands_of_the_compose_file_have_options_that_exist_and_addresses_
     place = f"mlflow:{params['mlflow']['port']}"
     assert services["bench"]["environment"]["MLFLOW_TRACKING_URI"] == f"http://{place}"
     assert (
-        place in params["mlflow"]["allowed_hosts"] and "@database:5432/mlflow" in params["mlflow"]["backend_store_uri"]
+        place in params["mlflow"]["allowed_hosts"]
+        and "@database:5432/mlflow" in params["mlflow"]["backend_store_uri"]
     )

@@ -1,6 +1,6 @@
 """What Dask adds: a key of the commands that make runs."""
 
-from bench.words import Option
+from bench.ground.words import Option
 
 CLUSTER = Option(
     "cluster",

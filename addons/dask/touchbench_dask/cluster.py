@@ -12,8 +12,8 @@ from bench.corpora.corpus import Corpus
 from bench.errors import ClusterError, InputError
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan
-from bench.work.results import FoldResult
-from bench.work.workers import do_fold, fill_cache
+from bench.running.results import FoldResult
+from bench.running.workers import do_fold, fill_cache
 
 ANSWER_S = 10.0  # that a scheduler has to answer
 FIRST_S = 30.0  # for the first worker to come
@@ -21,7 +21,7 @@ _filled: set[str] = set()  # of a worker's process: systems whose features are k
 
 
 class Cluster:
-    """The workers of a scheduler (as `bench.work.workers.Here`).
+    """The workers of a scheduler (as `bench.running.workers.Here`).
 
     Args:
         address: address of the scheduler, or the file that it has written.
@@ -32,11 +32,18 @@ class Cluster:
     def __init__(self, address: str, plans: Sequence[Plan], say: Callable[[str], None]) -> None:
         from distributed import Client
 
-        for name in ("distributed.client", "distributed.core"):  # what they say of lost connections, we say
+        for name in (
+            "distributed.client",
+            "distributed.core",
+        ):  # what they say of lost connections, we say
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self.address = address
         try:
-            where = json.loads(Path(address).read_text())["address"] if Path(address).is_file() else address
+            where = (
+                json.loads(Path(address).read_text())["address"]
+                if Path(address).is_file()
+                else address
+            )
             self.client = Client(where, timeout=ANSWER_S, set_as_default=False)
         except Exception as e:  # Dask has many
             why = " ".join(str(e).split()) or f"{type(e).__name__} after {ANSWER_S:g} s"
@@ -55,7 +62,9 @@ class Cluster:
     def __enter__(self) -> Cluster:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None
+    ) -> None:
         """Disconnect; the scheduler then drops the folds that wait."""
         self.client.close(timeout=5)
 
@@ -82,11 +91,15 @@ class Cluster:
                 yield FoldResult(folds[future].name, error=f"{type(e).__name__}: {e}")
 
 
-def there(cell: Cell, corpus: Corpus, fold: Fold, threads: int, expected: dict[str, object]) -> FoldResult:
+def there(
+    cell: Cell, corpus: Corpus, fold: Fold, threads: int, expected: dict[str, object]
+) -> FoldResult:
     """Do a fold, in a worker."""
     here = cell.identity()
     if differs := [
-        f"{name}: {here[name]} here, {expected[name]} there" for name in here if here[name] != expected[name]
+        f"{name}: {here[name]} here, {expected[name]} there"
+        for name in here
+        if here[name] != expected[name]
     ]:
         raise InputError(f"this worker differs from the machine of the command: {differs[0][:200]}")
     parts = repr((cell.features, cell.model, cell.tuning, corpus.digest))

@@ -7,9 +7,9 @@ import pandas as pd
 
 from bench.cli import main
 from bench.corpora.library import open_corpus
-from bench.work.saved import Recogniser, load
+from bench.running.saved import Recogniser, load
 from tests.net.build import step
-from tests.work.fakes import Level
+from tests.running.fakes import Level
 from touchbench_people.adaptation import adapted
 
 SMALL = [
@@ -36,16 +36,26 @@ def written(corpus, rows, path, **labels):
     """Some captures as a table with one row per frame."""
     parts = []
     for i in rows:
-        frames = pd.DataFrame(corpus[int(i)].reshape(corpus.lengths[i], -1)).rename(columns=lambda k: f"ch{k + 1}")
-        columns = {"capture": str(i), "frame": range(len(frames))} | {k: v[i] for k, v in labels.items()}
-        parts.append(pd.concat([pd.DataFrame(columns, index=frames.index), frames], axis=1))  # channels come last
+        frames = pd.DataFrame(corpus[int(i)].reshape(corpus.lengths[i], -1)).rename(
+            columns=lambda k: f"ch{k + 1}"
+        )
+        columns = {"capture": str(i), "frame": range(len(frames))} | {
+            k: v[i] for k, v in labels.items()
+        }
+        parts.append(
+            pd.concat([pd.DataFrame(columns, index=frames.index), frames], axis=1)
+        )  # channels come last
     pd.concat(parts).to_csv(path, index=False)
     return str(path)
 
 
-def test_with_labels_or_without_it_decides_as_one_adapted_by_hand_and_mistakes_are_one_line(golden, monkeypatch):
+def test_with_labels_or_without_it_decides_as_one_adapted_by_hand_and_mistakes_are_one_line(
+    golden, monkeypatch
+):
     corpus = open_corpus("synth", {"subjects": 4, "rate_hz": 30.0})
-    rows = np.flatnonzero((corpus.subjects == "4") & np.isin(corpus.gestures, ["pat", "rub", "grab"]))
+    rows = np.flatnonzero(
+        (corpus.subjects == "4") & np.isin(corpus.gestures, ["pat", "rub", "grab"])
+    )
     shown, rest = rows[::2], rows[1::2]
     assert main(["fit", *SMALL, "model=lda", "features=touch", "out=rec"]) == 0
     general = load("rec").estimator
@@ -68,6 +78,8 @@ def test_with_labels_or_without_it_decides_as_one_adapted_by_hand_and_mistakes_a
     written(corpus, few, "two.csv", subject=np.arange(len(corpus)).astype(str))
     written(corpus, few, "other.csv", gesture=np.full(len(corpus), "poke"))
     fixed = Recogniser(Level().fit(corpus[rest], corpus.gestures[rest]), corpus)
-    monkeypatch.setattr("bench.work.saved.load", lambda model: fixed if model == "fixed" else load(model))
+    monkeypatch.setattr(
+        "bench.running.saved.load", lambda model: fixed if model == "fixed" else load(model)
+    )
     golden("refusals.txt", "".join(step(["adapt", *words.split()]) for words in WRONG))
     assert not Path("new").exists()

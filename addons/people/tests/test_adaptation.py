@@ -18,7 +18,7 @@ from bench.models.nets.cnn85 import CNN85
 from bench.models.nets.hughes2017 import Hughes2017CNN
 from bench.models.reflex import Reflex
 from tests.conftest import random_corpus
-from tests.work.fakes import Level
+from tests.running.fakes import Level
 from touchbench_people import adaptation
 from touchbench_people.adaptation import PRIOR, WEIGHT, adapted, adapts, discriminants, relearnt
 from touchbench_people.scaler import SPREAD_PRIOR, PersonScaler, adaptable
@@ -51,9 +51,14 @@ def test_the_spread_of_a_person_by_hand():
     Z = 2 * Z
     centres = X.groupby(y).mean()
     within = lambda A, labels: (A.to_numpy() - centres.loc[labels].to_numpy()).std(axis=0)  # noqa: E731
-    for given_labels, ratio in ((known, within(Z, known) / within(X, y)), (None, Z.std(ddof=0) / X.std(ddof=0))):
+    for given_labels, ratio in (
+        (known, within(Z, known) / within(X, y)),
+        (None, Z.std(ddof=0) / X.std(ddof=0)),
+    ):
         expected = X.mean() + (Z - X.mean()) / ratio ** (10 / (10 + SPREAD_PRIOR))
-        np.testing.assert_allclose(PersonScaler(("scale",)).fit(X, y).adapt(Z, given_labels).transform(Z), expected)
+        np.testing.assert_allclose(
+            PersonScaler(("scale",)).fit(X, y).adapt(Z, given_labels).transform(Z), expected
+        )
 
 
 def test_pooled_captures_count_ten_times():
@@ -63,10 +68,14 @@ def test_pooled_captures_count_ten_times():
     model = adaptable(Jung28(), "svm", ("pool",)).fit(corpus[train], corpus.gestures[train])
     before = model.predict_proba(corpus[tested])
     plain = svm(Jung28()).fit(corpus[train], corpus.gestures[train])
-    assert np.array_equal(before, plain.predict_proba(corpus[tested]))  # nothing changes before a person is met
+    assert np.array_equal(
+        before, plain.predict_proba(corpus[tested])
+    )  # nothing changes before a person is met
     found = adapted(model, corpus[known], corpus.gestures[known])
     by_hand = np.concatenate([train, *[known] * WEIGHT])
-    expected = svm(Jung28()).fit(corpus[by_hand], corpus.gestures[by_hand]).predict_proba(corpus[tested])
+    expected = (
+        svm(Jung28()).fit(corpus[by_hand], corpus.gestures[by_hand]).predict_proba(corpus[tested])
+    )
     np.testing.assert_allclose(found.predict_proba(corpus[tested]), expected)
     assert np.array_equal(model.predict_proba(corpus[tested]), before)
     without = adapted(model, corpus[known], None)
@@ -118,9 +127,15 @@ def test_a_network_learns_a_person_in_its_last_layer():
 def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labelled):
     """Against every row of training and of the person together, in the units of training, with naive loops."""
     rng = np.random.default_rng(0)
-    X = pd.DataFrame(rng.normal(size=(120, 6)), index=labels(np.repeat(np.arange(40), 3), np.zeros(120, dtype=int)))
+    X = pd.DataFrame(
+        rng.normal(size=(120, 6)),
+        index=labels(np.repeat(np.arange(40), 3), np.zeros(120, dtype=int)),
+    )
     y = rng.integers(0, 3, 40).astype(str).repeat(3)
-    P = pd.DataFrame(rng.normal(0.7, 1, (20, 6)), index=labels(np.repeat(np.arange(10), 2), np.zeros(20, dtype=int)))
+    P = pd.DataFrame(
+        rng.normal(0.7, 1, (20, 6)),
+        index=labels(np.repeat(np.arange(10), 2), np.zeros(20, dtype=int)),
+    )
     yp = np.array(list("0001001001")).repeat(2)  # and none of the third class
     general = Discriminants(0.2, windows).fit(X, y)
     before = general.decision_function(P)
@@ -136,7 +151,9 @@ def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labe
         rows, names = np.vstack([rows, person - shift]), np.concatenate([y, yp])
         weight = np.concatenate([weight, np.full(20, 4.0)])
         capture = np.concatenate([capture, 100 + np.repeat(np.arange(10), 2)])
-    centres = np.array([np.average(rows[names == c], axis=0, weights=weight[names == c]) for c in "012"])
+    centres = np.array(
+        [np.average(rows[names == c], axis=0, weights=weight[names == c]) for c in "012"]
+    )
     scatter = np.zeros((6, 6))
     for row, name, w in zip(rows, names, weight, strict=True):
         d = row - centres[int(name)]
@@ -167,13 +184,24 @@ def test_what_adapts_in_place_carries_nothing_into_other_tests():
     train, test = (corpus[np.flatnonzero(corpus.subjects == name)] for name in "12")
     system = InPlace().fit(train, train.gestures)
     before = system.predict(test).tolist()
-    assert adapted(system, test, test.gestures).predict(test).tolist() != before == system.predict(test).tolist()
+    assert (
+        adapted(system, test, test.gestures).predict(test).tolist()
+        != before
+        == system.predict(test).tolist()
+    )
 
 
 def test_weights_in_few_bits_and_modules_of_others_do_not_adapt():
     assert adapts(Reflex()) and adapts(adaptable(Jung28())) and adapts(Hughes2017CNN())
     own = FromTorch(module=lambda *_: None)
-    assert not any(map(adapts, (Reflex(bits=8), svm(Jung28()), Hughes2017CNN(bits=8), own, Level())))
-    for wrong in ({"ways": ("mean",)}, {"ways": ("pool", "pool")}, {"classifier": "lda"}, {"classifier": "cnn85"}):
+    assert not any(
+        map(adapts, (Reflex(bits=8), svm(Jung28()), Hughes2017CNN(bits=8), own, Level()))
+    )
+    for wrong in (
+        {"ways": ("mean",)},
+        {"ways": ("pool", "pool")},
+        {"classifier": "lda"},
+        {"classifier": "cnn85"},
+    ):
         with pytest.raises(InputError, match="model.(ways|classifier)="):
             adaptable(Jung28(), **wrong)

@@ -59,7 +59,9 @@ def adapted(system: Any, X: Corpus | pd.DataFrame, y: np.ndarray | None) -> Any:
     """
     X = contract.blinded(system, X) if y is None else X
     if OWN.of(system):
-        return deepcopy(system).adapt(X, y)  # one that changes itself would carry the captures into other tests
+        return deepcopy(system).adapt(
+            X, y
+        )  # one that changes itself would carry the captures into other tests
     if isinstance(system, Pipeline):
         *before, (name, last) = system.steps
         table = Pipeline(before).transform(X) if before else X
@@ -86,7 +88,10 @@ def both_windows(reflex: Reflex, X: Corpus, y: np.ndarray | None) -> Reflex:
 
 
 def discriminants(
-    general: Discriminants, X: pd.DataFrame | np.ndarray, y: np.ndarray | None, weight: float = float(WEIGHT)
+    general: Discriminants,
+    X: pd.DataFrame | np.ndarray,
+    y: np.ndarray | None,
+    weight: float = float(WEIGHT),
 ) -> Discriminants:
     """Features are measured from the person's own mean, and with labels their captures are learnt, too.
 
@@ -117,7 +122,11 @@ def discriminants(
 
 
 def _joined(
-    linear: Discriminants, Z: np.ndarray, codes: np.ndarray, captures: np.ndarray, weight: np.ndarray
+    linear: Discriminants,
+    Z: np.ndarray,
+    codes: np.ndarray,
+    captures: np.ndarray,
+    weight: np.ndarray,
 ) -> Learnt:
     """What was learnt, and more rows."""
     old = linear.learnt_
@@ -127,7 +136,9 @@ def _joined(
     centres /= np.where(heavy > 0, heavy, 1)[:, None]
     both = old.heavy + heavy
     apart = np.sqrt(linear.windows * old.heavy * heavy / both)[:, None] * (centres - old.centres)
-    scatter = old.scatter + linear.scatter_of(Z - centres[codes], captures, weight) + apart.T @ apart
+    scatter = (
+        old.scatter + linear.scatter_of(Z - centres[codes], captures, weight) + apart.T @ apart
+    )
     mixed = (old.heavy[:, None] * old.centres + heavy[:, None] * centres) / both[:, None]
     return replace(old, centres=mixed, heavy=both, scatter=scatter)
 
@@ -144,13 +155,17 @@ def guarded(general: Guarded, X: pd.DataFrame, y: np.ndarray | None) -> Guarded:
     return mine
 
 
-def perceptron(general: Perceptron, X: pd.DataFrame | np.ndarray, y: np.ndarray | None) -> Perceptron:
+def perceptron(
+    general: Perceptron, X: pd.DataFrame | np.ndarray, y: np.ndarray | None
+) -> Perceptron:
     """The last layer learns the person's captures; without labels nothing changes."""
     if y is None:
         return general
     mine = copy(general)
     old = np.column_stack([general.coefs_[1].T, general.intercepts_[1]])
-    new = relearnt(old, general.hidden(X), codes_of(y, general.classes_), captures_of(X)).astype(np.float32)
+    new = relearnt(old, general.hidden(X), codes_of(y, general.classes_), captures_of(X)).astype(
+        np.float32
+    )
     mine.coefs_ = [general.coefs_[0], new[:, :-1].T.copy()]
     mine.intercepts_ = [general.intercepts_[0], new[:, -1]]
     return mine
@@ -169,7 +184,9 @@ def network(general: WindowNet, X: Corpus, y: np.ndarray | None) -> WindowNet:
     return mine
 
 
-WAYS: dict[str, Callable | None] = {  # by class, so that none is imported; the first in the order of inheritance counts
+WAYS: dict[
+    str, Callable | None
+] = {  # by class, so that none is imported; the first in the order of inheritance counts
     "bench.models.adapters.FromTorch": None,  # a module may end in anything
     "bench.models.classic.lda.Discriminants": discriminants,
     "bench.models.classic.perceptron.Perceptron": perceptron,
@@ -215,7 +232,9 @@ def codes_of(y: np.ndarray, classes: np.ndarray) -> np.ndarray:
     return np.searchsorted(classes, y)
 
 
-def relearnt(old: np.ndarray, inputs: np.ndarray, codes: np.ndarray, captures: np.ndarray) -> np.ndarray:
+def relearnt(
+    old: np.ndarray, inputs: np.ndarray, codes: np.ndarray, captures: np.ndarray
+) -> np.ndarray:
     """The last layer of a network after it has learnt some captures of a person, too.
 
     It minimises the cross-entropy of their captures, a mean over the rows of each, while its weights stay near those
@@ -240,4 +259,6 @@ def relearnt(old: np.ndarray, inputs: np.ndarray, codes: np.ndarray, captures: n
         return cost, (wrong.T @ inputs + price * away).ravel()
 
     begin = old.astype(np.float64)
-    return minimize(loss, begin.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": ROUNDS}).x.reshape(old.shape)
+    return minimize(
+        loss, begin.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": ROUNDS}
+    ).x.reshape(old.shape)

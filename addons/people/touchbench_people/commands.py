@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.errors import InputError
-from bench.options import keys, parse_words
-from bench.scratch import made_whole, new_folder
-from bench.words import quoted
+from bench.grammar.options import keys, parse_words
+from bench.ground.scratch import made_whole, new_folder
+from bench.ground.words import quoted
 from touchbench_people.adaptation import adapted, adapts
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
-    from bench.work.saved import Recogniser
+    from bench.running.saved import Recogniser
 
 
 def adapt(arguments: list[str]) -> int:
@@ -42,7 +42,9 @@ def adapt(arguments: list[str]) -> int:
     return 0
 
 
-def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarray | None, out: Path) -> float:
+def save_adapted(
+    model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarray | None, out: Path
+) -> float:
     """Adapt a saved system to one person, save it as a folder, and return the seconds of adapting.
 
     Args:
@@ -57,15 +59,25 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
     """
     import mlflow
 
-    from bench.work.fit import EXAMPLE_FRAMES
-    from bench.work.saved import by_value, own_code, quiet
+    from bench.running.fit import EXAMPLE_FRAMES
+    from bench.running.saved import by_value, own_code, quiet
 
     if hasattr(recogniser, "adapted"):
-        raise InputError(f"{model} is adapted already; adapt the original model to all captures of the person at once")
+        raise InputError(
+            f"{model} is adapted already; adapt the original model to all captures of the person at once"
+        )
     if not adapts(recogniser.estimator):
-        raise InputError(f"{model} cannot adapt to a person; use reflex, lda, a network or model=adaptable")
-    if unknown := sorted({str(name) for name in y} - set(recogniser.classes)) if y is not None else []:
-        raise InputError(f"gesture {unknown[0]} is not a class of {model}; known: {', '.join(recogniser.classes)}")
+        raise InputError(
+            f"{model} cannot adapt to a person; use reflex, lda, a network or model=adaptable"
+        )
+    if (
+        unknown := sorted({str(name) for name in y} - set(recogniser.classes))
+        if y is not None
+        else []
+    ):
+        raise InputError(
+            f"gesture {unknown[0]} is not a class of {model}; known: {', '.join(recogniser.classes)}"
+        )
     began = time.perf_counter()
     personal = copy(recogniser)
     personal.adapted = True
@@ -75,9 +87,16 @@ def save_adapted(model: str, recogniser: Recogniser, corpus: Corpus, y: np.ndarr
     seconds = time.perf_counter() - began
     by_value()
     with own_code() as code, quiet():
-        needed = Path(mlflow.pyfunc.get_model_dependencies(model)).read_text(encoding="utf-8").splitlines()
+        needed = (
+            Path(mlflow.pyfunc.get_model_dependencies(model))
+            .read_text(encoding="utf-8")
+            .splitlines()
+        )
         arguments = personal.model([], corpus[0][:EXAMPLE_FRAMES])
-        arguments |= {"pip_requirements": [line for line in needed if line.strip()], "code_paths": [code]}
+        arguments |= {
+            "pip_requirements": [line for line in needed if line.strip()],
+            "code_paths": [code],
+        }
         with made_whole(out) as beside:
             mlflow.pyfunc.save_model(str(beside), **arguments)
     return seconds

@@ -1,6 +1,6 @@
 """The command of this package, without anything heavy."""
 
-from bench.options import SHIP, TRUSTED, Command, Option
+from bench.grammar.options import SHIP, TRUSTED, Command, Option
 
 ADAPT = Command(
     SHIP,

@@ -14,7 +14,11 @@ from touchbench_people.adaptation import relearnt as of_layer
 
 
 def relearnt(
-    net: nn.Module, samples: Samples, target: np.ndarray, batch: int, forward: Callable[[nn.Module, object], object]
+    net: nn.Module,
+    samples: Samples,
+    target: np.ndarray,
+    batch: int,
+    forward: Callable[[nn.Module, object], object],
 ) -> nn.Module:
     """A network whose last linear layer has learnt some captures of a person, too (`adaptation.relearnt`).
 
@@ -29,7 +33,9 @@ def relearnt(
     layer = [module for module in adapted.modules() if isinstance(module, nn.Linear)][-1]
     inputs, row = _inputs(adapted, layer, samples, batch, forward)
     capture = samples.capture[row]
-    old = np.column_stack([parameter.detach().cpu().numpy() for parameter in (layer.weight, layer.bias)])
+    old = np.column_stack(
+        [parameter.detach().cpu().numpy() for parameter in (layer.weight, layer.bias)]
+    )
     new = of_layer(old, inputs, target[capture], capture)
     with torch.no_grad():
         layer.weight.copy_(torch.from_numpy(new[:, :-1]))
@@ -38,16 +44,29 @@ def relearnt(
 
 
 def _inputs(
-    net: nn.Module, layer: nn.Linear, samples: Samples, batch: int, forward: Callable[[nn.Module, object], object]
+    net: nn.Module,
+    layer: nn.Linear,
+    samples: Samples,
+    batch: int,
+    forward: Callable[[nn.Module, object], object],
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the layer is given for every decision, float64 [decisions, inputs], and of which sample each is."""
     seen: list[torch.Tensor] = []
-    hook = layer.register_forward_pre_hook(lambda module, args: seen.append(args[0].flatten(0, -2).float().cpu()))
+    hook = layer.register_forward_pre_hook(
+        lambda module, args: seen.append(args[0].flatten(0, -2).float().cpu())
+    )
     device = next(net.parameters()).device
     try:
         with torch.inference_mode():
             for first in range(0, len(samples), batch):
-                forward(net, moved(samples.batch(np.arange(first, min(first + batch, len(samples)))), device))
+                forward(
+                    net,
+                    moved(
+                        samples.batch(np.arange(first, min(first + batch, len(samples)))), device
+                    ),
+                )
     finally:
         hook.remove()
-    return torch.cat(seen).numpy().astype(np.float64), np.repeat(np.arange(len(samples)), samples.steps)
+    return torch.cat(seen).numpy().astype(np.float64), np.repeat(
+        np.arange(len(samples)), samples.steps
+    )

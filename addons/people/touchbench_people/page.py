@@ -8,15 +8,23 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.intervals import interval
-from bench.measures import Measure, Row, text
 from bench.reports.contexts import Part, Section, scarce
-from bench.result import Result, notes_on
-from bench.sentences import sentences
-from bench.table import Table, rows_of
+from bench.values.intervals import interval
+from bench.values.measures import Measure, Row, text
+from bench.values.result import Result, notes_on
+from bench.values.sentences import sentences
+from bench.values.table import Table, rows_of
 
 WITHOUT = "no labels"  # where half of the person's captures are known without them
-SAME = ("data", "corpus_digest", "subset", "target", "protocol_name", "protocol.source", "protocol.classes")
+SAME = (
+    "data",
+    "corpus_digest",
+    "subset",
+    "target",
+    "protocol_name",
+    "protocol.source",
+    "protocol.classes",
+)
 DRAWN = ("protocol.draws", "protocol.weight")  # which matter where there are shots
 PEOPLE = "People"  # heading
 COLUMNS = (
@@ -30,7 +38,9 @@ CAPTION = (
     "{}: accuracy in percent, mean over people with its 95 % t-interval, for each number of shots. gain: paired "
     "difference to no shots, in points. worse: subjects with lower accuracy, and their loss in points."
 )
-Curves = tuple[str, dict[str, pd.DataFrame]]  # a set of comparable runs in words, and the curve of each system
+Curves = tuple[
+    str, dict[str, pd.DataFrame]
+]  # a set of comparable runs in words, and the curve of each system
 
 
 class NewPerson:
@@ -58,7 +68,11 @@ def curves_of(results: Sequence[Result]) -> list[Curves]:
     for part in comparable(personal):
         first = part[-1]
         data, subset, _ = first.context
-        skin = f" on another skin than {first['protocol.source']}" if first["protocol_name"] == "transfer" else ""
+        skin = (
+            f" on another skin than {first['protocol.source']}"
+            if first["protocol_name"] == "transfer"
+            else ""
+        )
         draws = f", {first['protocol.draws']} draws" if first["protocol.shots"] != "0" else ""
         context = f"{data}{'' if subset == 'all' else f', {subset}'}, a new person{skin}{draws}"
         by_system: dict[str, list[Result]] = {}
@@ -80,7 +94,14 @@ def new_person_section(results: Sequence[Result]) -> Section | None:
             named = curve.rename(columns={"low": "accuracy_low", "high": "accuracy_high"})
             rows += [row | {"system": system} for row in rows_of(named)]
         remarks = [notes_on(str(row["system"]), context.split(",")[0]) for row in rows]
-        parts.append(Part(None, Table(COLUMNS, rows, remarks=remarks), CAPTION.format(context), scarce(results)))
+        parts.append(
+            Part(
+                None,
+                Table(COLUMNS, rows, remarks=remarks),
+                CAPTION.format(context),
+                scarce(results),
+            )
+        )
     return Section(PEOPLE, parts, gained(results)) if parts else None
 
 
@@ -126,14 +147,24 @@ def curve_of(results: Sequence[Result]) -> pd.DataFrame:
             people[known] = pd.concat(accuracies, axis=1).mean(axis=1)
     wide = pd.DataFrame(people).dropna()
     rows = []
-    for known in sorted(wide if len(wide) else (), key=lambda known: 0.5 if known == WITHOUT else float(known)):
+    for known in sorted(
+        wide if len(wide) else (), key=lambda known: 0.5 if known == WITHOUT else float(known)
+    ):
         low, high = interval(wide[known].to_numpy())
-        row: dict[str, object] = {"known": known, "accuracy": wide[known].mean(), "low": low, "high": high}
+        row: dict[str, object] = {
+            "known": known,
+            "accuracy": wide[known].mean(),
+            "low": low,
+            "high": high,
+        }
         if "0" in wide and known != "0":
             gain = wide[known] - wide["0"]
             low, high = interval(gain.to_numpy())
             worse = gain[gain < 0].sort_values()
             row |= {"gain": gain.mean(), "gain_low": low, "gain_high": high}
-            row |= {"worse": ", ".join(f"{who} ({points:.1f})" for who, points in worse.items()) or "nobody"}
+            row |= {
+                "worse": ", ".join(f"{who} ({points:.1f})" for who, points in worse.items())
+                or "nobody"
+            }
         rows.append(row)
     return pd.DataFrame(rows)

@@ -12,17 +12,19 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.ground.timing import timed_once
 from bench.plan.splits import Tested
 from bench.protocols.subjects import LOSO, natural_order
-from bench.timing import timed_once
-from bench.work.fold import fitted, seconds_of
+from bench.running.fold import fitted, seconds_of
 from touchbench_people.adaptation import WEIGHT, adapted, adapts
 
 if TYPE_CHECKING:
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold
 
-Pairs = list[tuple[np.ndarray, np.ndarray]]  # positions of the calibration, and of the captures tested after it
+Pairs = list[
+    tuple[np.ndarray, np.ndarray]
+]  # positions of the calibration, and of the captures tested after it
 Folds = Iterator[tuple[np.ndarray, np.ndarray, Pairs]]
 
 APART = {"subject", "gesture", "repetition", "split", "skin"}  # columns that are no conditions
@@ -50,7 +52,12 @@ class Personal:
     view = "touchbench_people.page:NewPerson"
 
     def __init__(
-        self, shots: int = 0, draws: int = 5, unlabelled: bool = False, weight: int = WEIGHT, seed: int = 0
+        self,
+        shots: int = 0,
+        draws: int = 5,
+        unlabelled: bool = False,
+        weight: int = WEIGHT,
+        seed: int = 0,
     ) -> None:
         self.shots = shots
         self.draws = draws
@@ -105,7 +112,11 @@ class Personal:
         seconds = {} if refits else fitted(general, corpus[fold.train])
         draws = 1 if self.unlabelled else self.draws
         for number, (shots, tested) in enumerate(fold.pairs):
-            name = fold.name if draws == 1 else f"{fold.name} draw {1 + number * draws // len(fold.pairs)}"
+            name = (
+                fold.name
+                if draws == 1
+                else f"{fold.name} draw {1 + number * draws // len(fold.pairs)}"
+            )
             if not len(tested):
                 continue
             if not len(shots):  # of a person with one capture
@@ -123,13 +134,17 @@ class Personal:
             else:  # it can do nothing without labels
                 yield Tested(name, general, tested, seconds)
 
-    def calibrations(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Iterator[list[Pairs]]:
+    def calibrations(
+        self, X: Corpus, y: object = None, groups: np.ndarray | None = None
+    ) -> Iterator[list[Pairs]]:
         """For each fold and draw, pairs of indices: calibration captures of the subject, captures tested after them."""
         labels = (X.gestures if y is None else np.asarray(y)).astype(str)
         who = (X.subjects if groups is None else np.asarray(groups)).astype(str)
         for name in natural_order(who):
             captures = np.flatnonzero(who == name)
-            parts = [captures[labels[captures] == gesture] for gesture in natural_order(labels[captures])]
+            parts = [
+                captures[labels[captures] == gesture] for gesture in natural_order(labels[captures])
+            ]
             halves = self._halves(X, parts)
             if self.unlabelled:
                 yield [[(halves[0], halves[1]), (halves[1], halves[0])]]
@@ -147,7 +162,9 @@ class Personal:
             halves[1 - number % 2].append(mixed[1::2])
         return [np.sort(np.concatenate(half)) for half in halves]
 
-    def _draw(self, X: Corpus, parts: list[np.ndarray], halves: list[np.ndarray], draw: int) -> Pairs:
+    def _draw(
+        self, X: Corpus, parts: list[np.ndarray], halves: list[np.ndarray], draw: int
+    ) -> Pairs:
         orders = [self._rng(X, part, draw).permutation(part) for part in parts]
         pairs = []
         for half, other in (halves, halves[::-1]):
@@ -172,7 +189,11 @@ class Personal:
             return ""
         conditions = corpus.captures[names].astype(str).assign(class_=corpus.gestures.astype(str))
         kinds = conditions.agg(" ".join, axis=1).to_numpy()
-        halves = [pair for draws in Personal(unlabelled=True, seed=self.seed).calibrations(corpus) for pair in draws[0]]
+        halves = [
+            pair
+            for draws in Personal(unlabelled=True, seed=self.seed).calibrations(corpus)
+            for pair in draws[0]
+        ]
         same = any(np.isin(kinds[tested], kinds[shots]).any() for shots, tested in halves)
         return ", under the same conditions" if same else ", under other conditions"
 

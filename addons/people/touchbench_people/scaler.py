@@ -14,7 +14,7 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.features.base import captures_of, constant, undamaged
-from bench.registry import load, parameters
+from bench.ground.registry import load, parameters
 from touchbench_people.adaptation import WEIGHT, adapts, codes_of, share
 
 WAYS = ("centre", "scale", "pool")
@@ -49,7 +49,10 @@ class PersonScaler(TransformerMixin, BaseEstimator):
         self.classes_, codes = np.unique(np.asarray(y)[rows], return_inverse=True)
         self.n_features_in_ = values.shape[1]
         self.mean_ = values.mean(axis=0)
-        self.centres_ = np.stack([values[codes == c].mean(axis=0) for c in range(len(self.classes_))]) - self.mean_
+        self.centres_ = (
+            np.stack([values[codes == c].mean(axis=0) for c in range(len(self.classes_))])
+            - self.mean_
+        )
         still = constant(values)
         self.sd_ = np.where(still, 0, values.std(axis=0))
         self.within_ = np.where(still, 0, (values - self.mean_ - self.centres_[codes]).std(axis=0))
@@ -70,7 +73,9 @@ class PersonScaler(TransformerMixin, BaseEstimator):
         within = values if codes is None else values - self.centres_[codes]
         if "centre" in self.ways:
             believed, apart = share(captures, codes, len(self.classes_))
-            adapted.shift_ = np.where(self.sd_ > 0, believed * (within if apart else values).mean(axis=0), 0)
+            adapted.shift_ = np.where(
+                self.sd_ > 0, believed * (within if apart else values).mean(axis=0), 0
+            )
         if "scale" in self.ways:
             count = captures.max() + 1
             spread, usual = within.std(axis=0), self.sd_ if codes is None else self.within_
@@ -114,7 +119,10 @@ class ForPerson(Pipeline):
 
 
 def adaptable(
-    features: contract.Features, classifier: str = "svm", ways: tuple[str, ...] = WAYS[:2], seed: int = 0
+    features: contract.Features,
+    classifier: str = "svm",
+    ways: tuple[str, ...] = WAYS[:2],
+    seed: int = 0,
 ) -> contract.System:
     """A classifier on features that adapts to a person.
 
@@ -125,11 +133,19 @@ def adaptable(
             training, and fits the classifier again to these and the person's rows, each counted ten times.
         seed: random seed of the classifier, if it has one.
     """
-    if wrong := [way for way in ways if way not in WAYS] or [way for way in WAYS if ways.count(way) > 1]:
-        raise InputError(f"model.ways={'+'.join(ways)}: {wrong[0]!r}: join each of {', '.join(WAYS)} once by +")
+    if wrong := [way for way in ways if way not in WAYS] or [
+        way for way in WAYS if ways.count(way) > 1
+    ]:
+        raise InputError(
+            f"model.ways={'+'.join(ways)}: {wrong[0]!r}: join each of {', '.join(WAYS)} once by +"
+        )
     factory = load("models", classifier)
-    system = contract.build(factory, features, **({"seed": seed} if "seed" in parameters(factory) else {}))
+    system = contract.build(
+        factory, features, **({"seed": seed} if "seed" in parameters(factory) else {})
+    )
     if not isinstance(system, Pipeline) or len(system.steps) < 2 or adapts(system):
-        raise InputError(f"model.classifier={classifier}: name a classifier on features that does not adapt by itself")
+        raise InputError(
+            f"model.classifier={classifier}: name a classifier on features that does not adapt by itself"
+        )
     first, *rest = system.steps
     return ForPerson([first, ("person", PersonScaler(ways)), *rest])

@@ -49,9 +49,13 @@ def joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
     target, source = target[np.flatnonzero(np.isin(target.gestures, classes))], source[kept]
     columns = list(target.captures)
     rows = source.captures.reindex(columns=columns, fill_value="").assign(
-        subject="other " + source.captures["subject"].astype(str), gesture=renamed[kept], skin=SOURCE
+        subject="other " + source.captures["subject"].astype(str),
+        gesture=renamed[kept],
+        skin=SOURCE,
     )
     captures = pd.concat([target.captures.assign(skin=OWN), rows], ignore_index=True)
     frames, fields = several.common((target, source))
     info = several.origin_of((target, source)) | {"format": "transfer", "source_name": source.name}
-    return Corpus.from_captures(frames, captures.astype("str"), name=target.name, info=info, **fields)
+    return Corpus.from_captures(
+        frames, captures.astype("str"), name=target.name, info=info, **fields
+    )

@@ -10,8 +10,8 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import made_once, open_corpus
 from bench.errors import InputError, nearest
-from bench.registry import parameters
-from bench.words import convert
+from bench.ground.registry import parameters
+from bench.ground.words import convert
 from touchbench_people import skins
 from touchbench_people.personal import WEIGHT, Folds, Pairs, Personal, with_shots
 from touchbench_people.skins import OWN, SOURCE
@@ -57,16 +57,24 @@ class Transfer(Personal):
         """
         self.check()
         if corpus.target != "gesture":
-            raise InputError(f"protocol=transfer tells gestures apart, not {corpus.target}; leave target= out")
+            raise InputError(
+                f"protocol=transfer tells gestures apart, not {corpus.target}; leave target= out"
+            )
         if not self.source:
-            raise InputError("protocol=transfer needs protocol.source=, the corpus that is trained on; see bench data")
+            raise InputError(
+                "protocol=transfer needs protocol.source=, the corpus that is trained on; see bench data"
+            )
         name, *pairs = re.split(r"\+(?=[a-z_]+=)", self.source)
         try:
             source = open_corpus(name, _generator(name, pairs))
         except InputError as e:
             raise InputError(f"protocol.source={self.source}: {e}") from e
         names = self._names()
-        parts = [part for each in (corpus, source) for part in (each.digest, each.name, each.index.tolist())]
+        parts = [
+            part
+            for each in (corpus, source)
+            for part in (each.digest, each.name, each.index.tolist())
+        ]
         about = [*parts, sorted(names.items())]
         return made_once(".transfer", about, lambda: skins.joined(corpus, source, names), skins)
 
@@ -74,9 +82,13 @@ class Transfer(Personal):
         pairs = [pair.partition(":") for pair in self.classes.split("+") if pair]
         for old, _, new in pairs:
             if not old or not new:
-                raise InputError(f"protocol.classes={self.classes}: give pairs such as tap:pat, joined by +")
+                raise InputError(
+                    f"protocol.classes={self.classes}: give pairs such as tap:pat, joined by +"
+                )
         if len({old for old, _, _ in pairs}) < len(pairs):
-            raise InputError(f"protocol.classes={self.classes}: a class is named twice; name it once")
+            raise InputError(
+                f"protocol.classes={self.classes}: a class is named twice; name it once"
+            )
         return {old: new for old, _, new in pairs}
 
     def label(self, corpus: Corpus) -> str:

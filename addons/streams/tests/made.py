@@ -9,9 +9,9 @@ import pytest
 
 from bench.corpora import synth
 from bench.corpora.library import import_corpus
+from bench.ground.scratch import home
 from bench.plan.cells import cells
 from bench.plan.plan import Fold, planned
-from bench.scratch import home
 from tests.results import HAART, result
 from touchbench_streams import synth_recordings
 from touchbench_streams.study import Continuous
@@ -30,9 +30,18 @@ def generated(**fields):
 PEOPLE = generated(subjects=3, rate_hz=15.0)
 WATCHED = pd.DataFrame(  # 100 s at 50 Hz, 10 s of it touched; one touch is found, one missed, one false alarm raised
     [("recording", np.nan, 5000, None, np.nan, None, None, np.nan)]
-    + [("touch", 500, 750, "pat", np.nan, None, None, np.nan), ("touch", 1000, 1250, "rub", np.nan, None, None, np.nan)]
-    + [("report", np.nan, 755, None, 550, "tap", "pat", 0.8), ("report", np.nan, 2000, None, 1900, "rub", "rub", 0.6)]
-    + [("probability", np.nan, np.nan, None, seen, None, None, 0.1) for seen in range(20, 5000, 100)],
+    + [
+        ("touch", 500, 750, "pat", np.nan, None, None, np.nan),
+        ("touch", 1000, 1250, "rub", np.nan, None, None, np.nan),
+    ]
+    + [
+        ("report", np.nan, 755, None, 550, "tap", "pat", 0.8),
+        ("report", np.nan, 2000, None, 1900, "rub", "rub", 0.6),
+    ]
+    + [
+        ("probability", np.nan, np.nan, None, seen, None, None, 0.1)
+        for seen in range(20, 5000, 100)
+    ],
     columns=["kind", "start", "end", "gesture", "reported", "first", "label", "confidence"],
 ).assign(recording=0, subject="1", fold="1")
 
@@ -42,7 +51,9 @@ def stored(name, frames, labels, subjects, rate_hz="15"):
     table = pd.DataFrame(frames.reshape(len(labels), -1), columns=[f"ch{i}" for i in range(9)])
     file = Path(home(), f"{name}.parquet")
     file.parent.mkdir(parents=True, exist_ok=True)
-    table.assign(label=labels, subject=subjects)[["subject", "label", *table.columns]].to_parquet(file)
+    table.assign(label=labels, subject=subjects)[["subject", "label", *table.columns]].to_parquet(
+        file
+    )
     return import_corpus("recording", file, {"name": name, "rate_hz": rate_hz, "grid": "3x3"})
 
 
@@ -61,20 +72,39 @@ def plan_of_day():
 
 def leaving_out(subject, corpus):
     """The fold that tests a subject."""
-    return Fold(subject, *(np.flatnonzero((corpus.subjects == subject) == tested) for tested in (False, True)))
+    return Fold(
+        subject,
+        *(np.flatnonzero((corpus.subjects == subject) == tested) for tested in (False, True)),
+    )
 
 
 def watched(system, end_correct, alarms, latency, flash=4000.0, tables=None, **about):
     """A result of ``bench watch`` with the shares of touches of each subject that end with the correct label."""
-    metrics = {"end_correct": sum(end_correct) / len(end_correct), "touches_found": 0.9, "first_correct": 0.5}
-    metrics |= {"false_alarms_per_hour": alarms, "latency_s_p50": latency, "flash_bytes": flash, "ram_bytes": 900.0}
+    metrics = {
+        "end_correct": sum(end_correct) / len(end_correct),
+        "touches_found": 0.9,
+        "first_correct": 0.5,
+    }
+    metrics |= {
+        "false_alarms_per_hour": alarms,
+        "latency_s_p50": latency,
+        "flash_bytes": flash,
+        "ram_bytes": 900.0,
+    }
     metrics |= {"touches": 2.0, "background_minutes": 1.5, "quiet_ms": 2.0}
     hours = {"false_alarms_per_hour": alarms, "background_s": 90.0 / len(end_correct)}
     names = map(str, range(1, len(end_correct) + 1))
     usual = {
         "predictions": WATCHED,
         "per_subject": pd.DataFrame({"subject": names, "end_correct": end_correct, **hours}),
-        "curve": pd.DataFrame({"offset": [-1, 0], "missed": [0.5, 0.0], "false_alarms_per_hour": [0.0, 40]}),
+        "curve": pd.DataFrame(
+            {"offset": [-1, 0], "missed": [0.5, 0.0], "false_alarms_per_hour": [0.0, 40]}
+        ),
     }
-    options = {"watch.detector": "frames", "watch.false_alarms": "5.0", "watch.background": "", "watch.unknown": ""}
+    options = {
+        "watch.detector": "frames",
+        "watch.false_alarms": "5.0",
+        "watch.background": "",
+        "watch.unknown": "",
+    }
     return result(system, "watch", metrics, usual | (tables or {}), **HAART | options | about)

@@ -36,7 +36,12 @@ from touchbench_streams.disturbed import KINDS, disturbed
 from touchbench_streams.recordings import Recordings
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
-EVENT = [("label", np.int32), ("confidence", np.float32), ("reported", np.uint32), ("end", np.uint32)]
+EVENT = [
+    ("label", np.int32),
+    ("confidence", np.float32),
+    ("reported", np.uint32),
+    ("end", np.uint32),
+]
 NEWS = np.dtype([*EVENT, ("news", np.int32), ("seen", np.uint32)])
 REPORTED, CHANGED, ENDED = 1, 2, 3
 
@@ -82,7 +87,10 @@ def recordings(rate_hz, whole):
     """
     corpus = synth.generate(subjects=3, variants=("normal",), rate_hz=rate_hz)
     streams = synth_recordings.generate(subjects=3, variants=("normal",), rate_hz=rate_hz)
-    idle = [streams.corpus[i][: streams.events.query("recording == @i")["start"].min()] for i in range(3)]
+    idle = [
+        streams.corpus[i][: streams.events.query("recording == @i")["start"].min()]
+        for i in range(3)
+    ]
     conditions = corpus.captures.drop_duplicates("subject")
     quiet = Corpus.from_captures(idle, conditions, corpus.rate_hz, full_scale=corpus.full_scale)
     streams = composed(corpus, quiet)
@@ -94,7 +102,10 @@ def recordings(rate_hz, whole):
 
 
 DETECTORS = {"frames": Frames(), "frames at 8 Hz": Frames(), "threshold": Threshold()}
-IN_STEPS = {"frames at 8 Hz": 8.0, "threshold": 100.0}  # whole numbers, at rates where rounding decides on few turns
+IN_STEPS = {
+    "frames at 8 Hz": 8.0,
+    "threshold": 100.0,
+}  # whole numbers, at rates where rounding decides on few turns
 
 
 def streams_of(name):
@@ -113,7 +124,9 @@ def watching(name):
     recogniser = fitted(make(), corpus)
     watcher = learn(DETECTORS.get(name, Frames()), make, recogniser.estimator, streams, 5.0)[0]
     assert watcher.level in [level for level, *_ in watcher.points]
-    strict, eager = (watcher.level * 2, watcher.level / 2) if name == "threshold" else (watcher.level + 8, -2.0)
+    strict, eager = (
+        (watcher.level * 2, watcher.level / 2) if name == "threshold" else (watcher.level + 8, -2.0)
+    )
     points = ((strict, 0.0, 2.0, 0.0), (watcher.level, 1.0, 2.0, 1.0), (eager, 120.0, 2.0, 1.0))
     recogniser.watcher = replace(watcher, points=points, reject=0.7 if name == "threshold" else 0.0)
     return recogniser
@@ -178,7 +191,9 @@ def test_a_disturbed_sensor_has_the_events_of_python(tmp_path):
     shaken = [disturbed(streams.corpus, kind) for kind in KINDS]
     others = []  # whatever is worth more in training, each of the classifiers decides here
     for each in shaken:
-        parts = ticked(Recordings(each, streams.events), frames_of_tick(calm.tick, each.rate_hz)).corpus
+        parts = ticked(
+            Recordings(each, streams.events), frames_of_tick(calm.tick, each.rate_hz)
+        ).corpus
         others.append(replace(calm).fit([calm.signals_of(part) for part in parts], ticks))
     detector.disturbed_ = tuple((kind, other, 0.5) for kind, other in enumerate(others))
     watcher.detector = detector
@@ -199,7 +214,9 @@ def test_a_disturbed_sensor_has_the_events_of_python(tmp_path):
 def reports(recogniser, frames):
     """Events of one recording in Python."""
     captures = pd.DataFrame({"subject": ["1"], "gesture": [""]})
-    corpus = Corpus.from_captures([frames], captures, recogniser.rate_hz, full_scale=recogniser.full_scale)
+    corpus = Corpus.from_captures(
+        [frames], captures, recogniser.rate_hz, full_scale=recogniser.full_scale
+    )
     return recogniser.watcher.reports(corpus).drop(columns="recording")
 
 
@@ -234,11 +251,15 @@ def test_interrupted_touches_are_those_of_python(name, in_c):
             theirs.append(whole[whole["end"] < len(frames)])  # it ends before a touch does
         # a count of one more is a larger share of a few frames
         expected = pd.concat(theirs)
-        check_equal(pd.concat(mine, ignore_index=True), expected, most=WHOLE if name in IN_STEPS else 0.02)
+        check_equal(
+            pd.concat(mine, ignore_index=True), expected, most=WHOLE if name in IN_STEPS else 0.02
+        )
         counts.append(len(expected))
     assert counts[0] != counts[1] and min(counts) > 18
     for i, (_, alarms, hours, found) in enumerate(learned_one.points):
-        most = f"{stats.chi2.ppf(0.95, 2 * (alarms + 1)) / 2 / hours:.3g} per hour (95 % confidence)"
+        most = (
+            f"{stats.chi2.ppf(0.95, 2 * (alarms + 1)) / 2 / hours:.3g} per hour (95 % confidence)"
+        )
         line = f"{i}: {alarms:g} false alarms in 120 minutes, so at most {most}; {100 * found:.1f} % of touches found"
         assert line in (watched.folder / "touch.h").read_text() and watched.code.set(i) == 0
     assert watched.code.set(-1) == watched.code.set(len(learned_one.points)) == -1
@@ -250,8 +271,13 @@ def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and
     watcher.detector = copy(watcher.detector)
     watcher.detector.disturbed_ = ()  # no classifier for noise
     corpus, rng = streams.corpus, np.random.default_rng(0)
-    noisy = [as_readings(corpus, noise(one, 4.0, rng)) for one in as_shares(corpus, np.arange(len(corpus)))]
-    noisy = Corpus.from_captures(noisy, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale)
+    noisy = [
+        as_readings(corpus, noise(one, 4.0, rng))
+        for one in as_shares(corpus, np.arange(len(corpus)))
+    ]
+    noisy = Corpus.from_captures(
+        noisy, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale
+    )
     calm, expected = (watcher.refused(one, watcher.evidence(one)) for one in (corpus, noisy))
     assert calm.sum() < 0.1 * len(corpus.frames) and expected.sum() > 0.6 * len(corpus.frames)
     watched, counts = Watched(recogniser, tmp_path), (ctypes.c_uint32 * 3)()
@@ -262,16 +288,28 @@ def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and
 
 
 @pytest.mark.skipif(bool(lacking("make")), reason=lacking("make"))
-def test_the_program_prints_what_bench_live_prints_and_nothing_is_undefined(tmp_path, monkeypatch, capsys):
+def test_the_program_prints_what_bench_live_prints_and_nothing_is_undefined(
+    tmp_path, monkeypatch, capsys
+):
     recogniser = watching("frames")
     written(recogniser, tmp_path)
     frames = streams_of("frames").corpus[0][:1600]
     lines = "\n".join(" ".join(f"{v:.3f}" for v in frame.ravel()) for frame in frames) + "\n"
-    call = ["gcc", *STRICT, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "touch.c", "main.c", "-lm"]
+    call = [
+        "gcc",
+        *STRICT,
+        "-fsanitize=address,undefined",
+        "-fno-sanitize-recover=all",
+        "touch.c",
+        "main.c",
+        "-lm",
+    ]
     subprocess.run([*call, "-o", "checked"], cwd=tmp_path, check=True, capture_output=True)
 
     def printed(text):
-        return subprocess.run([tmp_path / "checked", "-w"], input=text, capture_output=True, text=True, check=False)
+        return subprocess.run(
+            [tmp_path / "checked", "-w"], input=text, capture_output=True, text=True, check=False
+        )
 
     done = printed(lines)
     assert (done.returncode, done.stderr) == (0, "")
@@ -280,9 +318,15 @@ def test_the_program_prints_what_bench_live_prints_and_nothing_is_undefined(tmp_
         assert live.watched(recogniser, recogniser.watcher) == 0
     outputs = done.stdout, capsys.readouterr().out
     mine, theirs = ([line.split(",") for line in out.splitlines()] for out in outputs)
-    assert [row[:3] for row in mine] == [row[:3] for row in theirs] and {"reported", "ended"} < {row[1] for row in mine}
-    np.testing.assert_allclose(*([float(row[3]) for row in rows[1:]] for rows in (mine, theirs)), atol=0.02)
-    assert len(mine) > 4 and printed("\n" + lines.replace("\n", "\n \n", 9)).stdout == done.stdout  # blank lines
+    assert [row[:3] for row in mine] == [row[:3] for row in theirs] and {"reported", "ended"} < {
+        row[1] for row in mine
+    }
+    np.testing.assert_allclose(
+        *([float(row[3]) for row in rows[1:]] for rows in (mine, theirs)), atol=0.02
+    )
+    assert (
+        len(mine) > 4 and printed("\n" + lines.replace("\n", "\n \n", 9)).stdout == done.stdout
+    )  # blank lines
 
 
 def test_what_is_no_frame_changes_nothing(in_c):
@@ -300,17 +344,26 @@ def test_what_is_no_frame_changes_nothing(in_c):
 
 @pytest.mark.live
 @pytest.mark.skipif(bool(measure.lacking()), reason=", ".join(measure.lacking()))
-@pytest.mark.parametrize("name", ["frames at 8 Hz", pytest.param("reflex", marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    "name", ["frames at 8 Hz", pytest.param("reflex", marks=pytest.mark.nightly)]
+)
 def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
     recogniser, frames = watching(name), streams_of(name).corpus[0][:700]
     folder = written(recogniser, tmp_path, 8)
     captures, counted = measure.measured(folder), measure.measured_watching(folder, frames)
     assert 0 < counted["chip_watch_ram_bytes"] - captures["chip_ram_bytes"] < 8192
     assert abs(counted["chip_watch_flash_bytes"] - captures["chip_flash_bytes"]) < 16384
-    assert 50 < counted["chip_watch_stack_bytes"] < 2000 and 50 < captures["chip_stack_bytes"] < 2000
-    idle, mean, most = (counted[f"chip_watch_{of}_instructions"] for of in ("idle", "frame", "most"))
+    assert (
+        50 < counted["chip_watch_stack_bytes"] < 2000 and 50 < captures["chip_stack_bytes"] < 2000
+    )
+    idle, mean, most = (
+        counted[f"chip_watch_{of}_instructions"] for of in ("idle", "frame", "most")
+    )
     assert 1e4 < idle < mean < most < 1e7
     assert idle / 3 < counted["chip_watch_recorded_instructions"] < most
-    assert counted["chip_watch_recorded_instructions"] < counted["chip_watch_recorded_most_instructions"]
+    assert (
+        counted["chip_watch_recorded_instructions"]
+        < counted["chip_watch_recorded_most_instructions"]
+    )
     expected = (reports(recogniser, frames)["reported"] <= len(frames)).sum()
     assert counted["chip_watch_recorded_reports"] == expected > 3

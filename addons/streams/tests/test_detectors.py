@@ -50,7 +50,9 @@ def of_one(lengths, events, rate_hz=8.0):
 
 
 def test_a_later_frame_changes_no_report_and_no_first_label(watcher, recordings):
-    named, replaced = (s[-1].coef_.size + s[-1].intercept_.size for s in (watcher.names, watcher.system))
+    named, replaced = (
+        s[-1].coef_.size + s[-1].intercept_.size for s in (watcher.names, watcher.system)
+    )
     assert watcher.numbers == watcher.detector.numbers + named - replaced
     whole = recordings[[2]].corpus
     reports = watcher.reports(whole)
@@ -69,7 +71,9 @@ def test_a_later_frame_changes_no_report_and_no_first_label(watcher, recordings)
 
 
 def test_times_come_from_the_labels():
-    quick = [(0, 10 * k, 10 * k + (1 if k < 3 else 8), "pat") for k in range(10)]  # gaps of 9 and 2 ticks
+    quick = [
+        (0, 10 * k, 10 * k + (1 if k < 3 else 8), "pat") for k in range(10)
+    ]  # gaps of 9 and 2 ticks
     assert Times.of(of_one([200], quick), 0.25, 1.0) == Times(wait=1, hold=1, fade=8)
     slow = [(0, 60 * k, 60 * k + 20, "pat") for k in range(3)]
     assert Times.of(of_one([200], slow), 0.25, 1.0) == Times(wait=2, hold=8, fade=8)
@@ -86,7 +90,9 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     signs = of(evidence, 2, 1, 9)
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 6]
     assert signs[:, 1].astype(int).tolist() == [0, 1, 2, 3, 0, 1, 2, 0, 1, 0, 1]
-    assert np.flatnonzero(of(evidence, 3, 3, 9)[:, 2]).tolist() == [3]  # a dip is no end, but does not hold
+    assert np.flatnonzero(of(evidence, 3, 3, 9)[:, 2]).tolist() == [
+        3
+    ]  # a dip is no end, but does not hold
     never = np.stack([odds, np.full(len(odds), -9.0)], axis=1)  # the beginning was not seen
     assert not of(never, 2, 1, 9)[:, 2].any()
     signs = signs_of(TwoInARow(2.0), np.array([[0], [3], [3], [1.5], [3], [0.5], [3], [3]]))
@@ -94,15 +100,24 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
 
 
 @given(
-    steps=st.lists(st.tuples(st.floats(-4, 4, width=16), st.sampled_from([-9, -9, -9, 4])), min_size=9, max_size=60),
+    steps=st.lists(
+        st.tuples(st.floats(-4, 4, width=16), st.sampled_from([-9, -9, -9, 4])),
+        min_size=9,
+        max_size=60,
+    ),
     times=st.tuples(*[st.integers(1, 5)] * 3),
 )
 def test_many_levels_at_once_report_what_each_does_alone(steps, times):
     frames = Frames()
     frames.times_ = Times(*times)
     evidence = np.array(steps).cumsum(axis=0) * [1, 0] + np.array(steps) * [0, 1]
-    for detector, levels in ((frames, np.array([-3.0, 0.0, 1.5, 4.0])), (Threshold(), np.array([0.5, 1.0, 2.0, 4.0]))):
-        found, expected = (of.reported(detector, evidence, levels) for of in (type(detector), Detector))
+    for detector, levels in (
+        (frames, np.array([-3.0, 0.0, 1.5, 4.0])),
+        (Threshold(), np.array([0.5, 1.0, 2.0, 4.0])),
+    ):
+        found, expected = (
+            of.reported(detector, evidence, levels) for of in (type(detector), Detector)
+        )
         assert [each.tolist() for each in found] == [each.tolist() for each in expected]
 
 
@@ -112,12 +127,20 @@ def test_many_levels_at_once_report_what_each_does_alone(steps, times):
     shifts=st.lists(st.sampled_from([-0.5, 0.0, 0.25]), min_size=1, max_size=3, unique=True),
     data=st.data(),
 )
-def test_beginnings_are_frames_of_their_touch_and_at_most_its_shift_before(lengths, seconds, shifts, data):
+def test_beginnings_are_frames_of_their_touch_and_at_most_its_shift_before(
+    lengths, seconds, shifts, data
+):
     frames = [1000 * i + np.arange(n).reshape(n, 1, 1) for i, n in enumerate(lengths)]
-    bounds = [sorted(data.draw(st.sets(st.integers(0, n), min_size=2, max_size=2))) for n in lengths]
+    bounds = [
+        sorted(data.draw(st.sets(st.integers(0, n), min_size=2, max_size=2))) for n in lengths
+    ]
     table = pd.DataFrame({"subject": "1", "gesture": [""] * len(lengths)})
     events = event_table([(i, start, end, f"g{i}") for i, (start, end) in enumerate(bounds)])
-    made = touches(Recordings(Corpus.from_captures(frames, table, 8.0, full_scale=9999), events), seconds, shifts)
+    made = touches(
+        Recordings(Corpus.from_captures(frames, table, 8.0, full_scale=9999), events),
+        seconds,
+        shifts,
+    )
     assert len(made) == len(lengths) * len(seconds) * len(shifts)
     expected = []
     for i, (start, end) in enumerate(bounds):
@@ -125,8 +148,13 @@ def test_beginnings_are_frames_of_their_touch_and_at_most_its_shift_before(lengt
             for s in seconds:
                 begin = min(max(start + round(8 * shift), 0), end - 1)
                 until = min(start + max(2, min(round(8 * min(s, 99)), max(lengths))), end)
-                expected.append((f"g{i}", tuple(frames[i][begin : max(until, begin + 1), 0, 0].tolist())))
-    got = [(str(made.gestures[k]), tuple(made[k][:, 0, 0].astype(int).tolist())) for k in range(len(made))]
+                expected.append(
+                    (f"g{i}", tuple(frames[i][begin : max(until, begin + 1), 0, 0].tolist()))
+                )
+    got = [
+        (str(made.gestures[k]), tuple(made[k][:, 0, 0].astype(int).tolist()))
+        for k in range(len(made))
+    ]
     assert sorted(got) == sorted(expected)
 
 
@@ -143,8 +171,15 @@ def test_names_come_from_the_frames_up_to_the_last_sure_tick_of_each_part():
     (span,) = spans_of(np.column_stack([sure, [*range(15), 0], np.arange(16) == 2]), 2, 6)
     # parts end with ticks 6 and 12, the second with a last sure tick before
     assert span.named == [(0, 6), (0, 8), (0, 10), (0, 12), (12, 18), (12, 22), (24, 30)]
-    again = spans_of(np.array([[0.1, 0, 0], [0.9, 1, 0], [0.9, 2, 1], [0.9, 1, 0], [0.9, 2, 1], [0.1, 0, 0]]), 1, 9)
-    assert [(each.reported, each.end) for each in again] == [(3, 3), (5, 5)]  # a touch right after another one
+    again = spans_of(
+        np.array([[0.1, 0, 0], [0.9, 1, 0], [0.9, 2, 1], [0.9, 1, 0], [0.9, 2, 1], [0.1, 0, 0]]),
+        1,
+        9,
+    )
+    assert [(each.reported, each.end) for each in again] == [
+        (3, 3),
+        (5, 5),
+    ]  # a touch right after another one
 
 
 def test_frames_one_by_one_give_the_reports_of_whole_recordings(watcher, recordings):
@@ -158,19 +193,27 @@ def test_frames_one_by_one_give_the_reports_of_whole_recordings(watcher, recordi
     assert len(ended) >= 5 and ended == [*whole][: len(ended)]
     sure = [e.confidence for _, e in news if e.end is not None]
     assert sure == pytest.approx(reports["confidence"][: len(sure)].tolist(), abs=1e-5)
-    assert {e.reported for n, e in news if n == e.reported} == {e.reported for _, e in news}  # at once
+    assert {e.reported for n, e in news if n == e.reported} == {
+        e.reported for _, e in news
+    }  # at once
 
 
 def test_noise_that_training_did_not_have_costs_few_touches(recordings):
     corpus = recordings.corpus
     weak = [np.rint(0.3 * stream) for stream in corpus]  # a light hand
-    noise = FAULTS["noise"].damage(weak[2].astype(np.float32) / corpus.full_scale, 1.0, np.random.default_rng(0))
+    noise = FAULTS["noise"].damage(
+        weak[2].astype(np.float32) / corpus.full_scale, 1.0, np.random.default_rng(0)
+    )
     noisy = as_readings(corpus, noise)
-    corpus = Corpus.from_captures([*weak[:2], noisy], corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale)
+    corpus = Corpus.from_captures(
+        [*weak[:2], noisy], corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale
+    )
     disturbed = Recordings(corpus, recordings.events)
     watcher, test = learned(Frames(), disturbed[np.arange(2)]), disturbed[[2]]
     found, reported = matched(test.events, watcher.reports(test.corpus), corpus.rate_hz)
-    assert found["found"].sum() >= 8  # of 14; 0 with the classifier for a calm sensor, at 12 false alarms
+    assert (
+        found["found"].sum() >= 8
+    )  # of 14; 0 with the classifier for a calm sensor, at 12 false alarms
     assert (reported["touch"] == FALSE_ALARM).sum() <= 3
 
 
@@ -192,13 +235,19 @@ def test_a_sensor_is_disturbed_as_a_plain_loop_says():
 def test_few_subjects_are_left_out_by_recording():
     few = of_one([9, 9, 9], [(0, 0, 3, "pat")])
     assert left_out(few).tolist() == ["0", "1", "2"]
-    captures = few.corpus.captures.iloc[[0] * 6].assign(subject=list("aabcde")).reset_index(drop=True)
+    captures = (
+        few.corpus.captures.iloc[[0] * 6].assign(subject=list("aabcde")).reset_index(drop=True)
+    )
     many = Recordings(few.corpus[[0] * 6].changed(captures=captures), few.events)
     assert left_out(many).tolist() == list("aabcde")
 
 
 def test_a_threshold_that_reports_always_is_not_chosen():
-    rows = [("always", 0, 1.0, 100, 1300), ("fair", 2, 0.9, 90, 99 + 2), ("many alarms", 500, 0.95, 95, 595)]
+    rows = [
+        ("always", 0, 1.0, 100, 1300),
+        ("fair", 2, 0.9, 90, 99 + 2),
+        ("many alarms", 500, 0.95, 95, 595),
+    ]
     table = pd.DataFrame([(n, a, 1.0, f, h, r) for n, a, f, h, r in rows])
     table.columns = ["level", "alarms", "hours", "found", "hits", "reports"]
     assert table["level"][worth(table, 5.0).idxmax()] == "fair"
@@ -206,10 +255,25 @@ def test_a_threshold_that_reports_always_is_not_chosen():
 
 
 def test_operating_points_find_more_with_more_alarms():
-    rows = [(-9, 0, 0.2), (-8, 0, 0.5), (-7, 0, 0.5), (-5, 3, 0.5), (-3, 2, 0.8), (1, 6, 0.7), (2, 9, 0.9)]
+    rows = [
+        (-9, 0, 0.2),
+        (-8, 0, 0.5),
+        (-7, 0, 0.5),
+        (-5, 3, 0.5),
+        (-3, 2, 0.8),
+        (1, 6, 0.7),
+        (2, 9, 0.9),
+    ]
     table = pd.DataFrame(rows, columns=["level", "alarms", "found"]).assign(hours=0.5)
-    expected = ((2.0, 9.0, 0.5, 0.9), (1.0, 6.0, 0.5, 0.7), (-3.0, 2.0, 0.5, 0.8), (-7.0, 0.0, 0.5, 0.5))
-    assert points_of(table, 1.0) == expected  # the learned one, too; from the highest level to the lowest
+    expected = (
+        (2.0, 9.0, 0.5, 0.9),
+        (1.0, 6.0, 0.5, 0.7),
+        (-3.0, 2.0, 0.5, 0.8),
+        (-7.0, 0.0, 0.5, 0.5),
+    )
+    assert (
+        points_of(table, 1.0) == expected
+    )  # the learned one, too; from the highest level to the lowest
 
 
 @pytest.mark.parametrize("events, lacking", [([(0, 0, 20, "pat")], "background"), ([], "touch")])

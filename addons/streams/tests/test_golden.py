@@ -36,7 +36,10 @@ WRONG = [
         )
     ),
     ["run", *TINY, *LDA, "form=c", "detector=frames", "detector.wiat=0.5"],
-    *(["choose", "max_latency=1s", word] for word in ("by=decision", "max_decision=1s", "unit=window", "clock=64MHz")),
+    *(
+        ["choose", "max_latency=1s", word]
+        for word in ("by=decision", "max_decision=1s", "unit=window", "clock=64MHz")
+    ),
     ["live"],
     ["live", "nowhere"],
 ]
@@ -49,6 +52,8 @@ def test_help_and_refusals_are_what_they_were(golden):
 
 @pytest.mark.parametrize("detector", ["frames", "threshold"])
 def test_numbers_are_what_they_were(detector, request, monkeypatch):
-    monkeypatch.setitem(numbers.RUNS, detector, lambda: watch(model="bayes", detector=detector, **STREAMS))
+    monkeypatch.setitem(
+        numbers.RUNS, detector, lambda: watch(model="bayes", detector=detector, **STREAMS)
+    )
     stored = Path(__file__).parent / f"numbers/watch_{detector}.csv"
     numbers.compare(stored, numbers.tables(detector), request.config.getoption("exact"))

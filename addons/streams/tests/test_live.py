@@ -20,10 +20,10 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.models.classic.rf import rf
-from bench.work.replay import STATE, Calibration, Stopping, Waiting
-from bench.work.saved import Recogniser
+from bench.running.replay import STATE, Calibration, Stopping, Waiting
+from bench.running.saved import Recogniser
 from tests.conftest import BENCH
-from tests.work.test_replay import Rising, coded_corpus, lengths_of
+from tests.running.test_replay import Rising, coded_corpus, lengths_of
 from touchbench_streams.detectors.base import Event
 from touchbench_streams.live import decided_at, frames_of
 
@@ -33,7 +33,9 @@ def test_a_decision_every_hop_and_one_where_a_capture_ends(lengths, hop_ms, long
     frames, naive = [], []
     for c, n in enumerate(lengths, 1):
         frames += [*(np.full(2, 100.0 * c + i) for i in range(n)), None]
-        hops = {int(np.ceil(k * hop_ms / 10 - 1e-6)) for k in range(1, 1 + int(n * 10 / hop_ms + 1e-6))}
+        hops = {
+            int(np.ceil(k * hop_ms / 10 - 1e-6)) for k in range(1, 1 + int(n * 10 / hop_ms + 1e-6))
+        }
         naive += [(c, seen) for seen in sorted({s for s in hops if s <= n} | {n})]
     decided = list(decided_at(iter(frames[:-1]), 100.0, hop_ms, longest))
     assert [(c, seen) for c, seen, _ in decided] == naive
@@ -55,8 +57,10 @@ def streamed(monkeypatch, capsys):
     """A function from a system, lines and keys to exit code, printed lines and errors of ``bench live``."""
 
     def run(recogniser, lines, *words):
-        monkeypatch.setattr("bench.work.saved.load", lambda _: recogniser)
-        monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO("\n".join(lines).encode())))
+        monkeypatch.setattr("bench.running.saved.load", lambda _: recogniser)
+        monkeypatch.setattr(
+            sys, "stdin", SimpleNamespace(buffer=io.BytesIO("\n".join(lines).encode()))
+        )
         code = main(["live", "m", *words])
         text = capsys.readouterr()
         return code, text.out.splitlines(), text.err.splitlines()
@@ -68,7 +72,13 @@ def test_standard_input_is_decided_on(streamed):
     lines = [GOOD] * 7 + [""] + ["2 9 9 9 9 9"] * 5
     code, rows, errors = streamed(recogniser(), lines, "hop_ms=30")
     # 30 ms are three frames: Rising is wrong, one class too far, and 3/4 sure
-    expected = ["1,30,b,0.750,-", "1,60,a,0.857,-", "1,70,a,0.875,-", "2,30,a,0.750,-", "2,50,c,0.833,-"]
+    expected = [
+        "1,30,b,0.750,-",
+        "1,60,a,0.857,-",
+        "1,70,a,0.875,-",
+        "2,30,a,0.750,-",
+        "2,50,c,0.833,-",
+    ]
     assert code == 0 and rows == ["capture,ms,label,confidence,settled", *expected]
     assert all(fact in errors[0] for fact in ("2x3", "1023", "100 Hz", "120 ms"))
 
@@ -82,11 +92,24 @@ def test_a_label_is_settled_as_in_a_replay_that_saw_an_earlier_one(threshold, st
     rows = [line.split(",") for line in lines[1:]]
     # after 3 frames n / (n + 1) = 3/4 is expected to gain 0.9 - 0.375; then less, and less where the label stays:
     # 6 frames see 3 (another label), 9 see 6 and 10 see 6 (the same one); the second capture is new
-    gain = [0.9 - 3 / 8, 0.9 - 3 / 7, 0.9 - 9 / 20 - 0.3, 0.9 - 5 / 11 - 0.3, 0.9 - 3 / 8, 0.9 - 5 / 12]
-    assert [row[:2] for row in rows] == [*(["1", t] for t in ("30", "60", "90", "100")), ["2", "30"], ["2", "50"]]
+    gain = [
+        0.9 - 3 / 8,
+        0.9 - 3 / 7,
+        0.9 - 9 / 20 - 0.3,
+        0.9 - 5 / 11 - 0.3,
+        0.9 - 3 / 8,
+        0.9 - 5 / 12,
+    ]
+    assert [row[:2] for row in rows] == [
+        *(["1", t] for t in ("30", "60", "90", "100")),
+        ["2", "30"],
+        ["2", "50"],
+    ]
     expected = ["yes" if 1 - g >= threshold else "no" for g in gain] if threshold < 1 else ["-"] * 6
     assert [row[4] for row in rows] == expected and (threshold > 1 or expected.count("yes") == 2)
-    share = np.log(30 / 10) / np.log(12)  # temperatures: 2 after 10 ms to 0.5 after 120 ms, a line of logarithms
+    share = np.log(30 / 10) / np.log(
+        12
+    )  # temperatures: 2 after 10 ms to 0.5 after 120 ms, a line of logarithms
     sharp = np.array([0.75, 0.125, 0.125]) ** (1 / (2 ** (1 - share) * 0.5**share))
     assert rows[0][3] == f"{sharp[0] / sharp.sum():.3f}"
 
@@ -115,7 +138,9 @@ class Listening:
         return [] if self.seen % 4 else [Event(self.seen, "a", "a", 0.5, self.seen)]
 
 
-SHAKY = ["ok"] * 10 + ["refused"] * 400 + ["ok"] * 10 + ["refused"] * 600 + ["ok"] * 501  # 100 frames a second
+SHAKY = (
+    ["ok"] * 10 + ["refused"] * 400 + ["ok"] * 10 + ["refused"] * 600 + ["ok"] * 501
+)  # 100 frames a second
 SKIPPED = [*[GOOD] * 3, "0,9,9,9,9,nan", "9" * 400, *[SHORT] * 8, GOOD, SHORT, *[GOOD] * 4]
 BROKEN = [*[GOOD] * 4, *[SHORT] * 11, *[GOOD] * 4]
 ENDED = "{},ended,a,0.500".format
@@ -124,17 +149,34 @@ ENDED = "{},ended,a,0.500".format
 @pytest.mark.parametrize(
     ("lines", "code", "reported", "told"),
     [
-        (SKIPPED, 0, (40, 80), ["line 4: 'nan' is not a decimal number", "of 8 frames: 11 lines skipped"]),
+        (
+            SKIPPED,
+            0,
+            (40, 80),
+            ["line 4: 'nan' is not a decimal number", "of 8 frames: 11 lines skipped"],
+        ),
         (BROKEN, 2, (40,), ["line 5: 3 values", "bench: line 15: 3 values instead of 6"]),
-        ([GOOD] * len(SHAKY), 0, range(40, 15_201, 40), ["9200 ms: ", "15200 ms: ", "of 1521 frames: 1000 refused"]),
+        (
+            [GOOD] * len(SHAKY),
+            0,
+            range(40, 15_201, 40),
+            ["9200 ms: ", "15200 ms: ", "of 1521 frames: 1000 refused"],
+        ),
     ],
-    ids=["bad lines are skipped and counted", "many in a row end it", "a status is told when it has lasted"],
+    ids=[
+        "bad lines are skipped and counted",
+        "many in a row end it",
+        "a status is told when it has lasted",
+    ],
 )
 def test_an_endless_stream(lines, code, reported, told, streamed):
     system = recogniser()
     system.watcher = Listening(SHAKY if len(lines) > 99 else ["ok"] * 20)
     ended, rows, errors = streamed(system, lines)
-    assert (ended, rows[1:]) == (code, [ENDED(ms) for ms in reported])  # as if bad lines had not been there
+    assert (ended, rows[1:]) == (
+        code,
+        [ENDED(ms) for ms in reported],
+    )  # as if bad lines had not been there
     assert len(errors) == 1 + len(told) and all(map(str.startswith, errors[1:], told))
 
 
@@ -155,7 +197,9 @@ def test_decisions_come_while_frames_come_and_control_c_ends_it(tmp_path):
     )
     assert process.stdout.readline() == b"capture,ms,label,confidence,settled\n"
     process.stdin.write(b"1,9,9,9,9,9\n1,9,9,9,9,9\n")
-    assert process.stdout.readline() == b"1,20,c,0.667,-\n"  # stdin stays open: nothing else is needed
+    assert (
+        process.stdout.readline() == b"1,20,c,0.667,-\n"
+    )  # stdin stays open: nothing else is needed
     time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=300)
@@ -181,7 +225,10 @@ NO_FRAMES = (
 LINES = {
     **dict.fromkeys([*FRAMES.split(b"|"), b"1 2 3 4".ljust(MOST - 1)], FRAME),
     **dict.fromkeys([b"", b" \t ", b"\r", b" " * (MOST - 1)], BLANK),
-    **dict.fromkeys([*NO_FRAMES.split(b"|"), b"1 2 3 4".ljust(MOST), b" " * MOST, b"1 2 3 4".ljust(507)], REFUSED),
+    **dict.fromkeys(
+        [*NO_FRAMES.split(b"|"), b"1 2 3 4".ljust(MOST), b" " * MOST, b"1 2 3 4".ljust(507)],
+        REFUSED,
+    ),
 }
 
 

@@ -24,7 +24,14 @@ from touchbench_streams.stored import whole
 HEADER = "recording,subject,label,ch1,ch2"
 # Two recordings: r1 of ann with 9 frames, r2 of bob with 3.
 LABELS = ["", "pat", "pat", "rub", "None", "none", "pat", "", "pat", "pat", " ", "rub"]
-EVENTS = [(0, 1, 3, "pat"), (0, 3, 4, "rub"), (0, 6, 7, "pat"), (0, 8, 9, "pat"), (1, 0, 1, "pat"), (1, 2, 3, "rub")]
+EVENTS = [
+    (0, 1, 3, "pat"),
+    (0, 3, 4, "rub"),
+    (0, 6, 7, "pat"),
+    (0, 8, 9, "pat"),
+    (1, 0, 1, "pat"),
+    (1, 2, 3, "rub"),
+]
 OPTIONS = {"name": "arm", "rate_hz": "50", "grid": "1x2"}
 
 
@@ -33,12 +40,16 @@ def read(*given, **options):
 
 
 def rows(labels=LABELS):
-    return [f"{'r1,ann' if i < 9 else 'r2,bob'},{label},{i},{2 * i}" for i, label in enumerate(labels)]
+    return [
+        f"{'r1,ann' if i < 9 else 'r2,bob'},{label},{i},{2 * i}" for i, label in enumerate(labels)
+    ]
 
 
 def csv(folder, lines=None, header=HEADER):
     path = folder / "day.csv"
-    path.write_text("".join(f"{line}\n" for line in (header, *(rows() if lines is None else lines))))
+    path.write_text(
+        "".join(f"{line}\n" for line in (header, *(rows() if lines is None else lines)))
+    )
     return path
 
 
@@ -57,19 +68,26 @@ def refused(folder, *facts, lines=None, header=HEADER, **options):
     with pytest.raises(InputError) as error:
         read(csv(folder, lines, header), **({"rate_hz": 50.0, "grid": "1x2"} | options))
     message = str(error.value)
-    assert all(fact in message for fact in facts) and "\n" not in message and len(message) <= 300, message
+    assert all(fact in message for fact in facts) and "\n" not in message and len(message) <= 300, (
+        message
+    )
 
 
 def test_a_table_by_hand(tmp_path):
     value = read(csv(tmp_path), 50.0, "1x2")
-    assert listed(value.events) == EVENTS  # pat follows rub at once: two events; a recording that ends ends its event
+    assert (
+        listed(value.events) == EVENTS
+    )  # pat follows rub at once: two events; a recording that ends ends its event
     assert value.events.dtypes.astype(str).tolist()[:3] == ["int64"] * 3
     assert value.corpus.captures.to_dict("list") == {
         "subject": ["ann", "bob"],
         "gesture": ["", ""],
         "recording": [0, 1],
     }
-    assert read_captures(csv(tmp_path), 50.0, "1x2").captures["recording"].tolist() == ["r1"] * 7 + ["r2"] * 3
+    assert (
+        read_captures(csv(tmp_path), 50.0, "1x2").captures["recording"].tolist()
+        == ["r1"] * 7 + ["r2"] * 3
+    )
     assert value.corpus.lengths.tolist() == [9, 3] and value.background_frames().tolist() == [4, 1]
     assert value.corpus[1].tolist() == [[[9, 18]], [[10, 20]], [[11, 22]]]
 
@@ -82,17 +100,28 @@ def parquet(folder, **columns):
 def test_the_same_as_parquet_with_gaps_and_without_names(tmp_path):
     labels = [label.strip() if label.strip() not in ("", "none") else None for label in LABELS]
     value = parquet(tmp_path, label=labels, frame=[*range(1, 13)], b=[*range(12)], a=[*range(12)])
-    first = [*EVENTS[:3], (0, 8, 10, "pat"), (0, 11, 12, "rub")]  # now one recording: the pats touch each other
+    first = [
+        *EVENTS[:3],
+        (0, 8, 10, "pat"),
+        (0, 11, 12, "rub"),
+    ]  # now one recording: the pats touch each other
     assert listed(value.events) == first and value.subjects.tolist() == ["1"]
     assert "one subject" in value.corpus.info["warnings"][0]
-    numbers = parquet(tmp_path, label=pa.array([None, 1, 1, 10, None], pa.int8()), a=[*range(5)], b=[*range(5)])
+    numbers = parquet(
+        tmp_path, label=pa.array([None, 1, 1, 10, None], pa.int8()), a=[*range(5)], b=[*range(5)]
+    )
     assert listed(numbers.events) == [(0, 1, 3, "1"), (0, 3, 4, "10")]  # whole numbers are gestures
 
 
 def test_one_label_for_all_or_none(tmp_path):
-    assert listed(read(csv(tmp_path, rows(["pat"] * 12)), 50.0, "1x2").events) == [(0, 0, 9, "pat"), (1, 0, 3, "pat")]
+    assert listed(read(csv(tmp_path, rows(["pat"] * 12)), 50.0, "1x2").events) == [
+        (0, 0, 9, "pat"),
+        (1, 0, 3, "pat"),
+    ]
     quiet = read(csv(tmp_path, rows([""] * 12)), 50.0, "1x2")
-    assert listed(quiet.events) == listed(quiet[[1, 0]].events) == [] and quiet.background_frames().tolist() == [9, 3]
+    assert listed(quiet.events) == listed(
+        quiet[[1, 0]].events
+    ) == [] and quiet.background_frames().tolist() == [9, 3]
 
 
 def test_files_that_are_refused(tmp_path):
@@ -100,11 +129,20 @@ def test_files_that_are_refused(tmp_path):
         lines = ["r1,ann,,1,2", f"r1,ann,{label},1,2"]
         refused(tmp_path, "line 3: label is", "cannot be seen; correct it", lines=lines)
     for label in ("\u0645\u06cc\u200c\u062e", "\u00fc"):  # joiners that join
-        assert listed(read(csv(tmp_path, [f"r1,ann,{label},1,2"]), 50.0, "1x2").events) == [(0, 0, 1, label)]
+        assert listed(read(csv(tmp_path, [f"r1,ann,{label},1,2"]), 50.0, "1x2").events) == [
+            (0, 0, 1, label)
+        ]
     refused(tmp_path, "no column label", header=HEADER.replace("label", "gesture"))
-    refused(tmp_path, "line 6", "recording 'r1' begins a second time", lines=[*rows()[:3], rows()[10], *rows()[3:9]])
+    refused(
+        tmp_path,
+        "line 6",
+        "recording 'r1' begins a second time",
+        lines=[*rows()[:3], rows()[10], *rows()[3:9]],
+    )
     refused(tmp_path, "line 3", "subject is empty", lines=[rows()[0], "r1,,pat,1,2"])
-    refused(tmp_path, "delete the column gesture", header=HEADER + ",gesture", lines=["r,a,pat,1,2,pat"])
+    refused(
+        tmp_path, "delete the column gesture", header=HEADER + ",gesture", lines=["r,a,pat,1,2,pat"]
+    )
     extra = [f"{i if i != 4 else 7},{line}" for i, line in enumerate(rows()[:9])]
     refused(tmp_path, "line 6", "frame 7 follows frame 3", header=f"frame,{HEADER}", lines=extra)
     covers = [f"{'fur' if i < 4 else 'skin'},{line}" for i, line in enumerate(rows()[:9])]
@@ -112,7 +150,10 @@ def test_files_that_are_refused(tmp_path):
 
 
 def test_an_event_with_the_name_of_gaps_is_refused():
-    with pytest.raises(InputError, match="event 0 .*frames 2 to 4.* is called background, .* empty label; correct it"):
+    with pytest.raises(
+        InputError,
+        match="event 0 .*frames 2 to 4.* is called background, .* empty label; correct it",
+    ):
         captures_in(made([(1, 2, 4, "background")], (9, 5)))
 
 
@@ -120,12 +161,26 @@ def test_some_of_the_recordings_keep_their_events():
     value = made([*EVENTS, (3, 1, 2, "tap")], lengths=(9, 3, 5, 4))
     some = value[np.array([3, 2, 1])]
     assert listed(some.events) == [(0, 1, 2, "tap"), (2, 0, 1, "pat"), (2, 2, 3, "rub")]
-    assert some.subjects.tolist() == ["s3", "s2", "s1"] and some.background_frames().tolist() == [3, 5, 1]
-    assert listed(value[value.subjects == "s1"].events) == listed(value[1].events) == [(0, *e[1:]) for e in EVENTS[4:]]
+    assert some.subjects.tolist() == ["s3", "s2", "s1"] and some.background_frames().tolist() == [
+        3,
+        5,
+        1,
+    ]
+    assert (
+        listed(value[value.subjects == "s1"].events)
+        == listed(value[1].events)
+        == [(0, *e[1:]) for e in EVENTS[4:]]
+    )
     assert some.frame_labels().tolist() == ["", "tap", "", "", *[""] * 5, "pat", "", "rub"]
 
 
-@given(st.lists(st.lists(st.sampled_from(["", "pat", "rub"]), min_size=1, max_size=12), min_size=1, max_size=5))
+@given(
+    st.lists(
+        st.lists(st.sampled_from(["", "pat", "rub"]), min_size=1, max_size=12),
+        min_size=1,
+        max_size=5,
+    )
+)
 def test_labels_become_events_and_labels_again(labels):
     lengths, flat = tuple(map(len, labels)), [label for one in labels for label in one]
     events = events_of(np.array([label or None for label in flat], dtype=object), np.array(lengths))
@@ -141,10 +196,15 @@ def test_labels_become_events_and_labels_again(labels):
     assert listed(events) == expected
 
 
-def test_what_is_imported_is_loaded_again_and_serves_as_captures_cut_at_its_labels(tmp_path, capsys):
+def test_what_is_imported_is_loaded_again_and_serves_as_captures_cut_at_its_labels(
+    tmp_path, capsys
+):
     path = csv(tmp_path)
     direct = read_captures(path, 50.0, "1x2")
-    assert main(["data", "import", "recording", str(path), *(f"{k}={v}" for k, v in OPTIONS.items())]) == 0
+    assert (
+        main(["data", "import", "recording", str(path), *(f"{k}={v}" for k, v in OPTIONS.items())])
+        == 0
+    )
     out = capsys.readouterr().out
     assert "arm: 6 captures, 2 subjects, 2 gestures" in out
     assert "background: further 4 captures without a gesture, 0.00167 of 0.004 minutes" in out
@@ -159,9 +219,19 @@ def test_what_is_imported_is_loaded_again_and_serves_as_captures_cut_at_its_labe
     assert touches.gestures.tolist() == [event[3] for event in EVENTS]
     assert [t[:, 0, 0].tolist() for t in touches] == [[1, 2], [3], [6], [8], [9], [11]]
     table = bench.extract(data="arm", features="jung28", where="recording == 'r2'")
-    assert table[["subject", "gesture", "recording"]].values.tolist() == [["bob", "pat", "r2"], ["bob", "rub", "r2"]]
-    assert capsys.readouterr().err == "arm: its 2 captures with a gesture are used; background and ? are left out\n"
-    import_corpus("recording", csv(tmp_path, [line.replace(line.split(",")[2], "") for line in rows()]), OPTIONS)
+    assert table[["subject", "gesture", "recording"]].values.tolist() == [
+        ["bob", "pat", "r2"],
+        ["bob", "rub", "r2"],
+    ]
+    assert (
+        capsys.readouterr().err
+        == "arm: its 2 captures with a gesture are used; background and ? are left out\n"
+    )
+    import_corpus(
+        "recording",
+        csv(tmp_path, [line.replace(line.split(",")[2], "") for line in rows()]),
+        OPTIONS,
+    )
     with pytest.raises(InputError, match="all captures are background or .; label"):
         open_corpus("arm", {})
 
@@ -170,7 +240,9 @@ def test_recordings_and_captures_are_not_mistaken_for_each_other(tmp_path):
     import_corpus("recording", csv(tmp_path), OPTIONS)
     captures = csv(tmp_path, ["ann,pat,0,1,2"], "subject,gesture,frame,a,b")
     import_corpus("table", captures, OPTIONS | {"name": "cut"})
-    with pytest.raises(InputError, match="cut holds captures, not recordings; use bench run data=cut"):
+    with pytest.raises(
+        InputError, match="cut holds captures, not recordings; use bench run data=cut"
+    ):
         whole("cut")
     with pytest.raises(InputError, match="data=leg: not imported"):
         whole("leg")
@@ -190,29 +262,49 @@ def test_generated_recordings_are_those_of_their_parameters_and_are_stored():
     assert value.corpus.synthetic and value.subjects.tolist() == ["1", "2"]
     for number in (0, 1):  # every gesture once
         assert sorted(value[number].events["gesture"]) == sorted(synth.GESTURES)
-    assert value[0].events["gesture"].tolist() != value[1].events["gesture"].tolist()  # in an order of its own
-    more, other = (synth_recordings.generate(subjects=n, **small | {"seed": seed}) for n, seed in ((3, 3), (2, 4)))
-    assert content_digest(value.corpus) == content_digest(more[:2].corpus) != content_digest(other.corpus)
+    assert (
+        value[0].events["gesture"].tolist() != value[1].events["gesture"].tolist()
+    )  # in an order of its own
+    more, other = (
+        synth_recordings.generate(subjects=n, **small | {"seed": seed})
+        for n, seed in ((3, 3), (2, 4))
+    )
+    assert (
+        content_digest(value.corpus)
+        == content_digest(more[:2].corpus)
+        != content_digest(other.corpus)
+    )
     stored = whole("synth", small | {"subjects": 2})
     assert stored.path and content_digest(stored) == content_digest(captures_in(value))
     with pytest.raises(InputError, match="data.subjects=0: give at least 1"):
         whole("synth", {"subjects": 0})
     labels, lengths = value.frame_labels(), value.corpus.lengths
-    idle = np.diff(np.flatnonzero(np.append(labels != "", True)), prepend=-1) - 1  # frames between touches
+    idle = (
+        np.diff(np.flatnonzero(np.append(labels != "", True)), prepend=-1) - 1
+    )  # frames between touches
     assert 150 <= idle[idle > 0].min() and idle.max() <= 2 * 500 + 30
-    far = np.convolve(labels[: lengths[0]] != "", np.ones(101), "same") == 0  # a second from any touch
+    far = (
+        np.convolve(labels[: lengths[0]] != "", np.ones(101), "same") == 0
+    )  # a second from any touch
     quiet = value.corpus[0][far].astype(float)
     noise = np.diff(quiet, axis=0).std() / np.sqrt(2)
     assert 1.4 < noise < 1.7  # 1.5, and what rounding adds
-    assert quiet[-100:].mean((1, 2)).mean() != pytest.approx(quiet[:100].mean((1, 2)).mean(), abs=0.5)  # drift
+    assert quiet[-100:].mean((1, 2)).mean() != pytest.approx(
+        quiet[:100].mean((1, 2)).mean(), abs=0.5
+    )  # drift
 
 
 def numbered(subjects=("a", "b"), rate_hz=10.0):
     """Captures whose frames tell which capture and frame they are: 1000 * capture + frame; one taxel."""
     rows = [(s, g, v) for s in subjects for g in ("pat", "rub", "none") for v in ("hard", "soft")]
     lengths = [70 if g == "none" else 35 + 5 * i for i, (_, g, _) in enumerate(rows)]
-    arrays = [1000.0 * (i + 1) + np.arange(n, dtype=np.float32).reshape(-1, 1, 1) for i, n in enumerate(lengths)]
-    return Corpus.from_captures(arrays, pd.DataFrame(rows, columns=["subject", "gesture", "cover"]), rate_hz, name="n")
+    arrays = [
+        1000.0 * (i + 1) + np.arange(n, dtype=np.float32).reshape(-1, 1, 1)
+        for i, n in enumerate(lengths)
+    ]
+    return Corpus.from_captures(
+        arrays, pd.DataFrame(rows, columns=["subject", "gesture", "cover"]), rate_hz, name="n"
+    )
 
 
 def test_a_recording_is_made_of_excerpts_of_the_subject_alone():
@@ -229,11 +321,17 @@ def test_a_recording_is_made_of_excerpts_of_the_subject_alone():
         for start, end, gesture in events[["start", "end", "gesture"]].itertuples(index=False):
             assert (np.diff(frames[start:end]) == 1).all()  # one excerpt, in order
             assert of["gesture"][capture[start]] == gesture and 20 <= end - start <= 60
-            assert of["cover"][capture[start - 1]] == of["cover"][capture[start]]  # its background has its conditions
-            assert start >= 30 and not touched[start - 30 : start].any()  # at least 3 s of background before
+            assert (
+                of["cover"][capture[start - 1]] == of["cover"][capture[start]]
+            )  # its background has its conditions
+            assert (
+                start >= 30 and not touched[start - 30 : start].any()
+            )  # at least 3 s of background before
             touched[start:end] = True
             used.append(capture[start])
-        assert sorted(used) == sorted(np.flatnonzero((of["subject"] == subject) & (of["gesture"] != "none")))
+        assert sorted(used) == sorted(
+            np.flatnonzero((of["subject"] == subject) & (of["gesture"] != "none"))
+        )
         assert set(of["gesture"][capture[~touched]]) == {"none"}
 
 
@@ -246,7 +344,9 @@ def test_a_subject_has_the_same_recording_whoever_else_is_there():
 
 
 def test_quiet_ends_of_captures():
-    pressure = np.array([0, 0, 1, 0, 9, 10, 2, 9, 0, 0, 0], dtype=np.float32).repeat(2).reshape(-1, 1, 1)
+    pressure = (
+        np.array([0, 0, 1, 0, 9, 10, 2, 9, 0, 0, 0], dtype=np.float32).repeat(2).reshape(-1, 1, 1)
+    )
     table = pd.DataFrame({"subject": ["a"], "gesture": ["pat"]})
     corpus = Corpus.from_captures([pressure], table, rate_hz=16.0)
     touches, quiet = pieces(corpus, "quiet")
@@ -266,12 +366,21 @@ def test_a_subject_without_background_is_refused():
         composed(*pieces(lacking, "none"))
 
 
-@given(st.lists(st.lists(st.tuples(st.integers(1, 4), st.sampled_from(["", "pat", "rub"])), min_size=1), min_size=1))
+@given(
+    st.lists(
+        st.lists(st.tuples(st.integers(1, 4), st.sampled_from(["", "pat", "rub"])), min_size=1),
+        min_size=1,
+    )
+)
 def test_captures_of_recordings_are_their_frames_and_make_them_again(plans):
     rows, lengths = [], []
     for number, plan in enumerate(plans):
         ends = np.cumsum([frames for frames, _ in plan]).tolist()
-        rows += [(number, end - n, end, gesture) for end, (n, gesture) in zip(ends, plan, strict=True) if gesture]
+        rows += [
+            (number, end - n, end, gesture)
+            for end, (n, gesture) in zip(ends, plan, strict=True)
+            if gesture
+        ]
         lengths.append(ends[-1])
     recordings = made(rows, lengths)
     captures = captures_in(recordings)
@@ -279,6 +388,9 @@ def test_captures_of_recordings_are_their_frames_and_make_them_again(plans):
     assert np.array_equal(np.concatenate([*captures])[:, 0, 0], every)
     touched = captures.captures[captures.captures["gesture"] != "background"]
     assert touched["gesture"].tolist() == recordings.events["gesture"].tolist()
-    again, expected = recorded(captures[captures.subjects != "s1"]), recordings[recordings.subjects != "s1"]
+    again, expected = (
+        recorded(captures[captures.subjects != "s1"]),
+        recordings[recordings.subjects != "s1"],
+    )
     assert [a.tolist() for a in again.corpus] == [a.tolist() for a in expected.corpus]
     pd.testing.assert_frame_equal(again.events, expected.events)

@@ -12,15 +12,15 @@ from addons.chip.tests.compiled import lacking
 from addons.chip.tests.test_chip import WATCHED
 from addons.streams.tests.made import day
 from bench.cli import main
-from bench.store import connect
-from bench.work.saved import FORMAT, load
+from bench.running.saved import FORMAT, load
+from bench.store.client import connect
 from tests.conftest import runs
 from touchbench_chip.circumstance import InC
 from touchbench_chip.write import files_of
 
 
 def test_a_saved_model_watches_with_the_detector_that_was_asked_for_in_its_format(golden):
-    """The golden file of a format stays as it is: raise `bench.work.saved.FORMAT` and write that of the new one."""
+    """The golden file of a format stays as it is: raise `bench.running.saved.FORMAT` and write that of the new one."""
     day()
     given = {"detector": "frames", "detector.wait": 0.5, "false_alarms": 40, "model.window": 0.5}
     fitted = bench.fit(data="day", model="lda", features="touch", out="rec", **given)
@@ -33,7 +33,10 @@ def test_a_saved_model_watches_with_the_detector_that_was_asked_for_in_its_forma
     stream = recogniser.watcher.stream(recogniser.grid, recogniser.rate_hz, recogniser.full_scale)
     assert all(stream.push(np.zeros(recogniser.grid, np.float32)) == [] for _ in range(100))
     names = sorted(Attributes(kept).names.items())
-    golden(f"saved_{FORMAT}_frames.txt", "".join(f"{kind}: {', '.join(sorted(each))}\n" for kind, each in names))
+    golden(
+        f"saved_{FORMAT}_frames.txt",
+        "".join(f"{kind}: {', '.join(sorted(each))}\n" for kind, each in names),
+    )
 
 
 class Attributes(pickle.Pickler):
@@ -48,7 +51,10 @@ class Attributes(pickle.Pickler):
         kind = f"{type(one).__module__}.{type(one).__qualname__}"
         if kind.startswith(("bench.", "touchbench_streams.")):
             own = kind.startswith("touchbench_streams.")
-            shapes = {n: f"{n}{v.shape}" if own and isinstance(v, np.ndarray) else n for n, v in vars(one).items()}
+            shapes = {
+                n: f"{n}{v.shape}" if own and isinstance(v, np.ndarray) else n
+                for n, v in vars(one).items()
+            }
             self.names[kind] = self.names.get(kind, set()) | {*shapes.values()}
         return NotImplemented
 
@@ -69,10 +75,21 @@ def test_a_detector_without_c_is_not_exported(tmp_path, capsys):
 
 @pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
 def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, capsys):
-    words = ["run", "form=c", "model=lda", "bits=8", "features=touch", "model.window=1", "data.variants=normal"]
+    words = [
+        "run",
+        "form=c",
+        "model=lda",
+        "bits=8",
+        "features=touch",
+        "model.window=1",
+        "data.variants=normal",
+    ]
     words += ["where=gesture in ('pat', 'press', 'rub')", "data.subjects=3", "data.rate_hz=20"]
     assert main([*words, "data.repetitions=1"]) == 0
-    assert "not measured: background=quiet: no capture of synth begins or ends with 0.25 s" in capsys.readouterr().err
+    assert (
+        "not measured: background=quiet: no capture of synth begins or ends with 0.25 s"
+        in capsys.readouterr().err
+    )
     monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
     monkeypatch.setattr("touchbench_streams.teaching.usual", lambda corpus, background: "press")
     assert main([*words, "data.repetitions=2", "detector=threshold"]) == 0
@@ -82,12 +99,22 @@ def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, ca
     assert " ".join(table.split()).count("8 threshold 31.0 15.0 420 110,000 260,000 1,200,000") == 1
     unmeasured, measured = runs("cell")[1]
     assert {name: measured.data.metrics[name] for name in WATCHED} == WATCHED
-    assert measured.data.metrics["chip_watch_defined"] == 2  # gestures without press, the background
+    assert (
+        measured.data.metrics["chip_watch_defined"] == 2
+    )  # gestures without press, the background
     assert not {*unmeasured.data.metrics} & {*WATCHED}
 
 
 def test_detectors_are_named_with_their_parameters():
     each = InC.of({"form": "c", "bits": "8", "detector": "frames", "detector.wait": "0.5,0.7"})
-    assert [(one.bits, one.detector) for one in each] == [("8", "frames[wait=0.5]"), ("8", "frames")]
-    assert each[0].arguments() == {"form": "c", "bits": "8", "detector": "frames", "detector.wait": "0.5"}
+    assert [(one.bits, one.detector) for one in each] == [
+        ("8", "frames[wait=0.5]"),
+        ("8", "frames"),
+    ]
+    assert each[0].arguments() == {
+        "form": "c",
+        "bits": "8",
+        "detector": "frames",
+        "detector.wait": "0.5",
+    }
     assert InC.of({"form": "c"})[0].detector == ""

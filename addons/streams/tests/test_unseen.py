@@ -8,7 +8,7 @@ from addons.streams.tests.made import PEOPLE, day, plan_of_day, stored
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import gestures_of
 from bench.errors import InputError
-from bench.work.results import FoldResult
+from bench.running.results import FoldResult
 from touchbench_streams.detectors.detector import left_out
 from touchbench_streams.fold import run_numbers, too_short
 from touchbench_streams.recordings import Recordings, captures_in, certain, event_table, recorded
@@ -20,9 +20,16 @@ def doubted(first):
     """The labels of these people; of each, one touch and the second half of another one are doubtful."""
     labels, firsts = PEOPLE.frame_labels(), np.cumsum(PEOPLE.corpus.lengths) - PEOPLE.corpus.lengths
     for i, begin in enumerate(firsts):
-        events = PEOPLE.events[PEOPLE.events["recording"] == i].sort_values("gesture").reset_index(drop=True)
+        events = (
+            PEOPLE.events[PEOPLE.events["recording"] == i]
+            .sort_values("gesture")
+            .reset_index(drop=True)
+        )
         start, end = (begin + events[name].to_numpy() for name in ("start", "end"))
-        whole, half = (first + i) % len(events), (first + i + 5) % len(events)  # two people have each gesture
+        whole, half = (
+            (first + i) % len(events),
+            (first + i + 5) % len(events),
+        )  # two people have each gesture
         labels[start[whole] : end[whole]] = "?"
         labels[start[whole] + 2] = ""  # a part of a single frame
         labels[(start[half] + end[half]) // 2 : end[half] + 3] = "?"
@@ -49,7 +56,11 @@ def test_readings_in_doubtful_stretches_change_nothing_that_is_learned():
 
 def test_scores_by_hand():
     """At 10 Hz the collar has 5 frames; of 36,000 frames, 100 are a touch and 3,600 are doubtful."""
-    stretches = [("touch", 1000, 1100, "pat"), ("doubtful", 1100, 4600, "?"), ("doubtful", 9900, 10_000, "?")]
+    stretches = [
+        ("touch", 1000, 1100, "pat"),
+        ("doubtful", 1100, 4600, "?"),
+        ("doubtful", 9900, 10_000, "?"),
+    ]
     reports = [
         (1103, 1200),  # soon after the touch, but in a doubtful stretch: no hit
         (3000, 3010),
@@ -65,7 +76,12 @@ def test_scores_by_hand():
             pd.DataFrame(reports, columns=["reported", "end"]).assign(**said),
         ]
     ).assign(subject="ann", fold="ann", recording=0)
-    table = pd.concat([table, pd.DataFrame([{"kind": "curve", "offset": 0.0, "hits": 0, "alarms": 2, "reports": 2}])])
+    table = pd.concat(
+        [
+            table,
+            pd.DataFrame([{"kind": "curve", "offset": 0.0, "hits": 0, "alarms": 2, "reports": 2}]),
+        ]
+    )
     numbers, tables = run_numbers([FoldResult("ann", table)], 10.0, "")
     assert numbers["refused"] == 900 / 36_000
     assert tables["reports"]["touch"].tolist() == [-2, -2, -2, -1, -1]
@@ -77,25 +93,46 @@ def test_scores_by_hand():
 def test_recordings_in_parts_without_what_is_doubtful():
     frames = [np.arange(n).reshape(-1, 1, 1) for n in (10, 4)]
     names = pd.DataFrame({"subject": ["a", "b"], "gesture": "", "recording": ["x", "y"]})
-    labelled = event_table([(0, 1, 3, "pat"), (0, 3, 5, "?"), (0, 8, 9, "rub"), (1, 0, 1, "?"), (1, 1, 2, "pat")])
+    labelled = event_table(
+        [(0, 1, 3, "pat"), (0, 3, 5, "?"), (0, 8, 9, "rub"), (1, 0, 1, "?"), (1, 1, 2, "pat")]
+    )
     whole = Recordings(Corpus.from_captures(frames, names, 10.0), labelled)
-    assert whole.background_frames().tolist() == [5, 2] and whole[[1]].doubtful["recording"].tolist() == [0]
+    assert whole.background_frames().tolist() == [5, 2] and whole[[1]].doubtful[
+        "recording"
+    ].tolist() == [0]
     captures = captures_in(whole)
-    assert captures.gestures.tolist() == ["background", "pat", "?", "background", "rub", "background", "?", "pat"] + [
-        "background"
-    ]
+    assert captures.gestures.tolist() == [
+        "background",
+        "pat",
+        "?",
+        "background",
+        "rub",
+        "background",
+        "?",
+        "pat",
+    ] + ["background"]
     again = recorded(captures)
     pd.testing.assert_frame_equal(again.labelled, labelled)
     parts = recorded(certain(captures))
-    assert [part.ravel().tolist() for part in parts.corpus] == [[0, 1, 2], [5, 6, 7, 8, 9], [1, 2, 3]]
+    assert [part.ravel().tolist() for part in parts.corpus] == [
+        [0, 1, 2],
+        [5, 6, 7, 8, 9],
+        [1, 2, 3],
+    ]
     rows = [(0, 1, 3, "pat"), (1, 3, 4, "rub"), (2, 0, 1, "pat")]
     assert list(parts.events.itertuples(index=False, name=None)) == rows and not len(parts.doubtful)
-    assert left_out(parts).tolist() == ["0", "0", "1"]  # parts of one recording are never on both sides
+    assert left_out(parts).tolist() == [
+        "0",
+        "0",
+        "1",
+    ]  # parts of one recording are never on both sides
     touches = gestures_of(captures)
     assert touches.gestures.tolist() == ["pat", "rub", "pat"] and touches[1].ravel().tolist() == [8]
     assert touches.captures["recording"].tolist() == ["x", "x", "y"]
     idle = Recordings(  # further background; of the second recording nothing is sure
-        Corpus.from_captures([20 + frames[0], 40 + frames[1]], names.assign(subject=["c", "d"]), 10.0),
+        Corpus.from_captures(
+            [20 + frames[0], 40 + frames[1]], names.assign(subject=["c", "d"]), 10.0
+        ),
         event_table([(0, 2, 4, "?"), (1, 0, 4, "?")]),
     )
     more = joined(parts, idle, np.array(["e"]))
@@ -119,7 +156,9 @@ def still(seed, changed=""):
     """Import readings of further background, in which the readings of one subject can be replaced."""
     subjects = np.repeat([*STILL], [*STILL.values()])
     frames = np.random.default_rng(7).integers(0, 9, (len(subjects), 9))
-    frames[subjects == changed] = np.random.default_rng(seed).integers(0, 1024, (np.sum(subjects == changed), 9))
+    frames[subjects == changed] = np.random.default_rng(seed).integers(
+        0, 1024, (np.sum(subjects == changed), 9)
+    )
     return stored("still", frames, [""] * len(subjects), subjects)
 
 
@@ -132,11 +171,16 @@ def test_recordings_of_a_test_subject_are_left_out(imported):
     pd.testing.assert_frame_equal(both.events, taught.events)
     assert both.background_frames().sum() == taught.background_frames().sum() + STILL["4"]
     np.testing.assert_array_equal(both.corpus[0], taught.corpus[0])
-    np.testing.assert_array_equal(both.corpus[2], recorded(imported).corpus[int(imported.subjects[1] == "4")])
+    np.testing.assert_array_equal(
+        both.corpus[2], recorded(imported).corpus[int(imported.subjects[1] == "4")]
+    )
 
 
 def test_what_a_test_subject_recorded_changes_nothing_and_what_others_did_counts(imported):
-    plan, kind = plan_of_day(), Continuous(detector="threshold", background="still", false_alarms=2.0)
+    plan, kind = (
+        plan_of_day(),
+        Continuous(detector="threshold", background="still", false_alarms=2.0),
+    )
     one, identity = kind.fold(plan.cell, plan.corpus, plan.folds[0], 1), kind.identity()
     still(3, "1")
     assert kind.identity() != identity
@@ -149,9 +193,15 @@ def test_what_a_test_subject_recorded_changes_nothing_and_what_others_did_counts
 
 def test_further_background_makes_lower_rates_learnable(imported):
     plan = plan_of_day()
-    quiet = min(PEOPLE.background_frames()[~(PEOPLE.subjects == out)].sum() for out in PEOPLE.subjects) / 15 / 60
+    quiet = (
+        min(PEOPLE.background_frames()[~(PEOPLE.subjects == out)].sum() for out in PEOPLE.subjects)
+        / 15
+        / 60
+    )
     trains = [fold.train for fold in plan.folds]
-    (alone,), (more,) = (too_short(plan.corpus, trains, 0.001, background) for background in ("", "still"))
+    (alone,), (more,) = (
+        too_short(plan.corpus, trains, 0.001, background) for background in ("", "still")
+    )
     assert f" is {quiet:.1f} minutes" in alone
     assert f" is {quiet + sum(STILL.values()) / 15 / 60:.1f} minutes" in more
 

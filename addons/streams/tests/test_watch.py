@@ -17,11 +17,11 @@ from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
-from bench.outcomes.runs import every_result
 from bench.plan.cells import cells
-from bench.store import connect
-from bench.work.results import FoldResult
-from bench.work.saved import Recogniser, load
+from bench.reading.runs import every_result
+from bench.running.results import FoldResult
+from bench.running.saved import Recogniser, load
+from bench.store.client import connect
 from tests.conftest import predictions, random_corpus, runs
 from tests.results import result as result_of
 from touchbench_people.commands import save_adapted
@@ -54,7 +54,9 @@ def test_nothing_of_a_test_subject_is_learned(detector, unknown, recordings):
     other = corpus.changed(captures=table, frames=frames)
     kind, fold = Continuous(detector, unknown=unknown), leaving_out("4", corpus)
     results = [kind.fold(cell, each, fold, 1) for each in (corpus, other)]
-    assert results[0].chosen == results[1].chosen and (float(str(results[0].chosen["reject"])) > 0) == bool(unknown)
+    assert results[0].chosen == results[1].chosen and (
+        float(str(results[0].chosen["reject"])) > 0
+    ) == bool(unknown)
     pd.testing.assert_frame_equal(results[0].trials, results[1].trials)
     assert not results[0].table.equals(results[1].table)  # the test subject was another one
     touches = results[0].table[results[0].table["kind"] == "touch"]["gesture"].tolist()
@@ -64,9 +66,13 @@ def test_nothing_of_a_test_subject_is_learned(detector, unknown, recordings):
 def test_false_alarms_of_a_person_without_touches_count():
     row = {"fold": "4", "subject": "4", "recording": 0, "start": np.nan, "gesture": None}
     said = {"first": "pat", "label": "pat", "confidence": 1.0}
-    reports = [row | said | {"kind": "report", "reported": at, "end": at + 20} for at in (100, 500, 900)]
+    reports = [
+        row | said | {"kind": "report", "reported": at, "end": at + 20} for at in (100, 500, 900)
+    ]
     swept = {"kind": "curve", "offset": 0.0, "hits": 0, "alarms": 3, "reports": 3}
-    table = pd.DataFrame([row | {"kind": "recording", "end": 36_000.0, "refused": 0}, *reports, row | swept])
+    table = pd.DataFrame(
+        [row | {"kind": "recording", "end": 36_000.0, "refused": 0}, *reports, row | swept]
+    )
     numbers, tables = run_numbers([FoldResult("4", table)], 20.0, "")  # half an hour at 20 Hz
     assert numbers["false_alarms_per_hour"] == pytest.approx(6) and numbers["touches"] == 0
     assert tables["per_subject"]["false_alarms_per_hour"].tolist() == pytest.approx([6])
@@ -84,17 +90,27 @@ def relabelled(recordings, names=None, untouched=()):
     [
         ({"untouched": "1234"}, {}, "no touch; label"),
         ({"untouched": "34"}, {}, "fold 1 trains on touches of 1 subject;"),
-        ({"names": {"rub": "unknown"}}, {"unknown": "pat"}, "unknown=pat: .* has a gesture of this name; rename it"),
+        (
+            {"names": {"rub": "unknown"}},
+            {"unknown": "pat"},
+            "unknown=pat: .* has a gesture of this name; rename it",
+        ),
         ({"names": {"rub": "unknown"}}, {"unknown": "unknown"}, ""),
         ({}, {"background": "quiet"}, "background=quiet: .* class quiet; rename it"),
     ],
 )
-def test_recordings_that_cannot_be_watched_are_refused_before_training(changes, options, fact, recordings):
+def test_recordings_that_cannot_be_watched_are_refused_before_training(
+    changes, options, fact, recordings
+):
     (cell,) = cells({"data": "synth", "model": "lda", "features": "touch"})
-    corpus = relabelled(recordings, **changes) if changes else random_corpus(gestures=("pat", "quiet"))
+    corpus = (
+        relabelled(recordings, **changes) if changes else random_corpus(gestures=("pat", "quiet"))
+    )
     folds = [leaving_out(name, corpus) for name in "12"]
     with pytest.raises(InputError, match=fact) if fact else nullcontext():
-        Continuous(**options).refuse(SimpleNamespace(corpus=corpus, cell=cell, mixes_subjects=False, folds=folds))
+        Continuous(**options).refuse(
+            SimpleNamespace(corpus=corpus, cell=cell, mixes_subjects=False, folds=folds)
+        )
 
 
 def test_background_without_touches_is_refused(recordings):
@@ -122,7 +138,11 @@ def test_the_command_stores_what_it_prints_and_goes_on_with_a_detector_of_a_file
     cases = predictions(connect(), run, "scores_under_faults").set_index("severity")
     assert cases["touches_found"][0] == pytest.approx(metrics["touches_found"])
     assert f"{100 * cases['touches_found'][2]:.1f}" in printed.partition("noise 2 │")[2][:80]
-    assert main(words) == 0 and "already stored" in capsys.readouterr().err and len(runs("watch")[1]) == 1
+    assert (
+        main(words) == 0
+        and "already stored" in capsys.readouterr().err
+        and len(runs("watch")[1]) == 1
+    )
     (sentence, *_) = watch_section(every_result(connect()), tmp_path, {}).parts[0].sentences
     assert "detector=my.py:Mine[up=30.0]" in sentence and main(["report"]) == 0
 
@@ -170,7 +190,10 @@ def test_a_dead_skin_finds_nothing_and_no_fault_is_bench_watch(recordings, damag
     plan = SimpleNamespace(corpus=corpus)
     watched, under = plain.result(plan, {}, [alone]), kind.result(plan, {}, [both])
     assert all(under[name] == watched[name] for name in SCORES)
-    cases = {(r["fault"], r["severity"]): r for r in under.tables["scores_under_faults"].to_dict("records")}
+    cases = {
+        (r["fault"], r["severity"]): r
+        for r in under.tables["scores_under_faults"].to_dict("records")
+    }
     assert [*cases] == [("none", 0), *((name, s) for name in damages for s in range(1, 6))]
     dead, same, clean = cases["dead", 3], cases["none_at_all", 3], cases["none", 0]
     assert clean["touches_found"] == watched["touches_found"] > 0.3 and dead["touches_found"] == 0
@@ -199,7 +222,9 @@ def test_refused_frames_are_counted_as_a_stream_tells_them(recordings):
         stream.push(frame.astype(np.float32))
         status.append(stream.status)
     counts = pd.Series(status).value_counts()
-    assert watcher.refused(corpus, watcher.evidence(corpus)).tolist() == [len(status) - counts["ok"]]
+    assert watcher.refused(corpus, watcher.evidence(corpus)).tolist() == [
+        len(status) - counts["ok"]
+    ]
     assert counts["saturated"] >= 60 and counts["refused"] > 50
 
 
@@ -212,5 +237,7 @@ def test_recordings_go_through_the_faults_of_captures(recordings):
     assert np.array_equal(noise[1], expected) and not np.array_equal(noise[0], noise[1])
     broken = [np.flatnonzero(~dead[i].any(axis=0)) for i in range(3)]
     assert np.array_equal(broken[0], broken[1]) and not np.array_equal(broken[0], broken[2])
-    capture = FAULTS["dead_taxels"].apply(shares[0], 4, "1", 5, 20.0)  # the sensor of a subject is the same
+    capture = FAULTS["dead_taxels"].apply(
+        shares[0], 4, "1", 5, 20.0
+    )  # the sensor of a subject is the same
     assert np.array_equal(dead[0], as_readings(twice.corpus, capture))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 
 from bench.errors import InputError
-from bench.options import TRUSTED, Command, Option, keys, parse_words, settings
-from bench.words import SMALL
+from bench.grammar.options import TRUSTED, Command, Option, keys, parse_words, settings
+from bench.ground.words import SMALL
 from touchbench_streams import DETECTOR, FALSE_ALARMS
 
 WATCH = Option(
@@ -55,8 +55,12 @@ LIVE = Command(
     module="touchbench_streams.commands",
     follows={"predict": "sensor | bench live {}"},
     options=(
-        Option("hop_ms", "number", 125, "classification of captures: milliseconds between decisions"),
-        Option("events", "yes", True, "no: classify captures instead of watching an endless stream"),
+        Option(
+            "hop_ms", "number", 125, "classification of captures: milliseconds between decisions"
+        ),
+        Option(
+            "events", "yes", True, "no: classify captures instead of watching an endless stream"
+        ),
     ),
 )
 

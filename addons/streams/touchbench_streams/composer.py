@@ -10,14 +10,16 @@ import pandas as pd
 from bench.corpora.corpus import Corpus, storage
 from bench.corpora.faults import seeded
 from bench.errors import InputError
-from bench.machine import ensure
+from bench.ground.machine import ensure
 from touchbench_streams.recordings import Recordings, event_table
 
 TOUCH_S = (2.0, 6.0)  # excerpts of captures; a shorter capture is used whole
 GAP_S = (3.0, 10.0)
 QUIET = "quiet"  # background from the ends of captures
 QUIET_S = 0.25  # of a piece of it, at least
-QUIET_SHARE = 0.1  # of the highest summed pressure of a capture: frames below, at its ends, are quiet
+QUIET_SHARE = (
+    0.1  # of the highest summed pressure of a capture: frames below, at its ends, are quiet
+)
 COPIES = 2  # of the readings in memory at once: as they are and repaired, in single precision
 BESIDES = ("subject", "gesture", "split")  # columns that are no condition of the sensor
 
@@ -82,7 +84,9 @@ def composed(touches: Corpus, quiet: Corpus) -> Recordings:
         rng = seeded(f"recording 0 of {subject}")
         chosen = np.flatnonzero(subjects == subject)
         blocks = rng.permutation(np.unique(conditions[chosen]))
-        order = np.concatenate([rng.permutation(chosen[conditions[chosen] == block]) for block in blocks])
+        order = np.concatenate(
+            [rng.permutation(chosen[conditions[chosen] == block]) for block in blocks]
+        )
         mine = quiet_subjects == subject
         parts: list[np.ndarray] = []
         for capture in order:
@@ -103,7 +107,9 @@ def composed(touches: Corpus, quiet: Corpus) -> Recordings:
 def suggested(corpus: Corpus) -> str:
     """What to name as the background: the class of least pressure, and all classes, in words."""
     pressure = (
-        pd.Series([frames.mean(dtype=np.float64) for frames in corpus]).groupby(corpus.gestures.astype(str)).mean()
+        pd.Series([frames.mean(dtype=np.float64) for frames in corpus])
+        .groupby(corpus.gestures.astype(str))
+        .mean()
     )
     least = shlex.quote(f"background={pressure.idxmin()}")
     return f"name the class without touch: {least} has the least pressure of {', '.join(pressure.index)}"
@@ -112,7 +118,9 @@ def suggested(corpus: Corpus) -> str:
 def check_background(touches: Corpus, quiet: Corpus) -> None:
     """Refuse captures that cannot become recordings."""
     if not len(touches):
-        raise InputError(f"{touches.name}: there is no touch beside the background; give another background=")
+        raise InputError(
+            f"{touches.name}: there is no touch beside the background; give another background="
+        )
     if lacking := sorted({*touches.subjects.astype(str)} - {*quiet.subjects.astype(str)}):
         everyone = {*lacking} == {*touches.subjects.astype(str)}
         leave = f"leave the subject out with where=\"subject != '{lacking[0]}'\", or give another background="
@@ -128,7 +136,11 @@ def check_background(touches: Corpus, quiet: Corpus) -> None:
 def _keys(corpus: Corpus, labels: list[str]) -> np.ndarray:
     """The conditions of each capture in one string."""
     table = corpus.captures.reindex(columns=labels).astype(str)
-    return table.agg("|".join, axis=1).to_numpy(dtype=object) if labels else np.full(len(corpus), "", dtype=object)
+    return (
+        table.agg("|".join, axis=1).to_numpy(dtype=object)
+        if labels
+        else np.full(len(corpus), "", dtype=object)
+    )
 
 
 def _fitting(mine: np.ndarray, same: np.ndarray) -> np.ndarray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bench import few
-from bench.intervals import percentiles, weights
+from bench.values import few
+from bench.values.intervals import percentiles, weights
 from touchbench_streams import RATES
 
 MOST_REPORTS = 1.25  # per touch
@@ -27,7 +27,7 @@ def missed_at(counts: pd.DataFrame, touches: pd.Series, hours: pd.Series) -> dic
     """The lowest share of missed touches at so many false alarms per hour, of all thresholds around the learned ones.
 
     A threshold counts only if a touch has at most `MOST_REPORTS` reports: others find each touch by reporting always.
-    The 95 % interval is that of the same number in drawings of subjects; none for too few of them (`bench.few`).
+    The 95 % interval is that of the same number in drawings of subjects; none for too few of them (`bench.values.few`).
 
     Args:
         counts: result of `swept`.
@@ -46,7 +46,11 @@ def missed_at(counts: pd.DataFrame, touches: pd.Series, hours: pd.Series) -> dic
     for rate in RATES:
         least = _least(cube, sizes, np.concatenate([once, drawn]), rate)
         low, high = percentiles(least[1:][~np.isnan(least[1:])]) if len(drawn) else (np.nan, np.nan)
-        missed |= {f"missed_at_{rate}": least[0], f"missed_at_{rate}_low": low, f"missed_at_{rate}_high": high}
+        missed |= {
+            f"missed_at_{rate}": least[0],
+            f"missed_at_{rate}_low": low,
+            f"missed_at_{rate}_high": high,
+        }
     return missed
 
 
@@ -58,7 +62,9 @@ def _least(cube: np.ndarray, sizes: np.ndarray, drawn: np.ndarray, rate: float) 
     """
     hits, alarms, reports = np.moveaxis(np.einsum("tcp,dp->dtc", cube, drawn), 2, 0)
     touches, hours = sizes @ drawn.T
-    kept = (alarms <= rate * hours[:, None] + 1e-9) & (reports - alarms <= MOST_REPORTS * np.maximum(hits, 1))
+    kept = (alarms <= rate * hours[:, None] + 1e-9) & (
+        reports - alarms <= MOST_REPORTS * np.maximum(hits, 1)
+    )
     most = np.where(kept, hits, -np.inf).max(axis=1)
     defined = np.isfinite(most) & (touches > 0) & (hours > 0)
     return np.where(defined, 1 - most / np.maximum(touches, 1), np.nan)

@@ -15,7 +15,10 @@ from bench.corpora.faults import as_readings, as_shares, noise, seeded
 
 AMOUNT = (0.005, 0.015)  # of full scale, from slight to more than the 1 % that a detector must bear
 SHAKING_HZ = (1.0, 10.0)  # from a step to a motor
-FAR, FAR_S = 0.05, 5.0  # of full scale that all taxels drift at most, and seconds from one level to the next
+FAR, FAR_S = (
+    0.05,
+    5.0,
+)  # of full scale that all taxels drift at most, and seconds from one level to the next
 
 
 def noisy(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -26,14 +29,18 @@ def noisy(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.nd
 def shaken(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
     """All taxels swing together, at a frequency of this recording."""
     turns = _between(SHAKING_HZ, rng) * np.arange(len(shares)) / rate_hz + rng.random()
-    return shares + _between(AMOUNT, rng) * np.sin(2 * np.pi * turns).astype(np.float32)[:, None, None]
+    return (
+        shares + _between(AMOUNT, rng) * np.sin(2 * np.pi * turns).astype(np.float32)[:, None, None]
+    )
 
 
 def drifting(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
     """All taxels drift together, from one level to the next."""
     times = np.arange(len(shares)) / (FAR_S * rate_hz)
     levels = rng.uniform(0, FAR, int(times[-1]) + 2)
-    return shares + np.interp(times, np.arange(len(levels)), levels).astype(np.float32)[:, None, None]
+    return (
+        shares + np.interp(times, np.arange(len(levels)), levels).astype(np.float32)[:, None, None]
+    )
 
 
 Kind = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
@@ -45,9 +52,15 @@ def disturbed(corpus: Corpus, kind: Kind, some: Sequence[int] | None = None) -> 
     """Recordings, all or those at some positions, as a disturbed sensor shows them; the same at each call."""
     some, streams = range(len(corpus)) if some is None else some, []
     for i in some:
-        shares = kind(as_shares(corpus, np.array([i]))[0], corpus.rate_hz, seeded(f"{kind.__name__} in recording {i}"))
+        shares = kind(
+            as_shares(corpus, np.array([i]))[0],
+            corpus.rate_hz,
+            seeded(f"{kind.__name__} in recording {i}"),
+        )
         streams.append(as_readings(corpus, shares))
-    return Corpus.from_captures(streams, corpus.captures.iloc[some], corpus.rate_hz, full_scale=corpus.full_scale)
+    return Corpus.from_captures(
+        streams, corpus.captures.iloc[some], corpus.rate_hz, full_scale=corpus.full_scale
+    )
 
 
 def _between(bounds: tuple[float, float], rng: np.random.Generator) -> np.float32:

@@ -30,8 +30,8 @@ from typing import SupportsFloat
 import numpy as np
 import pandas as pd
 
-from bench import scores
-from bench.intervals import ratio_interval
+from bench.values import scores
+from bench.values.intervals import ratio_interval
 
 REPORT = {"recording": np.int64, "reported": np.int64, "end": np.int64, "first": str, "label": str}
 REPORT |= {"confidence": np.float64}
@@ -79,7 +79,10 @@ def matched(
     reports = reports.assign(touch=touch)
 
     of_touches = reports[touch >= 0].sort_values(["reported", "end"], kind="stable")
-    wrong = of_touches["label"].to_numpy(object) != truth["gesture"].to_numpy(object)[of_touches["touch"]]
+    wrong = (
+        of_touches["label"].to_numpy(object)
+        != truth["gesture"].to_numpy(object)[of_touches["touch"]]
+    )
     again = of_touches.duplicated("touch").to_numpy()
     first = of_touches.drop_duplicates("touch").set_index("touch").reindex(truth.index)
     last = of_touches.drop_duplicates("touch", keep="last").set_index("touch").reindex(truth.index)
@@ -111,7 +114,9 @@ def touches_of(
     row = np.arange(len(truth))
     if doubtful is not None and len(doubtful):
         row = np.append(row, np.full(len(doubtful), DOUBTFUL))
-        truth = pd.concat([truth[["recording", "start", "end"]], doubtful[["recording", "start", "end"]]])
+        truth = pd.concat(
+            [truth[["recording", "start", "end"]], doubtful[["recording", "start", "end"]]]
+        )
         order = np.lexsort([truth["start"], truth["recording"]])
         row, truth = row[order], truth.iloc[order].reset_index(drop=True)
     collar = int(COLLAR_S * rate_hz + 1e-6)
@@ -119,9 +124,13 @@ def touches_of(
     span = 1 + max(truth["start"].max(), reported.max()) if len(truth) and len(reports) else 1
     starts = (truth["recording"] * span + truth["start"]).to_numpy()
     latest = np.searchsorted(starts, recording * span + reported, side="right") - 1
-    of_recording = np.append(truth["recording"], -1)[latest] == recording  # -1: no touch started before
+    of_recording = (
+        np.append(truth["recording"], -1)[latest] == recording
+    )  # -1: no touch started before
     in_time = reported - np.append(truth["end"], 0)[latest] <= collar
-    return np.where(of_recording & in_time, np.append(row, FALSE_ALARM)[latest], FALSE_ALARM).astype(np.int64)
+    return np.where(
+        of_recording & in_time, np.append(row, FALSE_ALARM)[latest], FALSE_ALARM
+    ).astype(np.int64)
 
 
 def _covered(truth: pd.DataFrame, reports: pd.DataFrame) -> np.ndarray:
@@ -129,10 +138,14 @@ def _covered(truth: pd.DataFrame, reports: pd.DataFrame) -> np.ndarray:
     covered = np.zeros(len(truth), bool)
     for recording, part in reports.groupby("recording"):
         ordered = part.sort_values("reported")
-        last = np.maximum.accumulate(np.append(-1, ordered["end"].to_numpy()))  # of the reports so far
+        last = np.maximum.accumulate(
+            np.append(-1, ordered["end"].to_numpy())
+        )  # of the reports so far
         mine = (truth["recording"] == recording).to_numpy()
         start = truth.loc[mine, "start"].to_numpy()
-        covered[mine] = last[np.searchsorted(ordered["reported"].to_numpy(), start, side="right")] > start
+        covered[mine] = (
+            last[np.searchsorted(ordered["reported"].to_numpy(), start, side="right")] > start
+        )
     return covered
 
 
@@ -168,7 +181,9 @@ def summary(touches: pd.DataFrame, reports: pd.DataFrame, background_s: float) -
     return {name: float(value) for name, value in numbers.items()}
 
 
-def per_subject(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> pd.DataFrame:
+def per_subject(
+    touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]
+) -> pd.DataFrame:
     """The `summary` of each subject that has an entry in ``background_s``, sorted by ``subject``; ``background_s``."""
     rows = []
     for subject in sorted(background_s):
@@ -178,16 +193,22 @@ def per_subject(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapp
     return pd.DataFrame(rows).astype({"touches": np.int64})
 
 
-def over_people(touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]) -> dict[str, float]:
+def over_people(
+    touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]
+) -> dict[str, float]:
     """Shares of touches as means over subjects with 95 % t-intervals, and the interval of false alarms.
 
-    Ends are NaN for too few subjects (`bench.few`) with touches, or with background. ``background_s`` has all subjects.
+    Ends are NaN for too few subjects (`bench.values.few`) with touches, or with background. ``background_s`` has all subjects.
     """
     numbers: dict[str, float] = {"subjects": len(background_s)}
     for share in SHARES:
         name = "touches_found" if share == "found" else share
         scored = scores.over_people(touches.assign(true=True, predicted=touches[share]))
-        numbers |= {name: scored["accuracy"], f"{name}_low": scored["low"], f"{name}_high": scored["high"]}
+        numbers |= {
+            name: scored["accuracy"],
+            f"{name}_low": scored["low"],
+            f"{name}_high": scored["high"],
+        }
     alarms = reports.loc[reports["touch"] == FALSE_ALARM, "subject"].value_counts()
     counts = [(alarms.get(s, 0), background_s[s] / 3600) for s in sorted(background_s)]
     low, high = alarm_interval(np.array(counts, dtype=np.float64).reshape(-1, 2))
@@ -224,7 +245,9 @@ def numbers_of(table: pd.DataFrame, rate_hz: float, people: bool = False) -> dic
     return defined(numbers | {"refused": frames["refused"] / frames["end"]})
 
 
-def scored(table: pd.DataFrame, rate_hz: float) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, float]]:
+def scored(
+    table: pd.DataFrame, rate_hz: float
+) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, float]]:
     """Touches and reports of the tables of some folds, matched, and seconds of background of each subject."""
     background: dict[str, float] = {}
     touches, reports = [], []
@@ -235,8 +258,12 @@ def scored(table: pd.DataFrame, rate_hz: float) -> tuple[pd.DataFrame, pd.DataFr
         reports.append(matches[1])
         labelled = pd.concat([truth, doubtful])
         touched = (labelled["end"] - labelled["start"]).groupby(labelled["subject"]).sum()
-        for subject, frames in part[part["kind"] == "recording"].groupby("subject")["end"].sum().items():
-            background[str(subject)] = background.get(str(subject), 0.0) + (frames - touched.get(subject, 0)) / rate_hz
+        for subject, frames in (
+            part[part["kind"] == "recording"].groupby("subject")["end"].sum().items()
+        ):
+            background[str(subject)] = (
+                background.get(str(subject), 0.0) + (frames - touched.get(subject, 0)) / rate_hz
+            )
     return pd.concat(touches, ignore_index=True), pd.concat(reports, ignore_index=True), background
 
 
@@ -244,7 +271,9 @@ def touches_and_reports(part: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame,
     """The touches, the doubtful stretches and the reports in the table of a fold."""
     kinds = {"recording": np.int64, "start": np.int64, "end": np.int64}
     truth, doubtful = (
-        part.loc[part["kind"] == kind, [*kinds, "gesture", "subject", "fold"]].astype(kinds).reset_index(drop=True)
+        part.loc[part["kind"] == kind, [*kinds, "gesture", "subject", "fold"]]
+        .astype(kinds)
+        .reset_index(drop=True)
         for kind in ("touch", "doubtful")
     )
     reported = part.loc[part["kind"] == "report", [*REPORT, "subject", "fold"]].astype(REPORT)

@@ -11,10 +11,8 @@ import pandas as pd
 
 from bench import contract
 from bench.errors import InputError
-from bench.result import several
-from bench.sentences import sentences
-from bench.timing import Times, timed
-from bench.work.fold import (
+from bench.ground.timing import Times, timed
+from bench.running.fold import (
     TIMED_CAPTURES,
     WARM_UP,
     batch_effects,
@@ -24,7 +22,9 @@ from bench.work.fold import (
     footprint,
     paced,
 )
-from bench.work.results import FoldResult, costs, table_of
+from bench.running.results import FoldResult, costs, table_of
+from bench.values.result import several
+from bench.values.sentences import sentences
 from touchbench_streams import NO_TOUCH
 from touchbench_streams.composer import QUIET, check_background, composed, pieces
 from touchbench_streams.curve import missed_at, swept
@@ -64,7 +64,9 @@ def refuse(plan: Plan, background: str, unknown: str) -> None:
     """Refuse folds that mix subjects or train on one, and a background that does not exist."""
     corpus, name = plan.corpus, plan.cell.protocol
     if any(fold.pairs for fold in plan.folds):
-        raise InputError(f"protocol={name} has several systems in a fold, bench watch tests one; choose loso")
+        raise InputError(
+            f"protocol={name} has several systems in a fold, bench watch tests one; choose loso"
+        )
     if plan.mixes_subjects:
         raise InputError(
             f"protocol={name}: bench watch needs other subjects in the test part; choose loso or challenge"
@@ -72,14 +74,18 @@ def refuse(plan: Plan, background: str, unknown: str) -> None:
     if is_recorded(corpus) and background:
         further(background, corpus)
     if background == QUIET and QUIET in corpus.gestures:
-        raise InputError(f"background={QUIET}: {plan.cell.data} also has a class {QUIET}; rename it")
+        raise InputError(
+            f"background={QUIET}: {plan.cell.data} also has a class {QUIET}; rename it"
+        )
     if unknown and unknown != UNKNOWN and UNKNOWN in corpus.gestures:
         raise InputError(
             f"unknown={unknown}: rejected touches are labelled {UNKNOWN}, but {plan.cell.data} has a gesture of this "
             "name; rename it"
         )
     if unknown and unknown not in {*corpus.gestures} - {usual(corpus, background)}:
-        raise InputError(f"unknown={unknown}: {plan.cell.data} has no such gesture beside the background")
+        raise InputError(
+            f"unknown={unknown}: {plan.cell.data} has no such gesture beside the background"
+        )
     if plan.cell.target != "gesture":
         raise InputError(f"target={plan.cell.target}: bench watch names gestures; leave it out")
     doubt = [DOUBT] if is_recorded(corpus) else []
@@ -87,7 +93,9 @@ def refuse(plan: Plan, background: str, unknown: str) -> None:
     if not is_recorded(corpus):
         check_background(*pieces(corpus, usual(corpus, background)))
     elif not touches.any():
-        raise InputError(f"data={plan.cell.data}: its recordings have no touch; label the frames of touches")
+        raise InputError(
+            f"data={plan.cell.data}: its recordings have no touch; label the frames of touches"
+        )
     for fold in plan.folds:
         if len(touching := set(corpus.subjects[fold.train[touches[fold.train]]])) < 2:
             raise InputError(
@@ -101,7 +109,9 @@ def refuse(plan: Plan, background: str, unknown: str) -> None:
         )
 
 
-def too_short(corpus: Corpus, trains: list[np.ndarray], false_alarms: float, background: str) -> list[str]:
+def too_short(
+    corpus: Corpus, trains: list[np.ndarray], false_alarms: float, background: str
+) -> list[str]:
     """A line where the shortest background of some training parts is too short to learn a rate of false alarms.
 
     One alarm in so much background is a higher rate. Without any alarm in 3 / rate hours, the rate is lower with a
@@ -135,14 +145,22 @@ def fold_of(study: Continuous, cell: Cell, corpus: Corpus, fold: Fold, threads: 
     of the bias, ``hits`` and ``alarms``: touches found and false alarms) and the ``probability`` of touch after
     ``reported`` frames of the first two minutes. Reports under faults are the table `FAULTED`.
     """
-    estimator, unknown, background = cell.estimator(), study.unknown, usual(corpus, study.background)
+    estimator, unknown, background = (
+        cell.estimator(),
+        study.unknown,
+        usual(corpus, study.background),
+    )
     train = corpus[fold.train]
     if unknown:  # training recordings must not have it either, so they are composed again
         train = train[train.gestures != unknown]
     composing = bool(unknown) and is_recorded(train)
-    recordings = composed(*pieces(train, background)) if composing else recordings_of(train, background)
+    recordings = (
+        composed(*pieces(train, background)) if composing else recordings_of(train, background)
+    )
     if study.background and is_recorded(corpus):
-        recordings = joined(recordings, further(study.background, corpus), corpus.subjects[fold.test])
+        recordings = joined(
+            recordings, further(study.background, corpus), corpus.subjects[fold.test]
+        )
     with computing(threads):
         metrics = fitted(estimator, train)
         learning = cell.estimator, estimator, recordings, study.false_alarms
@@ -155,12 +173,21 @@ def fold_of(study: Continuous, cell: Cell, corpus: Corpus, fold: Fold, threads: 
         evidence = watcher.evidence(test.corpus)
         reports = watcher.reports(test.corpus, evidence)
         refused = watcher.refused(test.corpus, evidence)
-        disturbed = {FAULTED: faulted(watcher, test, study.under).assign(fold=fold.name)} if study.under else {}
+        disturbed = (
+            {FAULTED: faulted(watcher, test, study.under).assign(fold=fold.name)}
+            if study.under
+            else {}
+        )
         effects = batch_effects(estimator, corpus, fold.test)
         if not effects:
             check_agreement(estimator, corpus, fold.test)
-    subjects, shown = test.subjects.astype(str), watcher.probability(evidence[0]).assign(recording=0)
-    frames = pd.DataFrame({"recording": np.arange(len(test)), "end": test.corpus.lengths, "refused": refused})
+    subjects, shown = (
+        test.subjects.astype(str),
+        watcher.probability(evidence[0]).assign(recording=0),
+    )
+    frames = pd.DataFrame(
+        {"recording": np.arange(len(test)), "end": test.corpus.lengths, "refused": refused}
+    )
     table = pd.concat(
         [
             part.assign(kind=kind, subject=subjects[part["recording"]])
@@ -211,9 +238,13 @@ def run_numbers(
         "per_subject": per_subject(touches, reports, background_s),
         "curve": pd.DataFrame({"missed": missed, "false_alarms_per_hour": alarms}).reset_index(),
     }
-    numbers |= missed_at(by_person, touches["subject"].value_counts(), pd.Series(background_s) / 3600)
+    numbers |= missed_at(
+        by_person, touches["subject"].value_counts(), pd.Series(background_s) / 3600
+    )
     if unknown:
-        numbers |= rejection_scores(table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz)
+        numbers |= rejection_scores(
+            table, {r.name: float(str(r.chosen["reject"])) for r in folds}, rate_hz
+        )
     return defined(numbers | {"background_minutes": 60 * hours}) | costs(folds), tables
 
 
@@ -221,7 +252,9 @@ def _curve(watcher: TickWatcher, test: Recordings, evidence: list) -> pd.DataFra
     """The sweep of thresholds on the recordings of each subject, under the first of them."""
     parts = []
     for rows in pd.Series(range(len(test))).groupby(test.subjects.astype(str)).groups.values():
-        parts.append(watcher.sweep(test[[*rows]], [evidence[i] for i in rows]).assign(recording=rows[0]))
+        parts.append(
+            watcher.sweep(test[[*rows]], [evidence[i] for i in rows]).assign(recording=rows[0])
+        )
     return pd.concat(parts)
 
 

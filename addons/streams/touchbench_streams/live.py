@@ -15,11 +15,11 @@ import pandas as pd
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.limits import checked, highest_of, quoted
 from bench.errors import InputError
-from bench.work.replay import GROWTH
-from bench.work.stopping import NO_SAVING
+from bench.running.replay import GROWTH
+from bench.values.stopping import NO_SAVING
 
 if TYPE_CHECKING:
-    from bench.work.saved import Recogniser
+    from bench.running.saved import Recogniser
     from touchbench_streams.detectors.ticks import TickWatcher
 
 CHARACTERS = 32  # most of a number; a line has at most as many for each channel, its end included
@@ -35,14 +35,16 @@ NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 def decide(model: str, hop_ms: float, events: bool) -> int:
     """Decide on frames from standard input with a saved model until it ends: on an endless stream, or on captures."""
-    from bench.work.saved import load
+    from bench.running.saved import load
 
     recogniser = load(model)
     if recogniser.watcher is not None and events:
         return watched(recogniser, recogniser.watcher)
     frame_ms = 1000 / recogniser.rate_hz
     if hop_ms < frame_ms:
-        raise InputError(f"hop_ms={hop_ms:g}: one frame takes {frame_ms:.4g} ms; give at least that")
+        raise InputError(
+            f"hop_ms={hop_ms:g}: one frame takes {frame_ms:.4g} ms; give at least that"
+        )
     longest = recogniser.longest
     rows, cols = recogniser.grid
     print(
@@ -60,7 +62,9 @@ def decide(model: str, hop_ms: float, events: bool) -> int:
     for capture, seen, window in decided_at(frames, recogniser.rate_hz, hop_ms, longest):
         if capture != current:
             current, settled, labels = capture, False, deque()
-        label, confidence, share = recogniser.decision(_corpus(window, recogniser), earlier(labels, seen))
+        label, confidence, share = recogniser.decision(
+            _corpus(window, recogniser), earlier(labels, seen)
+        )
         labels.append((seen, label))
         settled = settled or recogniser.is_settled(share)
         word = "-" if share is None else "yes" if settled else "no"
@@ -92,12 +96,16 @@ def watched(recogniser: Recogniser, watcher: TickWatcher) -> int:
             if in_a_row > MOST_BAD:
                 raise
             if skipped == 1:
-                print(f"{e}; this line is skipped, as up to {MOST_BAD} in a row are", file=sys.stderr)
+                print(
+                    f"{e}; this line is skipped, as up to {MOST_BAD} in a row are", file=sys.stderr
+                )
             continue
         if frame is None:
             continue
         seen, in_a_row = seen + 1, 0
-        for event in stream.push(checked(frame.reshape(1, rows, cols), full_scale, "input", "frame")[0]):
+        for event in stream.push(
+            checked(frame.reshape(1, rows, cols), full_scale, "input", "frame")[0]
+        ):
             news = "ended" if event.end is not None else "changed" if lasting else "reported"
             lasting = event.end is None
             out.writerow([f"{seen * frame_ms:.0f}", news, event.label, f"{event.confidence:.3f}"])
@@ -107,7 +115,9 @@ def watched(recogniser: Recogniser, watcher: TickWatcher) -> int:
         if since * frame_ms >= 1000 * LASTS_S:
             told, since = stream.status, 0
             print(f"{seen * frame_ms:.0f} ms: {TOLD[told]}", file=sys.stderr)
-    strange = [(count, name) for name, count in counts.items() if name != "ok"] + [(skipped, "lines skipped")]
+    strange = [(count, name) for name, count in counts.items() if name != "ok"] + [
+        (skipped, "lines skipped")
+    ]
     if words := [f"{count} {name}" for count, name in strange if count]:
         print(f"of {seen} frames: {', '.join(words)}", file=sys.stderr)
     return 0
@@ -122,8 +132,12 @@ def earlier(labels: deque[tuple[int, str]], seen: int) -> str | None:
 
 def _corpus(window: list[np.ndarray], recogniser: Recogniser) -> Corpus:
     """One capture, of the type that a file with these values would have."""
-    values = checked(np.stack(window).reshape(-1, *recogniser.grid), recogniser.full_scale, "input", "frame")
-    return Corpus.from_captures([values], pd.DataFrame(index=[0]), recogniser.rate_hz, full_scale=recogniser.full_scale)
+    values = checked(
+        np.stack(window).reshape(-1, *recogniser.grid), recogniser.full_scale, "input", "frame"
+    )
+    return Corpus.from_captures(
+        [values], pd.DataFrame(index=[0]), recogniser.rate_hz, full_scale=recogniser.full_scale
+    )
 
 
 def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np.ndarray | None]:
@@ -150,13 +164,21 @@ def _frame_of(line: bytes, at: int, channels: int, full_scale: float) -> np.ndar
     """The frame in a line of some number; None in an empty one."""
     most = channels * CHARACTERS
     if len(line) > most:
-        raise InputError(f"line {at}: longer than {most} bytes; send one frame of {channels} values per line")
+        raise InputError(
+            f"line {at}: longer than {most} bytes; send one frame of {channels} values per line"
+        )
     text = line.removesuffix(b"\n").removesuffix(b"\r").strip(b" \t")
     if not text:
         return None
-    cells = [cell.strip(b" \t") for cell in text.split(b",")] if b"," in text else re.split(rb"[ \t]+", text)
+    cells = (
+        [cell.strip(b" \t") for cell in text.split(b",")]
+        if b"," in text
+        else re.split(rb"[ \t]+", text)
+    )
     if len(cells) != channels:
-        raise InputError(f"line {at}: {len(cells)} values instead of {channels}; send one frame per line")
+        raise InputError(
+            f"line {at}: {len(cells)} values instead of {channels}; send one frame per line"
+        )
     if wrong := [c for c in cells if len(c) > CHARACTERS or not NUMBER.fullmatch(c)]:
         word = quoted(wrong[0].decode("utf-8", "replace"))
         raise InputError(f"line {at}: {word} is not a decimal number; send sensor values")

@@ -10,14 +10,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.measures import percent, text
+from bench.ground.words import CLEAN
 from bench.reports.contexts import Part, Section, contexts, scarce
 from bench.reports.figures import DASHES, LINE, MARKERS, WIDEST, plain, save
-from bench.result import Result, notes_on, shared
-from bench.sentences import sentences
-from bench.table import Table, rows_of
-from bench.words import CLEAN
-from bench.work.stability import joined
+from bench.values.measures import percent, text
+from bench.values.result import Result, notes_on, shared
+from bench.values.sentences import sentences
+from bench.values.stability import joined
+from bench.values.table import Table, rows_of
 from touchbench_streams.events import DOUBTFUL, FALSE_ALARM, matched
 from touchbench_streams.stress import FAULTS
 from touchbench_streams.view import Continuous
@@ -25,19 +25,38 @@ from touchbench_streams.view import Continuous
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SHORTEST_S, LONGEST_S, TOUCHES = 60.0, 120.0, 6  # of a timeline, which shows so many touches where it can
+SHORTEST_S, LONGEST_S, TOUCHES = (
+    60.0,
+    120.0,
+    6,
+)  # of a timeline, which shows so many touches where it can
 TRUTH, REPORTED = 1.3, -0.5  # heights of the bars; the probability has 0 to 1
 HIGH = 0.2  # of a bar
 Same = Mapping[str, tuple[str, str]]
 ALARMS = "false alarms per hour of background"
-TOLD = ("touches_found", "fragments", "end_correct", "false_alarms_per_hour", "latency_s_p50")  # in a sentence
+TOLD = (
+    "touches_found",
+    "fragments",
+    "end_correct",
+    "false_alarms_per_hour",
+    "latency_s_p50",
+)  # in a sentence
 MIDDLE = 3  # severity in the table of the page
 SHOWN = {measure.key: measure for measure in Continuous.shown}
 COLUMNS = (
     text("system"),
     text("case", "fault"),
     text("amount", spare=1),
-    *(SHOWN[name] for name in ("touches_found", "first_correct", "end_correct", "false_alarms_per_hour", "fragments")),
+    *(
+        SHOWN[name]
+        for name in (
+            "touches_found",
+            "first_correct",
+            "end_correct",
+            "false_alarms_per_hour",
+            "fragments",
+        )
+    ),
     percent("refused"),
 )
 CAPTION = (
@@ -50,7 +69,9 @@ CAPTION = (
 def watch_section(results: Sequence[Result], folder: Path, same: Same) -> Section | None:
     """A figure for each group of runs that share the parameters ``same``, a sentence on each system; faults, too."""
     parts = []
-    shown = [by_detector(r) for r in results if r.get("background_minutes", 0) > 0]  # else no alarms can be counted
+    shown = [
+        by_detector(r) for r in results if r.get("background_minutes", 0) > 0
+    ]  # else no alarms can be counted
     for i, (context, members) in enumerate(contexts(shown, same, "end_correct"), 1):
         figure, caption_of = watching_figure(members, same), f"{context}: {caption(members[0])}"
         picture = save(figure, folder, f"0-watch-{i}", context, caption_of)
@@ -65,7 +86,14 @@ def sentence(run: Result, same: Same) -> str:
     told = {name: SHOWN[name].of(run) for name in TOLD}
     context, few = context_words(run, same), scarce([run])
     return sentences(
-        "touchbench_streams", "touches", "watched", context=context, run=run, told=told, unit=ALARMS, few=few
+        "touchbench_streams",
+        "touches",
+        "watched",
+        context=context,
+        run=run,
+        told=told,
+        unit=ALARMS,
+        few=few,
     )[0]
 
 
@@ -77,7 +105,9 @@ def context_words(run: Result, same: Same) -> str:
 def caption(result: Result) -> str:
     """The words below a figure whose timeline shows a system."""
     doubtful = bool((result.tables["predictions"]["kind"] == "doubtful").any())
-    return sentences("touchbench_streams", "touches", "timeline", method=result.method, doubtful=doubtful)[0]
+    return sentences(
+        "touchbench_streams", "touches", "timeline", method=result.method, doubtful=doubtful
+    )[0]
 
 
 def watching_figure(results: Sequence[Result], same: Same) -> Figure:
@@ -88,14 +118,25 @@ def watching_figure(results: Sequence[Result], same: Same) -> Figure:
     for i, row in enumerate(results):
         points, look = row.tables["curve"].dropna(), look_of(i, row)
         curve.plot(points["false_alarms_per_hour"], 100 * points["missed"], **look)
-        star = {"marker": "*", "markersize": 14, "markeredgecolor": "black", "linestyle": "", "zorder": 5, "label": ""}
+        star = {
+            "marker": "*",
+            "markersize": 14,
+            "markeredgecolor": "black",
+            "linestyle": "",
+            "zorder": 5,
+            "label": "",
+        }
         learned = row.get("false_alarms_per_hour", np.nan), 100 * (1 - row["touches_found"])
         curve.plot(*learned, **look | star)
     curve.set_xscale("symlog", linthresh=1, linscale=0.3)  # there may be no false alarm at all
     curve.set_xticks([0, 1, 2, 5, 10, 20, 50, 100, 200, 500], minor=False)
     curve.xaxis.set_major_formatter("{x:g}")
-    ends = [value for row in results for value in row.tables["curve"]["false_alarms_per_hour"].dropna()]
-    curve.set(xlim=(0, 1.05 * max([10, *ends])), ylim=(0, None), ylabel="missed touches, %", xlabel=ALARMS)
+    ends = [
+        value for row in results for value in row.tables["curve"]["false_alarms_per_hour"].dropna()
+    ]
+    curve.set(
+        xlim=(0, 1.05 * max([10, *ends])), ylim=(0, None), ylabel="missed touches, %", xlabel=ALARMS
+    )
     curve.grid(alpha=0.25)
     figure.legend(loc="outside lower left", frameon=False, handlelength=4)
     return figure
@@ -107,16 +148,30 @@ def _timeline(ax: Axes, result: Result, same: Same) -> None:
     rate_hz = frame_rate(table, result["background_minutes"])
     shown = table[(table["fold"] == table["fold"].iloc[0]) & (table["recording"] == 0)]
     of = {kind: part.reset_index(drop=True) for kind, part in shown.groupby("kind")}
-    truth, doubtful, reports = (of.get(kind, shown.iloc[:0]) for kind in ("touch", "doubtful", "report"))
+    truth, doubtful, reports = (
+        of.get(kind, shown.iloc[:0]) for kind in ("touch", "doubtful", "report")
+    )
     touches, reports = matched(truth, reports, rate_hz, doubtful=doubtful)
     last = touches["end"].iloc[:TOUCHES].max() / rate_hz + 3 if len(touches) else 0.0
-    length = min(float(np.clip(last, SHORTEST_S, LONGEST_S)), of["recording"]["end"].iloc[0] / rate_hz)
-    touches, reports = (part[part[at] < length * rate_hz] for part, at in ((touches, "start"), (reports, "reported")))
+    length = min(
+        float(np.clip(last, SHORTEST_S, LONGEST_S)), of["recording"]["end"].iloc[0] / rate_hz
+    )
+    touches, reports = (
+        part[part[at] < length * rate_hz]
+        for part, at in ((touches, "start"), (reports, "reported"))
+    )
     names = dict.fromkeys([*touches["gesture"], *reports["label"]])
     colours = {name: f"C{i % 10}" for i, name in enumerate(names)}
     for i, touch in enumerate(touches.itertuples()):
         words = touch.gesture + ("" if touch.found else " (missed)")
-        _bar(ax, (touch.start / rate_hz, min(touch.end / rate_hz, length)), TRUTH, colours[touch.gesture], words, i % 2)
+        _bar(
+            ax,
+            (touch.start / rate_hz, min(touch.end / rate_hz, length)),
+            TRUTH,
+            colours[touch.gesture],
+            words,
+            i % 2,
+        )
     for i, report in enumerate(reports.itertuples()):
         words = report.label if report.first == report.label else f"{report.first} → {report.label}"
         words += {FALSE_ALARM: " (false alarm)", DOUBTFUL: " (doubtful)"}.get(report.touch, "")
@@ -127,20 +182,32 @@ def _timeline(ax: Axes, result: Result, same: Same) -> None:
         if start < length:
             ax.text(start, TRUTH, "?", va="center", ha="left", color="0.35")
     probability = of.get("probability", shown.iloc[:0])
-    ax.fill_between(probability["reported"] / rate_hz, 0, probability["confidence"], color="0.8", linewidth=0)
-    ax.plot(probability["reported"] / rate_hz, probability["confidence"], color="0.3", linewidth=0.8)
-    ax.set_yticks([TRUTH, 1, 0, REPORTED], ["true touch", "1", "probability of touch   0", "reported touch"])
+    ax.fill_between(
+        probability["reported"] / rate_hz, 0, probability["confidence"], color="0.8", linewidth=0
+    )
+    ax.plot(
+        probability["reported"] / rate_hz, probability["confidence"], color="0.3", linewidth=0.8
+    )
+    ax.set_yticks(
+        [TRUTH, 1, 0, REPORTED], ["true touch", "1", "probability of touch   0", "reported touch"]
+    )
     ax.tick_params(axis="y", length=0)
     ax.axhline(1, color="0.8", linewidth=0.5, zorder=0)
-    ax.set(xlim=(0, length), ylim=(REPORTED - 0.95, TRUTH + 0.95), xlabel="seconds of the recording")
+    ax.set(
+        xlim=(0, length), ylim=(REPORTED - 0.95, TRUTH + 0.95), xlabel="seconds of the recording"
+    )
     ax.set_title(f"{plain([result.method])[0]}\n{', '.join(plain([context_words(result, same)]))}")
     ax.spines[["top", "right", "left"]].set_visible(False)
 
 
-def _bar(ax: Axes, span: tuple[float, float], height: float, colour: str, words: str, line: int) -> None:
+def _bar(
+    ax: Axes, span: tuple[float, float], height: float, colour: str, words: str, line: int
+) -> None:
     """A touch, and its words above it (line 0 or 1) or below it (-1 or -2)."""
     start, end = span
-    ax.barh(height, max(end - start, 0.15), HIGH, start, color=colour, edgecolor="0.2", linewidth=0.5)
+    ax.barh(
+        height, max(end - start, 0.15), HIGH, start, color=colour, edgecolor="0.2", linewidth=0.5
+    )
     at = height + (0.2 + 0.3 * line if line >= 0 else -0.2 + 0.3 * (line + 1))
     side = "bottom" if line >= 0 else "top"
     ax.text(start, at, plain([words])[0], va=side, ha="left", color="black")
@@ -149,7 +216,10 @@ def _bar(ax: Axes, span: tuple[float, float], height: float, colour: str, words:
 def frame_rate(predictions: pd.DataFrame, background_minutes: float) -> float:
     """Frames per second of the recordings of a run, from its table and the minutes of its background."""
     kinds = predictions["kind"]
-    labelled, recording = predictions[kinds.isin(["touch", "doubtful"])], predictions[kinds == "recording"]
+    labelled, recording = (
+        predictions[kinds.isin(["touch", "doubtful"])],
+        predictions[kinds == "recording"],
+    )
     frames = recording["end"].sum() - (labelled["end"] - labelled["start"]).sum()
     return float(frames / (60 * background_minutes))
 
@@ -163,14 +233,21 @@ def draw(result: Result, folder: Path, same: Same) -> None:
 
 def by_detector(result: Result) -> Result:
     """The result under a name that also tells its detector; one of a file without its folder."""
-    about = {**result.about, "system": f"{result['system']}, detector={Path(result['watch.detector']).name}"}
+    about = {
+        **result.about,
+        "system": f"{result['system']}, detector={Path(result['watch.detector']).name}",
+    }
     return Result(about, result.metrics, result.tables, result.errors)
 
 
 def look_of(i: int, result: Result) -> dict[str, Any]:
     """How the line of a system looks in a figure."""
     look = {"color": f"C{i % 10}", "marker": MARKERS[i % len(MARKERS)], "markersize": 4}
-    return look | {"linestyle": DASHES[i % len(DASHES)], "label": plain([result.method])[0], "clip_on": False}
+    return look | {
+        "linestyle": DASHES[i % len(DASHES)],
+        "label": plain([result.method])[0],
+        "clip_on": False,
+    }
 
 
 def rows_under(result: Result) -> list[dict[str, Any]]:
@@ -178,7 +255,9 @@ def rows_under(result: Result) -> list[dict[str, Any]]:
     rows = [dict(row) for row in rows_of(result.tables[FAULTS])]
     for row in rows:
         row["system"] = result.method
-        row["case"] = f"{row['fault'].replace('_', ' ')} {row['severity']}" if row["severity"] else CLEAN
+        row["case"] = (
+            f"{row['fault'].replace('_', ' ')} {row['severity']}" if row["severity"] else CLEAN
+        )
     return rows
 
 
@@ -190,7 +269,11 @@ def under_faults(results: Sequence[Result]) -> list[Result]:
 def printed_tables(results: Sequence[Result], same: Same) -> Iterator[str | Table]:
     """All cases of each run under faults, and a line about them."""
     for r in (shown := under_faults(results)):
-        yield Table(COLUMNS[1:], rows_under(r), f"{r.method}, {context_words(r, same)}, under faults after training")
+        yield Table(
+            COLUMNS[1:],
+            rows_under(r),
+            f"{r.method}, {context_words(r, same)}, under faults after training",
+        )
     if shown:
         yield "refused: percentage of frames that the detector refuses, or with a tenth of the taxels at full scale"
 
@@ -203,7 +286,9 @@ def sheet(results: Sequence[Result]) -> pd.DataFrame:
 def fault_parts(results: Sequence[Result], same: Same) -> list[Part]:
     """A table for each set of comparable runs under faults; arguments of `watch_section`."""
     parts = []
-    counted = [r for r in under_faults(results) if r.get("background_minutes")]  # else no alarms can be counted
+    counted = [
+        r for r in under_faults(results) if r.get("background_minutes")
+    ]  # else no alarms can be counted
     for context, members in contexts(counted, same, "end_correct"):
         rows = [row for r in members for row in rows_under(r) if row["severity"] in (0, MIDDLE)]
         parts.append(Part(None, Table(COLUMNS, rows), CAPTION.format(context), scarce(members)))

@@ -46,7 +46,9 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> C
     rows, warnings = rows_of(path, size, full_scale, ["label"], KNOWN, blank="label")
     labels = rows.labels
     if "gesture" in labels:
-        raise InputError(f"{called(path)}: label names the gesture of each frame; delete the column gesture")
+        raise InputError(
+            f"{called(path)}: label names the gesture of each frame; delete the column gesture"
+        )
     gestures = _gestures(labels.pop("label"), called(path))
     rows.check_filled()
     if "subject" not in labels:
@@ -60,7 +62,9 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> C
         captures["recording"] = captures["recording"].astype(str)
     lengths = np.diff(starts, append=len(gestures))
     corpus = Corpus(rows.values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
-    return captures_in(Recordings(described(corpus, path, warnings, "recording"), events_of(gestures, lengths)))
+    return captures_in(
+        Recordings(described(corpus, path, warnings, "recording"), events_of(gestures, lengths))
+    )
 
 
 def _gestures(column: pd.Series, name: str) -> np.ndarray:
@@ -83,12 +87,18 @@ def _starts(rows: Table, frame: np.ndarray | None) -> np.ndarray:
     if again.any():
         row = starts[np.argmax(again)]
         name = quoted(str(labels[names[0]].iloc[row]))
-        hint = "keep its frames together" if len(names) > 1 else "keep its frames together, or add a column recording"
+        hint = (
+            "keep its frames together"
+            if len(names) > 1
+            else "keep its frames together, or add a column recording"
+        )
         rows.refuse(row, f"{names[0]} {name} begins a second time; {hint}")
     for name in labels.columns.difference(names, sort=False):
         if len(wrong := np.flatnonzero(changed[name] & ~begins)):
             hint = "delete the column, or begin a new recording there"
             rows.refuse(wrong[0], f"{short(str(name))} changes within a recording; {hint}")
-    if frame is not None and len(wrong := np.flatnonzero(~begins & (np.diff(frame, prepend=0) != 1))):
+    if frame is not None and len(
+        wrong := np.flatnonzero(~begins & (np.diff(frame, prepend=0) != 1))
+    ):
         rows.refuse_step(wrong[0], frame)
     return starts

@@ -10,7 +10,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.steps import SETTLED_S
-from bench.words import SATURATED
+from bench.ground.words import SATURATED
 
 
 def saturated(frames: np.ndarray, full_scale: float) -> np.ndarray:
@@ -26,8 +26,13 @@ class Recent:
         self.frames: deque[np.ndarray] = deque(maxlen=most)
         self.seen = 0  # frames so far
         table = pd.DataFrame({"subject": [""], "gesture": [""]})
-        self.one = Corpus.from_captures([np.zeros((1, *grid))], table, rate_hz, full_scale=full_scale).blind()
-        self.least, self.most = np.full(grid, np.inf), np.full(grid, -np.inf)  # of frames that were dropped
+        self.one = Corpus.from_captures(
+            [np.zeros((1, *grid))], table, rate_hz, full_scale=full_scale
+        ).blind()
+        self.least, self.most = (
+            np.full(grid, np.inf),
+            np.full(grid, -np.inf),
+        )  # of frames that were dropped
 
     def push(self, frame: np.ndarray) -> None:
         """Take a frame [rows, cols]."""
@@ -47,5 +52,9 @@ class Recent:
         older = min(self.seen - len(self.frames), max(2, int(np.ceil(SETTLED_S * self.rate_hz))))
         before = [self.least] * (older - 1) + [self.most] * bool(older)
         frames = np.stack([*before, *self.frames])
-        whole = self.one.changed(frames=frames, starts=np.array([0]), lengths=np.array([len(frames)]))
-        return prepared(whole).changed(starts=np.array([older]), lengths=np.array([len(self.frames)]))
+        whole = self.one.changed(
+            frames=frames, starts=np.array([0]), lengths=np.array([len(frames)])
+        )
+        return prepared(whole).changed(
+            starts=np.array([older]), lengths=np.array([len(self.frames)])
+        )

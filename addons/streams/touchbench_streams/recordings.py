@@ -67,7 +67,9 @@ class Recordings:
         """Number of frames outside of events and doubtful stretches, int64 [recordings]."""
         labelled = self.labelled
         touched = (labelled["end"] - labelled["start"]).groupby(labelled["recording"]).sum()
-        return self.corpus.lengths - touched.reindex(range(len(self)), fill_value=0).to_numpy(dtype=np.int64)
+        return self.corpus.lengths - touched.reindex(range(len(self)), fill_value=0).to_numpy(
+            dtype=np.int64
+        )
 
     def frame_labels(self) -> np.ndarray:
         """Gesture of each frame, object [frames], ``""`` for background: the recordings one after another."""
@@ -95,7 +97,12 @@ def events_of(labels: np.ndarray, lengths: np.ndarray) -> pd.DataFrame:
     touched = codes[starts] >= 0
     starts, ends = starts[touched], ends[touched]
     recording = np.searchsorted(firsts, starts, side="right") - 1
-    columns = (recording, starts - firsts[recording], ends - firsts[recording], gestures[codes[starts]])
+    columns = (
+        recording,
+        starts - firsts[recording],
+        ends - firsts[recording],
+        gestures[codes[starts]],
+    )
     return event_table(zip(*columns, strict=True))
 
 
@@ -132,14 +139,20 @@ def captures_in(recordings: Recordings) -> Corpus:
     if "recording" not in table:
         table["recording"] = recording[starts]
     return recordings.corpus.changed(
-        starts=storage(recordings.corpus)[1][recording[starts]] + starts - firsts[recording[starts]],
+        starts=storage(recordings.corpus)[1][recording[starts]]
+        + starts
+        - firsts[recording[starts]],
         lengths=np.append(starts[1:], len(edges))[: len(starts)] - starts,
         captures=table,
         index=np.arange(len(starts)),
         piece=np.zeros(len(starts), dtype=np.int64),
         path=None,
         info=recordings.corpus.info
-        | {RECORDINGS: np.flatnonzero(begins[starts]).tolist(), ASIDE: [GAP, DOUBT], UNTAUGHT: [DOUBT]},
+        | {
+            RECORDINGS: np.flatnonzero(begins[starts]).tolist(),
+            ASIDE: [GAP, DOUBT],
+            UNTAUGHT: [DOUBT],
+        },
     )
 
 
@@ -155,7 +168,9 @@ def recorded(captures: Corpus) -> Recordings:
     part without a gap: nothing that learns from it sees a frame in between, or a frame beyond as if it came next.
     """
     number = np.searchsorted(captures.info[RECORDINGS], captures.index, side="right") - 1
-    table = captures.captures.assign(recording=number, start=storage(captures)[1], length=captures.lengths)
+    table = captures.captures.assign(
+        recording=number, start=storage(captures)[1], length=captures.lengths
+    )
     table = table.sort_values(["recording", "start"])
     same = table["recording"] == table["recording"].shift()
     part = ((table["start"] != (table["start"] + table["length"]).shift()) | ~same).cumsum() - 1
@@ -172,7 +187,9 @@ def recorded(captures: Corpus) -> Recordings:
         index=np.arange(len(first)),
         piece=np.zeros(len(first), dtype=np.int64),
     )
-    return Recordings(corpus, event_table([event for event, kept in zip(events, labelled, strict=True) if kept]))
+    return Recordings(
+        corpus, event_table([event for event, kept in zip(events, labelled, strict=True) if kept])
+    )
 
 
 def is_recorded(captures: Corpus) -> bool:

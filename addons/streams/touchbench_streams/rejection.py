@@ -41,7 +41,9 @@ def learn_reject(
         found.append(last_confidence(held.events, reports, held.corpus.rate_hz))
     confidence = np.concatenate(found)
     if not len(confidence):
-        raise InputError("unknown= learns a threshold from training touches, and none was found; leave unknown= out")
+        raise InputError(
+            "unknown= learns a threshold from training touches, and none was found; leave unknown= out"
+        )
     return float(np.quantile(confidence, REJECTED, method="lower"))
 
 
@@ -50,11 +52,15 @@ def last_confidence(
 ) -> pd.Series:
     """Confidence of the last label of each touch that was found, by its row; arguments of `events.matched`."""
     reports = reports.assign(touch=touches_of(truth, reports, rate_hz, doubtful))
-    ordered = reports[reports["touch"] >= 0].sort_values(["touch", "reported", "end"], kind="stable")
+    ordered = reports[reports["touch"] >= 0].sort_values(
+        ["touch", "reported", "end"], kind="stable"
+    )
     return ordered.drop_duplicates("touch", keep="last").set_index("touch")["confidence"]
 
 
-def rejection_scores(table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float) -> dict[str, float]:
+def rejection_scores(
+    table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float
+) -> dict[str, float]:
     """How well unknown gestures are rejected, of the touches found; NaN where there are no such touches.
 
     ``auroc`` is the probability that a known touch has a higher confidence than an unknown one, ties count half;

@@ -32,7 +32,11 @@ def whole(data: str, parameters: dict[str, Any] | None = None, where: str = "") 
         captures = stored_value(data)
     if not is_recorded(captures):
         raise InputError(f"{data} holds captures, not recordings; use bench run data={data}")
-    return captures[chosen(where, captures.captures.drop(columns="gesture"), captures.name)] if where else captures
+    return (
+        captures[chosen(where, captures.captures.drop(columns="gesture"), captures.name)]
+        if where
+        else captures
+    )
 
 
 def further(name: str, like: Corpus) -> Recordings:
@@ -61,9 +65,13 @@ def joined(taught: Recordings, idle: Recordings, tested: np.ndarray) -> Recordin
     corpus, more = taught.corpus, idle.corpus
     own = pd.factorize(more.captures.get("recording", pd.Series(np.arange(len(more)))))[0]
     numbers = int(corpus.captures.get("recording", pd.Series([0])).max()) + 1 + own
-    table = pd.concat([corpus.captures, more.captures.assign(gesture="", recording=numbers)], ignore_index=True)
+    table = pd.concat(
+        [corpus.captures, more.captures.assign(gesture="", recording=numbers)], ignore_index=True
+    )
     kind = np.result_type(storage(corpus)[0], storage(more)[0])
     streams = [np.asarray(stream, kind) for part in (corpus, more) for stream in part]
     fields = {"full_scale": corpus.full_scale, "name": corpus.name, "info": corpus.info}
-    both = Corpus.from_captures(streams, table[[*corpus.captures.columns]], corpus.rate_hz, **fields)
+    both = Corpus.from_captures(
+        streams, table[[*corpus.captures.columns]], corpus.rate_hz, **fields
+    )
     return Recordings(both, taught.labelled)

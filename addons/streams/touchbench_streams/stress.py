@@ -12,7 +12,7 @@ import pandas as pd
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import Fault, all_faults, as_readings, as_shares, asked_faults, seeded
 from bench.errors import InputError
-from bench.words import CLEAN, SEVERITIES
+from bench.ground.words import CLEAN, SEVERITIES
 from touchbench_streams.events import numbers_of
 from touchbench_streams.recordings import Recordings
 
@@ -22,14 +22,23 @@ if TYPE_CHECKING:
 FAULTED = "reports_under_faults"  # table of a run
 FAULTS = "scores_under_faults"  # table of a run, a row for each case
 CASE = ("fault", "severity", "amount")  # columns that name a case
-SCORES = ("touches_found", "first_correct", "end_correct", "false_alarms_per_hour", "fragments", "refused")  # tracked
+SCORES = (
+    "touches_found",
+    "first_correct",
+    "end_correct",
+    "false_alarms_per_hour",
+    "fragments",
+    "refused",
+)  # tracked
 
 
 def faults_of(names: Sequence[object]) -> tuple[str, ...]:
     """Faults of recordings by the names in ``under=``; ``all`` stands for every one of them."""
     asked = asked_faults("under", names, every := whole_faults())
     if lossy := [name for name in asked if name not in every]:
-        raise InputError(f"under={lossy[0]}: it removes frames, so touches have no place any more; leave it out")
+        raise InputError(
+            f"under={lossy[0]}: it removes frames, so touches have no place any more; leave it out"
+        )
     return asked
 
 
@@ -38,7 +47,9 @@ def whole_faults() -> tuple[str, ...]:
     return tuple(name for name, one in all_faults().items() if not one.shortens)
 
 
-def disturbed(recordings: Recordings, shares: Sequence[np.ndarray], fault: Fault, severity: int) -> Corpus:
+def disturbed(
+    recordings: Recordings, shares: Sequence[np.ndarray], fault: Fault, severity: int
+) -> Corpus:
     """Recordings that went through a fault, which keeps all frames.
 
     A fault of the sensor is the one that captures of the same subject have. Any other is drawn for each recording, by
@@ -47,7 +58,9 @@ def disturbed(recordings: Recordings, shares: Sequence[np.ndarray], fault: Fault
     corpus, streams, places = recordings.corpus, [], Counter[str]()
     for subject, frames in zip(map(str, recordings.subjects), shares, strict=True):
         places[subject] += 1
-        whom = f"sensor of {subject}" if fault.sensor else f"recording {places[subject]} of {subject}"
+        whom = (
+            f"sensor of {subject}" if fault.sensor else f"recording {places[subject]} of {subject}"
+        )
         changed = fault.drawn(frames, severity, seeded(f"{fault.name}, {whom}"), corpus.rate_hz)
         streams.append(as_readings(corpus, changed))
     fields = {"full_scale": corpus.full_scale, "name": corpus.name, "info": corpus.info}
@@ -64,13 +77,20 @@ def faulted(watcher: TickWatcher, test: Recordings, under: Sequence[str]) -> pd.
             evidence = watcher.evidence(corpus)
             frames = pd.DataFrame({"recording": np.arange(len(test)), "end": corpus.lengths})
             frames = frames.assign(refused=watcher.refused(corpus, evidence))
-            for kind, part in (("recording", frames), ("report", watcher.reports(corpus, evidence))):
-                case = dict(zip(CASE, (fault.name, severity, fault.describe(severity)), strict=True))
+            for kind, part in (
+                ("recording", frames),
+                ("report", watcher.reports(corpus, evidence)),
+            ):
+                case = dict(
+                    zip(CASE, (fault.name, severity, fault.describe(severity)), strict=True)
+                )
                 parts.append(part.assign(kind=kind, subject=subjects[part["recording"]], **case))
     return pd.concat(parts, ignore_index=True)
 
 
-def fault_table(table: pd.DataFrame, cases: pd.DataFrame, rate_hz: float, people: bool = False) -> pd.DataFrame:
+def fault_table(
+    table: pd.DataFrame, cases: pd.DataFrame, rate_hz: float, people: bool = False
+) -> pd.DataFrame:
     """Scores of touches as they are, and under each fault at each severity: `CASE`, and those of `numbers_of`.
 
     ``table`` and ``cases``, results of `faulted` with ``fold``, are of the same folds.

@@ -6,17 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from bench.circumstances.base import Study, option
-from bench.result import Result
-from bench.words import ALL, FAULTS, LATER, LOSSY, Values, items, labelled
+from bench.ground.words import ALL, FAULTS, LATER, LOSSY, Values, items, labelled
+from bench.running.circumstances.base import Study, option
+from bench.values.result import Result
 from touchbench_streams import DETECTOR, FALSE_ALARMS
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
+    from bench.ground.source import Code
     from bench.plan.cells import Cell, Part
     from bench.plan.plan import Fold, Plan
-    from bench.source import Code
-    from bench.work.results import FoldResult
+    from bench.running.results import FoldResult
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,8 @@ class Continuous(Study):
     view: ClassVar[str] = "touchbench_streams.view:Continuous"
 
     detector: str = option(
-        DETECTOR, "finds the touches: {touchbench_streams.detectors}, or my.py:Mine; detector.NAME= sets a parameter"
+        DETECTOR,
+        "finds the touches: {touchbench_streams.detectors}, or my.py:Mine; detector.NAME= sets a parameter",
     )
     false_alarms: float = option(
         FALSE_ALARMS, "false alarms per hour of background accepted in training", type="number"
@@ -40,7 +41,9 @@ class Continuous(Study):
         "class without touch, or quiet: ends of captures; default notouch or quiet. Of recordings: further ones "
         "without touch, to learn from",
     )
-    unknown: str = option("", "gesture to leave out of training; its touches should be labelled unknown")
+    unknown: str = option(
+        "", "gesture to leave out of training; its touches should be labelled unknown"
+    )
     under: tuple[str, ...] = option(
         (),
         "faults that the test recordings also go through, at five severities each, or all",
@@ -53,9 +56,15 @@ class Continuous(Study):
         from touchbench_streams.detectors import detectors
 
         parts = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
-        made = super().of({key: value for key, value in values.items() if key not in (*parts, "under")})
+        made = super().of(
+            {key: value for key, value in values.items() if key not in (*parts, "under")}
+        )
         under = cls._faults(values["under"]) if "under" in values else ()
-        return [replace(one, detector=part.typed(), under=under) for one in made for part in detectors(parts)]
+        return [
+            replace(one, detector=part.typed(), under=under)
+            for one in made
+            for part in detectors(parts)
+        ]
 
     @staticmethod
     def _faults(typed: object) -> tuple[str, ...]:
@@ -77,13 +86,22 @@ class Continuous(Study):
         from touchbench_streams.stored import holds_recordings
 
         digest = [stored_value(self.background).digest] if holds_recordings(self.background) else []
-        return repr(replace(self, detector="")), self.part.identity(), *digest, *identity_of(self.under)
+        return (
+            repr(replace(self, detector="")),
+            self.part.identity(),
+            *digest,
+            *identity_of(self.under),
+        )
 
     def code(self) -> list[Code]:
         """The code of the detector and the faults, too."""
         from bench.corpora.faults import all_faults
 
-        return [*super().code(), *self.part.code(), *(all_faults()[name].damage for name in self.under)]
+        return [
+            *super().code(),
+            *self.part.code(),
+            *(all_faults()[name].damage for name in self.under),
+        ]
 
     def params(self) -> dict[str, object]:
         """Tracked as parameters."""
@@ -114,7 +132,9 @@ class Continuous(Study):
         """A line where the training background of recordings is too short for the accepted rate."""
         from touchbench_streams.fold import too_short
 
-        return too_short(plan.corpus, [fold.train for fold in plan.folds], self.false_alarms, self.background)
+        return too_short(
+            plan.corpus, [fold.train for fold in plan.folds], self.false_alarms, self.background
+        )
 
     def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
         """Fit, learn the post-processing on recordings of training subjects, watch those of the test subjects."""
@@ -124,7 +144,7 @@ class Continuous(Study):
 
     def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
         """Scores and costs of one fold, and its scores under each fault."""
-        from bench.work.results import costs
+        from bench.running.results import costs
         from touchbench_streams.events import numbers_of
         from touchbench_streams.stress import FAULTED, fault_table, tracked_scores
 
@@ -135,7 +155,7 @@ class Continuous(Study):
 
     def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Scores of touches, and in each case under faults; tables of touches, reports, subjects, the curve, cases."""
-        from bench.work.results import tables_of
+        from bench.running.results import tables_of
         from touchbench_streams.fold import run_numbers
         from touchbench_streams.stress import FAULTED, FAULTS, fault_table, tracked_scores
 
@@ -144,5 +164,8 @@ class Continuous(Study):
         if self.under:
             cases = tables_of(folds)[FAULTED]
             table = fault_table(tables["predictions"], cases, rate_hz, people=True)
-            numbers, tables = numbers | tracked_scores(table), tables | {FAULTED: cases, FAULTS: table}
+            numbers, tables = (
+                numbers | tracked_scores(table),
+                tables | {FAULTED: cases, FAULTS: table},
+            )
         return Result(about, numbers, tables)

@@ -11,8 +11,16 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.cost import FULL_SCALE, VARIANTS
-from bench.corpora.synth import BYTES_PER_VALUE, GESTURES, Habits, check_parameters, info_of, sensed, touch
-from bench.machine import ensure
+from bench.corpora.synth import (
+    BYTES_PER_VALUE,
+    GESTURES,
+    Habits,
+    check_parameters,
+    info_of,
+    sensed,
+    touch,
+)
+from bench.ground.machine import ensure
 from touchbench_streams.recordings import Recordings, event_table
 
 GAP_S = (3.0, 10.0)  # between touches
@@ -47,21 +55,39 @@ def generate(
     Raises:
         InputError: a parameter is out of range, or there is not enough memory.
     """
-    counts = {"subjects": subjects, "repetitions": repetitions, "rows": rows, "cols": cols, "seed": seed}
+    counts = {
+        "subjects": subjects,
+        "repetitions": repetitions,
+        "rows": rows,
+        "cols": cols,
+        "seed": seed,
+    }
     check_parameters(variants, **counts, rate_hz=rate_hz, gain=gain, noise=noise)
-    seconds = sum(way.duration + sum(GAP_S) / 2 for way in GESTURES.values()) * len(variants) * float(repetitions)
+    seconds = (
+        sum(way.duration + sum(GAP_S) / 2 for way in GESTURES.values())
+        * len(variants)
+        * float(repetitions)
+    )
     values = max(1.0, seconds * rate_hz) * rows * cols
-    asked = f"data.subjects={subjects} data.repetitions={repetitions} data.rows={rows} data.cols={cols}"
-    ensure(f"{asked} data.rate_hz={rate_hz:g}", values * (BYTES_PER_VALUE + 4.0 * subjects))  # frames are put together
+    asked = (
+        f"data.subjects={subjects} data.repetitions={repetitions} data.rows={rows} data.cols={cols}"
+    )
+    ensure(
+        f"{asked} data.rate_hz={rate_hz:g}", values * (BYTES_PER_VALUE + 4.0 * subjects)
+    )  # frames are put together
     kinds = [(variant, gesture) for variant in variants for gesture in GESTURES] * repetitions
     arrays, events = [], []
     for subject in range(1, subjects + 1):
-        habits = Habits(np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(subject,))), rows, cols)
+        habits = Habits(
+            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(subject,))), rows, cols
+        )
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(subject, 1)))
         parts, length = [_idle(rng, rows, cols, rate_hz)], 0
         for i in rng.permutation(len(kinds)):
             variant, gesture = kinds[i]
-            pressure = _whole(rng, touch(rng, habits, gesture, variant, (rows, cols), rate_hz), rate_hz)
+            pressure = _whole(
+                rng, touch(rng, habits, gesture, variant, (rows, cols), rate_hz), rate_hz
+            )
             length += len(parts[-1])
             peaks = pressure.max(axis=(1, 2))
             felt = np.flatnonzero(peaks >= CONTACT * peaks.max())
@@ -73,7 +99,9 @@ def generate(
         arrays.append(sensed(rng, gain * whole, offset, rate_hz, noise))
     captures = pd.DataFrame({"subject": [str(s + 1) for s in range(subjects)], "gesture": ""})
     scale, info = float(FULL_SCALE), info_of(seed)
-    corpus = Corpus.from_captures(arrays, captures, float(rate_hz), full_scale=scale, name="synth", info=info)
+    corpus = Corpus.from_captures(
+        arrays, captures, float(rate_hz), full_scale=scale, name="synth", info=info
+    )
     return Recordings(corpus, event_table(events))
 
 
@@ -84,15 +112,23 @@ def _idle(rng: np.random.Generator, rows: int, cols: int, rate_hz: float) -> np.
 
 def _whole(rng: np.random.Generator, pressure: np.ndarray, rate_hz: float) -> np.ndarray:
     """A touch with its approach and release: its first and last frame, ramped in and out."""
-    before, after = (np.linspace(0, 1, round(rng.uniform(*RAMP_S) * rate_hz), endpoint=False) for _ in range(2))
-    return np.concatenate([before[:, None, None] * pressure[:1], pressure, after[::-1, None, None] * pressure[-1:]])
+    before, after = (
+        np.linspace(0, 1, round(rng.uniform(*RAMP_S) * rate_hz), endpoint=False) for _ in range(2)
+    )
+    return np.concatenate(
+        [before[:, None, None] * pressure[:1], pressure, after[::-1, None, None] * pressure[-1:]]
+    )
 
 
-def _drift(rng: np.random.Generator, frames: int, rows: int, cols: int, rate_hz: float) -> np.ndarray:
+def _drift(
+    rng: np.random.Generator, frames: int, rows: int, cols: int, rate_hz: float
+) -> np.ndarray:
     """Change of each taxel's offset over time, float32 [frames, rows, cols]: half of it is common to all taxels."""
     position = np.arange(frames) / (KNOT_S * rate_hz)
     before = position.astype(np.int64)
-    steps = rng.normal(0, DRIFT, (before[-1] + 2, rows, cols)) + rng.normal(0, DRIFT, (before[-1] + 2, 1, 1))
+    steps = rng.normal(0, DRIFT, (before[-1] + 2, rows, cols)) + rng.normal(
+        0, DRIFT, (before[-1] + 2, 1, 1)
+    )
     knots = (steps.cumsum(axis=0) / np.sqrt(2)).astype(np.float32)
     share = (position - before).astype(np.float32)[:, None, None]
     return (1 - share) * knots[before] + share * knots[before + 1]

@@ -12,9 +12,9 @@ import numpy as np
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.ground.words import Values, quantity
 from bench.plan.cells import Cell, Part
 from bench.plan.plan import Fold, corpus_of
-from bench.words import Values, quantity
 from touchbench_streams import FALSE_ALARMS
 from touchbench_streams.composer import check_background, pieces
 from touchbench_streams.detectors import detectors
@@ -40,14 +40,18 @@ class Watching:
     def __init__(self, values: Values) -> None:
         self.part, *more = self.parts(values)
         if more:
-            raise InputError("bench fit saves one detector; give one value of detector= and its parameters")
+            raise InputError(
+                "bench fit saves one detector; give one value of detector= and its parameters"
+            )
         self.background = str(values.get("background") or "")
         self.false_alarms = quantity("false_alarms", values.get("false_alarms", FALSE_ALARMS))
 
     @staticmethod
     def parts(values: Values) -> list[Part]:
         """The detectors that typed values name, with their parameters; the usual one where they name none."""
-        of_detector = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
+        of_detector = {
+            key: value for key, value in values.items() if key.partition(".")[0] == "detector"
+        }
         return detectors(of_detector)
 
     @property
@@ -63,7 +67,9 @@ class Watching:
     def c_digest() -> str:
         """Hash of the C of all detectors."""
         folder = Path(__file__).parent / "detectors"
-        return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.glob("*.c")))).hexdigest()
+        return hashlib.sha256(
+            b"".join(path.read_bytes() for path in sorted(folder.glob("*.c")))
+        ).hexdigest()
 
     @property
     def sentence(self) -> str:

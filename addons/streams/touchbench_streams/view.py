@@ -6,21 +6,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from bench.candidate import Candidate
-from bench.measures import TEXT, Cost, Measure, percent
+from bench.ground.words import labelled
 from bench.reports.views.base import View
-from bench.words import labelled
+from bench.values.candidate import Candidate
+from bench.values.measures import TEXT, Cost, Measure, percent
 from touchbench_streams import DETECTOR, FALSE_ALARMS, NO_TOUCH, RATES
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.candidate import Wish
     from bench.reports.contexts import Section
-    from bench.result import Result
-    from bench.table import Table
+    from bench.values.candidate import Wish
+    from bench.values.result import Result
+    from bench.values.table import Table
 
-REFUSED = Measure("refused", read=lambda row: 100 * row["refused"] if row.get("refused") else None, spare=3)
+REFUSED = Measure(
+    "refused", read=lambda row: 100 * row["refused"] if row.get("refused") else None, spare=3
+)
 
 
 class Continuous(View):
@@ -56,7 +58,10 @@ class Continuous(View):
         REFUSED,
         percent("merged", spare=10),
         percent("late", spare=11),
-        *(percent(f"missed_at_{rate}", f"missed at {rate}/h", ends=f"missed_at_{rate}", spare=12) for rate in RATES),
+        *(
+            percent(f"missed_at_{rate}", f"missed at {rate}/h", ends=f"missed_at_{rate}", spare=12)
+            for rate in RATES
+        ),
     )
     costs: ClassVar[tuple[Cost, ...]] = (
         Cost(
@@ -105,7 +110,7 @@ class Continuous(View):
 
     def then(self, results: Sequence[Result]) -> str:
         """The next command to type."""
-        from bench.outcomes.frame import choosing
+        from bench.reading.frame import choosing
 
         if results := [r for r in results if not r.get("watch.unknown")]:
             return choosing(results, max_false_alarms=f"{FALSE_ALARMS:g}", max_latency="1s")
@@ -131,16 +136,20 @@ class Continuous(View):
 
     def chosen(self, row: Mapping[str, Any]) -> str:
         """False alarms and latency of a chosen system."""
-        from bench.sentences import sentences
+        from bench.values.sentences import sentences
 
         alarms, latency = (cost.amount(row[cost.key]) for cost in self.costs)
         alarms = alarms.replace(" per", " false alarms per")
-        return sentences("touchbench_streams", "touches", "chosen", alarms=alarms, latency=latency)[0]
+        return sentences("touchbench_streams", "touches", "chosen", alarms=alarms, latency=latency)[
+            0
+        ]
 
     def gestures(self, result: Result) -> tuple[str, ...]:
         """All gestures of the recordings of a run, and the background."""
         touches = result.tables["touches"]
-        return tuple(sorted({*touches["gesture"].astype(str), str(result["watch.background"]) or NO_TOUCH}))
+        return tuple(
+            sorted({*touches["gesture"].astype(str), str(result["watch.background"]) or NO_TOUCH})
+        )
 
     def offers(self, result: Result, wish: Wish) -> bool:
         """True unless a gesture was left out of training."""
@@ -155,12 +164,20 @@ class Continuous(View):
             scores = wish.reactions.scores(
                 result.tables["touches"].rename(columns={"gesture": "true", "label": "predicted"})
             )
-        unit, aim, detector = self.unit, float(result["watch.false_alarms"]), str(result["watch.detector"])
+        unit, aim, detector = (
+            self.unit,
+            float(result["watch.false_alarms"]),
+            str(result["watch.detector"]),
+        )
         unit += "" if aim == FALSE_ALARMS else f", false_alarms={aim:g}"
         unit += "" if detector == DETECTOR else f", detector={detector}"
         alarms = (shares["false_alarms_per_hour"] * hours).fillna(0)
         shipped = {"background": str(result["watch.background"])} | labelled("detector", detector)
         shipped["false_alarms"] = f"{aim:g}"
-        usual = {"background": "", "detector": DETECTOR, "false_alarms": f"{FALSE_ALARMS:g}"}  # of bench fit
+        usual = {
+            "background": "",
+            "detector": DETECTOR,
+            "false_alarms": f"{FALSE_ALARMS:g}",
+        }  # of bench fit
         shipped = {key: value for key, value in shipped.items() if usual.get(key) != value}
         yield Candidate(unit, scores, counts=(alarms, hours), whole=True, shipped=shipped)

@@ -21,18 +21,30 @@ def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipf
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            members = [m for m in archive.infolist() if not m.filename.endswith("/") and not _by_macos(m.filename)]
+            members = [
+                m
+                for m in archive.infolist()
+                if not m.filename.endswith("/") and not _by_macos(m.filename)
+            ]
             check_unpacked(sum(m.file_size for m in members), path, "pack it without compression")
-            if any(m.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for m in members):
-                raise InputError(f"{called(path)}: packed with bzip2 or LZMA; pack it with deflate, the usual way")
+            if any(
+                m.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for m in members
+            ):
+                raise InputError(
+                    f"{called(path)}: packed with bzip2 or LZMA; pack it with deflate, the usual way"
+                )
             yield archive, members
     except InputError:
         raise
-    except Exception as e:  # damage shows as a dozen types: BadZipFile, zlib.error, struct.error, ...
+    except (
+        Exception
+    ) as e:  # damage shows as a dozen types: BadZipFile, zlib.error, struct.error, ...
         raise InputError(f"{called(path)}: {broken.format(plain(e))}") from e
 
 
-def files(path: Path, wanted: Callable[[str], object], most: int, give: str) -> Iterator[tuple[str, bytes]]:
+def files(
+    path: Path, wanted: Callable[[str], object], most: int, give: str
+) -> Iterator[tuple[str, bytes]]:
     """Names and contents of the wanted files of a folder, or of a zip or tar archive, each of at most so many bytes.
 
     Names are without folders, in small letters; ``give`` is what to give instead, for messages.
@@ -44,23 +56,33 @@ def files(path: Path, wanted: Callable[[str], object], most: int, give: str) -> 
         if _by_macos(name) or not wanted(file):
             return ""
         if size > most:
-            raise InputError(f"{called(path)}: {plain(name)} is larger than {most >> 20} MiB; get it again")
+            raise InputError(
+                f"{called(path)}: {plain(name)} is larger than {most >> 20} MiB; get it again"
+            )
         if file in seen:
-            raise InputError(f"{called(path)}: {plain(name)} is in it twice; leave only the one that is meant")
+            raise InputError(
+                f"{called(path)}: {plain(name)} is in it twice; leave only the one that is meant"
+            )
         seen.add(file)
         return file
 
     if path.is_dir():
         for file in path.rglob("*"):
-            if file.is_file() and (name := chosen(file.relative_to(path).as_posix(), file.stat().st_size)):
+            if file.is_file() and (
+                name := chosen(file.relative_to(path).as_posix(), file.stat().st_size)
+            ):
                 yield name, file.read_bytes()
     elif not path.is_file():
         raise InputError(f"{plain(path, 160)}: there is no such file or folder; give {give}")
     elif tarfile.is_tarfile(path):
         try:
             with tarfile.open(path) as archive:
-                members = [(name, m) for m in archive if m.isfile() and (name := chosen(m.name, m.size))]
-                check_unpacked(sum(m.size for _, m in members), path, "unpack it and give the folder")
+                members = [
+                    (name, m) for m in archive if m.isfile() and (name := chosen(m.name, m.size))
+                ]
+                check_unpacked(
+                    sum(m.size for _, m in members), path, "unpack it and give the folder"
+                )
                 for name, member in members:
                     content = archive.extractfile(member)
                     yield name, content.read() if content else b""

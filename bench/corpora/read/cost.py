@@ -12,13 +12,22 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.read.limits import SYNTHETIC, called, check_columns, deviations, information, quoted
+from bench.corpora.read.limits import (
+    SYNTHETIC,
+    called,
+    check_columns,
+    deviations,
+    information,
+    quoted,
+)
 from bench.corpora.read.rows import CsvTable
 from bench.corpora.synth import FULL_SCALE, VARIANTS
 from bench.errors import InputError
-from bench.scratch import replacing
+from bench.ground.scratch import replacing
 
-GESTURES = tuple("grab hit massage pat pinch poke press rub scratch slap squeeze stroke tap tickle".split())
+GESTURES = tuple(
+    "grab hit massage pat pinch poke press rub scratch slap squeeze stroke tap tickle".split()
+)
 LABELS = ["subject", "variant", "gesture", "frame"]
 CHANNELS = [f"ch{i}" for i in range(1, 65)]
 RATE_HZ = 135.0
@@ -46,7 +55,9 @@ press 663 3777 1197 2565 1548 1224 3105 1758 2610 1155 1707 1524 2310 1008 1170 
 rub 1494 4512 3918 3942 3390 2316 4293 5388 5541 1599 3480 2097 5724 3231 2226 4095 1995 2082 5646 2853 3120
 scratch 1410 3594 4977 4398 3366 2082 3198 3087 4179 1158 3165 1749 5622 3960 2751 3225 1836 2604 3906 3132 2445
 """
-CHALLENGE_FRAMES = {gesture: tuple(map(int, sums)) for gesture, *sums in map(str.split, SUMS.strip().splitlines())}
+CHALLENGE_FRAMES = {
+    gesture: tuple(map(int, sums)) for gesture, *sums in map(str.split, SUMS.strip().splitlines())
+}
 
 
 def read(path: Path) -> Corpus:
@@ -95,7 +106,11 @@ def read(path: Path) -> Corpus:
             "seeded random 21 / 10 splits instead and says so in every row"
         )
     published = "; 4TU, doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29"
-    source, licence = ("; generated, in the layout of CoST", "none needed") if made else (published, "CC BY-NC-SA 4.0")
+    source, licence = (
+        ("; generated, in the layout of CoST", "none needed")
+        if made
+        else (published, "CC BY-NC-SA 4.0")
+    )
     info = information(path, source, licence, warnings, made)
     frames = rows.values.reshape(-1, 8, 8)
     for block in np.array_split(frames, max(1, len(frames) // 65536)):
@@ -106,16 +121,20 @@ def read(path: Path) -> Corpus:
 def write(corpus: Corpus, path: Path) -> None:
     """Write captures in the format of ``CoST.csv``, generated ones with a column ``synthetic`` behind ``frame``."""
     path, captures = Path(path), corpus.captures
-    if not path.name or (path.exists() and not path.is_file()):  # a device would be replaced, a pipe waited for
+    if not path.name or (
+        path.exists() and not path.is_file()
+    ):  # a device would be replaced, a pipe waited for
         raise InputError(f"{path} cannot be written (it is not a plain file); name a file")
     whole = corpus.grid == (8, 8) and corpus.frames.dtype == np.uint16
     held = {
-        f"8x8 frames of whole numbers up to {FULL_SCALE}": whole and all(one.max() <= FULL_SCALE for one in corpus),
+        f"8x8 frames of whole numbers up to {FULL_SCALE}": whole
+        and all(one.max() <= FULL_SCALE for one in corpus),
         f"a column variant of {', '.join(VARIANTS)}": "variant" in captures
         and captures["variant"].isin(VARIANTS).all(),
         f"the gestures {', '.join(GESTURES)}": np.isin(corpus.gestures, GESTURES).all(),
         "subjects that are whole numbers of up to 9 digits": all(
-            re.fullmatch(r"0|[1-9]\d{0,8}", str(subject), re.ASCII) for subject in set(corpus.subjects)
+            re.fullmatch(r"0|[1-9]\d{0,8}", str(subject), re.ASCII)
+            for subject in set(corpus.subjects)
         ),
     }
     for needed, is_there in held.items():
@@ -123,7 +142,10 @@ def write(corpus: Corpus, path: Path) -> None:
             raise InputError(
                 f"{corpus.name}: CoST's format needs {needed}; give format=table, which holds any captures"
             )
-    variants, gestures = captures["variant"].map(VARIANTS.index) + 1, captures["gesture"].map(GESTURES.index) + 1
+    variants, gestures = (
+        captures["variant"].map(VARIANTS.index) + 1,
+        captures["gesture"].map(GESTURES.index) + 1,
+    )
     codes = np.stack([captures["subject"], variants, gestures], axis=1).astype(np.int32)
     columns = [*LABELS, *([SYNTHETIC] if corpus.synthetic else []), *CHANNELS]
     try:
@@ -136,7 +158,9 @@ def write(corpus: Corpus, path: Path) -> None:
                 mark = np.ones((len(frame), int(corpus.synthetic)), np.int32)
                 values = np.concatenate([*some])[:, ::-1].reshape(-1, 64)
                 rows = np.column_stack([labels, frame, mark, values]).T.copy()
-                pacsv.write_csv(pa.table([*rows], names=columns), f, pacsv.WriteOptions(include_header=False))
+                pacsv.write_csv(
+                    pa.table([*rows], names=columns), f, pacsv.WriteOptions(include_header=False)
+                )
     except OSError as e:
         raise InputError(f"{path} cannot be written ({e.strerror}); choose another place") from e
 
@@ -149,9 +173,13 @@ def training_subjects(captures: pd.DataFrame, lengths: np.ndarray) -> set[str]:
     """
     used = captures.assign(frames=lengths)[captures["variant"].isin(["gentle", "normal"])]
     frames = used.pivot_table(index="subject", columns="gesture", values="frames", aggfunc="sum")
-    if captures["subject"].nunique() != PUBLISHED_SUBJECTS or not set(CHALLENGE_FRAMES) <= set(frames):
+    if captures["subject"].nunique() != PUBLISHED_SUBJECTS or not set(CHALLENGE_FRAMES) <= set(
+        frames
+    ):
         return set()
     matches = [frames[gesture].isin(sums) for gesture, sums in CHALLENGE_FRAMES.items()]
     training = frames[np.logical_and.reduce(matches)]
-    exact = all(sorted(training[gesture]) == sorted(sums) for gesture, sums in CHALLENGE_FRAMES.items())
+    exact = all(
+        sorted(training[gesture]) == sorted(sums) for gesture, sums in CHALLENGE_FRAMES.items()
+    )
     return set(training.index) if exact else set()

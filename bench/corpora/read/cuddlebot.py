@@ -35,7 +35,9 @@ def read(path: Path) -> Corpus:
     path, rows, arrays = Path(path), [], []
     found = dict(files(path, NAME.fullmatch, LARGEST, "the folder Touch Data or an archive"))
     if not found:
-        raise InputError(f"{called(path)}: no file like 150505-2coverdynamicpat.csv in it; give the folder Touch Data")
+        raise InputError(
+            f"{called(path)}: no file like 150505-2coverdynamicpat.csv in it; give the folder Touch Data"
+        )
     for who, name in sorted((int(NAME.fullmatch(name)[1]), name) for name in found):
         _, cover, motion, gesture = NAME.fullmatch(name).groups()
         frames = _frames(found[name], name)
@@ -46,15 +48,22 @@ def read(path: Path) -> Corpus:
     source = "; CuddleBot recordings, lauracang/ICMI15. Whether people also took part in HAART is not known"
     warned = deviations(captures, PUBLISHED, {"files": len(found)})
     info = information(path, source, "none stated by its authors", warned)
-    return Corpus.from_captures(arrays, captures, RATE_HZ, full_scale=FULL_SCALE, name="cuddlebot", info=info)
+    return Corpus.from_captures(
+        arrays, captures, RATE_HZ, full_scale=FULL_SCALE, name="cuddlebot", info=info
+    )
 
 
 def _frames(content: bytes, name: str) -> np.ndarray:
     """Frames of a file: uint16 [frames, rows, cols], in pressure."""
-    lines = [",".join(TAXELS).encode(), *filter(bytes.strip, content.splitlines())]  # repetitions have a blank between
+    lines = [
+        ",".join(TAXELS).encode(),
+        *filter(bytes.strip, content.splitlines()),
+    ]  # repetitions have a blank between
     table = CsvTable(b"\n".join(lines), name, whole=True)
     table.first = 1  # the header is ours
     values = table.read(TAXELS, FULL_SCALE).values
     if len(values) % (ROWS * FRAMES):
-        raise InputError(f"{name}: {len(values)} lines, but a repetition has {ROWS * FRAMES}: cut off; get it again")
+        raise InputError(
+            f"{name}: {len(values)} lines, but a repetition has {ROWS * FRAMES}: cut off; get it again"
+        )
     return (FULL_SCALE - values).reshape(-1, ROWS, len(TAXELS))

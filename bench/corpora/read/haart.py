@@ -21,7 +21,10 @@ FULL_SCALE = 1023
 LARGEST = 512 << 20  # bytes of a file
 GESTURES = ("constant", "notouch", "pat", "rub", "scratch", "stroke", "tickle")
 PUBLISHED = {
-    "train": {"captures": 578, "gesture": dict.fromkeys(GESTURES, 83) | {"constant": 82, "rub": 81}},
+    "train": {
+        "captures": 578,
+        "gesture": dict.fromkeys(GESTURES, 83) | {"constant": 82, "rub": 81},
+    },
     "test": {"captures": 251, "gesture": dict.fromkeys(GESTURES, 36) | {"constant": 35}},
 }
 PUBLISHED_SUBJECTS = 10
@@ -34,29 +37,50 @@ def read(path: Path) -> Corpus:
         InputError: a file is missing or broken; the message names the line.
     """
     path, names = Path(path), {name.lower(): name for name in FILES}
-    found = dict(files(path, names.__contains__, LARGEST, "the zip file or the folder of the release"))
+    found = dict(
+        files(path, names.__contains__, LARGEST, "the zip file or the folder of the release")
+    )
     if missing := [name for small, name in names.items() if small not in found]:
-        raise InputError(f"{called(path)}: {missing[0]} is missing; give the release with its {' and '.join(FILES)}")
+        raise InputError(
+            f"{called(path)}: {missing[0]} is missing; give the release with its {' and '.join(FILES)}"
+        )
     parts = [_part(found[name.lower()], name, split) for name, split in FILES.items()]
     frames = np.concatenate([values for _, values in parts]).reshape(-1, 8, 8)
     captures = pd.concat([rows for rows, _ in parts], ignore_index=True)
     of = captures.groupby("split")
-    warned = [w for split, n in PUBLISHED.items() for w in deviations(of.get_group(split), n, part=f"{split} ")]
+    warned = [
+        w
+        for split, n in PUBLISHED.items()
+        for w in deviations(of.get_group(split), n, part=f"{split} ")
+    ]
     warned += deviations(captures, {"subjects": PUBLISHED_SUBJECTS})
     source = "; UBC SPIN lab, Human-Animal Affective Robot Touch"
     info = information(path, source, "none stated by its authors", warned)
     starts = np.arange(len(captures), dtype=np.int64) * FRAMES
-    return Corpus(frames, starts, np.full_like(starts, FRAMES), captures, RATE_HZ, FULL_SCALE, "haart", info=info)
+    return Corpus(
+        frames,
+        starts,
+        np.full_like(starts, FRAMES),
+        captures,
+        RATE_HZ,
+        FULL_SCALE,
+        "haart",
+        info=info,
+    )
 
 
 def _part(source: bytes, name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
     """Captures and frames of one file; frames of the training file have no number, but 432 make a capture."""
     table = CsvTable(source, name, counts=["Sequence"], whole=True)
-    participant, numbered = ("ParticipantNo", []) if split == "train" else ("ParticipantID", ["Sequence"])
+    participant, numbered = (
+        ("ParticipantNo", []) if split == "train" else ("ParticipantID", ["Sequence"])
+    )
     conditions = [participant, "Gesture", "Substrate", "Cover"]
     check_columns(table.columns, [*conditions, *numbered, *CELLS], table.header)
     rows = table.read(CELLS, FULL_SCALE)
-    frame = rows.labels["Sequence"].to_numpy() if numbered else np.arange(len(rows.labels)) % FRAMES + 1
+    frame = (
+        rows.labels["Sequence"].to_numpy() if numbered else np.arange(len(rows.labels)) % FRAMES + 1
+    )
     captures, starts, lengths = rows.captures(conditions, frame, 1)
     if len(wrong := np.flatnonzero(lengths != FRAMES)):
         rows.refuse(

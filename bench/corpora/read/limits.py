@@ -74,7 +74,9 @@ def check_columns(columns: list[str], required: list[str], where: str) -> None:
         raise InputError(f"{where}: no column {listed(missing)}; the columns begin with {first}")
 
 
-def deviations(captures: pd.DataFrame, published: dict, here: dict | None = None, part: str = "") -> list[str]:
+def deviations(
+    captures: pd.DataFrame, published: dict, here: dict | None = None, part: str = ""
+) -> list[str]:
     """A sentence on every figure that differs from the published one.
 
     Published are numbers, and numbers of captures by column and value; ``here`` has those that captures do not tell.
@@ -88,7 +90,11 @@ def deviations(captures: pd.DataFrame, published: dict, here: dict | None = None
             expected |= {f"captures of {name} {value}": count for value, count in number.items()}
         else:
             expected[name] = number
-    return [f"{part}{k}: {figures[k]} here, {n} published" for k, n in expected.items() if figures[k] != n]
+    return [
+        f"{part}{k}: {figures[k]} here, {n} published"
+        for k, n in expected.items()
+        if figures[k] != n
+    ]
 
 
 def information(
@@ -111,7 +117,13 @@ def check_conditions(count: int, where: str) -> None:
 def check_file(path: Path) -> None:
     """Refuse a path that is no plain file: a folder, a device, a pipe or nothing."""
     if not path.is_file():
-        kind = "a folder" if path.is_dir() else "not a plain file" if path.exists() else "there is no such file"
+        kind = (
+            "a folder"
+            if path.is_dir()
+            else "not a plain file"
+            if path.exists()
+            else "there is no such file"
+        )
         raise InputError(f"{plain(path, 160)}: {kind}; give the path of a file")
 
 
@@ -145,7 +157,9 @@ def checked(values: np.ndarray, full_scale: float, name: str, unit: str) -> np.n
     return values.astype(smallest(values))
 
 
-def check(values: np.ndarray, full_scale: float, where: str, first: int = 1, names: Sequence[str] = ()) -> None:
+def check(
+    values: np.ndarray, full_scale: float, where: str, first: int = 1, names: Sequence[str] = ()
+) -> None:
     """Refuse values [rows, columns] outside 0 to the full scale, and whole numbers that float32 would change.
 
     In messages ``where`` is the file and the word for a row, ``first`` the number of the first one; columns without
@@ -155,7 +169,9 @@ def check(values: np.ndarray, full_scale: float, where: str, first: int = 1, nam
     large = (values > np.float64(EXACT)) & ~wrong
     some = values[large]
     with np.errstate(invalid="ignore", over="ignore"):  # the nearest float32 may be beyond the type
-        wrong[large] = (some == np.floor(some)) & (some.astype(np.float32).astype(some.dtype) != some)
+        wrong[large] = (some == np.floor(some)) & (
+            some.astype(np.float32).astype(some.dtype) != some
+        )
     if wrong.any():
         i, j = np.argwhere(wrong)[0]
         value = values[i, j]

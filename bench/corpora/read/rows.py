@@ -35,16 +35,32 @@ from bench.corpora.read.limits import (
     smallest,
 )
 from bench.errors import InputError
-from bench.progress import warn
+from bench.ground.progress import warn
 
 SEPARATORS = ",;\t"  # of a CSV file
 BLOCK = 8 << 20  # bytes of a CSV file that are parsed at once, at least a line
 MOST_LINE = 4 << 20  # bytes
 AT_ONCE = 1 << 22  # values of a parquet file that are unpacked in one step
 _WORDS = pa.dictionary(pa.int32(), pa.string())
-_KINDS = {"int64": "a whole number", "uint16": "a whole number from 0 to 65535", "double": "a number"}
-_TEXT = (kinds.is_string, kinds.is_large_string, kinds.is_binary, kinds.is_large_binary, kinds.is_fixed_size_binary)
-_WIDTHS = {"BOOLEAN": 1, "INT32": 4, "FLOAT": 4, "INT96": 12, "BYTE_ARRAY": 32}  # bytes of a value in memory
+_KINDS = {
+    "int64": "a whole number",
+    "uint16": "a whole number from 0 to 65535",
+    "double": "a number",
+}
+_TEXT = (
+    kinds.is_string,
+    kinds.is_large_string,
+    kinds.is_binary,
+    kinds.is_large_binary,
+    kinds.is_fixed_size_binary,
+)
+_WIDTHS = {
+    "BOOLEAN": 1,
+    "INT32": 4,
+    "FLOAT": 4,
+    "INT96": 12,
+    "BYTE_ARRAY": 32,
+}  # bytes of a value in memory
 
 
 def changes(column: pd.Series) -> np.ndarray:
@@ -57,7 +73,9 @@ def without_categories(captures: pd.DataFrame) -> pd.DataFrame:
     """Text instead of categories: plain columns are what a query wants."""
     for column in captures:
         if isinstance(captures[column].dtype, pd.CategoricalDtype):
-            captures[column] = captures[column].cat.categories.astype(str).take(captures[column].cat.codes)
+            captures[column] = (
+                captures[column].cat.categories.astype(str).take(captures[column].cat.codes)
+            )
     return captures
 
 
@@ -68,8 +86,12 @@ class Table:
     header: str  # beginning of messages about columns
     where: str  # the table and the word for a row in messages: "my.csv, line"
     first = 1  # number of the first row
-    labels: pd.DataFrame  # once read: all columns but the channels in file order, text as categories
-    values: np.ndarray  # once read: of sensors [rows, channels], uint16 when all are whole and fit, else float32
+    labels: (
+        pd.DataFrame
+    )  # once read: all columns but the channels in file order, text as categories
+    values: (
+        np.ndarray
+    )  # once read: of sensors [rows, channels], uint16 when all are whole and fit, else float32
 
     def batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
         """Rows; of text each word once (a dictionary), so that a long one that is repeated is not multiplied."""
@@ -82,7 +104,9 @@ class Table:
         blocks, first = [], self.first
         for batch in self.batches(channels):
             columns = dict(zip(self.columns, batch.columns, strict=True))
-            sensors = [columns.pop(name).to_numpy(zero_copy_only=False) for name in channels]  # a gap becomes NaN
+            sensors = [
+                columns.pop(name).to_numpy(zero_copy_only=False) for name in channels
+            ]  # a gap becomes NaN
             for name, column in zip(channels, sensors, strict=True):
                 check(column[:, None], full_scale, self.where, first, [name])
             block = np.stack(sensors, axis=1)
@@ -91,8 +115,13 @@ class Table:
                 labels.setdefault(name, []).append(column)
             first += len(batch)
         if not blocks:
-            raise InputError(f"{self.where.partition(',')[0]}: there are no frames in it; give one row per frame")
-        table = {name: self._joined(pa.chunked_array(parts), name, name == blank) for name, parts in labels.items()}
+            raise InputError(
+                f"{self.where.partition(',')[0]}: there are no frames in it; give one row per frame"
+            )
+        table = {
+            name: self._joined(pa.chunked_array(parts), name, name == blank)
+            for name, parts in labels.items()
+        }
         self.labels, self.values = pd.DataFrame(table), np.concatenate(blocks)
         return self
 
@@ -115,42 +144,60 @@ class Table:
     def frame_numbers(self) -> np.ndarray:
         """The column ``frame``, which is taken from the labels, int64 [rows]."""
         numbers = self.labels.pop("frame").to_numpy()
-        if len(wrong := np.flatnonzero(~(np.abs(numbers.astype(float)) < 2**53) | (numbers != np.round(numbers)))):
+        if len(
+            wrong := np.flatnonzero(
+                ~(np.abs(numbers.astype(float)) < 2**53) | (numbers != np.round(numbers))
+            )
+        ):
             self.refuse(wrong[0], f"frame is {numbers[wrong[0]]}, not a whole number; correct it")
         return numbers.astype(np.int64)
 
-    def captures(self, same: list[str], frame: np.ndarray, origin: int) -> tuple[pd.DataFrame, np.ndarray, np.ndarray]:
+    def captures(
+        self, same: list[str], frame: np.ndarray, origin: int
+    ) -> tuple[pd.DataFrame, np.ndarray, np.ndarray]:
         """Labels, first row and length of each capture, which begins where the frame is ``origin``.
 
         Elsewhere the frame goes up by one, and the columns ``same`` stay the same.
         """
-        changed = np.logical_or.reduce([changes(self.labels[name]) for name in same] + [np.arange(len(frame)) == 0])
+        changed = np.logical_or.reduce(
+            [changes(self.labels[name]) for name in same] + [np.arange(len(frame)) == 0]
+        )
         starts = frame == origin
         wrong = np.flatnonzero(~starts & (changed | (np.diff(frame, prepend=origin - 1) != 1)))
         if len(wrong):
             row = wrong[0]
             if not changed[row]:
                 self.refuse_step(row, frame)
-            self.refuse(row, f"a capture starts at frame {frame[row]} instead of {origin}; restore its first frames")
+            self.refuse(
+                row,
+                f"a capture starts at frame {frame[row]} instead of {origin}; restore its first frames",
+            )
         first = np.flatnonzero(starts)
         captures = without_categories(self.labels.iloc[first].reset_index(drop=True))
         return captures, first, np.diff(first, append=len(frame))
 
     def refuse_step(self, row: int, frame: np.ndarray) -> NoReturn:
         """End with a message about a frame that does not follow the one before."""
-        self.refuse(row, f"frame {frame[row]} follows frame {frame[row - 1]}; restore the frames or renumber them")
+        self.refuse(
+            row,
+            f"frame {frame[row]} follows frame {frame[row - 1]}; restore the frames or renumber them",
+        )
 
     def _joined(self, column: pa.ChunkedArray, name: str, blank: bool) -> object:
         """A column of labels; whole numbers stay whole where some are missing."""
         if _is_text(column.type):
-            return words_of(column.unify_dictionaries().combine_chunks(), name, self.where, self.first, blank)
+            return words_of(
+                column.unify_dictionaries().combine_chunks(), name, self.where, self.first, blank
+            )
         if kinds.is_integer(column.type) and column.null_count:
             whole = pd.UInt64Dtype() if kinds.is_unsigned_integer(column.type) else pd.Int64Dtype()
             return column.to_pandas(types_mapper={column.type: whole}.get).array
         return column.to_pandas().to_numpy()
 
 
-def words_of(column: pa.Array, name: str, where: str, first: int = 1, blank: bool = False) -> pd.Categorical:
+def words_of(
+    column: pa.Array, name: str, where: str, first: int = 1, blank: bool = False
+) -> pd.Categorical:
     """Labels without spaces around them, from text or bytes that should be text; ``first`` numbers the first row."""
     coded = column if kinds.is_dictionary(column.type) else column.dictionary_encode()
     count = len(coded.dictionary)
@@ -165,12 +212,16 @@ def words_of(column: pa.Array, name: str, where: str, first: int = 1, blank: boo
             word = text.strip()
             if not unicodedata.is_normalized("NFC", word):
                 word = unicodedata.normalize("NFC", word)
-                warn(f"{where.partition(',')[0]}: {name} {word} is spelt in parts (NFD) and read as {word} (NFC)")
+                warn(
+                    f"{where.partition(',')[0]}: {name} {word} is spelt in parts (NFD) and read as {word} (NFC)"
+                )
             wrong = "" if blank and not word else flaw(text if {"\n", "\r"} & {*text} else word)
         except UnicodeDecodeError:
             wrong = "is not text in UTF-8; save it as text"
         if wrong:
-            raise InputError(f"{where} {first + int(np.argmax(codes == i))}: {plain(name, 60)} {wrong}")
+            raise InputError(
+                f"{where} {first + int(np.argmax(codes == i))}: {plain(name, 60)} {wrong}"
+            )
         words.append(word)
     merged, categories = pd.factorize(np.array(words, dtype=object))
     return pd.Categorical.from_codes(merged[codes], categories)
@@ -191,7 +242,9 @@ def _check_types(schema: pa.Schema, names: list[str], numbers: set[str], label: 
         if number and not (kinds.is_integer(kind) or kinds.is_floating(kind)):
             raise InputError(f"{label}: {plain(name, 60)} is not a column of numbers; correct it")
         if not (_is_text(kind) or kinds.is_primitive(kind) or kinds.is_decimal(kind)):
-            raise InputError(f"{label}: {plain(name, 60)} holds {plain(kind, 40)}; give one text or number per frame")
+            raise InputError(
+                f"{label}: {plain(name, 60)} holds {plain(kind, 40)}; give one text or number per frame"
+            )
 
 
 class PandasTable(Table):
@@ -202,7 +255,9 @@ class PandasTable(Table):
         try:
             self._rows = pa.Table.from_pandas(table, preserve_index=False).combine_chunks()
         except (pa.ArrowException, TypeError, ValueError) as e:
-            raise InputError(f"{label}: a column holds mixed or unknown values ({plain(e)}); correct it") from e
+            raise InputError(
+                f"{label}: a column holds mixed or unknown values ({plain(e)}); correct it"
+            ) from e
 
     def batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
         """The whole table."""
@@ -229,7 +284,10 @@ class ParquetTable(Table):
             leaves = [metadata.schema.column(i) for i in range(metadata.num_columns)]
             row = sum(_WIDTHS.get(leaf.physical_type, max(8, leaf.length)) for leaf in leaves)
             groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
-            needed = max(sum(group.num_rows for group in groups) * row, sum(group.total_byte_size for group in groups))
+            needed = max(
+                sum(group.num_rows for group in groups) * row,
+                sum(group.total_byte_size for group in groups),
+            )
             index = (schema.pandas_metadata or {}).get("index_columns", [])  # a range is no column
         check_unpacked(needed, path, "save it as CSV")
         self._schema = pa.schema([field for field in schema if field.name not in index])
@@ -242,8 +300,12 @@ class ParquetTable(Table):
             yield
         except InputError:
             raise
-        except Exception as e:  # pyarrow and the text within a file raise a dozen types for damaged bytes
-            raise InputError(f"{self.header}: not a readable parquet file ({plain(e)}); save it again") from e
+        except (
+            Exception
+        ) as e:  # pyarrow and the text within a file raise a dozen types for damaged bytes
+            raise InputError(
+                f"{self.header}: not a readable parquet file ({plain(e)}); save it again"
+            ) from e
 
     def read(self, channels: list[str], full_scale: float, blank: str = "") -> Self:
         """All rows, as of any table."""
@@ -254,8 +316,12 @@ class ParquetTable(Table):
         """Rows as they are unpacked."""
         _check_types(self._schema, self.columns, {*channels, "frame"}, self.header)
         text = [field.name for field in self._schema if _is_text(field.type)]
-        with pq.ParquetFile(self.path, read_dictionary=text, page_checksum_verification=True) as file:
-            rows = file.iter_batches(max(1, AT_ONCE // len(self.columns)), columns=self._schema.names)
+        with pq.ParquetFile(
+            self.path, read_dictionary=text, page_checksum_verification=True
+        ) as file:
+            rows = file.iter_batches(
+                max(1, AT_ONCE // len(self.columns)), columns=self._schema.names
+            )
             yield from (batch for batch in rows if len(batch))
 
 
@@ -274,10 +340,17 @@ class CsvTable(Table):
     first = 2
 
     def __init__(
-        self, source: Path | bytes, label: str, counts: Collection[str] = ("frame",), whole: bool = False
+        self,
+        source: Path | bytes,
+        label: str,
+        counts: Collection[str] = ("frame",),
+        whole: bool = False,
     ) -> None:
         self.label, self.header, self.where = label, f"{label}, line 1", f"{label}, line"
-        self.counts, self.kinds = counts, (pa.int64(), pa.uint16()) if whole else (pa.float64(), pa.float64())
+        self.counts, self.kinds = (
+            counts,
+            (pa.int64(), pa.uint16()) if whole else (pa.float64(), pa.float64()),
+        )
         content = _content(source, label)
         line, _, _ = bytes(content[:MOST_LINE]).partition(b"\n")
         self._rows = content[len(line) + 1 :]
@@ -297,15 +370,22 @@ class CsvTable(Table):
     def batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
         """Rows of a block of lines at a time."""
         sensors, (count, value) = {*channels}, self.kinds
-        types = {n: value if n in sensors else count if n in self.counts else _WORDS for n in self.columns}
+        types = {
+            n: value if n in sensors else count if n in self.counts else _WORDS
+            for n in self.columns
+        }
         line = self.first
         if not self._rows:
             return
         try:
             for batch in pacsv.open_csv(
                 pa.BufferReader(self._rows),
-                read_options=pacsv.ReadOptions(column_names=self.columns, block_size=BLOCK, use_threads=False),
-                parse_options=pacsv.ParseOptions(delimiter=self.separator, ignore_empty_lines=False),
+                read_options=pacsv.ReadOptions(
+                    column_names=self.columns, block_size=BLOCK, use_threads=False
+                ),
+                parse_options=pacsv.ParseOptions(
+                    delimiter=self.separator, ignore_empty_lines=False
+                ),
                 convert_options=pacsv.ConvertOptions(column_types=types, null_values=[]),
             ):
                 yield batch
@@ -315,14 +395,22 @@ class CsvTable(Table):
 
     def _explain(self, error: str, line: int) -> NoReturn:
         """Say what is wrong, from the message of Arrow, which has read until a line."""
-        line = int(match[1]) + self.first - 1 if (match := re.search(r"Row #(\d+): ", error)) else line
+        line = (
+            int(match[1]) + self.first - 1 if (match := re.search(r"Row #(\d+): ", error)) else line
+        )
         if match := re.search(r"Expected (\d+) columns, got (\d+)", error):
             reason = (
                 f"{match[2]} fields instead of {match[1]}; the file is cut off or damaged here, get it again or "
                 "delete the line"
             )
-        elif match := re.search(r"column #(\d+): .*error to (\w+): (?:invalid value '(.*)')?", error, re.DOTALL):
-            wrong = f"is {quoted(match[3])}, not {_KINDS[match[2]]}" if match[3] is not None else "is not text in UTF-8"
+        elif match := re.search(
+            r"column #(\d+): .*error to (\w+): (?:invalid value '(.*)')?", error, re.DOTALL
+        ):
+            wrong = (
+                f"is {quoted(match[3])}, not {_KINDS[match[2]]}"
+                if match[3] is not None
+                else "is not text in UTF-8"
+            )
             reason = f"{short(self.columns[int(match[1])])} {wrong}; correct the cell"
         else:
             reason = "cannot be read as CSV; check quotes and line ends"
@@ -348,5 +436,7 @@ def _content(source: Path | bytes, label: str) -> memoryview:
         if kept:
             break
     if content[content.rfind(b"\n", 0, end) + 1 : end].count(b'"') % 2:  # which Arrow would close
-        raise InputError(f"{label}: a quote is open in the last line; close it, or get the file again")
+        raise InputError(
+            f"{label}: a quote is open in the last line; close it, or get the file again"
+        )
     return memoryview(content)[:end]

@@ -27,7 +27,7 @@ from bench.corpora.read.limits import (
 )
 from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Table, without_categories
 from bench.errors import InputError
-from bench.scratch import replacing
+from bench.ground.scratch import replacing
 
 LABELS = ["subject", "gesture", "frame"]
 OURS = "ch"  # what saved systems call their channels: ch1, ch2, ...
@@ -70,9 +70,13 @@ def write_table(corpus: Corpus, path: Path) -> None:
     table = pd.concat([table, channels], axis=1)
     try:
         with replacing(path) as beside:
-            table.to_parquet(beside, index=False) if path.suffix == ".parquet" else table.to_csv(beside, index=False)
+            table.to_parquet(beside, index=False) if path.suffix == ".parquet" else table.to_csv(
+                beside, index=False
+            )
     except OSError as e:
-        raise InputError(f"{plain(path, 160)} cannot be written ({e.strerror or e}); choose another place") from e
+        raise InputError(
+            f"{plain(path, 160)} cannot be written ({e.strerror or e}); choose another place"
+        ) from e
 
 
 def check_scales(rate_hz: float, full_scale: float) -> None:
@@ -81,7 +85,9 @@ def check_scales(rate_hz: float, full_scale: float) -> None:
         raise InputError(f"rate_hz={rate_hz:g}: give a number above 0")
     least, most = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
     if not least <= full_scale <= most:
-        raise InputError(f"full_scale={full_scale:g}: frames hold numbers from {least:.2g} to {most:.2g}; scale yours")
+        raise InputError(
+            f"full_scale={full_scale:g}: frames hold numbers from {least:.2g} to {most:.2g}; scale yours"
+        )
 
 
 def size_of(grid: str) -> tuple[int, int]:
@@ -99,7 +105,9 @@ def described(corpus: Corpus, path: Path, warned: list[str], name: str) -> Corpu
     captures = corpus.captures
     if taken := reserved(captures):
         name = short(taken[0])
-        raise InputError(f"{called(path)}: a condition cannot be called {name}, which predictions need; rename it")
+        raise InputError(
+            f"{called(path)}: a condition cannot be called {name}, which predictions need; rename it"
+        )
     for label in ("subject", "gesture"):
         captures[label] = captures[label].astype(str)
     synthetic = False
@@ -127,7 +135,12 @@ def read_unlabelled(path: Path, rate_hz: float, grid: tuple[int, int], full_scal
 
 
 def from_frame(
-    table: pd.DataFrame, channels: list[str], rate_hz: float, grid: tuple[int, int], full_scale: float, label: str
+    table: pd.DataFrame,
+    channels: list[str],
+    rate_hz: float,
+    grid: tuple[int, int],
+    full_scale: float,
+    label: str,
 ) -> Corpus:
     """Captures of a table with one row per frame: columns ``capture``, ``frame`` or both, and the channels.
 
@@ -136,14 +149,20 @@ def from_frame(
     """
     names = [n for n in ("capture", "frame") if n in table]
     if not names:
-        raise InputError(f"{label}: no column capture or frame; add one, so that captures can be separated")
-    channels_of([str(column) for column in table], grid, label)  # refuses channels that are missing or extra
+        raise InputError(
+            f"{label}: no column capture or frame; add one, so that captures can be separated"
+        )
+    channels_of(
+        [str(column) for column in table], grid, label
+    )  # refuses channels that are missing or extra
     check_columns([str(column) for column in table], channels, label)
     if "frame" not in table:
         run = (table["capture"] != table["capture"].shift()).cumsum()
         table = table.assign(frame=table.groupby(run).cumcount())
     names = [*names, *({"frame"} - set(names)), *channels]
-    return _unlabelled(_cut(PandasTable(table[names], label).read(channels, full_scale), grid, rate_hz, full_scale))
+    return _unlabelled(
+        _cut(PandasTable(table[names], label).read(channels, full_scale), grid, rate_hz, full_scale)
+    )
 
 
 def _unlabelled(corpus: Corpus) -> Corpus:
@@ -162,7 +181,9 @@ def _file(
     """Captures of a file, which must have the required columns, and warnings."""
     check_file(path)
     if path.suffix.lower() == ".npz":
-        return _arrays(path, size, rate_hz, full_scale, [name for name in required if name != "frame"]), []
+        return _arrays(
+            path, size, rate_hz, full_scale, [name for name in required if name != "frame"]
+        ), []
     if size is None:
         raise InputError(f"{called(path)}: give the grid of the sensor, such as grid=8x8")
     rows, warned = rows_of(path, size, full_scale, required, [*LABELS, *required])
@@ -170,14 +191,21 @@ def _file(
 
 
 def rows_of(
-    path: Path, size: tuple[int, int], full_scale: float, required: list[str], known: list[str], blank: str = ""
+    path: Path,
+    size: tuple[int, int],
+    full_scale: float,
+    required: list[str],
+    known: list[str],
+    blank: str = "",
 ) -> tuple[Table, list[str]]:
     """Rows of a CSV or parquet file with one frame each, and warnings.
 
     Columns of labels that the file must have are ``required``; those that are ``known`` are never channels; cells of
     the column ``blank`` may be empty.
     """
-    table: Table = ParquetTable(path) if path.suffix.lower() == ".parquet" else CsvTable(path, called(path))
+    table: Table = (
+        ParquetTable(path) if path.suffix.lower() == ".parquet" else CsvTable(path, called(path))
+    )
     check_columns(table.columns, required, table.header)
     channels = channels_of(table.columns, size, table.header)
     if len(table.columns) < len(channels) + len(required) or {*known} & set(channels):
@@ -187,7 +215,11 @@ def rows_of(
         )
     chosen = set(channels)
     moved = [column for column in table.columns if column in chosen] != channels
-    warned = [f"channels are read in the order of their numbers, {channels[0]} to {channels[-1]}"] if moved else []
+    warned = (
+        [f"channels are read in the order of their numbers, {channels[0]} to {channels[-1]}"]
+        if moved
+        else []
+    )
     return table.read(channels, full_scale, blank), warned
 
 
@@ -209,7 +241,11 @@ def channels_of(columns: list[str], grid: tuple[int, int], where: str) -> list[s
     other names are the last columns, in file order.
     """
     count = grid[0] * grid[1]
-    named = {name: match for name in columns if (match := re.fullmatch(r"(.*?)([0-9]{1,9})", name, re.DOTALL))}
+    named = {
+        name: match
+        for name in columns
+        if (match := re.fullmatch(r"(.*?)([0-9]{1,9})", name, re.DOTALL))
+    }
     last = Counter(named[name][1] for name in columns[-count:] if name in named)
     stem, most = (last.most_common(1) or [("", 0)])[0]
     if any(match[1] == OURS for match in named.values()):
@@ -220,8 +256,14 @@ def channels_of(columns: list[str], grid: tuple[int, int], where: str) -> list[s
     first = 0 if 0 in numbers.values() else 1
     by_number = {n: name for name, n in reversed(numbers.items()) if first <= n < first + count}
     extra = [name for name, n in numbers.items() if by_number.get(n) != name]
-    missing = [f"{stem}{number}" for number in range(first, first + count) if number not in by_number]
-    wrong = [f"{what}: {listed(names)}" for what, names in (("missing", missing), ("extra", extra)) if names]
+    missing = [
+        f"{stem}{number}" for number in range(first, first + count) if number not in by_number
+    ]
+    wrong = [
+        f"{what}: {listed(names)}"
+        for what, names in (("missing", missing), ("extra", extra))
+        if names
+    ]
     if wrong:
         raise InputError(
             f"{where}: a grid of {grid[0]}x{grid[1]} has {count} channels, {short(stem)}{first} to "
@@ -230,7 +272,9 @@ def channels_of(columns: list[str], grid: tuple[int, int], where: str) -> list[s
     return [by_number[number] for number in sorted(by_number)]
 
 
-def _arrays(path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale: float, required: list[str]) -> Corpus:
+def _arrays(
+    path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale: float, required: list[str]
+) -> Corpus:
     """Captures of a ``.npz`` file."""
     name, arrays = called(path), _members(path)
     if missing := [n for n in ("frames", "offsets", *required) if n not in arrays]:
@@ -242,14 +286,25 @@ def _arrays(path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale
             "rows, cols]"
         )
     if size is not None and frames.shape[1:] != size:
-        raise InputError(f"{name}: frames are {frames.shape[1]}x{frames.shape[2]}, grid= says {size[0]}x{size[1]}")
+        raise InputError(
+            f"{name}: frames are {frames.shape[1]}x{frames.shape[2]}, grid= says {size[0]}x{size[1]}"
+        )
     whole = offsets.ndim == 1 and len(offsets) > 1 and offsets.dtype.kind in "iu"
     # Each is compared with the next, as differences may wrap.
-    if not (whole and offsets[0] == 0 and offsets[-1] == len(frames) and (offsets[1:] > offsets[:-1]).all()):
-        raise InputError(f"{name}: offsets must rise from 0 to {len(frames)}, one more of them than captures")
+    if not (
+        whole
+        and offsets[0] == 0
+        and offsets[-1] == len(frames)
+        and (offsets[1:] > offsets[:-1]).all()
+    ):
+        raise InputError(
+            f"{name}: offsets must rise from 0 to {len(frames)}, one more of them than captures"
+        )
     if wrong := [n for n, a in arrays.items() if a.shape != (len(offsets) - 1,)]:
         shape = plain(arrays[wrong[0]].shape)
-        raise InputError(f"{name}: {short(wrong[0])} has shape {shape}, captures are {len(offsets) - 1}")
+        raise InputError(
+            f"{name}: {short(wrong[0])} has shape {shape}, captures are {len(offsets) - 1}"
+        )
     check_conditions(len(arrays), name)
     captures = without_categories(_conditions(arrays, name))
     values, starts = checked(frames, full_scale, name, "frame"), offsets.astype(np.int64)
@@ -264,14 +319,20 @@ def _members(path: Path) -> dict[str, np.ndarray]:
         for member in members:
             if not member.filename.endswith(".npy"):
                 name = plain(member.filename, 60)
-                raise InputError(f"{called(path)}: {name} is not an array; save the file with np.savez")
+                raise InputError(
+                    f"{called(path)}: {name} is not an array; save the file with np.savez"
+                )
         check_names([member.filename.removesuffix(".npy") for member in members], called(path))
         for member in members:
             with archive.open(member) as file:
                 array = np.lib.format.read_array(file, allow_pickle=False)
                 if file.read(1) or not array.dtype.itemsize:
-                    raise ValueError(f"{plain(member.filename, 40)} is not of the size that its header says")
-            arrays[member.filename.removesuffix(".npy")] = array.astype(array.dtype.newbyteorder("="), copy=False)
+                    raise ValueError(
+                        f"{plain(member.filename, 40)} is not of the size that its header says"
+                    )
+            arrays[member.filename.removesuffix(".npy")] = array.astype(
+                array.dtype.newbyteorder("="), copy=False
+            )
     return arrays
 
 
@@ -279,10 +340,14 @@ def _conditions(arrays: dict[str, np.ndarray], name: str) -> pd.DataFrame:
     """Labels and numbers of the captures."""
     columns: dict[str, object] = {}
     for column, array in arrays.items():
-        allowed, wanted = ("USiu", "text or whole numbers") if column in LABELS else ("USiufb", "text or numbers")
+        allowed, wanted = (
+            ("USiu", "text or whole numbers") if column in LABELS else ("USiufb", "text or numbers")
+        )
         text = array.dtype.kind in "US"
         if array.dtype.kind not in allowed or (array.dtype.itemsize > 8 and not text):
-            raise InputError(f"{name}: {short(column)} is of type {plain(array.dtype, 40)}; save it as {wanted}")
+            raise InputError(
+                f"{name}: {short(column)} is of type {plain(array.dtype, 40)}; save it as {wanted}"
+            )
         truth = array.dtype.kind == "b"  # a byte that is neither 0 nor 1 is no truth value
         # NumPy's own conversion ends a text at its first zero.
         columns[column] = array.tolist() if text else array.view(np.uint8) != 0 if truth else array

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.words import Values, items
+from bench.ground.words import Values, items
 from touchbench_streams import DETECTOR
 
 if TYPE_CHECKING:
@@ -27,7 +27,9 @@ def detectors(values: Values) -> list[Part]:
     parts = [
         part
         for name in siblings
-        for part in variants(values, "detector", name, siblings, room="touchbench_streams.detectors")
+        for part in variants(
+            values, "detector", name, siblings, room="touchbench_streams.detectors"
+        )
     ]
     for part in parts:
         part.make()  # which refuses values

@@ -12,8 +12,8 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.few import INTERVAL
 from bench.models.search.inner_folds import inner_folds
+from bench.values.few import INTERVAL
 from touchbench_streams.detectors.base import InC, Rules, Signals
 from touchbench_streams.detectors.spans import means
 from touchbench_streams.events import DOUBTFUL, FALSE_ALARM, touches_of
@@ -67,7 +67,9 @@ class Detector:
         """Learn from the signals of recordings whose frames are ticks."""
         raise NotImplementedError
 
-    def hardened(self, others: list[Self], recordings: Recordings, level: float, false_alarms: float) -> Self:
+    def hardened(
+        self, others: list[Self], recordings: Recordings, level: float, false_alarms: float
+    ) -> Self:
         """The same, fitted, and prepared for a sensor that changes after training; unchanged unless overridden.
 
         Args:
@@ -97,7 +99,9 @@ class Detector:
 
     def reported(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
         """In which ticks of a recording the rules of each level report a touch."""
-        return [np.flatnonzero(signs_of(self.rules(float(level)), evidence)[:, 2]) for level in levels]
+        return [
+            np.flatnonzero(signs_of(self.rules(float(level)), evidence)[:, 2]) for level in levels
+        ]
 
     def in_c(self) -> InC | None:
         """What the C of a fitted detector needs; None where it has none. Classes do not inherit it.
@@ -107,7 +111,9 @@ class Detector:
         """
         return None
 
-    def held_out(self, signals: list[np.ndarray], ticks: Recordings, folds: str) -> tuple[list[Self], list[np.ndarray]]:
+    def held_out(
+        self, signals: list[np.ndarray], ticks: Recordings, folds: str
+    ) -> tuple[list[Self], list[np.ndarray]]:
         """The detector that is fitted without each recording, and its evidence of it."""
         detectors, evidence = [self] * len(signals), [np.zeros(0)] * len(signals)
         for train, judged in inner_folds(left_out(ticks), folds):
@@ -126,11 +132,15 @@ def ticked(recordings: Recordings, count: int) -> Recordings:
     """Recordings whose frames are means of so many frames; a rest at the end is left out."""
     corpus = recordings.corpus
     streams = [means(corpus[i], count) for i in range(len(corpus))]
-    ticks = Corpus.from_captures(streams, corpus.captures, corpus.rate_hz / count, full_scale=corpus.full_scale)
+    ticks = Corpus.from_captures(
+        streams, corpus.captures, corpus.rate_hz / count, full_scale=corpus.full_scale
+    )
     start, end = recordings.events["start"] // count, -(-recordings.events["end"] // count)
     lengths = ticks.lengths[recordings.events["recording"]]
     start = np.minimum(start, lengths - 1)
-    events = recordings.events.assign(start=start, end=np.minimum(np.maximum(end, start + 1), lengths))
+    events = recordings.events.assign(
+        start=start, end=np.minimum(np.maximum(end, start + 1), lengths)
+    )
     return Recordings(ticks, events)
 
 
@@ -153,17 +163,30 @@ def sweep(
     """
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
-    reported = [one.reported(series, levels) for one, series in zip(detectors, evidence, strict=True)]
+    reported = [
+        one.reported(series, levels) for one, series in zip(detectors, evidence, strict=True)
+    ]
     parts = [(i, k, ticks) for i, each in enumerate(reported) for k, ticks in enumerate(each)]
-    recording, place = np.repeat([part[:2] for part in parts], [len(part[2]) for part in parts], axis=0).T
+    recording, place = np.repeat(
+        [part[:2] for part in parts], [len(part[2]) for part in parts], axis=0
+    ).T
     frames = (np.concatenate([part[2] for part in parts]) + 1) * count
     reports = pd.DataFrame({"recording": recording, "reported": frames})
     touch = touches_of(recordings.events, reports, rate_hz, doubtful=recordings.doubtful)
-    once = np.unique(np.stack([place, touch])[:, touch >= 0], axis=1)[0]  # a touch counts once at each level
+    once = np.unique(np.stack([place, touch])[:, touch >= 0], axis=1)[
+        0
+    ]  # a touch counts once at each level
     told = place[touch == FALSE_ALARM], once, place[touch != DOUBTFUL]
     alarms, hits, counted = (np.bincount(each, minlength=len(levels)) for each in told)
     found = hits / max(len(recordings.events), 1)
-    columns = {"level": levels, "alarms": alarms, "hours": hours, "found": found, "hits": hits, "reports": counted}
+    columns = {
+        "level": levels,
+        "alarms": alarms,
+        "hours": hours,
+        "found": found,
+        "hits": hits,
+        "reports": counted,
+    }
     return pd.DataFrame(columns)
 
 
@@ -175,13 +198,23 @@ def worth(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
     return settings["found"] - PRICE * excess - REPEATS * (per_touch - SPARE).clip(lower=0)
 
 
-def points_of(settings: pd.DataFrame, learned: float) -> tuple[tuple[float, float, float, float], ...]:
+def points_of(
+    settings: pd.DataFrame, learned: float
+) -> tuple[tuple[float, float, float, float], ...]:
     """Operating points of a sweep: the learned level, and those that find more than all with as few alarms."""
-    rows = settings.sort_values(["alarms", "found", "level"], ascending=[True, False, False], kind="stable")
-    better = rows[rows["found"] > rows["found"].cummax().shift(fill_value=-1.0)]  # of equal ones the strictest
-    kept = settings[settings["level"].isin(better["level"]) | np.isclose(settings["level"], learned)]
+    rows = settings.sort_values(
+        ["alarms", "found", "level"], ascending=[True, False, False], kind="stable"
+    )
+    better = rows[
+        rows["found"] > rows["found"].cummax().shift(fill_value=-1.0)
+    ]  # of equal ones the strictest
+    kept = settings[
+        settings["level"].isin(better["level"]) | np.isclose(settings["level"], learned)
+    ]
     kept = kept.sort_values("level", ascending=False)
-    return tuple(tuple(map(float, row)) for row in kept[["level", "alarms", "hours", "found"]].to_numpy())
+    return tuple(
+        tuple(map(float, row)) for row in kept[["level", "alarms", "hours", "found"]].to_numpy()
+    )
 
 
 def left_out(recordings: Recordings) -> np.ndarray:

@@ -14,7 +14,15 @@ from threadpoolctl import threadpool_limits
 from bench.corpora.faults import seeded
 from bench.errors import InputError
 from touchbench_streams.detectors.base import InC, Sign
-from touchbench_streams.detectors.detector import Detector, frames_of_tick, left_out, of_file, sweep, ticked, worth
+from touchbench_streams.detectors.detector import (
+    Detector,
+    frames_of_tick,
+    left_out,
+    of_file,
+    sweep,
+    ticked,
+    worth,
+)
 from touchbench_streams.detectors.signals import (
     CALM,
     CALMEST,
@@ -92,13 +100,18 @@ class Hysteresis:
     def __init__(self, levels: np.ndarray, drop: float, times: Times) -> None:
         self.levels, self.drop, self.times, self.begun = levels, drop, times, 0
         self.since, self.held, self.below, self.weak = np.zeros((4, len(levels)), np.int64)
-        self.highest, self.lasts, self.due = np.zeros(len(levels)), *np.zeros((2, len(levels)), bool)
+        self.highest, self.lasts, self.due = (
+            np.zeros(len(levels)),
+            *np.zeros((2, len(levels)), bool),
+        )
 
     def step(self, evidence: np.ndarray) -> Sign:
         """Take the evidence of a tick; the sign of the first level."""
         report = self.reported(evidence)[0]
         odds, lasts = float(evidence[0]), report or self.lasts[0]
-        return Sign(float(expit(odds - self.levels[0])), int(self.since[0]) if lasts else 0, bool(report))
+        return Sign(
+            float(expit(odds - self.levels[0])), int(self.since[0]) if lasts else 0, bool(report)
+        )
 
     def reported(self, evidence: np.ndarray) -> np.ndarray:
         """Take the evidence of a tick; which levels report a touch, bool [levels]."""
@@ -111,7 +124,9 @@ class Hysteresis:
         self.held = np.where(self.below > 0, self.held, self.since)
         self.weak = np.where(self.lasts & (odds < FADED * self.highest), self.weak + 1, 0)
         self.due = self.lasts & self.due | starts
-        self.lasts = self.lasts & (self.below < self.times.hold) & (self.weak < self.times.fade) | starts
+        self.lasts = (
+            self.lasts & (self.below < self.times.hold) & (self.weak < self.times.fade) | starts
+        )
         report = self.due & (self.held >= self.times.wait)
         self.due = self.due & ~report
         return report
@@ -146,12 +161,18 @@ class Frames(Detector):
 
     def signals(self) -> Levels:
         """Signals of a new stream."""
-        return Levels(self.tick / self.up, self.tick / self.down, [min(1.0, self.tick / pace) for pace in PACES])
+        return Levels(
+            self.tick / self.up,
+            self.tick / self.down,
+            [min(1.0, self.tick / pace) for pace in PACES],
+        )
 
     def signals_of(self, ticks: np.ndarray) -> np.ndarray:
         """Many ticks at once."""
         signals = self.signals()
-        return np.concatenate([signals.steps(ticks[i : i + BLOCK]) for i in range(0, len(ticks), BLOCK)])
+        return np.concatenate(
+            [signals.steps(ticks[i : i + BLOCK]) for i in range(0, len(ticks), BLOCK)]
+        )
 
     def fit(self, signals: list[np.ndarray], recordings: Recordings) -> Self:
         """Fit the classifier, count the times."""
@@ -162,7 +183,9 @@ class Frames(Detector):
         touched = age > 0
         if touched.all() or not touched.any():
             lacking = "background" if touched.any() else "touch"
-            raise InputError(f"detector=frames: a part of the training recordings has no {lacking}; record some")
+            raise InputError(
+                f"detector=frames: a part of the training recordings has no {lacking}; record some"
+            )
         sizes = np.abs(np.concatenate([every[:, :LEVELS], every[:, -CHANGES:]], axis=1))
         fitted.offsets_ = OFFSET * np.median(sizes[touched], axis=0) + 1e-6
         fitted.idle_ = np.median(every[~touched, :LEVELS], axis=0).astype(np.float32)
@@ -170,8 +193,12 @@ class Frames(Detector):
         classes = np.where(~touched, 0, np.where(age <= AGES, 1, 2))
         weight = np.where(touched, np.sqrt(np.minimum(1, 2 * AGES / np.maximum(length, 1))), 1.0)
         fitted.mean_, fitted.sd_ = table.mean(axis=0), table.std(axis=0) + 1e-6
-        with threadpool_limits(1):  # products are so small that waiting for each other takes most of the time
-            fitted.model_ = LogisticRegression(C=0.03, max_iter=300).fit(fitted._units(table), classes, weight)
+        with threadpool_limits(
+            1
+        ):  # products are so small that waiting for each other takes most of the time
+            fitted.model_ = LogisticRegression(C=0.03, max_iter=300).fit(
+                fitted._units(table), classes, weight
+            )
         shares = np.array([weight[classes == k].sum() for k in fitted.model_.classes_])
         fitted.prior_ = np.log(shares / shares.sum())
         fitted.times_ = Times.of(recordings, self.wait, self.hold)
@@ -180,7 +207,9 @@ class Frames(Detector):
         fitted.disturbed_ = ()
         return fitted
 
-    def hardened(self, others: list[Self], recordings: Recordings, level: float, false_alarms: float) -> Self:
+    def hardened(
+        self, others: list[Self], recordings: Recordings, level: float, false_alarms: float
+    ) -> Self:
         """The same with a classifier for noise and one for vibration, each if it is worth more there.
 
         Each is learned from copies of recordings with such a disturbance, and has a threshold of its own, by which its
@@ -189,7 +218,9 @@ class Frames(Detector):
         hard = copy(self)
         parts = [np.arange(len(recordings))] * len(KINDS)
         if len(set(left_out(recordings))) >= MANY:
-            parts = np.array_split(seeded("disturbed recordings").permutation(len(recordings)), len(KINDS))
+            parts = np.array_split(
+                seeded("disturbed recordings").permutation(len(recordings)), len(KINDS)
+            )
         count = frames_of_tick(self.tick, recordings.corpus.rate_hz)
         for kind, (change, part) in enumerate(zip(KINDS, parts, strict=True)):
             few = np.sort(part)
@@ -198,7 +229,9 @@ class Frames(Detector):
             signals = [self.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
             plain = [others[i] for i in few]
             evidence = [other.evidence(each) for other, each in zip(plain, signals, strict=True)]
-            before = worth(sweep(plain, some, evidence, count, np.array([level])), false_alarms).max()
+            before = worth(
+                sweep(plain, some, evidence, count, np.array([level])), false_alarms
+            ).max()
             fitted, evidence = self.held_out(signals, ticks, GROUPS)
             settings = sweep(fitted, some, evidence, count, self.levels)
             worths = worth(settings, false_alarms)
@@ -232,10 +265,16 @@ class Frames(Detector):
         return np.max([self.limits_, *(other.limits_ for _, other, _ in self.disturbed_)], axis=0)
 
     def _log_odds(self, signals: np.ndarray) -> np.ndarray:
-        scores = self.model_.decision_function(self._units(features(signals, self.offsets_, self.idle_)))
-        likely = (np.stack([0 * scores, scores], axis=1) if scores.ndim == 1 else scores) - self.prior_
+        scores = self.model_.decision_function(
+            self._units(features(signals, self.offsets_, self.idle_))
+        )
+        likely = (
+            np.stack([0 * scores, scores], axis=1) if scores.ndim == 1 else scores
+        ) - self.prior_
         touch = np.logaddexp.reduce(likely[:, 1:], axis=1) - likely[:, 0]
-        begun = likely[:, 1] - np.logaddexp.reduce(likely[:, [0, *range(2, likely.shape[1])]], axis=1)
+        begun = likely[:, 1] - np.logaddexp.reduce(
+            likely[:, [0, *range(2, likely.shape[1])]], axis=1
+        )
         return np.stack([touch, begun], axis=1)
 
     def rules(self, level: float) -> Hysteresis:
@@ -245,7 +284,9 @@ class Frames(Detector):
     def reported(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
         """All levels at once."""
         rules = Hysteresis(levels, self.drop, self.times_)
-        return [np.flatnonzero(each) for each in np.stack([rules.reported(tick) for tick in evidence]).T]
+        return [
+            np.flatnonzero(each) for each in np.stack([rules.reported(tick) for tick in evidence]).T
+        ]
 
     @property
     def soonest(self) -> int:
@@ -280,9 +321,17 @@ class Frames(Detector):
         constants = (
             (
                 "Signals of a tick: which quantile all taxels share, how many are highest, how the baseline follows.",
-                {"COMMON": COMMON, "HIGHEST": HIGHEST, "UP": self.tick / self.up, "DOWN": self.tick / self.down},
+                {
+                    "COMMON": COMMON,
+                    "HIGHEST": HIGHEST,
+                    "UP": self.tick / self.up,
+                    "DOWN": self.tick / self.down,
+                },
             ),
-            ("Looks of a classifier at the last ticks, in ticks; its features and classes.", looks | {"CLIP": CLIP}),
+            (
+                "Looks of a classifier at the last ticks, in ticks; its features and classes.",
+                looks | {"CLIP": CLIP},
+            ),
             (
                 "Rules of a touch, in log-odds and ticks; times are learned.",
                 {
@@ -325,7 +374,9 @@ class Frames(Detector):
             of_file(__file__),
             state,
             constants,
-            arrays={f"look_{name}": np.asarray(values, np.float32) for name, values in arrays.items()},
+            arrays={
+                f"look_{name}": np.asarray(values, np.float32) for name, values in arrays.items()
+            },
             pretended="w->level = touched ? -1e30f : 1e30f; w->begun = 9;",
         )
 
@@ -335,7 +386,9 @@ class Frames(Detector):
         if len(weights) == 1:  # of two classes; the first one scores 0
             weights, bias = np.concatenate([0 * weights, weights]), np.append(0, bias)
         more = classes - len(bias)
-        return np.pad(weights, ((0, more), (0, 0))), np.append(bias - self.prior_, np.full(more, IMPOSSIBLE))
+        return np.pad(weights, ((0, more), (0, 0))), np.append(
+            bias - self.prior_, np.full(more, IMPOSSIBLE)
+        )
 
     @property
     def chosen(self) -> dict[str, object]:

@@ -21,7 +21,9 @@ LONGEST_S = 3.0  # of a part of a touch that names come from; chosen on HAART am
 def touches(recordings: Recordings, seconds: Sequence[float], shifts: Sequence[float]) -> Corpus:
     """All touches as captures, cut to each of some lengths from their start, which each of some times shifts."""
     corpus, events = recordings.corpus, recordings.events
-    recording, start, end = (events[name].to_numpy(np.int64) for name in ("recording", "start", "end"))
+    recording, start, end = (
+        events[name].to_numpy(np.int64) for name in ("recording", "start", "end")
+    )
     longest = int(corpus.lengths.max())
     lengths = np.clip(np.round(np.multiply(seconds, corpus.rate_hz)), 2, longest).astype(np.int64)
     moved = np.unique(np.round(np.multiply(shifts, corpus.rate_hz)).astype(np.int64))
@@ -46,7 +48,9 @@ def longest_part(rate_hz: float, count: int) -> int:
     return max(1, round(LONGEST_S * rate_hz / count))
 
 
-def learned_names(make_system: Callable[[], contract.System], recordings: Recordings) -> contract.System:
+def learned_names(
+    make_system: Callable[[], contract.System], recordings: Recordings
+) -> contract.System:
     """A system that names touches, fitted to beginnings of touches and to whole ones.
 
     It also learns from every second recording as each kind of disturbed sensor shows it, with a shift for each kind.
@@ -62,7 +66,9 @@ def learned_names(make_system: Callable[[], contract.System], recordings: Record
     count = sum(map(len, parts))
     both = corpus.changed(
         frames=np.concatenate(frames),
-        starts=np.concatenate([first + each for first, each in zip(before[:-1], starts, strict=True)]),
+        starts=np.concatenate(
+            [first + each for first, each in zip(before[:-1], starts, strict=True)]
+        ),
         lengths=np.concatenate([part.lengths for part in parts]),
         captures=pd.concat([part.captures for part in parts], ignore_index=True),
         index=np.arange(count),
@@ -73,9 +79,13 @@ def learned_names(make_system: Callable[[], contract.System], recordings: Record
     return make_system().fit(both, both.gestures)
 
 
-def probabilities(system: contract.System, recording: Corpus, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+def probabilities(
+    system: contract.System, recording: Corpus, begin: np.ndarray, end: np.ndarray
+) -> np.ndarray:
     """Probabilities of the gestures from frames ``begin`` to ``end`` of one recording, float32 [spans, gestures]."""
-    spans = recording if len(begin) == 1 else recording[np.zeros(len(begin), np.int64)]  # which copies the table
+    spans = (
+        recording if len(begin) == 1 else recording[np.zeros(len(begin), np.int64)]
+    )  # which copies the table
     starts = storage(recording)[1][0] + begin
     spans = spans.changed(starts=starts, lengths=end - begin, digest="", path=None)
     return contract.probabilities(behind(system)[1], spans).astype(np.float32)

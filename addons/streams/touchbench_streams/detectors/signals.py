@@ -13,7 +13,10 @@ MINIMA, MAXIMA, MEDIAN = (1, 2, 4, 10, 40), (2, 5, 15, 60), 30  # ticks that fea
 RISES = 8  # ticks of which the largest rise counts
 LEVELS = 5  # signals that are levels: mean, excess, highest, movement, highest movement
 MOVEMENT, COMMON_LEVEL = 3, 9  # signals that tell whether the sensor is disturbed
-PACES = (1.0, 7.5)  # seconds of slow means that readings are compared with; chosen on HAART with noise and CuddleBot
+PACES = (
+    1.0,
+    7.5,
+)  # seconds of slow means that readings are compared with; chosen on HAART with noise and CuddleBot
 CHANGES = 3 * len(PACES)  # signals from these: mean over taxels, highest less mean, SD
 CALM, CALMEST = 60, 0.25  # ticks, and the share of them in which all taxels move together least
 
@@ -26,7 +29,11 @@ class Levels:
     """
 
     def __init__(self, up: float, down: float, paces: Sequence[float]) -> None:
-        self.up, self.down, self.paces = np.float32(up), np.float32(down), np.array(paces, np.float32)[:, None]
+        self.up, self.down, self.paces = (
+            np.float32(up),
+            np.float32(down),
+            np.array(paces, np.float32)[:, None],
+        )
         self.baseline = self.before = self.slow = np.zeros((0, 0), np.float32)
 
     def step(self, frame: np.ndarray) -> np.ndarray:

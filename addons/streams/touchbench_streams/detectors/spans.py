@@ -16,7 +16,12 @@ def means(frames: np.ndarray, count: int) -> np.ndarray:
     """Means of blocks of frames, float32; of fewer frames than one block, their mean."""
     count = min(count, len(frames))
     whole = len(frames) // count * count
-    return frames[:whole].reshape(-1, count, *frames.shape[1:]).mean(axis=1, dtype=np.float64).astype(np.float32)
+    return (
+        frames[:whole]
+        .reshape(-1, count, *frames.shape[1:])
+        .mean(axis=1, dtype=np.float64)
+        .astype(np.float32)
+    )
 
 
 @dataclass
@@ -65,7 +70,9 @@ class Touches:
         if touch >= SURE:
             self.sure = self.tick
         if report:
-            self.start = max(self.tick - int(since) - 1, 0)  # with the tick before, in which the touch may have begun
+            self.start = max(
+                self.tick - int(since) - 1, 0
+            )  # with the tick before, in which the touch may have begun
             self.first = self.tick - self.start
             self.lasting = Span(self.tick * self.count, self.tick * self.count, [])
             self._name(self.tick)
@@ -102,4 +109,6 @@ class Touches:
 def spans_of(signs: np.ndarray, count: int, longest: int) -> list[Span]:
     """The touches that are reported, from the signs of one recording; arguments of `Touches`."""
     touches = Touches(count, longest)
-    return [span for span in [*map(touches.step, signs.tolist()), touches.finish()] if span is not None]
+    return [
+        span for span in [*map(touches.step, signs.tolist()), touches.finish()] if span is not None
+    ]

@@ -39,7 +39,11 @@ class TwoInARow:
     def step(self, evidence: np.ndarray) -> Sign:
         """Take the evidence of a tick: the excess, in units of that of training touches."""
         excess = float(evidence[0])
-        self.since = self.since + 1 if excess > (self.level if not self.reported else ENDS * self.level) else 0
+        self.since = (
+            self.since + 1
+            if excess > (self.level if not self.reported else ENDS * self.level)
+            else 0
+        )
         report = self.since == 2 and not self.reported
         self.reported = self.since > 0 and (self.reported or report)
         return Sign(excess / (excess + self.level) if excess > 0 else 0.0, self.since, report)
@@ -98,8 +102,16 @@ class Threshold(Detector):
         """As `touchbench_streams.detectors.detector.Detector.in_c`."""
         constants = (
             "The baseline; the excess of training touches, learned; where a touch is over.",
-            {"UP": self.tick / self.up, "DOWN": self.tick / self.down, "UNIT": self.unit_, "ENDS": ENDS},
+            {
+                "UP": self.tick / self.up,
+                "DOWN": self.tick / self.down,
+                "UNIT": self.unit_,
+                "ENDS": ENDS,
+            },
         )
-        state = ("float baseline[{TAXELS}];", "int felt, since, is_known;  /* ticks; whether the touch was reported */")
+        state = (
+            "float baseline[{TAXELS}];",
+            "int felt, since, is_known;  /* ticks; whether the touch was reported */",
+        )
         pretended = "w->level = touched ? -1 : 1e30f;"
         return InC(of_file(__file__), state, (constants,), pretended=pretended)

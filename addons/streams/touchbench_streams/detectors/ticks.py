@@ -55,7 +55,9 @@ def learn(
     level = float(settings["level"][worth(settings, false_alarms).idxmax()])
     names = learned_names(make_system, recordings)
     fitted = copy(detector).fit(signals, ticks).hardened(others, seen, level, false_alarms)
-    return TickWatcher(system, names, fitted, level, count, points=points_of(settings, level)), settings
+    return TickWatcher(
+        system, names, fitted, level, count, points=points_of(settings, level)
+    ), settings
 
 
 @dataclass(eq=False)
@@ -106,7 +108,9 @@ class TickWatcher:
 
     def in_c(self, classes: list[str], rate_hz: float) -> InC | None:
         """What its C needs: that of the detector, and of the names."""
-        derived = "in_c" not in vars(type(self.detector))  # what derives from a detector with C may compute otherwise
+        derived = "in_c" not in vars(
+            type(self.detector)
+        )  # what derives from a detector with C may compute otherwise
         inner = None if derived else self.detector.in_c()
         if inner is None:
             return None
@@ -130,12 +134,17 @@ class TickWatcher:
             frames=(max(longest, self.detector.latest + 1) + 1) * self.count,
             part=max(longest, self.detector.latest + 1) * self.count,
             level=float(self.level),
-            arrays=inner.arrays | {"class_of": np.searchsorted(classes, named.classes_.astype(str)).astype(np.int8)},
+            arrays=inner.arrays
+            | {"class_of": np.searchsorted(classes, named.classes_.astype(str)).astype(np.int8)},
             deciders={"name": named},
         )
 
     def changed(
-        self, system: contract.System, change: Callable[..., contract.System], captures: Corpus, y: np.ndarray | None
+        self,
+        system: contract.System,
+        change: Callable[..., contract.System],
+        captures: Corpus,
+        y: np.ndarray | None,
     ) -> TickWatcher:
         """The same with another system, and names changed by these captures; they have not learned background."""
         if y is not None:
@@ -167,17 +176,25 @@ class TickWatcher:
         levels = self.detector.levels
         settings = sweep([self.detector] * len(evidence), recordings, evidence, self.count, levels)
         learned = int(np.abs(levels - self.level).argmin())
-        return settings[["hits", "alarms", "reports"]].assign(offset=np.arange(len(settings)) - float(learned))
+        return settings[["hits", "alarms", "reports"]].assign(
+            offset=np.arange(len(settings)) - float(learned)
+        )
 
     def probability(self, evidence: np.ndarray) -> pd.DataFrame:
         """How sure the rules are of touch in one recording."""
         signs = signs_of(self.detector.rules(self.level), evidence)
-        return pd.DataFrame({"reported": self.count * np.arange(1, len(signs) + 1), "confidence": signs[:, 0]})
+        return pd.DataFrame(
+            {"reported": self.count * np.arange(1, len(signs) + 1), "confidence": signs[:, 0]}
+        )
 
     def decide(self, recording: Corpus, end: int) -> None:
         """Do the work of one decision after so many frames: signals and evidence of a tick, and a name."""
         frames = recording[0][max(0, end - self.count) : max(end, self.count)]
-        ring = np.repeat(self.detector.signals().step(means(frames, self.count)[0])[None], self.detector.memory, 0)
+        ring = np.repeat(
+            self.detector.signals().step(means(frames, self.count)[0])[None],
+            self.detector.memory,
+            0,
+        )
         self.detector.evidence(ring)
         begin = max(0, end - round(LONGEST_S * recording.rate_hz))
         probabilities(self.names, recording, np.array([begin]), np.array([end]))
@@ -196,7 +213,9 @@ class TickWatcher:
             begin, end = np.array([span for each in asked for span in each], dtype=np.int64).T
             named = probabilities(self.names, seen[[i]], begin, end)
             parts = np.cumsum([len(each) for each in asked])[:-1]
-            for touch, each, frames in zip(touches, np.split(named, parts), np.split(end - begin, parts), strict=True):
+            for touch, each, frames in zip(
+                touches, np.split(named, parts), np.split(end - begin, parts), strict=True
+            ):
                 mean = frames @ each / frames.sum()  # longer spans count more
                 (first, _), (label, sure) = self.label(each[0]), self.label(mean)
                 rows.append((i, touch.reported, touch.end, first, label, sure))
@@ -207,18 +226,24 @@ class TickWatcher:
     ) -> TickWatcher:
         """The same with names learned from other captures and their recordings; it rejects nothing."""
         system = make_system().fit(captures, captures.gestures)
-        return replace(self, system=system, names=learned_names(make_system, recordings), reject=0.0)
+        return replace(
+            self, system=system, names=learned_names(make_system, recordings), reject=0.0
+        )
 
     def label(self, proba: np.ndarray) -> tuple[str, float]:
         """The gesture that is named, and how sure it is."""
         sure, gestures = float(proba.max()), np.asarray(self.names.classes_).astype(str)
-        return (str(gestures[proba.argmax()]) if sure > 0 and sure >= self.reject else UNKNOWN), sure
+        return (
+            str(gestures[proba.argmax()]) if sure > 0 and sure >= self.reject else UNKNOWN
+        ), sure
 
 
 class TickStream:
     """A watcher on frames that come one by one; memory does not grow."""
 
-    def __init__(self, watcher: TickWatcher, grid: tuple[int, int], rate_hz: float, full_scale: float) -> None:
+    def __init__(
+        self, watcher: TickWatcher, grid: tuple[int, int], rate_hz: float, full_scale: float
+    ) -> None:
         longest = longest_part(rate_hz, watcher.count)
         self.watcher, self.touches = watcher, Touches(watcher.count, longest)
         self.signals, self.rules = watcher.detector.signals(), watcher.detector.rules(watcher.level)
@@ -230,9 +255,16 @@ class TickStream:
 
     def _forget(self) -> None:
         self.event: Event | None = None
-        self.names, self.sum, self.weight = 0, np.zeros(len(self.watcher.names.classes_)), 0.0  # so far
+        self.names, self.sum, self.weight = (
+            0,
+            np.zeros(len(self.watcher.names.classes_)),
+            0.0,
+        )  # so far
         self.last: tuple[int, int] | None = None
-        self.after = self.sum, 0.0  # what the name at the end adds, if the touch ends before it is named again
+        self.after = (
+            self.sum,
+            0.0,
+        )  # what the name at the end adds, if the touch ends before it is named again
 
     @property
     def status(self) -> str:
@@ -254,7 +286,9 @@ class TickStream:
         news = []
         if ended is not None and self.event is not None:
             self._take(ended, recording)
-            label, sure = self.watcher.label((self.sum + self.after[0]) / (self.weight + self.after[1]))
+            label, sure = self.watcher.label(
+                (self.sum + self.after[0]) / (self.weight + self.after[1])
+            )
             news.append(replace(self.event, label=label, confidence=sure, end=ended.end))
             self._forget()
         lasting = self.touches.lasting
@@ -276,10 +310,14 @@ class TickStream:
         self.names = len(span.named)
         if span.last != self.last:
             self.last = span.last
-            self.after = (0 * self.sum, 0.0) if span.last is None else self._name(recording, *span.last)
+            self.after = (
+                (0 * self.sum, 0.0) if span.last is None else self._name(recording, *span.last)
+            )
 
     def _name(self, recording: Corpus, begin: int, end: int) -> tuple[np.ndarray, float]:
         """Probabilities from some frames of the stream, times their weight, and the weight."""
         gone = self.recent.seen - len(self.recent.frames)
-        named = probabilities(self.watcher.names, recording, np.array([begin - gone]), np.array([end - gone]))[0]
+        named = probabilities(
+            self.watcher.names, recording, np.array([begin - gone]), np.array([end - gone])
+        )[0]
         return (end - begin) * named, float(end - begin)

@@ -1,0 +1,1 @@
+"""Where runs are stored: MLflow, its SQLite file, and tables in parquet."""

@@ -1,0 +1,1 @@
+"""Values that both halves know: measures, results, scores, intervals, tables."""

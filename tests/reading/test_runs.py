@@ -1,0 +1,115 @@
+"""Stored runs as results: which of equal ones counts, what they hold, and tables that are gone."""
+
+import pandas as pd
+import pytest
+
+from bench.errors import InputError
+from bench.reading.runs import (
+    NothingTracked,
+    asked_of,
+    every_result,
+    plain,
+    selected,
+    stored,
+    wanted,
+)
+from bench.store.tables import file_of, write_table
+from bench.values.result import COUNTS
+from tests.reports.store import keep
+from tests.results import evaluated, made_up, result
+
+
+def test_the_newest_of_equal_runs_counts_and_complete_ones_first(store):
+    keep(store, evaluated("a", made_up(3)))
+    whole = keep(store, evaluated("a", made_up(3)))
+    keep(store, evaluated("a", made_up(3), failed=1))  # newer, and hides no complete one
+    broken = keep(store, evaluated("b", made_up(3), failed=1))
+    keep(store, result("c", metrics=dict.fromkeys(COUNTS, 0)))  # every fold failed
+    found = stored(store)
+    assert [r["run_id"] for r in found] == [whole, broken] and [r.complete for r in found] == [
+        True,
+        False,
+    ]
+    assert [r["run_id"] for r in every_result(store)] == [whole, broken]
+
+
+def test_of_a_system_in_several_circumstances_one_result_is_plain(store):
+    """The newest of those in the fewest circumstances; a complete one comes first."""
+    faults = {"faults": "noise"}
+    both = keep(store, evaluated("a", made_up(3), train_subjects="2", **faults))
+    fewer = keep(store, evaluated("a", made_up(3), **faults))
+    newer = keep(store, evaluated("a", made_up(3), train_subjects="2"))
+    assert [r["run_id"] for r in stored(store)] == [newer]
+    keep(store, evaluated("a", made_up(3), failed=1))
+    assert [r["run_id"] for r in stored(store)] == [newer]
+    alone = keep(store, evaluated("a", made_up(3)))
+    assert [r["run_id"] for r in stored(store)] == [alone]
+    assert [r["run_id"] for r in plain(every_result(store))] == [alone]
+    assert {both, fewer, newer, alone} == {r["run_id"] for r in every_result(store)}
+
+
+def test_text_stays_text_in_tables(store, tmp_path):
+    """Subjects and classes may be numbers, or words that pandas takes for nothing."""
+    table = made_up(3).assign(subject="01").replace({"true": {"pat": "NA", "rub": "7"}})
+    keep(store, evaluated("a", table))
+    tables = stored(store)[0].tables
+    assert {*tables["predictions"]["true"]} == {"NA", "7", "tap"} and {
+        *tables["per_subject"]["subject"]
+    } == {"01"}
+    write_table(pd.DataFrame({"value": [1, "a", 0.5, None]}), tmp_path / "mixed.parquet")
+    values = pd.read_parquet(tmp_path / "mixed.parquet")["value"]
+    assert values[:3].tolist() == ["1", "a", "0.5"] and values.isna().tolist() == [
+        False,
+        False,
+        False,
+        True,
+    ]
+
+
+def test_a_table_that_is_damaged_or_gone_is_named(store):
+    run_id = keep(store, evaluated("lda", made_up(3)))
+    (one,) = stored(store)
+    path = store.path(run_id, one["artifacts"], file_of("predictions"))
+    path.write_bytes(path.read_bytes()[:-100])
+    told = f"predictions of lda .run {run_id}. "
+    with pytest.raises(InputError, match=f"{told}.*parquet is damaged; restore it") as error:
+        one.tables["predictions"]
+    assert "\n" not in str(error.value)
+    path.unlink()
+    assert one.tables.get("predictions") is None
+    with pytest.raises(InputError, match=f"{told}is missing"):
+        one.tables["predictions"]
+
+
+def test_keys_select_runs_and_latest_the_newest_parameters(store):
+    """All seeds of the newest parameters; searches, other protocols and other kinds are settings of their own."""
+    trial = keep(store, evaluated("svm[C=1] · jung54", made_up(3), model_name="svm"))
+    seeds = [
+        keep(store, evaluated("svm · jung54", made_up(3), model_name="svm", seed=seed))
+        for seed in (0, 1)
+    ]
+    tuned = keep(
+        store,
+        evaluated("tuned svm", made_up(3), model_name="svm", **{"touchbench.command": "tune"}),
+    )
+    kfold = keep(
+        store, evaluated("svm[C=1] · jung54", made_up(3), model_name="svm", protocol="kfold")
+    )
+    failed = keep(store, evaluated("svm[C=9] · jung54", made_up(3), model_name="svm", failed=1))
+    other = keep(
+        store,
+        evaluated("svm[C=1]", made_up(3), model_name="svm", data="haart", corpus_digest="e" * 64),
+    )
+    every = every_result(store)
+
+    def ids(**values):
+        return [r["run_id"] for r in selected(every, asked_of(values))]
+
+    assert ids(latest="yes") == [*seeds, tuned, kfold, other]
+    assert ids(latest="no") == ids() == [trial, *seeds, tuned, kfold, failed, other]
+    assert ids(data="haart") == [other] and ids(protocol=["kfold"], model="svm") == [kfold]
+    assert ids(run=f"{trial},{kfold}") == [trial, kfold] and ids(run=trial, latest=True) == [trial]
+    with pytest.raises(NothingTracked, match="data=haar;"):
+        wanted(every, asked_of({"data": "haar"}))
+    with pytest.raises(InputError, match="model.C="):
+        asked_of({"model.C": "1"})

@@ -1,0 +1,135 @@
+"""A store in memory and a kind of run that records what is done: the loop without MLflow, processes and training."""
+
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from shutil import copy, copytree, rmtree
+from tempfile import mkdtemp
+from types import SimpleNamespace
+from typing import ClassVar
+
+import numpy as np
+import pandas as pd
+from scipy.special import softmax
+from sklearn.base import BaseEstimator, ClassifierMixin
+
+from bench.protocols.subjects import LOSO
+from bench.running.circumstances.base import Study, option
+from bench.running.results import FoldResult, table_of
+from bench.store.client import Store
+from bench.values.result import Result
+
+
+class Memory(Store):
+    """A store without MLflow."""
+
+    def __init__(self):
+        self.kept, self.ids = {}, count()
+
+    def create(self, name, tags, params=None):
+        run_id = str(next(self.ids))
+        data = SimpleNamespace(tags=dict(tags), params=dict(params or {}), metrics={}, steps={})
+        info = SimpleNamespace(
+            run_id=run_id, status="RUNNING", run_name=name, start_time=int(run_id)
+        )
+        info.artifact_uri = mkdtemp()
+        self.kept[run_id] = SimpleNamespace(info=info, data=data, folder=Path(info.artifact_uri))
+        return self.kept[run_id]
+
+    def log(self, run_id, metrics=None, params=None, tags=None, step=0):
+        data = self.kept[run_id].data
+        data.metrics.update(metrics or {})
+        data.params.update({k: str(v) for k, v in (params or {}).items()})
+        data.tags.update(tags or {})
+        data.steps.setdefault(step, {}).update(metrics or {})
+
+    def keep(self, address, path, where=""):
+        folder = Path(address) / where
+        folder.mkdir(exist_ok=True)
+        copytree(path, folder, dirs_exist_ok=True) if path.is_dir() else copy(path, folder)
+
+    def drop(self, address, name):
+        rmtree(Path(address) / name, ignore_errors=True)
+
+    def mark(self, run_id, status):
+        self.kept[run_id].info.status = status
+
+    def delete(self, run_id):
+        del self.kept[run_id]
+
+    def find(self, key, kind="cell"):
+        return next((r for r in self.of_kind(kind) if r.data.tags["touchbench.cell"] == key), None)
+
+    def of_kind(self, kind, data=""):
+        return [r for r in self.kept.values() if r.data.tags["touchbench.kind"] == kind]
+
+    def newest(self, kind, most, **params):
+        return self.of_kind(kind)[::-1][:most]
+
+    def statuses(self, kind="echo"):
+        return [r.info.status for r in self.of_kind(kind)]
+
+
+DONE = []  # (number, fold) in the order in which they were done
+MEASURED = {}  # folds that a run was measured from, by number
+
+
+@dataclass(frozen=True)
+class Echo(Study):
+    """Predicts nothing: a row for each test capture; fails, or tells more, as dictionaries say."""
+
+    key: ClassVar[str] = "echo"
+    fails: ClassVar[dict] = {}  # what to raise, by fold
+
+    number: int = option(0, "number", type="count")
+
+    def fold(self, cell, corpus, fold, threads):
+        DONE.append((self.number, fold.name))
+        if fold.name in self.fails:
+            raise self.fails[fold.name]
+        table = pd.DataFrame(
+            {"fold": fold.name, "capture": corpus.index[fold.test], "value": 8 / (1 + fold.test)}
+        )
+        return FoldResult(
+            fold.name, table, {"tested": len(fold.test), "third": 1 / 3}, [0.1], [0.2]
+        )
+
+    def result(self, plan, about, folds):
+        MEASURED[self.number] = folds
+        return Result(
+            about,
+            {"captures": sum(r.metrics["tested"] for r in folds)},
+            {"predictions": table_of(folds)},
+        )
+
+
+class Level(ClassifierMixin, BaseEstimator):
+    """Nearest class mean of the pressure."""
+
+    def fit(self, X, y):
+        X, y = self.training(X, np.asarray(y))
+        level = self.level(X)
+        self.classes_ = np.unique(y)
+        self.means_ = np.array([level[y == c].mean() for c in self.classes_])
+        return self
+
+    def training(self, X, y):
+        return X, y
+
+    def level(self, X):
+        return np.array([self.of(frames) for frames in X])
+
+    def of(self, frames):
+        return frames.mean()
+
+    def predict_proba(self, X):
+        return softmax(-np.abs(self.level(X)[:, None] - self.means_) / 10, axis=1)
+
+    def predict(self, X):
+        return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+
+def cell_of(system, *circumstances):
+    """What a fold needs of a cell: it makes systems of a class of tests."""
+    known = {"title": lambda: "a cell", "seed": 0, "study": None, "splitter": LOSO()}
+    return SimpleNamespace(estimator=system, circumstances=circumstances, **known)

@@ -1,0 +1,131 @@
+"""A command that is cut off between two steps of its bookkeeping: the next one leaves nothing half made."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import mlflow.pyfunc
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.cli import main
+from bench.plan.cells import cells
+from bench.plan.plan import planned
+from bench.running import loop
+from bench.running.loop import execute
+from bench.running.tracking import TrackedRun
+from bench.store.client import connect
+from tests import conftest
+from tests.conftest import runs
+from tests.running.fakes import DONE, Echo, Memory
+
+SMALL = ["model=bayes", "features=jung28", *conftest.SMALL[:-1]]
+
+
+class Killed(BaseException):
+    """As if the process had ended."""
+
+
+def die(*_, **__):
+    raise Killed
+
+
+def killed_in(monkeypatch, owner, name, command):
+    with monkeypatch.context() as patched:
+        patched.setattr(owner, name, die)
+        with pytest.raises(Killed):
+            command()
+
+
+@pytest.fixture
+def store(monkeypatch):
+    memory = Memory()
+    monkeypatch.setattr(loop, "connect", lambda writes: memory)
+    return memory
+
+
+def command():
+    plans = planned(cells(dict(word.split("=") for word in SMALL)), 1)
+    return execute([plan.of(replace(plan.cell, study=Echo())) for plan in plans])
+
+
+@pytest.mark.parametrize("step", ["log", "keep", "mark", "drop"])
+def test_a_run_that_was_only_begun_is_made_again_with_all_it_needs(step, store, monkeypatch):
+    """Killed at each step of the store in turn."""
+    killed_in(monkeypatch, store, step, command)
+    (outcome,) = command()
+    (run,) = store.of_kind("echo")
+    assert run.info.status == "FINISHED" and run.data.params["model"] == "bayes"
+    assert (
+        len(outcome.tables["folds"]) == 3
+        and outcome.folds == "3/3"
+        and not (run.folder / "folds").exists()
+    )
+
+
+@pytest.mark.parametrize(
+    "harm", [lambda b: b[:-20], lambda b: b[: len(b) // 2] + b"x" + b[len(b) // 2 + 1 :]]
+)
+def test_a_fold_that_is_cut_off_or_damaged_is_done_again(harm, store, monkeypatch):
+    killed_in(monkeypatch, TrackedRun, "close", command)
+    (run,) = store.of_kind("echo")
+    path = run.folder / "folds" / "1.zip"
+    path.write_bytes(harm(path.read_bytes()))
+    DONE.clear()
+    (outcome,) = command()
+    assert (
+        DONE == [(0, "2")]
+        and outcome.folds == "3/3"
+        and len(outcome.tables["predictions"]) == 3 * 14
+    )
+
+
+def test_trials_and_choices_of_any_type_are_the_same_in_memory_and_after_a_resume(
+    store, monkeypatch
+):
+    """How columns of each type are stored, is in tests/test_values.py."""
+    among = pd.DataFrame([[Echo, 8 / 3, "auto"], [Echo, 0.25, 8]], columns=["kind", 7, "C"])
+    told = {"trials": among, "chosen": {"states": ("stuck", "dead"), "n": np.int64(3), 7: None}}
+    told["history"] = [{"loss": 1 / 3}, {"loss": 1 / 9}]
+    fold, tables = Echo.fold, []
+    monkeypatch.setattr(Echo, "fold", lambda *all: replace(fold(*all), **told))
+    for killed in (True, False):
+        if killed:
+            killed_in(monkeypatch, TrackedRun, "close", command)
+        (result,) = command()
+        tables.append([result.tables[name] for name in ("trials", "chosen", "history")])
+        store.kept.clear()
+    for one, other in zip(*tables, strict=True):
+        pd.testing.assert_frame_equal(one, other, check_exact=True)
+    trials, chosen, history = tables[0]
+    assert (
+        history["epoch"].tolist() == [1, 2] * 3 and history["loss"].tolist() == [1 / 3, 1 / 9] * 3
+    )
+    assert trials["7"].tolist() == [8 / 3, 0.25] * 3 and trials["C"].tolist() == ["auto", "8"] * 3
+    assert (
+        chosen["states"][0] == "('stuck', 'dead')"
+        and chosen["n"].tolist() == [3] * 3
+        and chosen["7"].isna().all()
+    )
+
+
+def test_a_fit_that_is_cut_off_can_be_repeated(monkeypatch):
+    """While the folder is written, and before its numbers are stored."""
+
+    def half(path, **_):
+        Path(path).mkdir()
+        (Path(path) / "input_example.json").write_text("{}")
+        raise Killed
+
+    fit = lambda: main(["fit", *SMALL, "stopping=no", "out=saved"])  # noqa: E731
+    with monkeypatch.context() as patched:
+        patched.setattr(mlflow.pyfunc, "log_model", lambda **_: None)
+        patched.setattr(mlflow.pyfunc, "save_model", half)
+        patched.setattr("bench.ground.scratch.owner", lambda: "nowhere-0-")
+        with pytest.raises(Killed):
+            fit()
+    assert not Path("saved").exists()
+    killed_in(monkeypatch, connect().__class__, "log", fit)
+    assert "RUNNING" in [r.info.status for r in runs("fit")[1]]
+    assert fit() == 0 and (Path("saved") / "MLmodel").is_file()
+    assert "RUNNING" not in [r.info.status for r in connect().of_kind("fit")]
