@@ -146,7 +146,7 @@ def never_busy(patch):
 
 def shorten_measurements(patch):
     """Time 3 captures once beside less work, instead of 5 twice, and predict 2 alone instead of 8."""
-    for name in ("work.fold", "work.replay"):
+    for name in ("running.fold", "running.replay"):
         patch.setattr(f"bench.{name}.TIMED_CAPTURES", 3)
     patch.setattr("bench.ground.timing.AROUND", 1)
     patch.setattr("bench.ground.timing.REPEATS", 1)

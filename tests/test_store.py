@@ -16,8 +16,8 @@ import bench
 from bench.cli import main
 from bench.errors import StoreError
 from bench.ground.scratch import owner
-from bench.store.client import client as store
-from bench.store.client import database
+from bench.store import client as store
+from bench.store import database
 from tests.conftest import SMALL
 
 RUN = ["run", *SMALL, "model=bayes", "features=jung28"]

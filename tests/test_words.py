@@ -23,7 +23,7 @@ FORBIDDEN = re.compile(
 ALLOWED = re.compile(  # MLflow's tags and addresses, cells of CSV files, names of files, methods of classes
     r"touchbench\.cell|#/experiments/|(correct|fill) the cell|within a cell|instants\.csv|bench\.plans"
     r"|the experiment {} of|mlflow experiments|deleted experiment"
-    r"|bench\.outcomes\.(choice|compare)|told apart|optional[ -]methods|attributes and methods"
+    r"|bench\.reading\.(choice|compare)|told apart|optional[ -]methods|attributes and methods"
     r"|the method and the precision"
 )
 REPLACED = {

@@ -19,7 +19,7 @@ import pytest
 from filelock import FileLock
 
 import bench
-from bench.store.client import client as store
+from bench.store import client as store
 from tests.conftest import BENCH
 from tests.net.stores import contents, untimed
 

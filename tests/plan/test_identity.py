@@ -99,7 +99,7 @@ def line(text):
         # what is shown, and chosen by
         *(
             (f"bench.{name}", code, set())
-            for name in ("reports.views.faults", "measures", "outcomes.candidates")
+            for name in ("reports.views.faults", "values.measures", "reading.candidates")
         ),
     ],
 )
@@ -160,7 +160,7 @@ def test_what_a_file_imports_from_beside_it_or_from_the_path_counts(
 def test_a_key_does_not_depend_on_what_was_imported_before():
     """In a new process it is that of this one, which has imported much."""
     code = "import sys; sys.path.insert(0, sys.argv[1]); from tests.plan.test_identity import key; print(key())"
-    command = [sys.executable, "-c", code, str(Path(source.__file__).parent.parent)]
+    command = [sys.executable, "-c", code, str(Path(source.__file__).parents[2])]
     importlib.import_module("bench.reports.page")
     assert (
         subprocess.run(command, capture_output=True, text=True, check=True).stdout == f"{key()}\n"
