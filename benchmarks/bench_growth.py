@@ -13,8 +13,8 @@ from math import log
 import numpy as np
 
 import bench
-from bench.corpora.steps import Repair
 from bench.features.touch import TouchFeatures
+from bench.models.steps import Repair
 from bench.values import pareto
 
 PEOPLE = [10, 31, 100]

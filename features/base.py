@@ -52,7 +52,7 @@ class FeatureSet(TransformerMixin, BaseEstimator):
     def transform(self, X: Corpus) -> pd.DataFrame:
         """Features of each capture [captures, n_features].
 
-        Those of pieces and copies of captures (`bench.corpora.steps`) are labelled by capture and copy.
+        Those of pieces and copies of captures (`bench.models.steps`) are labelled by capture and copy.
         """
         return self.unlearnt(X)
 

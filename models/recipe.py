@@ -15,15 +15,16 @@ from sklearn.pipeline import Pipeline
 from bench import contract
 from bench.corpora.corpus import COPY, Corpus, origin, storage
 from bench.corpora.faults import usual_faults
-from bench.corpora.steps import Faulted, Repair, Scale, Step, Turned, Windows
+from bench.corpora.windows import Step, Windows
 from bench.errors import InputError
 from bench.features.base import FeatureSet, extracts_alone, labels
 from bench.features.cache import PIECES, after
-from bench.ground.machine import ensure
-from bench.ground.registry import parameters as defaults_of
+from bench.ground.machine import check_memory
+from bench.ground.registry import parameter_defaults as defaults_of
 from bench.models.by_person import ByPerson
 from bench.models.most_probable import MostProbable
 from bench.models.quantised import BITS, can_be, in_bits
+from bench.models.steps import Faulted, Repair, Scale, Turned
 
 LONGEST_S = 3600.0  # of a window
 PLAIN = (Pipeline, ByPerson)  # whose fit is that of their steps
@@ -36,7 +37,7 @@ def _inside(hook: Callable, attribute: str) -> property:
 
 @dataclass(eq=False, repr=False)
 class Recipe(MostProbable):
-    """A system behind steps (`bench.corpora.steps`) that its captures go through, in training and when it decides.
+    """A system behind steps (`bench.models.steps`) that its captures go through, in training and when it decides.
 
     On windows, a system that decides once per capture decides once per window, and a capture's probabilities are the
     mean over its windows.
@@ -45,7 +46,7 @@ class Recipe(MostProbable):
         system: system to train.
         window: seconds of a window; 0 leaves captures whole.
         hop: seconds from the beginning of one window to that of the next; 0 is half a window.
-        repair: kinds of broken taxels that are repaired, of `bench.corpora.steps.REPAIRS`.
+        repair: kinds of broken taxels that are repaired, of `bench.models.steps.REPAIRS`.
         scale: ``none``, ``peak``, divided by the largest reading so far, or ``log``.
         faults: faults for copies of the training captures only; ``all`` stands for every fault.
         copies: damaged copies of each training capture, if there are faults.
@@ -94,7 +95,7 @@ class Recipe(MostProbable):
         for name, copies in (("copies", self.copies if self.faults else 0), ("turns", self.turns)):
             if copies:
                 values *= copies + 1
-                ensure(f"model.{name}={copies}", storage(X)[0].itemsize * values)
+                check_memory(f"model.{name}={copies}", storage(X)[0].itemsize * values)
         contract.check_training(self.system, X, y)
 
     def steps(self) -> list[Step]:

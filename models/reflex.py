@@ -10,7 +10,7 @@ import pandas as pd
 from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.steps import Windows
+from bench.corpora.windows import Windows
 from bench.errors import InputError
 from bench.features.base import FeatureSet
 from bench.features.touch import TouchFeatures

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.steps import Windows
+from bench.corpora.windows import Windows
 from bench.errors import InputError
 from bench.protocols.captures import stratified
 

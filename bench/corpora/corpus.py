@@ -87,7 +87,7 @@ class Corpus:
         info: source, licence, synthetic (bool), warnings (list of str).
         path: the folder that the frames are mapped from, or None when they are in memory.
         target: the columns of ``captures`` that make up the class, joined by ``+``.
-        steps: changes to the captures since they were stored (`bench.corpora.steps`), in order. Several captures may
+        steps: changes to the captures since they were stored (`bench.models.steps`), in order. Several captures may
             then come from one stored capture and have its ``index``.
         piece: int64 [captures], number of the capture among all with its ``index``; 0 before any step.
     """

@@ -24,7 +24,7 @@ import numpy as np
 
 from bench.corpora.corpus import Corpus, storage
 from bench.errors import InputError, nearest
-from bench.ground.words import ALL
+from bench.ground.words import ALL_FAULTS
 from bench.ground.words import SEVERITIES as SEVERITIES
 
 Damage = Callable[..., Any]  # of the arguments above; gives frames
@@ -127,9 +127,9 @@ def asked_faults(key: str, names: Sequence[object], every: Sequence[str]) -> tup
     """The faults of the typed names of a key, in the order in which they are known; ``all`` stands for ``every``."""
     asked, known = [str(name) for name in names], all_faults()
     for name in asked:
-        if name not in (*known, ALL):
+        if name not in (*known, ALL_FAULTS):
             raise InputError(f"{key}={name}: unknown; {nearest(name, known)}")
-    return tuple(name for name in known if name in asked or (ALL in asked and name in every))
+    return tuple(name for name in known if name in asked or (ALL_FAULTS in asked and name in every))
 
 
 def identity_of(names: Sequence[str]) -> list[tuple]:

@@ -24,7 +24,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus, unblinded
 from bench.errors import InputError, plain
-from bench.ground.scratch import home, owner
+from bench.ground.scratch import data_folder, owner_prefix
 
 SMALL = ("lengths.npy", "captures.parquet")
 FILES = ("frames.npy", *SMALL)
@@ -45,7 +45,7 @@ def reopen(
 ) -> Corpus:
     """Map captures of a stored corpus again in another process or machine, from where it lies there."""
     problems = []
-    for folder in dict.fromkeys((path, home() / within)):
+    for folder in dict.fromkeys((path, data_folder() / within)):
         try:
             corpus = open_folder(folder)
             if corpus.digest != digest:
@@ -64,7 +64,7 @@ def _reduced(corpus: Corpus) -> str | tuple:
     path = seeing.path
     if path is None or seeing.steps:
         return object.__reduce_ex__(corpus, 2)
-    within = path.relative_to(home()) if path.is_relative_to(home()) else path
+    within = path.relative_to(data_folder()) if path.is_relative_to(data_folder()) else path
     return reopen, (path, within, seeing.digest, seeing.index, seeing.target, visible)
 
 
@@ -94,7 +94,7 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
     if _holds(folder, digest):
         return
     with tempfile.TemporaryDirectory(
-        prefix=f".{owner()}", dir=folder.parent, ignore_cleanup_errors=True
+        prefix=f".{owner_prefix()}", dir=folder.parent, ignore_cleanup_errors=True
     ) as beside:
         new = Path(beside) / "new"
         new.mkdir()

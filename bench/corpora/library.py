@@ -28,8 +28,8 @@ from bench.corpora.folder import (
     write_folder,
 )
 from bench.errors import InputError, nearest, plain
-from bench.ground.registry import load
-from bench.ground.scratch import home, remove, replacing
+from bench.ground.registry import load_part
+from bench.ground.scratch import data_folder, remove_path, write_then_rename
 
 ASIDE = "aside"  # in the corpus's info: classes of captures without a gesture, which runs on captures leave out
 UNTAUGHT = "untaught"  # classes that teach nothing, and so may be tested without training
@@ -45,7 +45,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     from bench.corpora.doubts import doubts
     from bench.corpora.survey import Survey
 
-    reader = load("corpora", kind)
+    reader = load_part("corpora", kind)
     changes = {key: options[key] for key in cuts.OPTIONS if key in options}
     rest = {key: text for key, text in options.items() if key not in changes}
     arguments = _arguments(kind, reader, rest, source)
@@ -55,7 +55,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
         raise InputError(f"name={name[:60]}: use letters, digits, - and _, at most 100")
     if name == "synth":
         raise InputError("name=synth is the generated corpus; choose another name")
-    folder = home() / "corpora" / name
+    folder = data_folder() / "corpora" / name
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.parent / f".{name}.lock", timeout=0):
@@ -85,12 +85,12 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
             write_folder(corpus, stored, digest)
             pointer = folder / "current"
             if os.path.lexists(pointer) and (pointer.is_symlink() or not pointer.is_file()):
-                remove(pointer)
-            with replacing(pointer) as beside:
+                remove_path(pointer)
+            with write_then_rename(pointer) as beside:
                 beside.write_text(stored.name)
             for old in folder.iterdir():  # nobody else writes here, the lock is ours
                 if old not in (pointer, stored):
-                    remove(old)
+                    remove_path(old)
     except Timeout as e:
         raise InputError(
             f"another import of name={name} is under way; wait for it or choose another name="
@@ -151,7 +151,7 @@ def stored_value(name: str) -> Corpus:
         if corpus.name != name:
             raise Damaged(f"it is {corpus.name[:40]}")
     except Damaged as e:
-        folder = home() / "corpora" / name
+        folder = data_folder() / "corpora" / name
         raise InputError(
             f"{plain(folder, 150)} was changed or damaged ({e}); import it again"
         ) from e
@@ -160,7 +160,7 @@ def stored_value(name: str) -> Corpus:
 
 def _folder(name: str) -> Path:
     """The folder of an imported corpus, which its file ``current`` names."""
-    pointer = home() / "corpora" / name / "current"
+    pointer = data_folder() / "corpora" / name / "current"
     if not re.fullmatch(NAME, name) or not os.path.lexists(pointer):
         names = plain(nearest(name[:60], ["synth", *imported()]), 150)
         raise InputError(
@@ -177,7 +177,7 @@ def verify(name: str) -> dict[str, str]:
     if "+" in name:
         raise InputError(f"bench data verify {name[:100]}: give one corpus at a time")
     if name == "synth":
-        folders = sorted(f for f in (home() / "corpora" / "synth").glob("[0-9a-f]*") if f.is_dir())
+        folders = sorted(f for f in (data_folder() / "corpora" / "synth").glob("[0-9a-f]*") if f.is_dir())
         return {
             f"{f.name}/{file}": wrong
             for f in folders
@@ -198,7 +198,7 @@ def verify(name: str) -> dict[str, str]:
 
 def imported() -> list[str]:
     """Names of the corpora that are stored."""
-    pointers = (home() / "corpora").glob(
+    pointers = (data_folder() / "corpora").glob(
         "*/current"
     )  # a dangling link is one to some versions of Python
     return sorted(
@@ -241,7 +241,7 @@ def made_once(kind: str, about: object, make: Callable[[], Corpus], *code: Modul
     """A corpus of a kind that modules make out of ``about`` (JSON); made and stored if missing or damaged."""
     source = b"".join(Path(str(module.__file__)).read_bytes() for module in code)
     key = hashlib.sha256(json.dumps(about, sort_keys=True).encode() + source).hexdigest()[:16]
-    folder = home() / "corpora" / kind / key
+    folder = data_folder() / "corpora" / kind / key
     try:
         return open_folder(folder, folder.name)
     except InputError:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.ndimage import convolve
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.doubts import Seam, seams
 from bench.corpora.duplicates import CHANGES, identical, quiet
-from bench.corpora.steps import around
 from bench.errors import InputError
 
 ODD = 3.0  # times more, or less, than the taxels around it: such a taxel is suspicious
@@ -21,6 +21,7 @@ CROSSED = 10  # combinations for each capture, beyond which nobody meant to reco
 LESS = "varies far less than its neighbours"
 DURATIONS = "seconds of a capture of each gesture"
 PRESSURE = "sensor values; full_scale: readings at full scale in percent; still: captures without any change"
+AROUND = np.array([[[1, 1, 1], [1, 0, 1], [1, 1, 1]]])  # of a taxel, the eight next to it
 NAMED = 12  # of a kind that are named in print; the tables have all
 
 
@@ -184,7 +185,9 @@ class Survey:
                 "ignore"
             )  # nan where nothing around varies, and comparisons with it are false
             table["around"] = median = np.nanmedian(near, axis=1)
-        beside = around(constant.reshape(-1, *grid).astype(np.uint8)).reshape(constant.shape)
+        beside = convolve(
+            constant.reshape(-1, *grid).astype(np.uint8), AROUND, mode="constant"
+        ).reshape(constant.shape)
         alone = constant & (beside == 0) & (grid != (1, 1))
         table["still"] = 100 * alone[several].sum(axis=0) / max(1, several.sum())
         verdicts = {

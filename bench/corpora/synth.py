@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.ground.machine import ensure
+from bench.ground.machine import check_memory
 
 VARIANTS, FULL_SCALE = ("gentle", "normal", "rough"), 1023  # of the Corpus of Social Touch, too
 PAD_MM = 160.0  # side of the sensitive area
@@ -132,7 +132,7 @@ def generate(
     frames = (
         max(count, seconds * rate_hz) * taxels * 2 * np.dtype(np.uint16).itemsize
     )  # apart, and put together
-    ensure(
+    check_memory(
         f"data.subjects={subjects} data.repetitions={repetitions} data.rows={rows} data.cols={cols} "
         f"data.rate_hz={rate_hz:g}",
         longest + frames + count * BYTES_PER_CAPTURE,

@@ -17,11 +17,11 @@ from sklearn.pipeline import Pipeline
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.corpora.steps import Windows
+from bench.corpora.windows import Windows
 from bench.features.base import FeatureSet
 from bench.features.jung54 import Jung54
 from bench.features.touch import TouchFeatures
-from bench.ground.registry import parameters
+from bench.ground.registry import parameter_defaults
 from bench.models import recipe
 from bench.models.classic.lda import lda
 from bench.models.classic.perceptron import perceptron
@@ -41,7 +41,7 @@ MODELS = {
     "perceptron": perceptron,
 }
 FEATURES: dict[str, FeatureSet] = {"touch": TouchFeatures(), "jung54": Jung54()}
-COPIES = parameters(recipe.Recipe)["copies"]  # damaged, of each capture
+COPIES = parameter_defaults(recipe.Recipe)["copies"]  # damaged, of each capture
 LEAST_S = 0.02  # of a fit, however small
 BEFORE: Space = {
     "window": [0.0, 0.5, 1.0, 2.0],
@@ -123,7 +123,7 @@ def complete(trial: Trial) -> Trial:
     usual = {"model": trial["model"], "features": "touch"} | {
         k: list(values)[0] for k, values in BEFORE.items()
     }
-    defaults = parameters(MODELS[str(trial["model"])])
+    defaults = parameter_defaults(MODELS[str(trial["model"])])
     return (
         usual | {f"{trial['model']}.{k}": defaults[k] for k in SPACES[str(trial["model"])]} | trial
     )
@@ -135,7 +135,7 @@ def system(trial: Trial, seed: int) -> contract.System:
     values: dict[str, object] = {
         k.partition(".")[2]: v for k, v in trial.items() if k.startswith(f"{name}.")
     }
-    values |= {"seed": seed} if "seed" in parameters(MODELS[name]) else {}
+    values |= {"seed": seed} if "seed" in parameter_defaults(MODELS[name]) else {}
     steps = contract.build(MODELS[name], "passthrough", **values).steps[1:]
     columns = [("columns", Columns(float(str(trial["columns"]))))] if trial["columns"] != 1 else []
     pipeline = Pipeline([("features", clone(FEATURES[str(trial["features"])])), *columns, *steps])

@@ -191,8 +191,8 @@ def test_damage_depends_on_the_capture_alone_and_no_cache_knows_the_damaged_corp
 
 def test_help_names_every_fault():
     assert words.FAULTS.split() == [f.name for f in ALL if not f.later]
-    assert words.LATER.split() == [f.name for f in ALL if f.later]
-    assert words.LOSSY.split() == [f.name for f in ALL if f.shortens]
+    assert words.MORE_FAULTS.split() == [f.name for f in ALL if f.later]
+    assert words.FRAME_LOSSES.split() == [f.name for f in ALL if f.shortens]
 
 
 def test_a_fault_of_ones_own_is_one_function(monkeypatch):

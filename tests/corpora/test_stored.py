@@ -15,9 +15,9 @@ from bench.corpora import library, synth
 from bench.corpora.folder import content_digest, open_folder, verified, write_folder
 from bench.corpora.library import import_corpus, imported, open_corpus
 from bench.errors import InputError
-from bench.ground.scratch import home, scratch
-from bench.plan.cells import cells
-from bench.plan.plan import planned
+from bench.ground.scratch import data_folder, use_scratch_folder
+from bench.plan.cells import make_cells
+from bench.plan.plan import make_plans
 from tests.conftest import random_corpus
 from tests.corpora.made import GOOD, csv
 
@@ -115,7 +115,7 @@ OPTIONS = {"name": "arm", "rate_hz": "50", "grid": "1x2"}
 
 
 def hidden():
-    return [p.name for p in home().rglob(".*") if not p.name.endswith(".lock")]
+    return [p.name for p in data_folder().rglob(".*") if not p.name.endswith(".lock")]
 
 
 @pytest.mark.parametrize("at", ["numpy.save", "pathlib.Path.rename", "os.replace"])
@@ -132,10 +132,10 @@ def test_an_import_that_dies_leaves_the_earlier_corpus(tmp_path, monkeypatch, at
         process.join(60)
     assert process.exitcode == 9
     assert hidden() and open_corpus("arm", {}).subjects.tolist() == ["ann"]
-    with scratch():  # as the next command does
+    with use_scratch_folder():  # as the next command does
         assert not hidden()
     assert import_corpus("table", path, OPTIONS).subjects.tolist() == ["bob"]
-    folder = home() / "corpora" / "arm"
+    folder = data_folder() / "corpora" / "arm"
     assert {p.name for p in folder.iterdir()} == {"current", (folder / "current").read_text()}
 
 
@@ -149,7 +149,7 @@ def bring(monkeypatch):
     )
 
     def bring(name="arm", seed="0"):
-        return import_corpus("any", home(), {"name": name, "seed": seed})
+        return import_corpus("any", data_folder(), {"name": name, "seed": seed})
 
     bring()
     return bring
@@ -168,7 +168,7 @@ POINTERS = {
 
 @pytest.mark.parametrize("how", POINTERS)
 def test_what_points_nowhere_or_outside_is_refused_and_mended_by_an_import(bring, how, capsys):
-    pointer = home() / "corpora" / "arm" / "current"
+    pointer = data_folder() / "corpora" / "arm" / "current"
     good = pointer.read_text()
     pointer.unlink()
     POINTERS[how](pointer)
@@ -224,7 +224,9 @@ def test_a_damaged_generated_corpus_is_generated_again(monkeypatch):
 def test_several_corpora_are_opened_as_one_for_any_protocol(bring):
     for name, seed in (("leg", "1"), ("hip", "2")):
         bring(name, seed)
-    (plan,) = planned(cells({"data": "arm+leg+hip", "where": "corpus != 'hip'", "model": "lda"}), 1)
+    (plan,) = make_plans(
+        make_cells({"data": "arm+leg+hip", "where": "corpus != 'hip'", "model": "lda"}), 1
+    )
     assert (
         plan.corpus.name == "arm+leg+hip" and len(set(plan.corpus.subjects)) == len(plan.folds) == 8
     )

@@ -12,7 +12,7 @@ from bench.cli import main
 from bench.corpora.library import import_corpus, open_corpus
 from bench.corpora.read import haart
 from bench.errors import InputError
-from bench.ground.scratch import home
+from bench.ground.scratch import data_folder
 from tests.corpora import made
 from tests.corpora.made import (
     GOOD,
@@ -252,7 +252,7 @@ def test_an_array_that_is_pickled_or_not_of_the_size_that_its_header_says(tmp_pa
 
 def test_a_refused_import_ends_with_2_and_leaves_the_earlier_corpus(tmp_path, capsys):
     import_corpus("table", csv(tmp_path), {"name": "arm", "rate_hz": "50", "grid": "1x2"})
-    before = sorted(str(p) for p in (home() / "corpora").rglob("*"))
+    before = sorted(str(p) for p in (data_folder() / "corpora").rglob("*"))
     for make, row in ((csv, {"header": "a"}), (parquet, {"b": [1, -1]}), (npz, {"offsets": [0]})):
         path = make(tmp_path, **row)
         assert (
@@ -261,4 +261,4 @@ def test_a_refused_import_ends_with_2_and_leaves_the_earlier_corpus(tmp_path, ca
         (message,) = capsys.readouterr().err.splitlines()
         assert path.name in message
     assert open_corpus("arm", {}).frames.ravel().tolist() == [1, 2, 3, 4]
-    assert sorted(str(p) for p in (home() / "corpora").rglob("*")) == before
+    assert sorted(str(p) for p in (data_folder() / "corpora").rglob("*")) == before

@@ -7,15 +7,16 @@ import pytest
 
 from bench import contract
 from bench.corpora.corpus import COPY
-from bench.corpora.steps import Faulted, Repair, Scale, Windows
+from bench.corpora.windows import Windows
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.touch import TouchFeatures
-from bench.ground.registry import load
+from bench.ground.registry import load_part
 from bench.models.classic.lda import lda
 from bench.models.classic.softmax import softmax
 from bench.models.classic.svm import svm
 from bench.models.recipe import Recipe, build, taken
+from bench.models.steps import Faulted, Repair, Scale
 from tests.conftest import random_corpus
 from tests.models.test_systems import COMPOSED
 
@@ -25,7 +26,7 @@ def test_decisions_are_those_on_each_window_alone(system, corpus):
     train, test = corpus[corpus.subjects != "4"], corpus[corpus.subjects == "4"][::-1]
     model = Recipe(system(), window=0.1, hop=0.07).fit(train, train.gestures)
 
-    cut = Windows(0.1, 0.07)  # tests/corpora/test_steps.py has a loop
+    cut = Windows(0.1, 0.07)  # tests/models/test_steps.py has a loop
     alone, seen = cut(test), cut(train).detached()
     windows = np.column_stack([cut.rows(test), alone.piece, alone.lengths])
     alone = alone.detached()
@@ -88,7 +89,7 @@ def test_what_cannot_be_is_refused_in_one_line(model, options, corpus):
     name, value = next(iter(options.items()))
     shown = f"{value:g}" if isinstance(value, float) else value
     with pytest.raises(InputError, match=f"^model.{name}={re.escape(str(shown))}[^\n]*$"):
-        system = build(load("models", model), Jung28(), **options)
+        system = build(load_part("models", model), Jung28(), **options)
         contract.check(system)
         contract.check_training(system, corpus, corpus.gestures)
 

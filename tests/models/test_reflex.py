@@ -10,7 +10,7 @@ from sklearn.neural_network import MLPClassifier
 from sklearn.preprocessing import StandardScaler
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.steps import Repair, Windows
+from bench.corpora.windows import Windows
 from bench.features.base import labels
 from bench.features.touch import TouchFeatures
 from bench.models import out_of_distribution
@@ -19,6 +19,7 @@ from bench.models.classic.perceptron import Perceptron
 from bench.models.out_of_distribution import Guarded
 from bench.models.reflex import Reflex
 from bench.models.sizes import parameter_count
+from bench.models.steps import Repair
 from tests.conftest import random_corpus
 
 Quick = partial(Perceptron, updates=100)

@@ -16,7 +16,7 @@ from torch import nn
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.features.jung28 import Jung28
-from bench.ground.registry import load, required
+from bench.ground.registry import load_part, required_parameters
 from bench.models import PARTS, recipe
 from bench.models.adapters import FromSeries, FromTorch
 from bench.models.classic.perceptron import Perceptron
@@ -66,12 +66,12 @@ DAILY = [name for name in (*PARTS, *COMPOSED) if name not in SLOW]
 
 def made(name, **options):
     """A system with little to learn."""
-    factory = load("models", name)
+    factory = load_part("models", name)
     defaults = recipe.defaults_of(factory)
     usual = (
         {k: v for k, v in {"epochs": 1}.items() if k in defaults} | QUICK.get(name, {}) | options
     )
-    return recipe.build(factory, Jung28() if required(factory) else None, **usual)
+    return recipe.build(factory, Jung28() if required_parameters(factory) else None, **usual)
 
 
 @pytest.fixture(autouse=True)

@@ -19,7 +19,7 @@ from bench.corpora.folder import open_folder, write_folder
 from bench.features.jung28 import Jung28
 from bench.features.selection import Subset
 from bench.features.ta273 import Ta273
-from bench.ground.scratch import home
+from bench.ground.scratch import data_folder
 from bench.models.classic.svm import svm
 from bench.models.search.study import Study, Tried
 from bench.models.search.tuning import Search
@@ -158,7 +158,7 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(tmp_path, monkeypat
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(Search, "_made", cut_off)
         clone(search).fit(stored, stored.gestures)
-    (lock,) = (home() / "studies").glob("*.lock")
+    (lock,) = (data_folder() / "studies").glob("*.lock")
     (lock.with_suffix("") / ".killed.pickle").write_bytes(
         b"half of a trial"
     )  # of a process that was killed

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.model_selection import StratifiedKFold
 
-from bench.corpora.steps import Windows
+from bench.corpora.windows import Windows
 from bench.errors import InputError
-from bench.plan.cells import cells
-from bench.plan.plan import Fold, planned
+from bench.plan.cells import make_cells
+from bench.plan.plan import Fold, make_plans
 from bench.protocols.windows import WindowKFold
 from bench.running.circumstances.faults import Faults
 from bench.running.evaluation import evaluated
@@ -23,7 +23,7 @@ from tests.running.fakes import Level, cell_of
 
 @given(seed=st.integers(0, 500), frames=st.integers(2, 12), hop=st.integers(1, 6))
 def test_windows_of_all_captures_are_dealt_as_scikit_learn_does(seed, frames, hop):
-    """Windows are those of `bench.corpora.steps.Windows`, whose test has a loop."""
+    """Windows are those of `bench.corpora.windows.Windows`, whose test has a loop."""
     corpus = random_corpus(seed=seed, grid=(1, 2))
     protocol = WindowKFold(frames / corpus.rate_hz, hop / corpus.rate_hz, folds=3, seed=seed)
     windows = protocol.joined(corpus)
@@ -72,12 +72,12 @@ def test_a_window_whose_label_depends_on_others_is_found():
 def test_rows_say_that_the_protocol_is_optimistic_and_faults_are_refused():
     typed = dict(word.split("=") for word in SMALL[:-1])
     typed |= {"protocol": "windows", "protocol.folds": "3", "model": "lda", "features": "jung28"}
-    (plan,) = planned(cells(typed), 1)
+    (plan,) = make_plans(make_cells(typed), 1)
     assert plan.label == "3-fold of 1 s windows, optimistic: subjects mixed, captures mixed"
     assert plan.mixes_subjects and plan.facts["test_over_train"]
     with pytest.raises(
         InputError, match="protocol=windows.* tests windows, not captures; leave under= out"
     ):
-        planned([replace(plan.cell, circumstances=(Faults(("noise",)),))], 1)
+        make_plans([replace(plan.cell, circumstances=(Faults(("noise",)),))], 1)
     with pytest.raises(InputError, match=r"protocol\.seconds=0, .* above 0"):
-        planned(cells(typed | {"protocol.seconds": "0"}), 1)
+        make_plans(make_cells(typed | {"protocol.seconds": "0"}), 1)

@@ -11,13 +11,14 @@ from sklearn.pipeline import Pipeline
 from bench import contract
 from bench.corpora.faults import all_faults
 from bench.corpora.folder import open_folder, write_folder
-from bench.corpora.steps import Faulted, Repair, Scale, Windows
+from bench.corpora.windows import Windows
 from bench.errors import HiddenError, InputError, PredictionError
 from bench.features.base import FeatureSet
 from bench.features.jung28 import Jung28
 from bench.models.classic.lda import Discriminants
-from bench.plan.cells import cells
-from bench.plan.plan import Fold, planned
+from bench.models.steps import Faulted, Repair, Scale
+from bench.plan.cells import make_cells
+from bench.plan.plan import Fold, make_plans
 from bench.running.circumstances.faults import Faults
 from bench.running.circumstances.instants import Instants
 from bench.running.circumstances.subjects import Subjects
@@ -134,7 +135,7 @@ def test_every_kind_of_run_predicts_blind(how, tmp_path, monkeypatch):
     path = tmp_path / "my.py"
     path.write_text("from tests.running.test_blind import Mean as Good, Reads as Bad\n")
     (good,), (bad,) = (
-        planned(cells({"model": f"{path}:{name}"} | how), 1) for name in ("Good", "Bad")
+        make_plans(make_cells({"model": f"{path}:{name}"} | how), 1) for name in ("Good", "Bad")
     )
     result = folded(replace(good.cell, circumstances=CIRCUMSTANCES), FEW, good.folds[0], 1)
     assert len(result.table) and not result.batch_effects and not result.failed

@@ -9,13 +9,14 @@ import numpy as np
 from sklearn.pipeline import Pipeline
 
 from bench import contract
-from bench.corpora.steps import SETTLED_S, Repair, Scale, Step, Windows
+from bench.corpora.windows import Step, Windows
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
-from bench.ground.words import SATURATED
+from bench.ground.words import SATURATED_SHARE
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
+from bench.models.steps import SETTLED_S, Repair, Scale
 from touchbench_chip.classifiers import HAVE, Decider, decider, has_c, number
 
 if TYPE_CHECKING:
@@ -240,7 +241,7 @@ def _watching(
         "MOST_POINTS": max(POINTS, min(ring, sizes["SEGMENT"])),
         "WATCH": 1,
         "TURN": ring * -(-max(ring, settled) // ring),
-        "SATURATED": -(-recogniser.grid[0] * recogniser.grid[1] // SATURATED),
+        "SATURATED": -(-recogniser.grid[0] * recogniser.grid[1] // SATURATED_SHARE),
         "LEVEL": number(watch.level),
         "STEPPED": int(longest * steps**2 < BITS32),
         "STEPS": number(min(steps, BITS16)),

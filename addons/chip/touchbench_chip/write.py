@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import gammaincinv
 
-from bench.corpora.steps import PASSES
 from bench.features import touch
+from bench.models.steps import PASSES
 from touchbench_chip.classifiers import number
 from touchbench_chip.tables import Chip, chip_of
 

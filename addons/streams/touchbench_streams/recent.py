@@ -9,13 +9,13 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.steps import SETTLED_S
-from bench.ground.words import SATURATED
+from bench.ground.words import SATURATED_SHARE
+from bench.models.steps import SETTLED_S
 
 
 def saturated(frames: np.ndarray, full_scale: float) -> np.ndarray:
     """Whether many taxels of each frame [frames, rows, cols] are at full scale, bool [frames]."""
-    return np.count_nonzero(frames >= full_scale, axis=(1, 2)) * SATURATED >= frames[0].size
+    return np.count_nonzero(frames >= full_scale, axis=(1, 2)) * SATURATED_SHARE >= frames[0].size
 
 
 class Recent:

@@ -23,7 +23,7 @@ from bench.corpora.read.limits import (
 from bench.corpora.read.rows import CsvTable
 from bench.corpora.synth import FULL_SCALE, VARIANTS
 from bench.errors import InputError
-from bench.ground.scratch import replacing
+from bench.ground.scratch import write_then_rename
 
 GESTURES = tuple(
     "grab hit massage pat pinch poke press rub scratch slap squeeze stroke tap tickle".split()
@@ -149,7 +149,7 @@ def write(corpus: Corpus, path: Path) -> None:
     codes = np.stack([captures["subject"], variants, gestures], axis=1).astype(np.int32)
     columns = [*LABELS, *([SYNTHETIC] if corpus.synthetic else []), *CHANNELS]
     try:
-        with replacing(path) as beside, open(beside, "wb") as f:
+        with write_then_rename(path) as beside, open(beside, "wb") as f:
             f.write(", ".join(columns).encode() + b"\n")
             for i in range(0, len(corpus), 256):  # a call for each capture takes twice as long
                 some = corpus[i : i + 256]

@@ -27,7 +27,7 @@ from bench.corpora.read.limits import (
 )
 from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Table, without_categories
 from bench.errors import InputError
-from bench.ground.scratch import replacing
+from bench.ground.scratch import write_then_rename
 
 LABELS = ["subject", "gesture", "frame"]
 OURS = "ch"  # what saved systems call their channels: ch1, ch2, ...
@@ -69,7 +69,7 @@ def write_table(corpus: Corpus, path: Path) -> None:
     channels = pd.DataFrame(frames, columns=[f"ch{i}" for i in range(1, frames.shape[1] + 1)])
     table = pd.concat([table, channels], axis=1)
     try:
-        with replacing(path) as beside:
+        with write_then_rename(path) as beside:
             table.to_parquet(beside, index=False) if path.suffix == ".parquet" else table.to_csv(
                 beside, index=False
             )

@@ -11,7 +11,8 @@ from scipy.ndimage import convolve
 
 from bench.corpora.corpus import COPY, storage
 from bench.corpora.faults import FAULTS
-from bench.corpora.steps import REPAIRS, Faulted, Repair, Scale, Turned, Windows
+from bench.corpora.windows import Windows
+from bench.models.steps import REPAIRS, Faulted, Repair, Scale, Turned
 from tests.conftest import random_corpus
 from tests.features.captures import corpus_of
 
