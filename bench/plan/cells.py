@@ -17,9 +17,21 @@ import numpy as np
 from bench import contract
 from bench.errors import InputError, nearest
 from bench.features.base import OfFunction
-from bench.ground.registry import load, names, parameters, required
-from bench.ground.source import source_digest, versions
-from bench.ground.words import DEFAULTS, PARTS, Values, convert, items, text_of
+from bench.ground.registry import (
+    load_part,
+    parameter_defaults,
+    registered_parts,
+    required_parameters,
+)
+from bench.ground.source import package_versions, source_digest
+from bench.ground.words import (
+    DEFAULTS,
+    PART_GROUPS,
+    Values,
+    format_value,
+    parse_value,
+    split_values,
+)
 from bench.plan import objects
 
 if TYPE_CHECKING:
@@ -27,7 +39,7 @@ if TYPE_CHECKING:
     from bench.models.space import Tuning
     from bench.plan.splits import Splitter
 
-HOW = ("inner", "trials", "seconds")  # of a search, as it is typed
+SEARCH_KEYS = ("inner", "trials", "seconds")  # of a search, as it is typed
 
 
 @dataclass(frozen=True)
@@ -45,7 +57,7 @@ class Part:
     @property
     def factory(self) -> Callable:
         """The class or function behind the name; its file must be what it was when the command began."""
-        factory = load(self.room, self.name)
+        factory = load_part(self.room, self.name)
         if self.module and factory.__module__ != self.module:
             raise InputError(
                 f"{self.name}: the file was changed while it was in use; start the command again"
@@ -56,53 +68,60 @@ class Part:
         """Build one that takes nothing from the harness: a protocol or a feature set."""
         if self.instance is not None:
             return contract.copied(self.instance)
-        if needed := required(self.factory):
+        if needed := required_parameters(self.factory):
             if self.room == "features" and inspect.isfunction(self.factory) and len(needed) == 1:
                 return OfFunction(self.factory, self.parameters)
             raise InputError(f"{self.name}: the argument {needed[0]} has no default; give it one")
         return self.factory(**self.parameters)
 
-    def changed(self, seed: int | None = None) -> dict[str, object]:
+    def changed_parameters(self, seed: int | None = None) -> dict[str, object]:
         """Parameters that are not the default; that of ``seed`` may be another one, and of a model is the run's."""
         if self.instance is not None:
-            return _arguments(self.instance) if self.name == type(self.instance).__name__ else {}
+            return (
+                constructor_arguments(self.instance)
+                if self.name == type(self.instance).__name__
+                else {}
+            )
         own = self.parameters.get("seed", seed) if self.room == "models" else seed
-        usual = parameters(self.factory) | ({} if own is None else {"seed": own})
+        usual = parameter_defaults(self.factory) | ({} if own is None else {"seed": own})
         return {k: v for k, v in self.parameters.items() if k not in usual or v != usual[k]}
 
     @property
-    def short(self) -> str:
+    def short_name(self) -> str:
         """The name without a file's path; with the file's name if it is also that of a built-in part."""
         file, _, name = self.name.rpartition(":")
         if self.instance is not None or not file:
             return self.name
-        return f"{Path(file).stem}.{name}" if name in names(self.room) else name
+        return f"{Path(file).stem}.{name}" if name in registered_parts(self.room) else name
 
     def __str__(self) -> str:
         return self.label()
 
     def label(self, seed: int | None = None) -> str:
-        """The name with those parameters that are not the default (`changed`): ``svm[C=8.0]``."""
+        """The name with those parameters that are not the default (`changed_parameters`): ``svm[C=8.0]``."""
         texts = {
-            k: text_of(v) if isinstance(v, tuple) else v for k, v in self.changed(seed).items()
+            k: format_value(v) if isinstance(v, tuple) else v
+            for k, v in self.changed_parameters(seed).items()
         }
-        return _with(self.short, texts)
+        return _with_brackets(self.short_name, texts)
 
-    def typed(self) -> str:
-        """The same with the full name of a file, as `bench.ground.words.labelled` reads it."""
-        return _with(self.name, {k: text_of(v) for k, v in self.changed().items()})
+    def as_argument(self) -> str:
+        """The same with the full name of a file, as `bench.ground.words.arguments_of_label` reads it."""
+        return _with_brackets(
+            self.name, {k: format_value(v) for k, v in self.changed_parameters().items()}
+        )
 
     def identity(self) -> tuple:
         """Identity of a part: name and parameters."""
         if self.instance is None:
-            return self.room, self.short, self.parameters
-        return self.room, self.name, objects.settings(self.instance)
+            return self.room, self.short_name, self.parameters
+        return self.room, self.name, objects.settings_text(self.instance)
 
     def code(self) -> list[Code]:
         """Modules, classes and functions that it consists of."""
         if self.instance is not None:
-            return [*objects.classes(self.instance)]
-        beyond = set(self.parameters) - set(parameters(self.factory))
+            return [*objects.own_code(self.instance)]
+        beyond = set(self.parameters) - set(parameter_defaults(self.factory))
         return [self.factory, *(["bench.models.recipe"] if beyond else [])]
 
     def packages(self) -> tuple[str, ...]:
@@ -110,7 +129,7 @@ class Part:
         return (
             contract.packages(self.factory)
             if self.instance is None
-            else objects.libraries(self.instance)
+            else objects.distributions(self.instance)
         )
 
 
@@ -144,7 +163,7 @@ class Cell:
         return [part for part in (self.protocol, self.features, self.model) if part]
 
     @property
-    def producers(self) -> list[Any]:
+    def measurements(self) -> list[Any]:
         """What is measured besides the accuracy and costs of captures."""
         return [self.study] if self.study else [*self.circumstances]
 
@@ -171,7 +190,7 @@ class Cell:
     def system(self) -> str:
         """Model and feature set as they are named in tables."""
         model = (
-            f"tuned {self.model.short}[{_described(self.tuning)}]"
+            f"tuned {self.model.short_name}[{_describe_search(self.tuning)}]"
             if self.tuning
             else str(self.model)
         )
@@ -208,13 +227,13 @@ class Cell:
         if self.tuning:
             from bench.models.search.tuning import tuned
 
-            sets = {self.features.short: features} if self.features else None
+            sets = {self.features.short_name: features} if self.features else None
             return tuned(
-                self.model.short, self.model.factory, sets, str(self.features), self.tuning
+                self.model.short_name, self.model.factory, sets, str(self.features), self.tuning
             )
         if self.model.instance is not None:
             return contract.behind(self.model.make(), features)
-        if self.model.parameters.keys() <= parameters(self.model.factory).keys():
+        if self.model.parameters.keys() <= parameter_defaults(self.model.factory).keys():
             return contract.build(self.model.factory, features, **self.model.parameters)
         from bench.models import recipe
 
@@ -236,7 +255,7 @@ class Cell:
 
             made = [all_faults()[name] for name in trained]
         code = [
-            *(c for one in (*self.parts, *self.producers) for c in one.code()),
+            *(c for one in (*self.parts, *self.measurements) for c in one.code()),
             *(f.damage for f in made),
         ]
         code += [
@@ -247,19 +266,21 @@ class Cell:
             "target": self.target,
             "tuning": repr(self.tuning),
             "parts": [part.identity() for part in self.parts],
-            "measured": [(one.key, one.identity()) for one in self.producers],
+            "measured": [(one.key, one.identity()) for one in self.measurements],
             "faults": [(f.name, f.amounts) for f in made],  # they may come from other packages
             "code": source_digest(*code),
-            "versions": versions(self.model.packages()),
+            "versions": package_versions(self.model.packages()),
         }
 
     def arguments(self) -> dict[str, str]:
         """The arguments that make this cell, as typed; defaults are left out."""
         values = {"data": self.data}
         if self.data_parameters:
-            usual = _of_generator()
+            usual = _generator_parameters()
             values |= {
-                f"data.{k}": text_of(v) for k, v in self.data_parameters.items() if v != usual[k]
+                f"data.{k}": format_value(v)
+                for k, v in self.data_parameters.items()
+                if v != usual[k]
             }
         values |= {"where": self.where} if self.where else {}
         values |= {"target": self.target} if self.target != DEFAULTS["target"] else {}
@@ -269,37 +290,41 @@ class Cell:
             ("features", self.features),
         ):
             if part:
-                changed = part.changed(self._features_seed if key == "features" else None)
-                values |= {key: part.name} | {f"{key}.{k}": text_of(v) for k, v in changed.items()}
+                changed = part.changed_parameters(
+                    self._features_seed if key == "features" else None
+                )
+                values |= {key: part.name} | {
+                    f"{key}.{k}": format_value(v) for k, v in changed.items()
+                }
         if self.tuning:
             lists = {k: v for k, v in self.tuning["space"].items() if isinstance(v, list)}
-            values |= {f"model.{k}": ",".join(map(text_of, v)) for k, v in lists.items()}
+            values |= {f"model.{k}": ",".join(map(format_value, v)) for k, v in lists.items()}
             how = dict(self.tuning)
             values |= {
-                k: text_of(how[k])
-                for k in (("smallest", "inner") if "smallest" in how else HOW)
+                k: format_value(how[k])
+                for k in (("smallest", "inner") if "smallest" in how else SEARCH_KEYS)
                 if k in how
             }
         values |= {"seed": str(self.seed)} if self.seed else {}
         return values | {
-            key: text for one in self.producers for key, text in one.arguments().items()
+            key: text for one in self.measurements for key, text in one.arguments().items()
         }
 
 
-def _with(name: str, changed: dict[str, object]) -> str:
+def _with_brackets(name: str, changed: dict[str, object]) -> str:
     """A name with parameters."""
     words = ", ".join(f"{k}={v}" for k, v in changed.items())
     return f"{name}[{words}]" if words else name
 
 
-def _arguments(made: object) -> dict[str, object]:
+def constructor_arguments(made: object) -> dict[str, object]:
     """What an object was made with, where it keeps that under the same names and it is not the default."""
-    names, usual = inspect.signature(type(made)).parameters, parameters(type(made))
+    names, usual = inspect.signature(type(made)).parameters, parameter_defaults(type(made))
     kept = {name: value for name, value in vars(made).items() if name in names}
-    return {k: _brief(v) for k, v in kept.items() if k not in usual or repr(v) != repr(usual[k])}
+    return {k: _as_label(v) for k, v in kept.items() if k not in usual or repr(v) != repr(usual[k])}
 
 
-def _brief(value: object) -> object:
+def _as_label(value: object) -> object:
     """A value in a label: a number or a name as it is, of anything else a digest."""
     if value is None or isinstance(value, int | float | str):
         return value
@@ -307,7 +332,7 @@ def _brief(value: object) -> object:
         return hashlib.sha256(repr(value).encode()).hexdigest()[:8]
 
 
-def _described(tuning: Tuning) -> str:
+def _describe_search(tuning: Tuning) -> str:
     """What a search tries and how, in a few words: ``C, gamma=0.1|1, inner=loso``."""
     values = {k: v if isinstance(v, list) else None for k, v in tuning["space"].items()}
     words = [k if v is None else f"{k}=" + "|".join(map(str, v)) for k, v in values.items()]
@@ -319,9 +344,9 @@ def _described(tuning: Tuning) -> str:
     )
 
 
-def cells(values: Values) -> list[Cell]:
+def make_cells(values: Values) -> list[Cell]:
     """The cross product of all listed values, without repetitions."""
-    chosen = {key: items(key, values.get(key, default)) for key, default in DEFAULTS.items()}
+    chosen = {key: split_values(key, values.get(key, default)) for key, default in DEFAULTS.items()}
     feature_sets = chosen["features"]
     takes = [_takes_features(model) for model in chosen["model"]]
     if "features" in values and not any(takes):
@@ -332,7 +357,7 @@ def cells(values: Values) -> list[Cell]:
     systems = [
         (model, seed, features)
         for model, takes_features in zip(chosen["model"], takes, strict=True)
-        for seed in (convert("seed", s, 0) for s in chosen["seed"])
+        for seed in (parse_value("seed", s, 0) for s in chosen["seed"])
         for features in (feature_sets if takes_features else [None])
     ]
     distinct: dict[str, Cell] = {}
@@ -342,12 +367,12 @@ def cells(values: Values) -> list[Cell]:
     ):
         parts: list[Any]
         for data_parameters, *parts in itertools.product(
-            corpus_variants(values, data, chosen["data"]),
-            variants(values, "protocol", protocol, chosen["protocol"]),
-            variants(values, "features", features, feature_sets, seed)
+            expand_corpus_parameters(values, data, chosen["data"]),
+            expand_parameters(values, "protocol", protocol, chosen["protocol"]),
+            expand_parameters(values, "features", features, feature_sets, seed)
             if features is not None
             else [None],
-            variants(values, "model", model, chosen["model"], seed),
+            expand_parameters(values, "model", model, chosen["model"], seed),
         ):
             cell = Cell(data, data_parameters, where, target, *parts)
             distinct.setdefault(f"{cell!r} {[*map(id, cell.objects)]}", cell)
@@ -358,8 +383,8 @@ def _takes_features(model: object) -> bool:
     """Whether a model is handed a feature set: its factory asks for one, or it learns from tables."""
     if not isinstance(model, str):
         return contract.reads_tables(model)
-    factory = load("models", model)
-    if len(needed := required(factory)) > 1:
+    factory = load_part("models", model)
+    if len(needed := required_parameters(factory)) > 1:
         several = ", ".join(needed)
         raise InputError(
             f"model={model}: {several} have no default; only the feature set may have none"
@@ -367,19 +392,21 @@ def _takes_features(model: object) -> bool:
     return bool(needed) or contract.reads_tables(factory)
 
 
-def variants(
+def expand_parameters(
     values: Values, key: str, part: object, siblings: list, seed: int | None = None, room: str = ""
 ) -> list[Part]:
     """One part, a name or an object, with every combination of its dotted parameters.
 
     In a grid of several parts (``siblings``), a parameter is for those that take it; a part without a seed has none.
     """
-    room = room or PARTS[key]
-    dotted = _dotted(values, key)
+    room = room or PART_GROUPS[key]
+    dotted = _dotted_parameters(values, key)
     names = [sibling for sibling in siblings if isinstance(sibling, str)]
     if dotted:
         _refuse_unknown(
-            f"{key}={part}", dotted, {p for name in names for p in _defaults(key, load(room, name))}
+            f"{key}={part}",
+            dotted,
+            {p for name in names for p in _accepted_parameters(key, load_part(room, name))},
         )
     if not isinstance(part, str):
         method = "split" if key == "protocol" else "fit"
@@ -388,32 +415,32 @@ def variants(
             raise InputError(
                 f"{key}={kind}: give a name, or an object with {method}(), such as {kind}()"
             )
-        return [Part(room, objects.shown(part), instance=part)]
-    factory, module = load(room, part), ""
+        return [Part(room, objects.display_name(part), instance=part)]
+    factory, module = load_part(room, part), ""
     if (file := part.rpartition(":")[0]).endswith(".py"):  # from wherever a worker is started
         part, module = f"{Path(file).absolute()}:{part.rpartition(':')[2]}", factory.__module__
-    usual = parameters(factory)
-    defaults = _defaults(key, factory) if dotted else usual
+    usual = parameter_defaults(factory)
+    defaults = _accepted_parameters(key, factory) if dotted else usual
     if seed is not None and "seed" in usual:
         usual["seed"] = seed
-    each = _combinations(key, {p: text for p, text in dotted.items() if p in defaults}, defaults)
+    each = _combine_values(key, {p: text for p, text in dotted.items() if p in defaults}, defaults)
     # A step that any model can have is a parameter of one that has it, and not of the others.
     taken = ({p: v for p, v in chosen.items() if p in usual or v != defaults[p]} for chosen in each)
     return [Part(room, part, usual | own, module=module) for own in taken]
 
 
-def _dotted(values: Values, key: str) -> dict[str, object]:
+def _dotted_parameters(values: Values, key: str) -> dict[str, object]:
     """The values of ``key.parameter=``, by parameter."""
     return {k.partition(".")[2]: v for k, v in values.items() if k.startswith(f"{key}.")}
 
 
-def _defaults(key: str, factory: Callable) -> dict[str, object]:
+def _accepted_parameters(key: str, factory: Callable) -> dict[str, object]:
     """Parameters that may be typed for a part: its own and, of a model, the steps that any model can have."""
     if key != "model":
-        return parameters(factory)
+        return parameter_defaults(factory)
     from bench.models import recipe
 
-    return parameters(factory) | recipe.besides(factory)
+    return parameter_defaults(factory) | recipe.besides(factory)
 
 
 def _refuse_unknown(part: str, dotted: Iterable[str], accepted: Collection[str]) -> None:
@@ -425,12 +452,12 @@ def _refuse_unknown(part: str, dotted: Iterable[str], accepted: Collection[str])
             )
 
 
-def _combinations(
+def _combine_values(
     key: str, dotted: dict[str, object], defaults: dict[str, object]
 ) -> Iterator[dict[str, object]]:
     """Every combination of the listed values, each of the type of its default."""
     lists = [
-        [convert(f"{key}.{p}", v, defaults[p]) for v in items(f"{key}.{p}", text)]
+        [parse_value(f"{key}.{p}", v, defaults[p]) for v in split_values(f"{key}.{p}", text)]
         for p, text in dotted.items()
     ]
     return (
@@ -438,16 +465,18 @@ def _combinations(
     )
 
 
-def _of_generator() -> dict[str, Any]:
+def _generator_parameters() -> dict[str, Any]:
     """Parameters of the generator with their defaults; it imports scipy.signal, which recorded captures do not need."""
     from bench.corpora.synth import generate
 
-    return parameters(generate)
+    return parameter_defaults(generate)
 
 
-def corpus_variants(values: Values, data: str, siblings: list[str]) -> list[dict[str, object]]:
+def expand_corpus_parameters(
+    values: Values, data: str, siblings: list[str]
+) -> list[dict[str, object]]:
     """Parameters of the generator; an imported corpus has none."""
-    dotted = _dotted(values, "data")
+    dotted = _dotted_parameters(values, "data")
     if "synth" not in siblings and dotted:
         raise InputError(
             f"data.{next(iter(dotted))}: only data=synth has parameters; choose captures with where="
@@ -456,5 +485,5 @@ def corpus_variants(values: Values, data: str, siblings: list[str]) -> list[dict
         raise InputError("data= takes the name of a corpus, such as data='synth'; see bench data")
     if data != "synth":
         return [{}]
-    _refuse_unknown("data=synth", dotted, defaults := _of_generator())
-    return [defaults | chosen for chosen in _combinations("data", dotted, defaults)]
+    _refuse_unknown("data=synth", dotted, defaults := _generator_parameters())
+    return [defaults | chosen for chosen in _combine_values("data", dotted, defaults)]

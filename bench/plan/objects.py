@@ -14,7 +14,7 @@ from sklearn.pipeline import Pipeline
 from bench.contract import is_code, parts_of
 
 
-def settings(part: object) -> str:
+def settings_text(part: object) -> str:
     """Parameters of an object and of estimators inside it, in full; of a splitter, its attributes."""
     values = part.get_params() if isinstance(part, BaseEstimator) else vars(part)
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
@@ -23,34 +23,36 @@ def settings(part: object) -> str:
         )
 
 
-def shown(part: object) -> str:
+def display_name(part: object) -> str:
     """An object in one line: ``SVC(C=10)``; the steps of a pipeline one behind the other."""
     if isinstance(part, Pipeline):
-        return " > ".join(shown(step) for _, step in part.steps)
+        return " > ".join(display_name(step) for _, step in part.steps)
     return " ".join(repr(part).split()) if isinstance(part, BaseEstimator) else type(part).__name__
 
 
-def classes(part: object) -> list[Callable]:
+def own_code(part: object) -> list[Callable]:
     """Classes and functions of an object and its parts, without installed libraries."""
     mine = (
         c
-        for c in _kinds(part)
-        if not _library(c) and c.__module__.split(".")[0] not in sys.stdlib_module_names
+        for c in _classes_inside(part)
+        if not _distribution_of(c) and c.__module__.split(".")[0] not in sys.stdlib_module_names
     )
     return sorted(mine, key=lambda c: (c.__module__, c.__qualname__))
 
 
-def libraries(part: object) -> tuple[str, ...]:
+def distributions(part: object) -> tuple[str, ...]:
     """Distributions that the classes of an object come from."""
-    return tuple(sorted({name for kind in _kinds(part) if (name := _library(kind))}))
+    return tuple(
+        sorted({name for kind in _classes_inside(part) if (name := _distribution_of(kind))})
+    )
 
 
-def _kinds(part: object) -> set[Callable]:
+def _classes_inside(part: object) -> set[Callable]:
     """Functions and classes among an object and what is inside it, and the classes of the others."""
     return {each if is_code(each) else type(each) for each in parts_of(part)}
 
 
-def _library(kind: Any) -> str | None:
+def _distribution_of(kind: Any) -> str | None:
     """The installed distribution that a class is of, by its package's name; None for touchbench's and one's own."""
     name = kind.__module__.split(".")[0]
     if name in ("bench", "__main__") or name not in sys.modules:

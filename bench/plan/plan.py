@@ -1,4 +1,4 @@
-"""A cell with its captures and folds, and the number of processes: everything fixed before a run."""
+"""Plans: a cell with its captures, folds and number of processes. A plan fixes all of a run."""
 
 from __future__ import annotations
 
@@ -18,105 +18,107 @@ import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.corpora.corpus import Corpus, untrained
+from bench.corpora.corpus import Corpus, reserved, untrained
 from bench.corpora.duplicates import repeated, seen_before, without
 from bench.corpora.library import UNTAUGHT, open_corpus
 from bench.errors import InputError
-from bench.ground.words import quoted
+from bench.ground.words import quote_value
 from bench.plan.cells import Cell
 
 
 @dataclass(eq=False)
 class Fold:
-    """A split of the captures of a corpus, by position."""
+    """A split of the captures of a corpus into training and test captures, by position.
+
+    Some protocols test several systems in a fold: ``pairs`` has the further training captures of
+    each, and the captures that it is then tested on.
+    """
 
     name: str  # the tested subject, or a number
     train: np.ndarray  # positions of the training captures, int32 [captures]
     test: np.ndarray  # positions of the test captures, int32 [captures]
-    pairs: Sequence[
-        tuple[np.ndarray, np.ndarray]
-    ] = ()  # of some protocols: further training captures, tested after
+    pairs: Sequence[tuple[np.ndarray, np.ndarray]] = ()
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The content of one run.
+    """A run before it is made: a cell, the captures that it uses, and their folds.
 
-    Cached properties depend on corpus, folds and protocol, not on the system: `of` shares them.
+    The cached properties depend on the captures, the folds and the protocol, not on the system.
+    Plans of several systems share them (`with_cell`).
     """
 
-    cell: Cell  # the system and how it is tested
-    corpus: Corpus
+    cell: Cell  # the system, and how it is tested
+    corpus: Corpus  # the captures of the run
     folds: tuple[Fold, ...]  # all of them, in the order of the protocol
     workers: int  # processes
     threads: int  # of each process
 
     @cached_property
     def mixes_subjects(self) -> bool:
-        """True if captures of a subject are on both sides of a fold: optimistic for a new person."""
+        """True if a fold trains and tests on the same subject: optimistic for a new person."""
         return mixes_subjects(self.corpus, self.folds)
 
     @cached_property
-    def repeats(self) -> list[tuple[int, int]]:
-        """Tested captures with the same frames as a training capture, and that one: a pair for each tested capture."""
+    def repeated_captures(self) -> list[tuple[int, int]]:
+        """Pairs of a tested capture and a training capture of its fold with the same frames."""
         sides = [side for fold in self.folds for side in ((fold.train, fold.test), *fold.pairs)]
         return seen_before(repeated(self.corpus), sides, len(self.corpus))
 
     @cached_property
     def label(self) -> str:
-        """The protocol in words, distinct for runs on other splits: it names a seed that is not the default."""
+        """The protocol in words; other splits have other words, so a seed of its own is named."""
         part = self.cell.protocol
-        if (own := getattr(self.cell.splitter, "label", None)) is None:
-            return str(part) + ", subjects mixed" * self.mixes_subjects
-        words, seed = own(self.corpus), part.changed().get("seed")
-        return (
-            words
-            if seed is None or re.search(rf"\bseed {seed}\b", words)
-            else f"{words}, seed {seed}"
-        )
+        own_label = getattr(self.cell.splitter, "label", None)
+        if own_label is None:
+            return f"{part}, subjects mixed" if self.mixes_subjects else str(part)
+        words, seed = own_label(self.corpus), part.changed_parameters().get("seed")
+        if seed is None or re.search(rf"\bseed {seed}\b", words):
+            return words
+        return f"{words}, seed {seed}"
 
     @cached_property
     def facts(self) -> dict[str, str]:
         """Properties of the protocol for statistics and tables; ``""`` for missing ones."""
         published = getattr(self.cell.splitter, "official_split", None)
         official = published(self.corpus) if published else None
-        ratio = shared_ratio(self.folds)
+        ratio = test_over_train(self.folds)
         return {
             "mixes_subjects": str(self.mixes_subjects).lower(),
             "test_over_train": "" if ratio is None else repr(ratio),
             "official_split": "" if official is None else str(official).lower(),
         }
 
-    def of(self, cell: Cell) -> Plan:
-        """The plan of another cell on the same captures with the same protocol."""
-        for name in ("label", "facts", "_captures"):
+    def with_cell(self, cell: Cell) -> Plan:
+        """The plan of another cell on the same captures under the same protocol."""
+        for name in ("label", "facts", "_captures_identity"):
             getattr(self, name)  # computed once, before the copy
-        other = copy(self)
-        vars(other).update(cell=cell)  # the class is frozen
-        vars(other).pop("key", None)
-        return other
+        plan = copy(self)
+        vars(plan).update(cell=cell)  # the class is frozen
+        vars(plan).pop("key", None)
+        return plan
 
     @cached_property
     def key(self) -> str:
-        """Key of the run: everything that its stored numbers depend on (docs/notes/decisions.md, identity)."""
-        return hashlib.sha256(
-            json.dumps(self.identity(), sort_keys=True, default=str).encode()
-        ).hexdigest()[:20]
+        """Key of the run: a digest of all that its stored numbers depend on.
+
+        docs/notes/decisions.md says what that is (identity).
+        """
+        text = json.dumps(self.identity(), sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()[:20]
 
     def identity(self) -> dict[str, object]:
-        """Identity of its results: corpus, chosen captures, folds, cell, threads of a fold."""
-        return self._captures | {"threads": self.threads} | self.cell.identity()
+        """Identity of the results: corpus, chosen captures, folds, cell, threads of a fold."""
+        return self._captures_identity | {"threads": self.threads} | self.cell.identity()
 
     @cached_property
-    def _captures(self) -> dict[str, object]:
+    def _captures_identity(self) -> dict[str, object]:
         """Identity of the captures and folds."""
         folds = hashlib.sha256()
         for fold in self.folds:
             for positions in (fold.train, fold.test, *itertools.chain.from_iterable(fold.pairs)):
-                folds.update(
-                    f"{fold.name} {len(positions)} ".encode()
-                    + np.asarray(positions, np.int64).tobytes()
-                )
+                folds.update(f"{fold.name} {len(positions)} ".encode())
+                folds.update(np.asarray(positions, np.int64).tobytes())
         return {
             "digest": self.corpus.digest,
             "captures": hashlib.sha256(self.corpus.index.tobytes()).hexdigest(),
@@ -124,153 +126,185 @@ class Plan:
         }
 
 
-def planned(cells: list[Cell], jobs: int | None) -> list[Plan]:
-    """A plan for each cell; all that can be checked is checked before the first fold starts.
+def make_plans(cells: Iterable[Cell], jobs: int | None) -> list[Plan]:
+    """Make a plan for each cell, and check all that can be checked before the first fold starts.
 
-    Cells on the same captures with the same protocol share corpus, folds, and what is computed from them.
+    Cells on the same captures under the same protocol share corpus, folds, and what is computed
+    from them.
+
+    Raises:
+        InputError: a system, its protocol and the captures do not fit together.
     """
     plans: list[Plan] = []
-    first: dict[tuple, Plan] = {}
+    first_plans: dict[tuple, Plan] = {}
     for cell in cells:
-        estimator, part = checked(cell), cell.protocol
-        of_data = cell.data, repr(cell.data_parameters), cell.where, cell.target, cell.kind
-        key = *of_data, repr(part), part.module, id(part.instance)
-        new = key not in first
-        corpus = corpus_of(cell) if new else first[key].corpus
+        estimator, protocol = check_system(cell), cell.protocol
+        group = cell.data, repr(cell.data_parameters), cell.where, cell.target, cell.kind
+        group = *group, repr(protocol), protocol.module, id(protocol.instance)
+        is_first = group not in first_plans
+        corpus = captures_of_cell(cell) if is_first else first_plans[group].corpus
         contract.check_conditions(estimator, corpus)
         if cell.circumstances and corpus.steps:
             keys = ", ".join(f"{circumstance.key}=" for circumstance in cell.circumstances)
-            raise InputError(
-                f"protocol={cell.protocol} tests windows, not captures; leave {keys} out"
-            )
-        if new:
-            folds = tuple(folds_of(cell, corpus))
-            first[key] = Plan(cell, corpus, folds, *share_cores(jobs, len(folds)))
-            refuse_repeats(first[key])
-        plans.append(first[key].of(cell))
+            raise InputError(f"protocol={protocol} tests windows, not captures; leave {keys} out")
+        if is_first:
+            folds = tuple(make_folds(cell, corpus))
+            first_plans[group] = Plan(cell, corpus, folds, *share_cores(jobs, len(folds)))
+            _refuse_repeated_captures(first_plans[group])
+        plan = first_plans[group].with_cell(cell)
         if contract.check_training.of(estimator):
             gestures = corpus.gestures
-            for fold in plans[-1].folds:
+            for fold in plan.folds:
                 contract.check_training(estimator, corpus[fold.train], gestures[fold.train])
+        _check_measurements(plan)
+        plans.append(plan)
     return plans
 
 
-def refuse_repeats(plan: Plan) -> None:
-    """Refuse a protocol that separates people if a recording of two of them is on both sides of a fold."""
+def _refuse_repeated_captures(plan: Plan) -> None:
+    """Refuse a split of people whose training part has a test capture under another subject."""
     cell, corpus = plan.cell, plan.corpus
-    pairs = [(i, j) for i, j in plan.repeats if corpus.subjects[i] != corpus.subjects[j]]
+    pairs = [(i, j) for i, j in plan.repeated_captures if corpus.subjects[i] != corpus.subjects[j]]
     if not pairs or plan.mixes_subjects:
         return
     tested, trained = pairs[0]
-    where = (
-        f"({cell.where}) and ({without(corpus, tested)})" if cell.where else without(corpus, tested)
-    )
-    pair = " and ".join(
-        f"{corpus.index[i]} (subject {corpus.subjects[i]})" for i in (tested, trained)
-    )
+    where = without(corpus, tested)
+    if cell.where:
+        where = f"({cell.where}) and ({where})"
+    names = [f"{corpus.index[i]} (subject {corpus.subjects[i]})" for i in (tested, trained)]
     raise InputError(
-        f"protocol={cell.protocol}: captures that are in training under another subject: {len(pairs)}, such as {pair}; "
-        f'leave this one out with where="{where}"; for all: bench data show {cell.data}'
+        f"protocol={cell.protocol}: captures that are in training under another subject: "
+        f"{len(pairs)}, such as {' and '.join(names)}; leave this one out with "
+        f'where="{where}"; for all: bench data show {cell.data}'
     )
 
 
-def checked(cell: Cell) -> contract.System:
-    """The untrained system of a cell, its parameters and those of its feature sets checked; it is not to be fitted."""
+def _check_measurements(plan: Plan) -> None:
+    """Refuse captures and protocols with which the measurements of a cell are impossible."""
+    cell, columns = plan.cell, frozenset[str]()
+    if cell.measurements:
+        from bench.values.stability import COLUMNS
+
+        columns = COLUMNS if cell.circumstances else columns
+    columns = columns.union(*(each.columns for each in cell.measurements))
+    if taken := reserved(map(str, plan.corpus.captures), columns):
+        raise InputError(
+            f"{plan.corpus.name} has a column {min(taken)!r}, a name that tables of results use; "
+            "rename the column and import again"
+        )
+    if cell.circumstances and any(fold.pairs for fold in plan.folds):
+        raise InputError(
+            f"protocol={cell.protocol} has several systems in a fold, "
+            f"{cell.circumstances[0].key}= tests one; leave one of them out"
+        )
+    for measurement in cell.measurements:
+        measurement.refuse(plan)
+
+
+def check_system(cell: Cell) -> contract.System:
+    """Check the parameters of a system and of its feature sets; return it untrained, not to fit."""
     for part in (cell.untrained, *cell.feature_sets().values()):
         contract.check(part)
     return cell.untrained
 
 
-def corpus_of(cell: Cell) -> Corpus:
-    """The captures that a cell is about, with others that its protocol trains on; at least two classes."""
+def captures_of_cell(cell: Cell) -> Corpus:
+    """Load the captures of a cell, with those that its protocol adds.
+
+    Raises:
+        InputError: they have fewer than two classes.
+    """
     if cell.study and (own := cell.study.captures(cell)) is not None:
         return own
-    corpus = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
+    corpus = load_captures(cell.data, cell.data_parameters, cell.where, cell.target)
     joined = getattr(cell.splitter, "joined", None)
     corpus = joined(corpus) if joined else corpus
     if len(set(corpus.gestures)) < 2:
-        where = f" where={quoted(cell.where)}" if cell.where else ""
+        where = f" where={quote_value(cell.where)}" if cell.where else ""
         raise InputError(
-            f"data={cell.data}{where}: only one {corpus.target} is left; choose captures of two or more"
+            f"data={cell.data}{where}: only one {corpus.target} is left; choose captures of two "
+            "or more"
         )
     return corpus
 
 
-def captures_of(data: str, parameters: dict[str, object], where: str, target: str) -> Corpus:
-    """The captures of a corpus that satisfy a condition, with the classes of a target."""
+def load_captures(data: str, parameters: dict[str, object], where: str, target: str) -> Corpus:
+    """Load the captures of a corpus that satisfy a condition, with the classes of a target."""
     corpus = open_corpus(data, parameters)
     corpus = corpus.select(where) if where else corpus
     return corpus if target == "gesture" else corpus.with_target(target)
 
 
-def folds_of(cell: Cell, corpus: Corpus) -> list[Fold]:
-    """All folds of a protocol, named after the tested subject where there is just one; none tests an unknown class."""
+def make_folds(cell: Cell, corpus: Corpus) -> list[Fold]:
+    """Split captures into the folds of a protocol.
+
+    A fold has the name of its test subject, where it tests one that no other fold tests or trains;
+    else a number.
+
+    Raises:
+        InputError: a fold tests a class that it does not train.
+    """
     gestures, subjects = corpus.gestures, corpus.subjects
     with warnings.catch_warnings():  # of a splitter that needs no subjects
         warnings.filterwarnings("ignore", "The groups parameter is ignored by")
-        split: Iterable[Any] = cell.splitter.split(corpus, gestures, subjects)
+        splits: Iterable[Any] = cell.splitter.split(corpus, gestures, subjects)
         folds = [
-            Fold("", _positions(train), _positions(test), *pairs) for train, test, *pairs in split
+            Fold("", _as_positions(train), _as_positions(test), *pairs)
+            for train, test, *pairs in splits
         ]
-    numbers, tested = (
-        [f"fold{i + 1:02d}" for i in range(len(folds))],
-        [pd.unique(subjects[f.test]) for f in folds],
-    )
-    mixed = mixes_subjects(corpus, folds)
-    alone = [
-        who[0] if len(who) == 1 and not mixed else n for n, who in zip(numbers, tested, strict=True)
-    ]
-    distinct = len({*alone}) == len(folds)  # random splits may test the same subject twice
+    names = numbers = [f"fold{i + 1:02d}" for i in range(len(folds))]
+    if not mixes_subjects(corpus, folds):
+        tested = [pd.unique(subjects[fold.test]) for fold in folds]
+        pairs = zip(numbers, tested, strict=True)
+        names = [people[0] if len(people) == 1 else number for number, people in pairs]
+    if len({*names}) < len(folds):  # random splits may test a subject twice
+        names = numbers
     untaught = corpus.info.get(UNTAUGHT, [])
     taught = ~np.isin(gestures, untaught)
-    for fold, name in zip(folds, alone if distinct else numbers, strict=True):
+    for fold, name in zip(folds, names, strict=True):
         fold.name, fold.train = name, fold.train[taught[fold.train]]
-        if lacking := [
-            label for label in untrained(gestures, fold.train, fold.test) if label not in untaught
-        ]:
-            leave = (
-                ""
-                if "+" in corpus.target
-                else f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
-            )
+        unknown = untrained(gestures, fold.train, fold.test)
+        if lacking := [label for label in unknown if label not in untaught]:
+            leave_out = f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
             raise InputError(
-                f"protocol={cell.protocol}: fold {fold.name} tests {corpus.target} {lacking[0]} but has no training "
-                f"capture of it; {leave}choose another protocol"
+                f"protocol={cell.protocol}: fold {fold.name} tests {corpus.target} {lacking[0]} "
+                "but has no training capture of it; "
+                f"{leave_out * ('+' not in corpus.target)}choose another protocol"
             )
     return folds
 
 
-def _positions(side: np.ndarray) -> np.ndarray:
+def _as_positions(side: np.ndarray) -> np.ndarray:
+    """Positions of captures, of a mask too."""
     side = np.asarray(side)
     return (np.flatnonzero(side) if side.dtype == bool else side).astype(np.int32)
 
 
-def mixes_subjects(corpus: Corpus, folds: list[Fold] | tuple[Fold, ...]) -> bool:
+def mixes_subjects(corpus: Corpus, folds: Iterable[Fold]) -> bool:
     """Return True if a fold trains and tests captures of the same subject."""
     codes = pd.factorize(corpus.subjects, use_na_sentinel=False)[0]
     return any(np.isin(codes[fold.test], codes[fold.train]).any() for fold in folds)
 
 
-def shared_ratio(folds: tuple[Fold, ...]) -> float | None:
-    """Tested by training captures over all folds, None where no two folds share training captures."""
-    counts = np.bincount(
-        np.concatenate([np.zeros(0, int), *(np.unique(fold.train) for fold in folds)])
-    )
-    shared = counts.max(initial=0) > 1
-    return (
-        sum(len(fold.test) for fold in folds) / sum(len(fold.train) for fold in folds)
-        if shared
-        else None
-    )
+def test_over_train(folds: Sequence[Fold]) -> float | None:
+    """Tested by training captures over all folds; None if no two folds share training captures."""
+    positions = [np.zeros(0, int), *(np.unique(fold.train) for fold in folds)]
+    if np.bincount(np.concatenate(positions)).max(initial=0) <= 1:
+        return None
+    return sum(len(fold.test) for fold in folds) / sum(len(fold.train) for fold in folds)
 
 
 def usable_cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def share_cores(jobs: int | None, folds: int) -> tuple[int, int]:
-    """Worker processes and threads in each, so that their product fits the cores."""
+    """Numbers of worker processes, and of threads in each, whose product fits the cores.
+
+    Raises:
+        InputError: ``jobs`` is below 1.
+    """
     cores = usable_cores()
     if jobs is not None and jobs < 1:
         raise InputError(

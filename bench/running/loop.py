@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bench import contract
-from bench.corpora.corpus import reserved
 from bench.corpora.duplicates import named
 from bench.corpora.library import briefly, left_out
-from bench.errors import ClusterError, InputError
-from bench.ground.machine import HERE, Backend
+from bench.errors import ClusterError
+from bench.ground.machine import LOCAL_BACKEND, Backend
 from bench.ground.progress import console, warn
-from bench.ground.registry import imported
-from bench.plan.cells import Cell
-from bench.plan.plan import Plan, planned, usable_cores
+from bench.ground.registry import import_object
+from bench.plan.plan import Plan, usable_cores
 from bench.running.bar import Bar
 from bench.running.tracking import FOLDS, finished, is_whole, tracked, whole
 from bench.running.workers import Here, Processes
@@ -41,37 +39,7 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C after finished results were stored."""
 
 
-def prepared(cells: Iterable[Cell], jobs: int | None) -> list[Plan]:
-    """A plan for each cell; all is checked before the first fold starts."""
-    plans = planned(list(cells), jobs)
-    for plan in plans:
-        if taken := reserved(map(str, plan.corpus.captures), columns_of(plan.cell)):
-            raise InputError(
-                f"{plan.corpus.name} has a column {min(taken)!r}, a name that tables of results use; rename "
-                "the column and import again"
-            )
-        if plan.cell.circumstances and any(fold.pairs for fold in plan.folds):
-            raise InputError(
-                f"protocol={plan.cell.protocol} has several systems in a fold, {plan.cell.circumstances[0].key}= tests "
-                "one; leave one of them out"
-            )
-        for one in plan.cell.producers:
-            one.refuse(plan)
-    return plans
-
-
-def columns_of(cell: Cell) -> frozenset[str]:
-    """Further columns of the tables of labels of its runs."""
-    if not cell.producers:
-        return frozenset()
-    from bench.values.stability import COLUMNS
-
-    return frozenset().union(
-        COLUMNS if cell.circumstances else (), *(one.columns for one in cell.producers)
-    )
-
-
-def execute(plans: Sequence[Plan], backend: Backend = HERE, grid: str = "") -> list[Result]:
+def execute(plans: Sequence[Plan], backend: Backend = LOCAL_BACKEND, grid: str = "") -> list[Result]:
     """Run missing folds, plan after plan; a run that is finished is read from the store.
 
     ``grid`` is the digest of the file that names the runs, which is tracked with them.
@@ -109,7 +77,7 @@ def execute(plans: Sequence[Plan], backend: Backend = HERE, grid: str = "") -> l
 
 def _workers(plans: Sequence[Plan], backend: Backend) -> Here:
     if backend.workers:
-        return imported(backend.workers)(backend.address, plans, warn)
+        return import_object(backend.workers)(backend.address, plans, warn)
     if backend.jobs and backend.jobs > usable_cores():
         cores = f"this machine has {usable_cores()} cores"
         console.print(f"warning: jobs={backend.jobs}: {cores}, more workers do not help")
@@ -158,10 +126,10 @@ def warnings(plan: Plan) -> list[str]:
             f"warning: protocol={cell.protocol} trains and tests on the same subjects; expect lower accuracy for a new "
             "person"
         )
-    if plan.repeats:
-        tested, trained = plan.repeats[0]
+    if plan.repeated_captures:
+        tested, trained = plan.repeated_captures[0]
         lines.append(
-            f"warning: {cell.data}: {len(plan.repeats)} test captures have the same frames as a training capture, "
+            f"warning: {cell.data}: {len(plan.repeated_captures)} test captures have the same frames as a training capture, "
             f"such as {named(corpus, tested)} and {named(corpus, trained)}; accuracy is too high"
         )
     plain = replace(cell, tuning=None) if cell.tuning else cell
@@ -169,9 +137,9 @@ def warnings(plan: Plan) -> list[str]:
     if frames is not None and (short := int((corpus.lengths < frames).sum())):
         lines.append(
             f"warning: {cell.data}: {short} of {len(corpus)} captures are shorter than the {frames}-frame window "
-            f"of {cell.model.short}; they are padded"
+            f"of {cell.model.short_name}; they are padded"
         )
-    return [*lines, *(line for one in cell.producers for line in one.warnings(plan))]
+    return [*lines, *(line for one in cell.measurements for line in one.warnings(plan))]
 
 
 class Left(NamedTuple):

@@ -6,12 +6,12 @@ import pytest
 
 from bench.errors import InputError
 from bench.grammar.options import KEYS, backend_of, parse
-from bench.plan.cells import cells
-from bench.plan.plan import planned
+from bench.plan.cells import make_cells
+from bench.plan.plan import make_plans
 
 
 def cells_of(line):
-    return cells(parse(line.split(), KEYS))
+    return make_cells(parse(line.split(), KEYS))
 
 
 def titles(line):
@@ -86,7 +86,7 @@ def test_a_mistake_is_refused_with_its_key_its_value_and_what_is_right(line, fac
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(InputError) as refusal:
         values = parse(line.split(), KEYS)
-        planned(cells(values), backend_of(values).jobs)
+        make_plans(make_cells(values), backend_of(values).jobs)
     message = str(refusal.value)
     assert all(fact in message for fact in facts) and "\n" not in message, message
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB

@@ -12,9 +12,9 @@ import pytest
 
 from bench.errors import InputError
 from bench.ground import source
-from bench.ground.registry import forget, load
-from bench.plan.cells import cells
-from bench.plan.plan import Plan, corpus_of, folds_of
+from bench.ground.registry import forget, load_part
+from bench.plan.cells import make_cells
+from bench.plan.plan import Plan, captures_of_cell, make_folds
 from bench.running.circumstances.faults import Faults
 from bench.running.circumstances.instants import Instants
 from bench.running.circumstances.subjects import Subjects
@@ -32,8 +32,8 @@ EVERY = {*RUNS}
 @cache
 def usual(**values):
     """A cell with its captures and folds."""
-    (cell,) = cells({"data.subjects": "2", "data.variants": "normal", **values})
-    return cell, (corpus := corpus_of(cell)), tuple(folds_of(cell, corpus))
+    (cell,) = make_cells({"data.subjects": "2", "data.variants": "normal", **values})
+    return cell, (corpus := captures_of_cell(cell)), tuple(make_folds(cell, corpus))
 
 
 def key(*circumstances, threads=1, tuning=None, **values):
@@ -56,7 +56,7 @@ def changed(monkeypatch):
     """Changes the text of a module as `bench.ground.source` reads it."""
 
     def change(module, edit):
-        read, text, path = source._read, Path.read_bytes, source.path_of(module)
+        read, text, path = source._parse_file, Path.read_bytes, source.module_file(module)
         before = path.read_bytes()
         assert edit(before) != before, f"{module} has nothing to change"
         monkeypatch.setattr(
@@ -64,7 +64,7 @@ def changed(monkeypatch):
         )
         monkeypatch.setattr(
             source,
-            "_read",
+            "_parse_file",
             lambda file, at: (read.__wrapped__ if file == str(path) else read)(file, at),
         )
 
@@ -149,7 +149,7 @@ def test_what_a_file_imports_from_beside_it_or_from_the_path_counts(
         "{}", "from nets_of_mine.net import Net"
     )
     (mine / "wrap.py").write_text(text)
-    part = load("models", f"{mine / 'wrap.py'}:mine")
+    part = load_part("models", f"{mine / 'wrap.py'}:mine")
     before = source.source_digest(part)
     assert before == source.source_digest(part)
     (package / "layers.py").write_text("import numpy\nSIZE = 2\n")
@@ -173,8 +173,8 @@ def test_files_that_a_system_names_are_part_of_its_key():
     for text in ("1", "2", "1"):
         Path("table.txt").write_text(text)
         forget()
-        keys.append(source.source_digest(load("models", "my.py:tree")))
+        keys.append(source.source_digest(load_part("models", "my.py:tree")))
     assert keys[0] == keys[2] != keys[1]
     Path("table.txt").unlink()
     with pytest.raises(InputError, match="depends names 'table.txt'"):
-        source.source_digest(load("models", "my.py:tree"))
+        source.source_digest(load_part("models", "my.py:tree"))

@@ -17,8 +17,8 @@ from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.jung54 import Jung54
 from bench.plan import objects
-from bench.plan.cells import cells
-from bench.plan.plan import planned
+from bench.plan.cells import make_cells
+from bench.plan.plan import make_plans
 from bench.running import loop
 from tests.running.fakes import Memory
 
@@ -26,7 +26,7 @@ SMALL = {"data.subjects": 3, "data.variants": ("normal",)}
 
 
 def keys(**values):
-    return [plan.key for plan in planned(cells(SMALL | values), None)]
+    return [plan.key for plan in make_plans(make_cells(SMALL | values), None)]
 
 
 def test_folds_are_part_of_what_a_run_is():
@@ -42,7 +42,7 @@ def test_folds_are_part_of_what_a_run_is():
 
 def test_a_file_that_changes_while_it_is_used_is_refused():
     Path("my.py").write_text("from sklearn.svm import SVC\n\n\ndef mine():\n    return SVC()\n")
-    (cell,) = cells({"model": "my.py:mine"})
+    (cell,) = make_cells({"model": "my.py:mine"})
     cell.estimator()
     Path("my.py").write_text("from sklearn.svm import SVC\n\n\ndef mine():\n    return SVC(C=2)\n")
     with pytest.raises(InputError, match="was changed while it was in use"):
@@ -78,7 +78,7 @@ def test_searches_and_unions_over_captures_run(monkeypatch):
     union = make_pipeline(FeatureUnion([("a", Jung28()), ("b", Jung28())]), SVC())
     search = GridSearchCV(make_pipeline(Jung28(), SVC()), {"svc__C": [1, 2]}, cv=2)
     for outcome in loop.execute(
-        loop.prepared(cells(SMALL | {"data.repetitions": 1, "model": [union, search]}), 1)
+        make_plans(make_cells(SMALL | {"data.repetitions": 1, "model": [union, search]}), 1)
     ):
         assert outcome.folds == "3/3" and outcome["features"] == "raw frames"
         assert "touchbench.arguments" not in outcome  # an object cannot be typed
@@ -87,9 +87,11 @@ def test_searches_and_unions_over_captures_run(monkeypatch):
 
 def test_settings_are_told_in_full_and_code_by_its_name():
     long = np.arange(5000)
-    assert objects.settings(Raw(long)) != objects.settings(Raw(np.where(long == 2500, 0, long)))
-    assert objects.settings(Raw(SVC)) == "{'made': 'sklearn.svm._classes.SVC'}"
-    assert objects.classes(Raw(OwnSVC)) == [OwnSVC, Raw] and objects.classes(Raw(len)) == [Raw]
+    assert objects.settings_text(Raw(long)) != objects.settings_text(
+        Raw(np.where(long == 2500, 0, long))
+    )
+    assert objects.settings_text(Raw(SVC)) == "{'made': 'sklearn.svm._classes.SVC'}"
+    assert objects.own_code(Raw(OwnSVC)) == [OwnSVC, Raw] and objects.own_code(Raw(len)) == [Raw]
 
 
 @pytest.mark.parametrize(
@@ -103,4 +105,4 @@ def test_settings_are_told_in_full_and_code_by_its_name():
 def test_an_object_that_cannot_be_used_is_one_line(values, facts):
     Path("bad.py").write_text("def boom():\n    raise ValueError('no weights file')\n")
     with pytest.raises(InputError, match=facts):
-        cells(values)
+        make_cells(values)

@@ -11,18 +11,23 @@ from sklearn.model_selection import GroupKFold, KFold, PredefinedSplit
 from bench.commands import tune
 from bench.errors import InputError
 from bench.grammar.options import KEYS, keys, parse
-from bench.ground.registry import load, names, parameters, required
-from bench.ground.words import PARTS
-from bench.plan.cells import Part, cells
-from bench.plan.plan import Fold, Plan, folds_of, mixes_subjects, planned, shared_ratio
+from bench.ground.registry import (
+    load_part,
+    parameter_defaults,
+    registered_parts,
+    required_parameters,
+)
+from bench.ground.words import PART_GROUPS
+from bench.plan.cells import Part, make_cells
+from bench.plan.plan import Fold, Plan, make_folds, make_plans, mixes_subjects, test_over_train
 from bench.running.loop import warnings
 from tests.conftest import random_corpus
 from tests.corpora.made import copied
 
 
 def plan_of(corpus, **values):
-    (cell,) = cells(values)
-    return Plan(cell, corpus, tuple(folds_of(cell, corpus)), 1, 1)
+    (cell,) = make_cells(values)
+    return Plan(cell, corpus, tuple(make_folds(cell, corpus)), 1, 1)
 
 
 def test_folds_are_named_after_their_subject_where_each_is_tested_once():
@@ -64,19 +69,23 @@ def test_a_plain_splitter_is_a_protocol_and_says_whom_it_mixes(corpus):
 def test_the_arguments_of_a_cell_make_it_again():
     line = """data=synth data.subjects=12 data.variants=rough+gentle where="variant == 'rough'" target=gesture+variant
     protocol=kfold protocol.folds=5 model=svm model.C=8.0 features=jung28 features.area=capture"""
-    (cell,) = cells(parse(shlex.split(line), KEYS))
+    (cell,) = make_cells(parse(shlex.split(line), KEYS))
     again = [f"{k}={v}" for k, v in cell.arguments().items()]
-    assert cells(parse(again, KEYS)) == [cell] and {*again} == {*shlex.split(line)}
+    assert make_cells(parse(again, KEYS)) == [cell] and {*again} == {*shlex.split(line)}
 
 
 def with_seed(room):
     """Registered parts that have a seed."""
-    return [name for name in names(room) if "seed" in parameters(load(room, name))]
+    return [
+        name
+        for name in registered_parts(room)
+        if "seed" in parameter_defaults(load_part(room, name))
+    ]
 
 
 @given(
-    protocol=st.sampled_from(list(names("protocols"))),
-    model=st.sampled_from(list(names("models"))),
+    protocol=st.sampled_from(list(registered_parts("protocols"))),
+    model=st.sampled_from(list(registered_parts("models"))),
     features=st.sampled_from([*with_seed("features"), "jung28"]),
     seeds=st.dictionaries(
         st.sampled_from(["seed", "protocol.seed", "model.seed", "features.seed"]),
@@ -88,19 +97,21 @@ def test_the_arguments_of_a_cell_repeat_every_seed(protocol, model, features, se
     """Of registered parts; which of the seeds a part takes is seen from its signature."""
     takes = [
         key
-        for key, room, name in zip(PARTS, PARTS.values(), (protocol, features, model), strict=True)
-        if "seed" in parameters(load(room, name))
+        for key, room, name in zip(
+            PART_GROUPS, PART_GROUPS.values(), (protocol, features, model), strict=True
+        )
+        if "seed" in parameter_defaults(load_part(room, name))
     ]
     typed = {k: str(v) for k, v in seeds.items() if "." not in k or k.split(".")[0] in takes}
     values = {"protocol": protocol, "model": model} | typed
-    if required(load("models", model)):
+    if required_parameters(load_part("models", model)):
         values["features"] = features
     else:
         values.pop("features.seed", None)
-    (cell,) = cells(values)
+    (cell,) = make_cells(values)
     again = parse([f"{k}={v}" for k, v in cell.arguments().items()], KEYS)
-    assert cells(again) == [cell] and cells(again)[0].arguments() == cell.arguments()
-    assert (cells(again)[0].system(), cells(again)[0].seed) == (cell.system(), cell.seed)
+    assert make_cells(again) == [cell] and make_cells(again)[0].arguments() == cell.arguments()
+    assert (make_cells(again)[0].system(), make_cells(again)[0].seed) == (cell.system(), cell.seed)
 
 
 def test_commands_that_search_make_the_same_search_again(monkeypatch):
@@ -132,7 +143,9 @@ def copies(monkeypatch, pairs, **values):
     """The plan of a command on a corpus in which captures are copies of others, given as (place, copied one)."""
     corpus = copied(random_corpus(longest=20), pairs)
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda name, parameters: corpus)
-    (plan,) = planned(cells({"data": "mine", "model": "lda", "features": "touch", **values}), 1)
+    (plan,) = make_plans(
+        make_cells({"data": "mine", "model": "lda", "features": "touch", **values}), 1
+    )
     return plan
 
 
@@ -155,7 +168,7 @@ def test_the_same_capture_of_two_subjects_is_refused_where_they_are_apart(protoc
     plan = copies(monkeypatch, [(10, 1)], protocol=protocol, where=where)
     assert (
         set(range(36)) - set(plan.corpus.index) - set(range(2, 36, 3)) in ({1}, {10})
-        and not plan.repeats
+        and not plan.repeated_captures
     )
 
 
@@ -171,7 +184,7 @@ def test_the_same_capture_is_a_warning_where_subjects_are_mixed_or_the_same(monk
             for j in fold.train
             if np.array_equal(mixed.corpus[int(i)], mixed.corpus[j])
         }
-    assert {tested for tested, _ in mixed.repeats} == expected and expected
+    assert {tested for tested, _ in mixed.repeated_captures} == expected and expected
     assert any(
         f"{len(expected)} test captures have the same frames as a training" in line
         for line in warnings(mixed)
@@ -182,7 +195,8 @@ def test_cells_on_the_same_captures_and_protocol_share_their_plan(monkeypatch):
     asked, computed, corpus = [], [], random_corpus(longest=20)
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *given: asked.append(given) or corpus)
     monkeypatch.setattr(
-        "bench.plan.plan.shared_ratio", lambda folds: computed.append(folds) or shared_ratio(folds)
+        "bench.plan.plan.test_over_train",
+        lambda folds: computed.append(folds) or test_over_train(folds),
     )
     every = {
         "data": "mine",
@@ -190,7 +204,7 @@ def test_cells_on_the_same_captures_and_protocol_share_their_plan(monkeypatch):
         "features": "touch,jung28",
         "protocol": "loso,holdout",
     }
-    plans = planned(cells(every), 1)
+    plans = make_plans(make_cells(every), 1)
     assert len({repr(plan.identity()) for plan in plans}) == 8 and len(asked) == 2
     assert (
         len({id(plan.folds) for plan in plans})
@@ -198,7 +212,7 @@ def test_cells_on_the_same_captures_and_protocol_share_their_plan(monkeypatch):
         == 2
         == len(computed)
     )
-    assert [planned([plan.cell], 1)[0].identity() for plan in plans] == [
+    assert [make_plans([plan.cell], 1)[0].identity() for plan in plans] == [
         plan.identity() for plan in plans
     ]
 
@@ -217,7 +231,7 @@ def test_facts_are_those_of_sets(data):
     assert mixes_subjects(corpus, folds) == mixed
     shared = any(a & b for i, a in enumerate(train) for b in train[:i])
     tested = sum(len(f.test) for f in folds) / sum(len(f.train) for f in folds) if shared else None
-    assert shared_ratio(folds) == tested
+    assert test_over_train(folds) == tested
 
 
 def test_a_splitter_may_give_masks():

@@ -10,9 +10,9 @@ import pytest
 
 from bench.corpora.faults import FAULTS, as_shares, damaged
 from bench.errors import InputError
-from bench.ground.registry import views
-from bench.plan.cells import cells
-from bench.plan.plan import Fold
+from bench.ground.registry import load_views
+from bench.plan.cells import make_cells
+from bench.plan.plan import Fold, make_plans
 from bench.running import loop
 from bench.running.circumstances.faults import Faults
 from bench.running.circumstances.instants import Instants
@@ -181,13 +181,13 @@ def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_agai
     memory, replayed = Memory(), Instants.fold
     monkeypatch.setattr(loop, "connect", lambda writes: memory)
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: CORPUS)
-    (cell,) = cells({"model": "bayes", "features": "jung28"})
+    (cell,) = make_cells({"model": "bayes", "features": "jung28"})
 
     def run(circumstance):
         monkeypatch.setattr(Instants, "fold", circumstance)
         every = (Faults(("noise",)), Instants((250.0,)))
         return *loop.execute(
-            loop.prepared([replace(cell, circumstances=every)], 1)
+            make_plans([replace(cell, circumstances=every)], 1)
         ), capsys.readouterr().err
 
     def fails(self, at):
@@ -197,26 +197,26 @@ def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_agai
 
     first, said = run(fails)
     assert said.count("fold 2, after= failed: ValueError: no replay") == 1
-    assert first.complete and views()["under"].holds(first) and not views()["after"].holds(first)
+    assert first.complete and load_views()["under"].holds(first) and not load_views()["after"].holds(first)
     assert {"accuracy", "loss.noise"} <= {*first.metrics} and "replay_accuracy" not in first
     second, said = run(replayed)
     assert "fold 2 done" in said and "fold 1 done" not in said
-    assert views()["after"].holds(second) and second["replay_accuracy"] > 0 and not second.failed
+    assert load_views()["after"].holds(second) and second["replay_accuracy"] > 0 and not second.failed
 
 
 def test_times_in_another_order_are_the_same_run():
     (one,), (other,) = (
-        Instants.of({"after": text})
+        Instants.from_typed({"after": text})
         for text in ("200ms,1234.5678ms,100ms", "100ms,200ms,1234.5678ms")
     )
     assert one == other and one.params() == other.params()
-    assert Instants.of(one.arguments()) == [one]
+    assert Instants.from_typed(one.typed_arguments()) == [one]
 
 
 def test_a_column_that_tables_of_labels_need_is_refused_before_anything_runs(monkeypatch):
-    (cell,) = cells({"model": "bayes", "features": "jung28"})
+    (cell,) = make_cells({"model": "bayes", "features": "jung28"})
     named = CORPUS.changed(captures=CORPUS.captures.assign(level=1))
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: named)
     with pytest.raises(InputError, match="'level'"):
-        loop.prepared([replace(cell, circumstances=(Faults(FEW),))], 1)
-    assert loop.prepared([cell], 1)
+        make_plans([replace(cell, circumstances=(Faults(FEW),))], 1)
+    assert make_plans([cell], 1)

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.errors import HiddenError, InputError
-from bench.plan.cells import cells
-from bench.plan.plan import Fold, folds_of, planned
+from bench.plan.cells import make_cells
+from bench.plan.plan import Fold, make_folds, make_plans
 from bench.running.circumstances.faults import Faults
 from bench.running.evaluation import folded, systems
 from bench.running.fold import decisions
-from bench.running.loop import prepared, warnings
+from bench.running.loop import warnings
 from tests.conftest import random_corpus, with_other_values
 from tests.corpora.made import copied
 from tests.running.fakes import Level
@@ -78,7 +78,7 @@ def cell_of(system, labelled):
         if labelled
         else {"protocol.unlabelled": "true"}
     )
-    return cells(
+    return make_cells(
         {"data": "synth", "protocol": "personal", **how, "protocol.draws": "1"} | SYSTEMS[system]
     )[0]
 
@@ -90,7 +90,7 @@ def test_a_person_with_one_capture_is_tested_by_the_general_system(system, label
         np.setdiff1d(np.arange(len(corpus)), np.flatnonzero(corpus.subjects == "1")[1:])
     ]
     cell = cell_of(system, labelled)
-    fold = folds_of(cell, corpus)[0]
+    fold = make_folds(cell, corpus)[0]
     (one,) = systems(cell, corpus, fold)
     assert one.tested.tolist() == fold.test.tolist() == [0]
     assert np.isfinite(one.estimator.predict_proba(corpus[fold.test])).all()
@@ -101,7 +101,7 @@ def test_a_person_with_one_capture_is_tested_by_the_general_system(system, label
 def test_no_other_label_and_no_other_frame_of_the_tested_half_is_used(system, labelled):
     corpus = random_corpus(4, 6, longest=60)
     cell = cell_of(system, labelled)
-    fold = folds_of(cell, corpus)[0]
+    fold = make_folds(cell, corpus)[0]
     shots, tested = fold.pairs[0]
     few = Fold(fold.name, fold.train, fold.test, [(shots, tested[:3])])
     changed = with_other_values(corpus, np.setdiff1d(fold.test, [*shots, *tested[:3]]))
@@ -129,7 +129,7 @@ def test_the_next_person_is_learned_from_although_one_has_a_single_capture(tmp_p
         "protocol.draws": "1",
         "protocol.weight": "2",
     }
-    (cell,) = cells({"data": "synth", "model": f"{path}:Level"} | values)
+    (cell,) = make_cells({"data": "synth", "model": f"{path}:Level"} | values)
     fold = Fold("x", train, test, [(shots, rest[:1]), (shots[:0], alone), (shots, rest[1:])])
     fitted = [one.estimator.means_ for one in systems(cell, corpus, fold)]
     both = np.concatenate([train, np.repeat(shots, 2)])
@@ -146,7 +146,8 @@ def test_a_system_in_an_unlabelled_run_predicts_blind(tmp_path, monkeypatch):
     path.write_text("from tests.running.test_blind import Mean as Good, Reads as Bad\n")
     unlabelled = {"protocol": "personal", "protocol.unlabelled": "true"}
     good, bad = (
-        planned(cells({"model": f"{path}:{name}"} | unlabelled), 1)[0] for name in ("Good", "Bad")
+        make_plans(make_cells({"model": f"{path}:{name}"} | unlabelled), 1)[0]
+        for name in ("Good", "Bad")
     )
     assert not folded(good.cell, corpus, good.folds[0], 1).batch_effects
     with pytest.raises(HiddenError, match="X.captures is hidden"):
@@ -163,8 +164,8 @@ def test_the_same_capture_on_both_sides_is_a_warning_and_a_circumstance_is_refus
         "model": "lda",
         "features": "touch",
     }
-    (plan,) = planned(cells(values), 1)
-    assert {tested for tested, _ in plan.repeats} == {0, 1, 2} and not plan.mixes_subjects
+    (plan,) = make_plans(make_cells(values), 1)
+    assert {tested for tested, _ in plan.repeated_captures} == {0, 1, 2} and not plan.mixes_subjects
     assert sum("same frames" in line for line in warnings(plan)) == 1
     with pytest.raises(InputError, match="under= tests one"):
-        prepared([replace(plan.cell, circumstances=(Faults(("noise",)),))], 1)
+        make_plans([replace(plan.cell, circumstances=(Faults(("noise",)),))], 1)
