@@ -1,4 +1,4 @@
-"""The base of feature sets: a scikit-learn transformer from captures to a table, computed once per corpus."""
+"""The base of feature sets: scikit-learn transformers from captures to a table."""
 
 from __future__ import annotations
 
@@ -10,57 +10,65 @@ import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from bench.corpora.corpus import COPY, Corpus, origin
+from bench.corpora.corpus import COPY, Corpus, corpus_origin
 from bench.errors import InputError
-from bench.features.cache import of_corpus
+from bench.features.cache import load_or_extract
 
-FLAT = 1e-9  # what moves by less than this share of its largest magnitude is constant but for rounding,
-NOTHING = 1e-15  # and so is what moves by less than this
+# Values that vary by less are constant up to rounding.
+RELATIVE_ROUNDING = 1e-9  # share of the largest magnitude
+ABSOLUTE_ROUNDING = 1e-15
 
 
-def constant(X: pd.DataFrame | np.ndarray) -> np.ndarray:
-    """Features that do not vary, bool [n_features]."""
+def is_constant(X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    """Return True for features that are constant up to rounding, bool [n_features]."""
     values = np.asarray(X, dtype=np.float64)
-    return np.ptp(values, axis=0) <= np.maximum(FLAT * np.abs(values).max(axis=0), NOTHING)
+    rounding = RELATIVE_ROUNDING * np.abs(values).max(axis=0)
+    return np.ptp(values, axis=0) <= np.maximum(rounding, ABSOLUTE_ROUNDING)
 
 
 class FeatureSet(TransformerMixin, BaseEstimator):
     """Turns a `Corpus` into a DataFrame [captures, n_features] with named columns.
 
-    A feature set gives ``extract(corpus)``, which learns nothing. One that also learns has ``learns = True`` and
-    its own ``fit`` and ``transform``; what it computes without learning it takes from `unlearnt`.
+    A feature set has ``extract(corpus)``, which learns nothing. One that learns has ``learns =
+    True`` and its own ``fit`` and ``transform``; it takes what it computes without learning from
+    `extracted_table`.
 
-    For a stored corpus the table of all its captures is kept in the data folder, under the digest of the corpus, the
-    parameters and the source code that the values depend on, so folds and models share it and a change of code or data
-    never meets stale values. A corpus in memory is computed each time.
+    The table of a stored corpus is computed once and stored in the data folder
+    (`bench.features.cache`), so folds and models share it. Its key has the digest of the corpus,
+    the parameters and the source code, so it is never stale. Features of a corpus in memory are
+    computed each time.
+
+    Attributes:
+        learns: True if values depend on the training captures.
+        conditions: columns of the captures that it needs besides frames (`bench.contract`).
     """
 
     learns = False
-    conditions: tuple[
-        str, ...
-    ] = ()  # columns of the captures that it needs besides frames (`bench.contract`)
+    conditions: tuple[str, ...] = ()
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the features of every capture."""
         raise NotImplementedError
 
     def fit(self, X: Corpus, y: object = None) -> FeatureSet:
-        """Learn nothing but the names of the features, which follow the grid."""
+        """Learn the names of the features, which follow the grid, and nothing else."""
         self.names_ = self.extract(X[:1].blind(self.conditions)).columns
         return self
 
     def transform(self, X: Corpus) -> pd.DataFrame:
         """Features of each capture [captures, n_features].
 
-        Those of pieces and copies of captures (`bench.models.steps`) are labelled by capture and copy.
+        Pieces and copies of captures (`bench.models.steps`) have capture and copy as their index.
         """
-        return self.unlearnt(X)
+        return self.extracted_table(X)
 
-    def unlearnt(self, X: Corpus) -> pd.DataFrame:
-        """The table of `extract`, kept or computed; unlike `transform` never renamed by scikit-learn's set_output."""
-        table = of_corpus(self, X)
-        stored = origin(X)
-        return table.set_axis(labels(stored.index, stored.piece // COPY)) if stored.steps else table
+    def extracted_table(self, X: Corpus) -> pd.DataFrame:
+        """Table of `extract`, loaded or computed; scikit-learn's set_output does not change it."""
+        table = load_or_extract(self, X)
+        stored = corpus_origin(X)
+        if not stored.steps:
+            return table
+        return table.set_axis(capture_copy_index(stored.index, stored.piece // COPY))
 
     def get_feature_names_out(self, input_features: object = None) -> np.ndarray:
         """Names of the columns, str [n_features], once fitted."""
@@ -68,43 +76,43 @@ class FeatureSet(TransformerMixin, BaseEstimator):
         return self.names_.to_numpy(dtype=object)
 
     def keeps(self, frames: int, taxels: int) -> int:
-        """Numbers in memory while the features of a capture of so many frames are computed.
+        """Numbers in memory while the features of a capture are computed.
 
-        That is the whole capture, unless a set says that signals of it are enough.
+        By default the whole capture; a set that needs only signals of it overrides this.
         """
         return frames * taxels
 
     def __sklearn_is_fitted__(self) -> bool:
-        return True
+        return not self.learns or any(name.endswith("_") for name in vars(self))
 
 
-class OfFunction(TransformerMixin, BaseEstimator):
-    """A function of the user's from captures to rows as a feature set; it learns nothing.
+class FunctionFeatures(TransformerMixin, BaseEstimator):
+    """A user's function as a feature set; it learns nothing.
 
     Args:
-        function: function of a `Corpus` that gives a row of numbers for each capture: an array [captures, n_features],
-            or a table.
-        parameters: further arguments.
+        function: function of a `Corpus` that returns a row of numbers for each capture: an array
+            [captures, n_features] or a table.
+        parameters: its further arguments.
     """
 
     def __init__(self, function: Callable[..., object], parameters: dict[str, object]) -> None:
         self.function, self.parameters = function, parameters
 
-    def fit(self, X: Corpus, y: object = None) -> OfFunction:
+    def fit(self, X: Corpus, y: object = None) -> FunctionFeatures:
         """Learn nothing."""
         return self
 
     def transform(self, X: Corpus) -> pd.DataFrame:
-        """Rows of the function [captures, n_features].
+        """Call the function: features of each capture [captures, n_features].
 
         Raises:
-            InputError: it gives another number of rows.
+            InputError: the function returns another number of rows.
         """
         table = pd.DataFrame(self.function(X, **self.parameters)).rename(columns=str)
         if len(table) != len(X):
             name = self.function.__name__
             raise InputError(
-                f"{name} gives {len(table)} rows for {len(X)} captures; give a row of numbers for each"
+                f"{name} returns {len(table)} rows for {len(X)} captures; return a row for each"
             )
         return table
 
@@ -112,47 +120,46 @@ class OfFunction(TransformerMixin, BaseEstimator):
         return True
 
 
-def extracts_alone(features: object) -> bool:
+def is_stateless(features: object) -> bool:
     """Return True for a feature set whose table is what it extracts, whatever it is fitted to."""
+    if not isinstance(features, FeatureSet):
+        return False
     kind = type(features)
-    return isinstance(features, FeatureSet) and (kind.fit, kind.transform) == (
-        FeatureSet.fit,
-        FeatureSet.transform,
+    return kind.fit is FeatureSet.fit and kind.transform is FeatureSet.transform
+
+
+def capture_copy_index(capture: np.ndarray, copy: np.ndarray) -> pd.MultiIndex:
+    """Index of a table by capture and copy; three times as fast as ``MultiIndex.from_arrays``."""
+    captures, capture_codes = np.unique(capture, return_inverse=True)
+    copies, copy_codes = np.unique(copy, return_inverse=True)
+    return pd.MultiIndex(
+        [captures, copies],
+        [capture_codes, copy_codes],
+        names=["capture", "copy"],
+        verify_integrity=False,
     )
 
 
-def labels(capture: np.ndarray, copy: np.ndarray) -> pd.MultiIndex:
-    """Capture and copy of each row of a table; three times as fast as pandas' own way."""
-    levels, codes = zip(
-        *(np.unique(each, return_inverse=True) for each in (capture, copy)), strict=True
-    )
-    return pd.MultiIndex(levels, codes, names=["capture", "copy"], verify_integrity=False)
-
-
-def labelled(X: pd.DataFrame | np.ndarray) -> TypeGuard[pd.DataFrame]:
-    """Return True if the index of the rows is their capture and copy."""
+def has_capture_copy_index(X: pd.DataFrame | np.ndarray) -> TypeGuard[pd.DataFrame]:
+    """Return True for a table whose index is capture and copy."""
     return isinstance(X, pd.DataFrame) and X.index.names == ["capture", "copy"]
 
 
-def captures_of(X: pd.DataFrame | np.ndarray) -> np.ndarray:
-    """Capture of each row, numbered from 0; each of its own if rows are not labelled."""
-    return (
-        np.unique(X.index.get_level_values("capture"), return_inverse=True)[1]
-        if labelled(X)
-        else np.arange(len(X))
-    )
+def capture_of_rows(X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    """Capture of each row, numbered from 0; without an index by capture, each row is one."""
+    if not has_capture_copy_index(X):
+        return np.arange(len(X))
+    return np.unique(X.index.get_level_values("capture"), return_inverse=True)[1]
 
 
-def undamaged(X: pd.DataFrame | np.ndarray) -> np.ndarray:
-    """Rows without damage, bool [rows]."""
-    return (
-        np.asarray(X.index.get_level_values("copy") == 0)
-        if labelled(X)
-        else np.ones(len(X), dtype=bool)
-    )
+def undamaged_rows(X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    """Return True for rows of undamaged captures, bool [rows]."""
+    if not has_capture_copy_index(X):
+        return np.ones(len(X), dtype=bool)
+    return np.asarray(X.index.get_level_values("copy") == 0)
 
 
-def one_of(parameter: str, value: str, values: Sequence[str]) -> None:
-    """Refuse a parameter that has none of its values."""
+def check_choice(parameter: str, value: str, values: Sequence[str]) -> None:
+    """Raise an InputError for a parameter that has none of its possible values."""
     if value not in values:
         raise InputError(f"features.{parameter}={value}: give {' or '.join(values)}")

@@ -1,7 +1,7 @@
-"""Tables of features, kept in the data folder: computed once per corpus, shared by folds and models.
+"""Feature tables in the data folder: computed once per corpus, shared by folds and models.
 
-A table says in its file what it was computed from, and a checksum of its values. One that is damaged, or another's, is
-computed again.
+The name of a table is a hash of all that its values depend on. A damaged table is computed again:
+Parquet checks the sums of its pages.
 """
 
 from __future__ import annotations
@@ -17,127 +17,101 @@ import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator
 
-from bench.corpora.corpus import Corpus, origin
-from bench.corpora.folder import Damaged, open_folder, stamp
-from bench.features.signals import blocks
-from bench.ground.scratch import home, replacing
+from bench.corpora.corpus import Corpus, corpus_origin
+from bench.corpora.folder import open_folder
+from bench.features.signals import capture_blocks
+from bench.ground.scratch import data_folder, write_then_rename
 from bench.ground.source import source_digest
 
-BLOCK = 1 << 24  # sensor values of captures whose features are computed at once
-_source: Callable[..., str] = lru_cache(maxsize=64)(
-    source_digest
-)  # code that is loaded does not change
-PIECES = (
-    "of capture",
-    "piece",
-)  # columns of a kept table that tell its rows, where steps were taken
+BLOCK_VALUES = 1 << 24  # sensor values of captures whose features are computed at once
+# Code that is loaded does not change.
+_code_digest: Callable[..., str] = lru_cache(maxsize=64)(source_digest)
+PIECE_COLUMNS = ("of capture", "piece")  # columns that identify the rows of a table after steps
 
 
-def of_corpus(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
-    """Features of each capture [captures, n_features]: kept for a stored corpus, computed for one in memory."""
-    stored, visible = origin(X), features.conditions
+def load_or_extract(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
+    """Features of each capture [captures, n_features]; those of a stored corpus are loaded or stored."""
+    stored, visible = corpus_origin(X), features.conditions
     X = X.blind(visible)
     if not stored.digest or stored.path is None:
         return features.extract(X)
-    contents = _contents(features, stored.digest, stored.steps)
-    if (table := _kept(contents)) is None:
-        corpus = open_folder(stored.path) if _writable(_path(contents).parent) else None
-        if (
-            corpus is None or corpus.digest != stored.digest
-        ):  # replaced by another corpus while this one is mapped
+    path = _table_path(features, stored.digest, stored.steps)
+    table = _load_table(path)
+    if table is None:
+        corpus = open_folder(stored.path) if _is_writable(path.parent) else None
+        # Another corpus may have replaced the one that is mapped.
+        if corpus is None or corpus.digest != stored.digest:
             return features.extract(X)
-        table = _extracted(features, corpus.blind(visible), stored.steps)
-        _keep(table, contents)
+        table = _extract_blocks(features, corpus.blind(visible), stored.steps)
+        with suppress(OSError), write_then_rename(path) as part:  # a full disk only costs time
+            table.to_parquet(part, index=False, write_page_checksum=True)
     if not stored.steps:
         return table.iloc[stored.index].reset_index(drop=True)
     pieces = pd.MultiIndex.from_arrays([stored.index, stored.piece])
-    rows = pd.MultiIndex.from_frame(table[[*PIECES]]).get_indexer(pieces)
-    return table.iloc[rows].drop(columns=[*PIECES])
+    rows = pd.MultiIndex.from_frame(table[[*PIECE_COLUMNS]]).get_indexer(pieces)
+    return table.iloc[rows].drop(columns=[*PIECE_COLUMNS])
 
 
-def after(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | None:
-    """Cached features after some steps, of every capture of a stored corpus, with `PIECES`; None if there are none."""
-    stored = origin(X)
+def load_after_steps(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | None:
+    """Stored features of all captures after steps, with `PIECE_COLUMNS`; None if there are none."""
+    stored = corpus_origin(X)
     if not stored.digest or stored.path is None or stored.steps or not steps:
         return None
-    return _kept(_contents(features, stored.digest, steps))
-
-
-def _kept(contents: tuple[str, ...]) -> pd.DataFrame | None:
-    """The table that was computed from these; None if there is none, or a damaged one."""
-    try:
-        return _read(_path(contents), contents)
-    except Exception:  # pyarrow raises a dozen types where bytes mean nothing
-        return None
-
-
-def _extracted(features: BaseEstimator, corpus: Corpus, steps: tuple) -> pd.DataFrame:
-    """Features of all captures of a corpus, computed in blocks; after steps, with columns that tell of which piece.
-
-    The table is laid out in memory as one that is read back, column by column. Matrix products round by this order, so
-    that a fit would else depend on whether its features were kept before.
-    """
-    tables, pieces = [], []
-    for block in (blocks(corpus) if steps else blocks(corpus, BLOCK)) or [slice(0, 0)]:
-        part = corpus[block]
-        for step in steps:
-            part = step(part)
-        tables.append(features.extract(part))
-        pieces.append((origin(part).index, origin(part).piece))
-    table = {name: np.concatenate([part[name].to_numpy() for part in tables]) for name in tables[0]}
-    if steps:
-        table |= dict(zip(PIECES, map(np.concatenate, zip(*pieces, strict=True)), strict=True))
-    return pd.DataFrame(table)
+    return _load_table(_table_path(features, stored.digest, steps))
 
 
 def cache_key(features: BaseEstimator, digest: str, steps: tuple = ()) -> str:
     """Hash of corpus, steps, class, parameters and source code."""
-    return _path(_contents(features, digest, steps)).stem
-
-
-def _contents(features: BaseEstimator, digest: str, steps: tuple) -> tuple[str, ...]:
-    """What a table is computed from."""
     kind = type(features)
-    code = _source(kind, *(code for step in steps for code in step.code()))
-    return digest, kind.__name__, repr(sorted(features.get_params().items())), code, repr(steps)
+    code = _code_digest(kind, *(code for step in steps for code in step.code_objects()))
+    parameters = repr(sorted(features.get_params().items()))
+    parts = (digest, kind.__name__, parameters, code, repr(steps))
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
-def _path(contents: tuple[str, ...]) -> Path:
-    """Where a table is kept."""
-    return (
-        home() / "features" / f"{hashlib.sha256(repr(contents).encode()).hexdigest()[:32]}.parquet"
-    )
+def _table_path(features: BaseEstimator, digest: str, steps: tuple) -> Path:
+    return data_folder() / "features" / f"{cache_key(features, digest, steps)}.parquet"
+
+
+def _load_table(path: Path) -> pd.DataFrame | None:
+    """Load a stored table; None if there is none, or a damaged one."""
+    try:
+        return _read_table(path)
+    except Exception:  # pyarrow raises a dozen types for damaged bytes
+        return None
 
 
 @lru_cache(maxsize=4)
-def _read(path: Path, contents: tuple[str, ...]) -> pd.DataFrame:
-    """A stored table; its name is made of all that it depends on, so it need not be read twice."""
-    stamp(path)  # a folder would be read as a table in parts, a pipe would wait for ever
-    table = pd.read_parquet(path)
-    attributes, table.attrs = table.attrs, {}
-    if attributes != {"about": list(contents), "sum": _sum(table)}:
-        raise Damaged(f"{path.name} differs from what was kept")
-    return table
+def _read_table(path: Path) -> pd.DataFrame:
+    return pd.read_parquet(path, page_checksum_verification=True)
 
 
-def _sum(table: pd.DataFrame) -> str:
-    """SHA-256 of the names, types and values of a table; what is no number is one value, whatever its bits."""
-    kinds = repr([(name, str(kind)) for name, kind in table.dtypes.items()])
-    rows = pd.util.hash_pandas_object(table, index=False).to_numpy()
-    return hashlib.sha256(kinds.encode() + rows.tobytes()).hexdigest()
+def _extract_blocks(features: BaseEstimator, corpus: Corpus, steps: tuple) -> pd.DataFrame:
+    """Extract the features of all captures in blocks; after steps, with `PIECE_COLUMNS`.
+
+    The table lies in memory column by column, as one that is loaded. Matrix products round by this
+    order, so a fit would otherwise depend on whether its features were stored before.
+    """
+    tables, pieces = [], []
+    for block in (capture_blocks(corpus) if steps else capture_blocks(corpus, BLOCK_VALUES)) or [
+        slice(0, 0)
+    ]:
+        part = corpus[block]
+        for step in steps:
+            part = step(part)
+        tables.append(features.extract(part))
+        pieces.append((corpus_origin(part).index, corpus_origin(part).piece))
+    table = {name: np.concatenate([part[name].to_numpy() for part in tables]) for name in tables[0]}
+    if steps:
+        table |= dict(
+            zip(PIECE_COLUMNS, map(np.concatenate, zip(*pieces, strict=True)), strict=True)
+        )
+    return pd.DataFrame(table)
 
 
-def _writable(folder: Path) -> bool:
+def _is_writable(folder: Path) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
         return False
     return os.access(folder, os.W_OK)
-
-
-def _keep(table: pd.DataFrame, contents: tuple[str, ...]) -> None:
-    """Write a table; where that cannot be done, such as on a full disk, the values are merely computed again."""
-    signed = table.copy(deep=False)
-    signed.attrs = {"about": contents, "sum": _sum(table)}
-    with suppress(OSError), replacing(_path(contents)) as beside:
-        signed.to_parquet(beside, index=False)

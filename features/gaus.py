@@ -11,7 +11,7 @@ import pandas as pd
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.features.base import FeatureSet
-from bench.features.signals import Touch, table, taxel_names
+from bench.features.signals import Touch, feature_table, taxel_names
 
 FAMILIES = ("sd", "bmh", "msd", "smmhh", "lbptop")
 RANGES = ("none", "touch", "high")
@@ -47,39 +47,41 @@ UNIFORM = [p for p in range(256) if (p ^ (p >> 1 | p % 2 << 7)).bit_count() <= 2
 class Gaus(FeatureSet):
     """Ranges of sensor data, touched taxels, their statistics, bursts of motion, and binary patterns in space and time.
 
-    ======== ===== ================================================================================================
-    sd       12    shares of the taxels of a frame that are in each of three ranges: not touched, touched, high;
-                   mean, SD and maximum over time of each; then the shares of the taxels whose highest range in the
-                   capture is each of the three
-    bmh      64    1 if the taxel is ever high, else 0
-    msd      704   mean, median, minimum, maximum, area (integral over time, sensor value seconds), first and third
-                   quartile, inter-quartile range, variance, skewness and excess kurtosis of each taxel over time
-    smmhh    425   85 cells of a pyramid of averaged frames (8x8, 4x4, 2x2, 1x1): how many runs of exactly 1 to 5
-                   consecutive steps there are in which the cell changes much
-    lbptop   177   shares of the 58 uniform local binary patterns and of all others on the planes XY (row, column), XT
-                   (time, column) and YT (time, row)
-    ======== ===== ================================================================================================
+    ====== === =====================================================================================
+    sd     12  shares of the taxels of a frame that are in each of three ranges: not touched,
+               touched, high; mean, SD and maximum over time of each; then the shares of the taxels
+               whose highest range in the capture is each of the three
+    bmh    64  1 if the taxel is ever high, else 0
+    msd    704 mean, median, minimum, maximum, area (integral over time, sensor value seconds),
+               first and third quartile, inter-quartile range, variance, skewness and excess
+               kurtosis of each taxel over time
+    smmhh  425 85 cells of a pyramid of averaged frames (8x8, 4x4, 2x2, 1x1): how many runs of
+               exactly 1 to 5 consecutive steps there are in which the cell changes much
+    lbptop 177 shares of the 58 uniform local binary patterns and of all others on the planes XY
+               (row, column), XT (time, column) and YT (time, row)
+    ====== === =====================================================================================
 
-    Sizes are for 8 x 8 taxels and follow the grid. Hughes et al. give neither thresholds nor neighbourhoods; these are
-    our readings:
+    Sizes are for 8 x 8 taxels and follow the grid. Hughes et al. give neither thresholds nor
+    neighbourhoods; these are our readings:
 
-    - A taxel is touched while it is more than 5 % of full scale above its minimum in the capture, and high while it is
-      above 50 % of the capture's maximum. High comes first: a taxel that is pressed all the time is high although it
-      never leaves its minimum, so every value lies in one range.
-    - Variance, skewness and kurtosis are those of the population, 0 where a taxel is constant; quartiles interpolate
-      linearly.
-    - Each level of the pyramid halves the rows and columns of the one below, rounded up, down to one cell. A cell is
-      the average of the taxels in it; on odd sides the last one has fewer.
-    - A cell changes much in the steps (absolute change since the frame before) that are greater than the 75th
-      percentile of all its steps in the capture. A longer run than 5 is not counted.
-    - A pattern compares the 8 square neighbours at distance 1 with the centre (1 if not less), wherever all of them
-      exist; bit 0 is the neighbour before on both axes, the others follow towards the next on the second axis. Uniform
-      patterns are numbered by their value, the others are ``58``. A plane without such a place, as in captures of one
-      or two frames, has zeros.
+    - A taxel is touched while it is more than 5 % of full scale above its minimum in the capture,
+      and high while it is above 50 % of the capture's maximum. High comes first: a taxel that is
+      pressed all the time is high although it never leaves its minimum, so every value lies in one
+      range.
+    - Variance, skewness and kurtosis are those of the population, 0 where a taxel is constant;
+      quartiles interpolate linearly.
+    - Each level of the pyramid halves the rows and columns of the one below, rounded up, down to
+      one cell. A cell is the average of the taxels in it; on odd sides the last one has fewer.
+    - A cell changes much in the steps (absolute change since the frame before) that are greater
+      than the 75th percentile of all its steps in the capture. A longer run than 5 is not counted.
+    - A pattern compares the 8 square neighbours at distance 1 with the centre (1 if not less),
+      wherever all of them exist; bit 0 is the neighbour before on both axes, the others follow
+      towards the next on the second axis. Uniform patterns are numbered by their value, the others
+      are ``58``. A plane without such a place, as in captures of one or two frames, has zeros.
 
     Args:
-        families: families to compute, from ``sd``, ``bmh``, ``msd``, ``smmhh`` and ``lbptop``; their order has no
-            effect.
+        families: families to compute, from ``sd``, ``bmh``, ``msd``, ``smmhh`` and ``lbptop``;
+            their order has no effect.
     """
 
     def __init__(self, families: tuple[str, ...] = FAMILIES) -> None:
@@ -99,18 +101,24 @@ class Gaus(FeatureSet):
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the features of every capture."""
         self.check()
-        return table(corpus, names(*corpus.grid, frozenset(self.families)), self._columns)
+        return feature_table(
+            corpus, feature_names(*corpus.grid, frozenset(self.families)), self._family_columns
+        )
 
-    def _columns(self, touch: Touch) -> list[np.ndarray]:
+    def _family_columns(self, touch: Touch) -> list[np.ndarray]:
         values = np.ascontiguousarray(touch.values.T)
-        return [_COLUMNS[family](touch, values) for family in FAMILIES if family in self.families]
+        return [
+            _FAMILY_FUNCTIONS[family](touch, values)
+            for family in FAMILIES
+            if family in self.families
+        ]
 
 
 @cache
-def names(rows: int, cols: int, families: frozenset[str] = frozenset(FAMILIES)) -> pd.Index:
+def feature_names(rows: int, cols: int, families: frozenset[str] = frozenset(FAMILIES)) -> pd.Index:
     """Names of the features of some families on a grid."""
     taxels = taxel_names(rows, cols)
-    cells = [f"{r}x{c}_{cell}" for r, c in _levels(rows, cols) for cell in taxel_names(r, c)]
+    cells = [f"{r}x{c}_{cell}" for r, c in _pyramid_grids(rows, cols) for cell in taxel_names(r, c)]
     named = {
         "sd": [*product(RANGES, ("mean", "sd", "max")), *((name, "taxels") for name in RANGES)],
         "bmh": [(taxel,) for taxel in taxels],
@@ -122,7 +130,7 @@ def names(rows: int, cols: int, families: frozenset[str] = frozenset(FAMILIES)) 
     return pd.Index(["_".join((family, *parts)) for family in ordered for parts in named[family]])
 
 
-def _levels(rows: int, cols: int) -> list[tuple[int, int]]:
+def _pyramid_grids(rows: int, cols: int) -> list[tuple[int, int]]:
     levels = [(rows, cols)]
     while levels[-1] != (1, 1):
         levels.append(((levels[-1][0] + 1) // 2, (levels[-1][1] + 1) // 2))
@@ -132,51 +140,51 @@ def _levels(rows: int, cols: int) -> list[tuple[int, int]]:
 # Each family takes the values as [taxels, frames] and gives [captures, n].
 
 
-def _sd(touch: Touch, values: np.ndarray) -> np.ndarray:
-    lowest = np.minimum.reduceat(values, touch.first, axis=1)
-    rise = touch.limit(np.array(touch.full_scale / 20))  # times 0.05 would be rounded twice
-    high = values > np.repeat(_half(touch, values), touch.lengths)
+def _sd_family(touch: Touch, values: np.ndarray) -> np.ndarray:
+    lowest = np.minimum.reduceat(values, touch.starts, axis=1)
+    rise = touch.as_threshold(np.array(touch.full_scale / 20))  # times 0.05 would be rounded twice
+    high = values > np.repeat(_half_of_maximum(touch, values), touch.lengths)
     touched = values - np.repeat(lowest, touch.lengths, axis=1) > rise
     touched |= high
-    count = _in_ranges(touched, high)
+    count = _count_in_ranges(touched, high)
     spread = np.sqrt(touch.variance(count))
     over_time = np.stack(
-        [touch.mean(count), spread, np.maximum.reduceat(count, touch.first)], axis=2
+        [touch.mean(count), spread, np.maximum.reduceat(count, touch.starts)], axis=2
     )
-    ever = _in_ranges(
-        *(np.logical_or.reduceat(signal, touch.first, axis=1) for signal in (touched, high))
+    ever = _count_in_ranges(
+        *(np.logical_or.reduceat(signal, touch.starts, axis=1) for signal in (touched, high))
     )
     return np.column_stack([over_time.reshape(len(ever), -1), ever]) / touch.taxels
 
 
-def _half(touch: Touch, values: np.ndarray) -> np.ndarray:
+def _half_of_maximum(touch: Touch, values: np.ndarray) -> np.ndarray:
     """Half of the maximum of each capture, in the type of the values."""
-    highest = np.maximum.reduceat(values.max(axis=0), touch.first)
-    return touch.limit(highest * 0.5)
+    highest = np.maximum.reduceat(values.max(axis=0), touch.starts)
+    return touch.as_threshold(highest * 0.5)
 
 
-def _in_ranges(touched: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _count_in_ranges(touched: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Number of taxels in each range [n, 3], of signals [taxels, n]; what is high is also touched."""
     return np.stack(
         [(~touched).sum(axis=0), (touched & ~high).sum(axis=0), high.sum(axis=0)], axis=1
     )
 
 
-def _bmh(touch: Touch, values: np.ndarray) -> np.ndarray:
-    return (np.maximum.reduceat(values, touch.first, axis=1) > _half(touch, values)).T
+def _bmh_family(touch: Touch, values: np.ndarray) -> np.ndarray:
+    return (np.maximum.reduceat(values, touch.starts, axis=1) > _half_of_maximum(touch, values)).T
 
 
-def _msd(touch: Touch, values: np.ndarray) -> np.ndarray:
-    ordered = touch.ascending(values)
-    lowest, highest = ordered[:, touch.first], ordered[:, touch.first + touch.lengths - 1]
-    q1, median, q3 = (_quantile(touch, ordered, quarters) for quarters in (1, 2, 3))
-    total = np.add.reduceat(values, touch.first, axis=1, dtype=np.float64)
+def _msd_family(touch: Touch, values: np.ndarray) -> np.ndarray:
+    ordered = touch.sorted_within_captures(values)
+    lowest, highest = ordered[:, touch.starts], ordered[:, touch.starts + touch.lengths - 1]
+    q1, median, q3 = (_quartile_of_captures(touch, ordered, quarters) for quarters in (1, 2, 3))
+    total = np.add.reduceat(values, touch.starts, axis=1, dtype=np.float64)
     mean = total / touch.lengths
     centred = values - np.repeat(mean, touch.lengths, axis=1)
     power, moments = centred, []
     for _ in range(3):
         power = power * centred
-        moments.append(np.add.reduceat(power, touch.first, axis=1) / touch.lengths)
+        moments.append(np.add.reduceat(power, touch.starts, axis=1) / touch.lengths)
     variance, third, fourth = moments
     spread = np.where(
         variance > 0, variance, 1
@@ -199,27 +207,30 @@ def _msd(touch: Touch, values: np.ndarray) -> np.ndarray:
     return np.stack(columns, axis=-1).transpose(1, 0, 2).reshape(len(touch.lengths), -1)
 
 
-def _quantile(touch: Touch, ordered: np.ndarray, quarters: int) -> np.ndarray:
+def _quartile_of_captures(touch: Touch, ordered: np.ndarray, quarters: int) -> np.ndarray:
     below, rest = np.divmod(quarters * (touch.lengths - 1), 4)
-    low = ordered[:, touch.first + below].astype(np.float64)
-    high = ordered[:, touch.first + below + (rest > 0)]
+    low = ordered[:, touch.starts + below].astype(np.float64)
+    high = ordered[:, touch.starts + below + (rest > 0)]
     return low + (high - low) * (rest / 4)
 
 
-def _smmhh(touch: Touch, values: np.ndarray) -> np.ndarray:
-    cells = _pyramid(touch, values)
+def _smmhh_family(touch: Touch, values: np.ndarray) -> np.ndarray:
+    cells = _pyramid_sums(touch, values)
     moved = np.zeros_like(cells)
     before, after = cells[:, :-1], cells[:, 1:]
     np.subtract(np.maximum(before, after), np.minimum(before, after), out=moved[:, 1:])  # unsigned
-    moved[:, touch.first] = 0
-    # An interpolated percentile lies between two neighbours in order: what exceeds it exceeds the lower one, and no
-    # rounding is needed. The 0 of the first frame, which is no step, comes first in order.
-    position = touch.first + np.where(touch.lengths > 1, 1 + 3 * (touch.lengths - 2) // 4, 0)
-    much = moved > np.repeat(touch.ascending(moved)[:, position], touch.lengths, axis=1)
-    return _runs(touch, much)
+    moved[:, touch.starts] = 0
+    # An interpolated percentile lies between two neighbours in order: what exceeds it exceeds the
+    # lower one, and no rounding is needed. The 0 of the first frame, which is no step, comes first
+    # in order.
+    position = touch.starts + np.where(touch.lengths > 1, 1 + 3 * (touch.lengths - 2) // 4, 0)
+    much = moved > np.repeat(
+        touch.sorted_within_captures(moved)[:, position], touch.lengths, axis=1
+    )
+    return _count_runs(touch, much)
 
 
-def _pyramid(touch: Touch, values: np.ndarray) -> np.ndarray:
+def _pyramid_sums(touch: Touch, values: np.ndarray) -> np.ndarray:
     """Sums of the taxels of each cell [cells, frames]; for steps compared within a cell they serve as averages."""
     if touch.integer:
         values = values.astype(np.uint16 if int(values.max()) * touch.taxels < 2**16 else np.int64)
@@ -233,7 +244,7 @@ def _pyramid(touch: Touch, values: np.ndarray) -> np.ndarray:
     return np.concatenate(levels)
 
 
-def _runs(touch: Touch, signals: np.ndarray) -> np.ndarray:
+def _count_runs(touch: Touch, signals: np.ndarray) -> np.ndarray:
     """Number of runs of exactly 1, 2, ... frames [captures, n * longest]; signals are False in first frames."""
     flat = (
         signals.ravel()
@@ -245,26 +256,30 @@ def _runs(touch: Touch, signals: np.ndarray) -> np.ndarray:
     length = end - begin
     counted = length <= LONGEST_RUN
     signal, frame = np.divmod(begin[counted], signals.shape[1])
-    kind = (touch.capture[frame] * len(signals) + signal) * LONGEST_RUN + length[counted] - 1
+    kind = (
+        (touch.capture_of_frame[frame] * len(signals) + signal) * LONGEST_RUN + length[counted] - 1
+    )
     shape = len(touch.lengths), len(signals) * LONGEST_RUN
     return np.bincount(kind, minlength=shape[0] * shape[1]).reshape(shape)
 
 
-def _lbptop(touch: Touch, values: np.ndarray) -> np.ndarray:
+def _lbptop_family(touch: Touch, values: np.ndarray) -> np.ndarray:
     grid = values.reshape(*touch.grid, -1)
-    inner = touch.capture.copy()  # a capture more takes what has no frame before or after it
-    inner[touch.first] = inner[touch.first + touch.lengths - 1] = len(touch.lengths)
+    inner = (
+        touch.capture_of_frame.copy()
+    )  # a capture more takes what has no frame before or after it
+    inner[touch.starts] = inner[touch.starts + touch.lengths - 1] = len(touch.lengths)
     shares = []
     for axes in PLANES.values():
-        capture = inner[1:-1] if 2 in axes else touch.capture
-        kind = _patterns(grid, axes) + 256 * capture
+        capture = inner[1:-1] if 2 in axes else touch.capture_of_frame
+        kind = _binary_patterns(grid, axes) + 256 * capture
         count = np.bincount(kind.ravel(), minlength=256 * (len(touch.lengths) + 1))
-        uniform = count.reshape(-1, 256)[:-1] @ _uniform_bins()
+        uniform = count.reshape(-1, 256)[:-1] @ _pattern_bins()
         shares.append(uniform / np.maximum(uniform.sum(axis=1, keepdims=True), 1))
     return np.concatenate(shares, axis=1)
 
 
-def _patterns(grid: np.ndarray, axes: tuple[int, int]) -> np.ndarray:
+def _binary_patterns(grid: np.ndarray, axes: tuple[int, int]) -> np.ndarray:
     """Local binary patterns on one plane wherever all neighbours exist."""
 
     def shifted(by: tuple[int, int]) -> np.ndarray:
@@ -281,10 +296,16 @@ def _patterns(grid: np.ndarray, axes: tuple[int, int]) -> np.ndarray:
 
 
 @cache
-def _uniform_bins() -> np.ndarray:
+def _pattern_bins() -> np.ndarray:
     """Which bin each pattern belongs to, 0 or 1 [256, 59]."""
     number = {pattern: i for i, pattern in enumerate(UNIFORM)}
     return np.eye(len(UNIFORM) + 1)[[number.get(pattern, len(UNIFORM)) for pattern in range(256)]]
 
 
-_COLUMNS = {"sd": _sd, "bmh": _bmh, "msd": _msd, "smmhh": _smmhh, "lbptop": _lbptop}
+_FAMILY_FUNCTIONS = {
+    "sd": _sd_family,
+    "bmh": _bmh_family,
+    "msd": _msd_family,
+    "smmhh": _smmhh_family,
+    "lbptop": _lbptop_family,
+}

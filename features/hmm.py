@@ -1,10 +1,12 @@
 """Gaussian hidden Markov models of ragged sequences, one per class, all fitted in the same passes over time.
 
-Frames of all sequences lie in one array [frames, values], sequence after sequence. A recursion over time visits them
-in another order, that of `Steps`: first the first frame of every sequence, longest sequence first, then all second
-frames, and so on. The sequences that still run at one time are then the first ones, and nothing is padded.
+Frames of all sequences lie in one array [frames, values], sequence after sequence. A recursion over
+time visits them in another order, that of `VisitOrder`: first the first frame of every sequence,
+longest sequence first, then all second frames, and so on. The sequences that still run at one time
+are then the first ones, and nothing is padded.
 
-In arrays of states the states come first, so that the arithmetic of one time step runs along the sequences.
+In arrays of states the states come first, so that the arithmetic of one time step runs along the
+sequences.
 """
 
 from __future__ import annotations
@@ -16,11 +18,11 @@ from sklearn.cluster import KMeans
 
 PROBABILITY_FLOOR = 1e-6
 VARIANCE_FLOOR = 1e-3
-FRAMES_TO_START = 20_000
-SMALLEST_SHARE = 1e-3  # frames; a state with less keeps its mean and variance
+KMEANS_FRAMES = 20_000
+MIN_OCCUPATION = 1e-3  # frames; a state with less keeps its mean and variance
 
 
-class Steps:
+class VisitOrder:
     """The order in which recursions over time visit the frames of ragged sequences.
 
     Attributes:
@@ -45,19 +47,21 @@ class Steps:
 
 
 def forward(
-    emission: np.ndarray, start: np.ndarray, transition: np.ndarray, steps: Steps
+    emission: np.ndarray, start: np.ndarray, transition: np.ndarray, steps: VisitOrder
 ) -> tuple[np.ndarray, np.ndarray]:
     """Probabilities of the states given the past, scaled in every frame.
 
     Args:
-        emission: density of each frame in each state, up to a factor per frame [states, frames], in order of steps.
-        start: probability of the first state [states, sequences], in order of ``steps.sequence`` as all of these.
+        emission: density of each frame in each state, up to a factor per frame [states, frames], in
+            order of steps.
+        start: probability of the first state [states, sequences], in order of ``steps.sequence`` as
+            all of these.
         transition: transition matrices, old state by new state [states, states, sequences].
         steps: the order.
 
     Returns:
-        Probability of each state given the frames up to its own [states, frames], and the density of each frame given
-        those before it [frames], both in order of steps.
+        Probability of each state given the frames up to its own [states, frames], and the density
+        of each frame given those before it [frames], both in order of steps.
     """
     state = np.empty_like(emission)
     scale = np.empty(emission.shape[1])
@@ -75,7 +79,7 @@ def forward(
 
 
 def backward(
-    emission: np.ndarray, scale: np.ndarray, transition: np.ndarray, steps: Steps
+    emission: np.ndarray, scale: np.ndarray, transition: np.ndarray, steps: VisitOrder
 ) -> np.ndarray:
     """Density of the frames after each, given its state, relative to that given the past [states, frames].
 
@@ -96,9 +100,10 @@ def backward(
 class GaussianHMMs:
     """One hidden Markov model per class: any state may follow any other, diagonal covariances.
 
-    Fitted by expectation maximisation from k-means of the frames of each class, uniform probabilities of the first
-    state and, at first, states that last for 10 frames on average. Values should be standardised; variances are at
-    least 1e-3 and probabilities at least about 1e-6, so no sequence is impossible.
+    Fitted by expectation maximisation from k-means of the frames of each class, uniform
+    probabilities of the first state and, at first, states that last for 10 frames on average.
+    Values should be standardised; variances are at least 1e-3 and probabilities at least about
+    1e-6, so no sequence is impossible.
 
     Args:
         states: number of states.
@@ -110,7 +115,8 @@ class GaussianHMMs:
         transition_: transition matrices, old state by new state [classes, states, states].
         mean_: [classes, states, values].
         variance_: [classes, states, values].
-        history_: log-likelihood of each class's sequences before each iteration [iterations, classes].
+        history_: log-likelihood of each class's sequences before each iteration [iterations,
+            classes].
     """
 
     def __init__(self, states: int = 5, iterations: int = 20, seed: int = 0) -> None:
@@ -133,18 +139,18 @@ class GaussianHMMs:
         values = frames[np.repeat(first - begin, lengths) + np.arange(len(frames))]
         edges = np.searchsorted(np.repeat(classes, lengths), np.arange(classes.max() + 2))
         parts = [slice(a, b) for a, b in pairwise(edges.tolist())]
-        self._begin([values[part] for part in parts])
+        self._initialise_models([values[part] for part in parts])
         both = np.concatenate([values, values**2], axis=1)
         del values
 
-        steps = Steps(lengths)
+        steps = VisitOrder(lengths)
         owner = classes[steps.sequence]
         self.history_ = np.empty((self.iterations, len(parts)))
         for iteration in range(self.iterations):
             emission = np.empty((self.states, len(both)))
             for i, part in enumerate(parts):
                 emission[:, part] = self._log_densities(both[part], i)
-            best = _relative(emission)
+            best = _scale_by_largest(emission)
             emission = emission[:, steps.frame]
             transition = self.transition_[owner].transpose(1, 2, 0).copy()
             state, scale = forward(emission, self.start_[owner].T.copy(), transition, steps)
@@ -161,19 +167,22 @@ class GaussianHMMs:
             for i, part in enumerate(parts):
                 inner = slice(part.start, part.stop - 1), slice(part.start + 1, part.stop)
                 moves = self.transition_[i] * (state[:, inner[0]] @ ahead[:, inner[1]].T)
-                self._maximise(i, share[:, part], share[:, begin[classes == i]], moves, both[part])
+                self._update_model(
+                    i, share[:, part], share[:, begin[classes == i]], moves, both[part]
+                )
         return self
 
     def log_likelihood(self, frames: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """Log-likelihood of every sequence under every class's model [sequences, classes].
 
-        Works on everything at once; hand over blocks of sequences where classes x states x frames is large.
+        Works on everything at once; hand over blocks of sequences where classes x states x frames
+        is large.
         """
         classes = len(self.start_)
         both = np.concatenate([frames, frames**2], axis=1)
         emission = np.concatenate([self._log_densities(both, i) for i in range(classes)], axis=1)
-        best = _relative(emission)
-        steps = Steps(np.tile(lengths, classes))
+        best = _scale_by_largest(emission)
+        steps = VisitOrder(np.tile(lengths, classes))
         owner = steps.sequence // len(lengths)
         transition = self.transition_[owner].transpose(1, 2, 0).copy()
         _, scale = forward(emission[:, steps.frame], self.start_[owner].T.copy(), transition, steps)
@@ -181,7 +190,7 @@ class GaussianHMMs:
         per_frame = (best + np.log(scale)[steps.position]).reshape(classes, -1)
         return np.add.reduceat(per_frame, begin, axis=1).T
 
-    def _begin(self, parts: list[np.ndarray]) -> None:
+    def _initialise_models(self, parts: list[np.ndarray]) -> None:
         classes, values = len(parts), parts[0].shape[1]
         self.start_ = np.full((classes, self.states), 1 / self.states)
         stay = 0.9 if self.states > 1 else 1.0
@@ -190,7 +199,7 @@ class GaussianHMMs:
         self.mean_ = np.empty((classes, self.states, values))
         self.variance_ = np.empty((classes, self.states, values))
         for i, frames in enumerate(parts):
-            some = frames[:: -(-len(frames) // FRAMES_TO_START)]
+            some = frames[:: -(-len(frames) // KMEANS_FRAMES)]
             self.mean_[i] = some.mean(
                 axis=0
             )  # of states that k-means does not fill, as there are too few frames
@@ -211,20 +220,20 @@ class GaussianHMMs:
         density -= 0.5 * constant.sum(axis=1)[:, None]
         return density
 
-    def _maximise(
+    def _update_model(
         self, i: int, share: np.ndarray, first: np.ndarray, moves: np.ndarray, both: np.ndarray
     ) -> None:
         occupied = share.sum(axis=1)
-        occurs = occupied > SMALLEST_SHARE
+        occurs = occupied > MIN_OCCUPATION
         mean, square = np.split(share[occurs] @ both / occupied[occurs, None], 2, axis=1)
         self.mean_[i, occurs] = mean
         self.variance_[i, occurs] = np.maximum(square - mean**2, VARIANCE_FLOOR)
-        self.start_[i] = _floored(first.sum(axis=1))
-        left = moves.sum(axis=1) > SMALLEST_SHARE
-        self.transition_[i, left] = _floored(moves[left])
+        self.start_[i] = _shares_above_floor(first.sum(axis=1))
+        left = moves.sum(axis=1) > MIN_OCCUPATION
+        self.transition_[i, left] = _shares_above_floor(moves[left])
 
 
-def _relative(logs: np.ndarray) -> np.ndarray:
+def _scale_by_largest(logs: np.ndarray) -> np.ndarray:
     """Turn logs [states, frames] into numbers of which the largest per frame is 1, in place; return its log."""
     best = logs.max(axis=0)
     logs -= best
@@ -232,7 +241,7 @@ def _relative(logs: np.ndarray) -> np.ndarray:
     return best
 
 
-def _floored(counts: np.ndarray) -> np.ndarray:
+def _shares_above_floor(counts: np.ndarray) -> np.ndarray:
     """Shares along the last axis, none of them 0."""
     shares = np.maximum(counts / counts.sum(axis=-1, keepdims=True), PROBABILITY_FLOOR)
     return shares / shares.sum(axis=-1, keepdims=True)

@@ -11,24 +11,24 @@ from scipy.fft import rfft
 from scipy.special import expit
 from sklearn.utils.validation import check_is_fitted
 
-from bench.corpora.corpus import Corpus, storage
+from bench.corpora.corpus import Corpus, shared_frames
 from bench.errors import InputError
 from bench.features.base import FeatureSet
 from bench.features.hmm import GaussianHMMs
-from bench.features.signals import Touch, blocks, table
+from bench.features.signals import Touch, capture_blocks, feature_table
 
-HIDDEN = (200, 100, 50, 25, 10)
+HIDDEN_UNITS = (200, 100, 50, 25, 10)
 FRAMES_TO_ENCODE = 100_000
 FRAMES_TO_SCORE = 2**16
-BATCH = 512
-RATE = 4e-3
-ORDERS = [(p, q) for p in range(4) for q in range(4 - p)]
+BATCH_FRAMES = 512
+LEARNING_RATE = 4e-3
+MOMENT_ORDERS = [(p, q) for p in range(4) for q in range(4 - p)]
 BAND_HZ = (0.625, 5.0)
 SHORTEST_FFT = 64
-FLOOR = 1e-4  # of full scale, inside logarithms
-FARTHEST = 1e3  # standard deviations
-LEAST_LIKELY = -100.0  # per frame
-LEVEL = pd.Index(
+LOG_FLOOR = 1e-4  # of full scale, inside logarithms
+MAX_DEVIATION = 1e3  # standard deviations
+MIN_LOG_LIKELIHOOD = -100.0  # per frame
+LEVEL_NAMES = pd.Index(
     [
         *(
             "g1_log_level",
@@ -47,31 +47,38 @@ class Hughes36(FeatureSet):
 
     With C gestures there are 2 C + 8 columns: 36 for the 14 of CoST.
 
-    ============ ======================================================================================================
-    hmm_moments  C log-likelihoods per frame; the models see the moments of each frame, sum of p(r,c) r^i c^j with
-                 i + j <= 3, rows and columns counted from 1, sensor values as shares of full scale
-    hmm_code     C log-likelihoods per frame; the models see the 10 units in the middle of an autoencoder
-    g1           log of the mean over time of the summed pressure above each taxel's least value in the capture
-    g2, g3       SD over time of the mean pressure, sensor value, and its log
-    g4, g5       frequency (Hz) with the largest amplitude of the summed pressure between 0.625 and 5 Hz, and the log
-                 of that amplitude; the spectrum is that of the capture, padded to at least 64 frames
-    g6, g7       mean over time of the row / column of the frame's first maximum, counted from 1
-    g8           frames; left out if the captures that it is fitted to are all equally long, as in HAART
-    ============ ======================================================================================================
+    =========== ====================================================================================
+    hmm_moments C log-likelihoods per frame; the models see the moments of each frame, sum of p(r,c)
+                r^i c^j with i + j <= 3, rows and columns counted from 1, sensor values as shares of
+                full scale
+    hmm_code    C log-likelihoods per frame; the models see the 10 units in the middle of an
+                autoencoder
+    g1          log of the mean over time of the summed pressure above each taxel's least value in
+                the capture
+    g2, g3      SD over time of the mean pressure, sensor value, and its log
+    g4, g5      frequency (Hz) with the largest amplitude of the summed pressure between 0.625 and 5
+                Hz, and the log of that amplitude; the spectrum is that of the capture, padded to at
+                least 64 frames
+    g6, g7      mean over time of the row / column of the frame's first maximum, counted from 1
+    g8          frames; left out if the captures that it is fitted to are all equally long, as in
+                HAART
+    =========== ====================================================================================
 
-    What the paper leaves open: 5 states, any of which may follow any other, diagonal covariances, 20 iterations from
-    k-means of the frames; observations standardised on the training frames. The autoencoder sees frames less the mean
-    frame, divided by one SD, and learns with Adam in batches of 512 from Xavier weights. The spectrum is that at the
-    corpus's own rate; the authors took CoST's 135 frames per second for 152. Its amplitude is that of a sine, in sensor
-    values of the sum. Logs have 1e-4 of full scale added to what is inside. Where the sum is constant or the band holds
-    no frequency, g4 and the amplitude are 0. Likelihoods are at least -100 per frame, so that a capture unlike all
-    others does not decide the scale of a column.
+    What the paper leaves open: 5 states, any of which may follow any other, diagonal covariances,
+    20 iterations from k-means of the frames; observations standardised on the training frames. The
+    autoencoder sees frames less the mean frame, divided by one SD, and learns with Adam in batches
+    of 512 from Xavier weights. The spectrum is that at the corpus's own rate; the authors took
+    CoST's 135 frames per second for 152. Its amplitude is that of a sine, in sensor values of the
+    sum. Logs have 1e-4 of full scale added to what is inside. Where the sum is constant or the band
+    holds no frequency, g4 and the amplitude are 0. Likelihoods are at least -100 per frame, so that
+    a capture unlike all others does not decide the scale of a column.
 
     Args:
         states: number of states of each model.
         iterations: EM iterations of each model.
         epochs: passes of the autoencoder over at most 100 000 training frames.
-        seed: random seed of k-means, of the choice of these frames, of the autoencoder's weights and batches.
+        seed: random seed of k-means, of the choice of these frames, of the autoencoder's weights
+            and batches.
 
     Attributes:
         classes_: gestures, as ``y`` names them.
@@ -100,21 +107,21 @@ class Hughes36(FeatureSet):
         """Learn the autoencoder and the models from captures and their class names."""
         self.check()
         self.classes_, codes = np.unique(np.asarray(y), return_inverse=True)
-        self.encoder_ = _encoder(
-            _some_frames(X, FRAMES_TO_ENCODE, self.seed), self.epochs, self.seed
+        self.encoder_ = _train_encoder(
+            _sample_frames(X, FRAMES_TO_ENCODE, self.seed), self.epochs, self.seed
         )
         self.models_, self.standard_ = [], []
-        for observe in self._observers():
-            frames = np.concatenate([observe(X[block]) for block in blocks(X)])
+        for observe in self._observation_functions():
+            frames = np.concatenate([observe(X[block]) for block in capture_blocks(X)])
             mean, sd = frames.mean(axis=0), frames.std(axis=0)
             sd[sd <= 1e-9 * np.abs(mean)] = 1  # a constant up to rounding
             self.standard_.append((mean, sd))
-            frames = _standardised(frames, mean, sd)
+            frames = _standardise_frames(frames, mean, sd)
             self.models_.append(
                 GaussianHMMs(self.states, self.iterations, self.seed).fit(frames, X.lengths, codes)
             )
         ragged = len(np.unique(X.lengths)) > 1
-        self.level_ = LEVEL if ragged else LEVEL[:-1]
+        self.level_ = LEVEL_NAMES if ragged else LEVEL_NAMES[:-1]
         likelihoods = [
             f"hmm_{kind}_{gesture}" for kind in ("moments", "code") for gesture in self.classes_
         ]
@@ -126,23 +133,23 @@ class Hughes36(FeatureSet):
         check_is_fitted(self, "names_")
         classes = len(self.classes_)
         columns = np.empty((len(X), 2 * classes))
-        for i, observe in enumerate(self._observers()):
-            for block in blocks(X, FRAMES_TO_SCORE * X.grid[0] * X.grid[1]):
+        for i, observe in enumerate(self._observation_functions()):
+            for block in capture_blocks(X, FRAMES_TO_SCORE * X.grid[0] * X.grid[1]):
                 part = X[block]
-                frames = _standardised(observe(part), *self.standard_[i])
+                frames = _standardise_frames(observe(part), *self.standard_[i])
                 likelihood = (
                     self.models_[i].log_likelihood(frames, part.lengths) / part.lengths[:, None]
                 )
                 columns[block, i * classes : (i + 1) * classes] = np.maximum(
-                    likelihood, LEAST_LIKELY
+                    likelihood, MIN_LOG_LIKELIHOOD
                 )
-        others = self.unlearnt(X)[self.level_]
+        others = self.extracted_table(X)[self.level_]
         likelihoods = pd.DataFrame(columns, others.index, self.names_[: 2 * classes])
         return pd.concat([likelihoods, others], axis=1)
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the gesture-level features of every capture, the duration included."""
-        return table(corpus, LEVEL, _level)
+        return feature_table(corpus, LEVEL_NAMES, _level_columns)
 
     @property
     def parameters_(self) -> int:
@@ -153,27 +160,24 @@ class Hughes36(FeatureSet):
         encoder = sum(a.size for layer in self.encoder_ for a in layer)
         return models + encoder + sum(a.size for pair in self.standard_ for a in pair)
 
-    def __sklearn_is_fitted__(self) -> bool:
-        return "names_" in vars(self)
-
-    def _observers(self) -> list[Callable[[Corpus], np.ndarray]]:
-        return [moments, lambda corpus: _code(_values(corpus), self.encoder_)]
+    def _observation_functions(self) -> list[Callable[[Corpus], np.ndarray]]:
+        return [frame_moments, lambda corpus: _encode_frames(_scaled_frames(corpus), self.encoder_)]
 
 
-def moments(corpus: Corpus) -> np.ndarray:
+def frame_moments(corpus: Corpus) -> np.ndarray:
     """Raw geometric moments of every frame [frames, 10], in the order of ``ORDERS``."""
     row, col = np.indices(corpus.grid).reshape(2, -1) + 1.0
-    return _values(corpus) @ np.stack([row**p * col**q for p, q in ORDERS], axis=1)
+    return _scaled_frames(corpus) @ np.stack([row**p * col**q for p, q in MOMENT_ORDERS], axis=1)
 
 
-def _values(corpus: Corpus) -> np.ndarray:
+def _scaled_frames(corpus: Corpus) -> np.ndarray:
     """Frames as shares of full scale, float64 [frames, taxels]."""
     frames = np.concatenate(list(corpus), dtype=np.float64)
     frames /= corpus.full_scale
     return frames.reshape(len(frames), -1)
 
 
-def _some_frames(corpus: Corpus, most: int, seed: int) -> np.ndarray:
+def _sample_frames(corpus: Corpus, most: int, seed: int) -> np.ndarray:
     """Frames at equal distances through all captures, as shares of full scale, float32 [at most ``most``, taxels]."""
     total = int(corpus.lengths.sum())
     count = min(total, most)
@@ -181,12 +185,14 @@ def _some_frames(corpus: Corpus, most: int, seed: int) -> np.ndarray:
     end = np.cumsum(corpus.lengths)
     capture = np.searchsorted(end, frame, side="right")
     within = frame - (end - corpus.lengths)[capture]
-    stored, starts = storage(corpus)
+    stored, starts = shared_frames(corpus)
     frames = stored[starts[capture] + within.astype(np.int64)].reshape(count, -1)
     return frames.astype(np.float32) / np.float32(corpus.full_scale)
 
 
-def _encoder(frames: np.ndarray, epochs: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
+def _train_encoder(
+    frames: np.ndarray, epochs: int, seed: int
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """Train the autoencoder to reconstruct frames and return the layers up to its code."""
     import torch
     from torch import nn
@@ -195,10 +201,10 @@ def _encoder(frames: np.ndarray, epochs: int, seed: int) -> list[tuple[np.ndarra
     sd = np.sqrt(
         frames.var(axis=0, dtype=np.float64).mean()
     )  # one, or the noise of untouched taxels would count
-    sd = sd if sd > FLOOR else 1.0
+    sd = sd if sd > LOG_FLOOR else 1.0
     frames = torch.from_numpy(((frames - mean) / sd).astype(np.float32))
-    sizes = [frames.shape[1], *HIDDEN, *HIDDEN[-2::-1], frames.shape[1]]
-    code = len(HIDDEN) - 1
+    sizes = [frames.shape[1], *HIDDEN_UNITS, *HIDDEN_UNITS[-2::-1], frames.shape[1]]
+    code = len(HIDDEN_UNITS) - 1
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         linear = [nn.Linear(a, b) for a, b in pairwise(sizes)]
@@ -210,10 +216,12 @@ def _encoder(frames: np.ndarray, epochs: int, seed: int) -> list[tuple[np.ndarra
             )  # a sigmoid is flat: at most 1/4
             layers += [layer] if last else [layer, nn.Sigmoid()]
         net = nn.Sequential(*layers)
-        batch = min(BATCH, len(frames))
+        batch = min(BATCH_FRAMES, len(frames))
         batches = len(frames) // batch
-        adam = torch.optim.Adam(net.parameters(), lr=RATE)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(adam, RATE, total_steps=epochs * batches + 1)
+        adam = torch.optim.Adam(net.parameters(), lr=LEARNING_RATE)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(
+            adam, LEARNING_RATE, total_steps=epochs * batches + 1
+        )
         for _ in range(epochs):
             for rows in torch.randperm(len(frames))[: batches * batch].view(batches, batch):
                 x = frames[rows]
@@ -231,7 +239,7 @@ def _encoder(frames: np.ndarray, epochs: int, seed: int) -> list[tuple[np.ndarra
     return learnt[: code + 1]
 
 
-def _code(values: np.ndarray, encoder: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+def _encode_frames(values: np.ndarray, encoder: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """The code of frames [frames, 10]."""
     *hidden, (weight, bias) = encoder
     for w, b in hidden:
@@ -241,17 +249,17 @@ def _code(values: np.ndarray, encoder: list[tuple[np.ndarray, np.ndarray]]) -> n
     return values @ weight.T + bias
 
 
-def _standardised(frames: np.ndarray, mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
+def _standardise_frames(frames: np.ndarray, mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
     frames = frames - mean
     frames /= sd
-    return np.clip(frames, -FARTHEST, FARTHEST, out=frames)
+    return np.clip(frames, -MAX_DEVIATION, MAX_DEVIATION, out=frames)
 
 
-def _level(touch: Touch) -> list[np.ndarray]:
-    floor = FLOOR * touch.full_scale
-    least = np.minimum.reduceat(touch.values, touch.first, axis=0).sum(axis=1, dtype=np.float64)
+def _level_columns(touch: Touch) -> list[np.ndarray]:
+    floor = LOG_FLOOR * touch.full_scale
+    least = np.minimum.reduceat(touch.values, touch.starts, axis=0).sum(axis=1, dtype=np.float64)
     sd = np.sqrt(touch.variance(touch.total)) / touch.taxels
-    frequency, amplitude = _dominant(touch)
+    frequency, amplitude = _dominant_oscillation(touch)
     row, col = np.divmod(touch.values.argmax(axis=1), touch.grid[1])
     return [
         np.log(np.maximum(touch.mean(touch.total) - least, 0) + floor),
@@ -265,12 +273,12 @@ def _level(touch: Touch) -> list[np.ndarray]:
     ]
 
 
-def _dominant(touch: Touch) -> tuple[np.ndarray, np.ndarray]:
+def _dominant_oscillation(touch: Touch) -> tuple[np.ndarray, np.ndarray]:
     """Frequency with the largest amplitude of the total in the band, and that amplitude; 0 where there is none."""
     frequency, amplitude = np.zeros((2, len(touch.lengths)))
-    centred = touch.total - touch.mean(touch.total)[touch.capture]
-    moved = np.maximum.reduceat(touch.total, touch.first) - np.minimum.reduceat(
-        touch.total, touch.first
+    centred = touch.total - touch.mean(touch.total)[touch.capture_of_frame]
+    moved = np.maximum.reduceat(touch.total, touch.starts) - np.minimum.reduceat(
+        touch.total, touch.starts
     )
     for i in np.flatnonzero(moved > 1e-9 * touch.full_scale):
         length = int(touch.lengths[i])
@@ -278,7 +286,7 @@ def _dominant(touch: Touch) -> tuple[np.ndarray, np.ndarray]:
         bins = np.arange(points // 2 + 1) * touch.rate_hz / points
         inside = np.flatnonzero((bins >= BAND_HZ[0]) & (bins <= BAND_HZ[1]))
         if len(inside):
-            size = np.abs(rfft(centred[touch.first[i] : touch.first[i] + length], points)[inside])
+            size = np.abs(rfft(centred[touch.starts[i] : touch.starts[i] + length], points)[inside])
             best = (
                 size >= size.max() * (1 - 1e-9)
             ).argmax()  # of equal ones the first; rounding must not choose

@@ -10,18 +10,18 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.features.base import FeatureSet, constant
+from bench.features.base import FeatureSet, is_constant
 
 LDA_RIDGE = 1e-3  # of standardised columns
 FOLDS = 5
-COUNTS = (
+COLUMN_COUNTS = (
     2,
     4,
     8,
     16,
     32,
 )  # of columns, besides all of them, where the smallest number that suffices is sought
-STEPS = 3  # times `selected`
+MAX_STEPS_FACTOR = 3  # times `selected`
 
 
 class Subset(FeatureSet):
@@ -43,9 +43,7 @@ class Subset(FeatureSet):
         if self.count < 1:
             raise InputError(f"count={self.count}: keep at least 1 column")
         self.features_ = clone(self.features).fit(X, y)
-        table = self.features_.transform(X)
-        label = np.unique(X.gestures if y is None else np.asarray(y), return_inverse=True)[1]
-        self.names_ = table.columns[select(table.to_numpy(), label, X.subjects, self.count)]
+        self.names_ = select_columns(self.features_.transform(X), X, y, self.count)
         return self
 
     def transform(self, X: Corpus) -> pd.DataFrame:
@@ -57,25 +55,28 @@ class Subset(FeatureSet):
         """Memory of the whole feature set, however few columns are used."""
         return self.features.keeps(frames, taxels)
 
-    def __sklearn_is_fitted__(self) -> bool:
-        return "names_" in vars(self)
+
+def select_columns(table: pd.DataFrame, X: Corpus, y: object, selected: int) -> pd.Index:
+    """Names of the columns that SFFS keeps of the features of captures; without ``y``, classes are the gestures."""
+    label = np.unique(X.gestures if y is None else np.asarray(y), return_inverse=True)[1]
+    return table.columns[select(table.to_numpy(), label, X.subjects, selected)]
 
 
 def select(values: np.ndarray, label: np.ndarray, subject: np.ndarray, selected: int) -> np.ndarray:
     """Positions of the columns of a table [captures, columns] that SFFS keeps, in order."""
-    fold = left_out(label, subject)
+    fold = assign_folds(label, subject)
     if len(np.unique(label)) < 2 or len(np.unique(fold)) < 2:
         return np.arange(values.shape[1])
-    usable = np.flatnonzero(~constant(values))
+    usable = np.flatnonzero(~is_constant(values))
     if not len(usable):
         return np.arange(values.shape[1])
     if len(usable) <= selected:
         return usable
     parts = [Discriminant(values[:, usable], label, fold != i) for i in np.unique(fold)]
-    return usable[_float(parts, len(usable), selected)]
+    return usable[run_sffs(parts, len(usable), selected)]
 
 
-def left_out(label: np.ndarray, subject: np.ndarray) -> np.ndarray:
+def assign_folds(label: np.ndarray, subject: np.ndarray) -> np.ndarray:
     """Fold in which each capture is left out, int [captures]."""
     people = len(np.unique(subject))
     if people == 1:
@@ -95,7 +96,7 @@ class Discriminant:
     def __init__(self, values: np.ndarray, label: np.ndarray, train: np.ndarray) -> None:
         classes, member = np.unique(label[train], return_inverse=True)
         centre, spread = values[train].mean(axis=0), values[train].std(axis=0)
-        varies = ~constant(values[train])
+        varies = ~is_constant(values[train])
         standard = (values - centre) * varies / np.where(varies, spread, 1)
         self.test, self.truth = standard[~train], label[~train]
         self.classes = classes
@@ -106,17 +107,20 @@ class Discriminant:
         self.covariance = within.T @ within / len(member) + LDA_RIDGE * np.eye(len(centre))
         self.log_prior = np.log(count / len(member))
 
-    def hits(self, sets: np.ndarray) -> np.ndarray:
+    def count_hits(self, sets: np.ndarray) -> np.ndarray:
         """Number of correctly classified test captures for each set of columns int [sets, size], int [sets]."""
         batch = max(2**22 // (len(self.test) * len(self.classes) + sets.shape[1] ** 2), 1)
-        return np.concatenate([self._hits(sets[i : i + batch]) for i in range(0, len(sets), batch)])
+        return np.concatenate(
+            [self._count_hits(sets[i : i + batch]) for i in range(0, len(sets), batch)]
+        )
 
-    def _hits(self, sets: np.ndarray) -> np.ndarray:
+    def _count_hits(self, sets: np.ndarray) -> np.ndarray:
         means = self.means.T[sets]  # [sets, size, classes]
         weights = np.linalg.solve(self.covariance[sets[:, :, None], sets[:, None, :]], means)
         offset = self.log_prior - (means * weights).sum(axis=1) / 2
         columns, position = np.unique(sets, return_inverse=True)
-        # Sets share most columns: one product with a weight of 0 for columns that a set has not is the fastest
+        # Sets share most columns: one product with a weight of 0 for columns that a set has not is
+        # the fastest
         sparse = np.zeros((len(columns), *offset.shape))
         sparse[position.reshape(sets.shape), np.arange(len(sets))[:, None]] = weights
         score = (self.test[:, columns] @ sparse.reshape(len(columns), -1)).reshape(
@@ -126,24 +130,24 @@ class Discriminant:
         return np.count_nonzero(self.classes[score.argmax(axis=2)] == self.truth[:, None], axis=0)
 
 
-def _float(parts: list[Discriminant], columns: int, selected: int) -> np.ndarray:
+def run_sffs(parts: list[Discriminant], columns: int, selected: int) -> np.ndarray:
     """SFFS: best set of ``selected`` of the columns found, sorted."""
     chosen: list[int] = []
     best: dict[int, tuple[int, list[int]]] = {}  # by size: captures right, and the set
     steps = 0
     while len(chosen) < selected:
         rest = np.setdiff1d(np.arange(columns), chosen)
-        hits = _hits(
+        hits = _count_hits(
             parts, np.column_stack([np.tile(chosen, (len(rest), 1)).astype(np.int64), rest])
         )
         chosen = [*chosen, int(rest[hits.argmax()])]
         steps += 1
         if len(chosen) not in best or hits.max() > best[len(chosen)][0]:
             best[len(chosen)] = int(hits.max()), chosen
-        while len(chosen) > 2 and steps < STEPS * selected:
+        while len(chosen) > 2 and steps < MAX_STEPS_FACTOR * selected:
             ordered = np.sort(chosen)
             without = np.array([np.delete(ordered, i) for i in range(len(ordered))])
-            hits = _hits(parts, without)
+            hits = _count_hits(parts, without)
             if hits.max() <= best[len(chosen) - 1][0]:
                 break
             chosen = without[hits.argmax()].tolist()
@@ -152,5 +156,5 @@ def _float(parts: list[Discriminant], columns: int, selected: int) -> np.ndarray
     return np.sort(best[selected][1])
 
 
-def _hits(parts: list[Discriminant], sets: np.ndarray) -> np.ndarray:
-    return np.sum([part.hits(sets) for part in parts], axis=0)
+def _count_hits(parts: list[Discriminant], sets: np.ndarray) -> np.ndarray:
+    return np.sum([part.count_hits(sets) for part in parts], axis=0)

@@ -9,39 +9,42 @@ import pandas as pd
 from scipy.fft import dct, rfft
 
 from bench.corpora.corpus import Corpus
-from bench.features.base import FeatureSet, one_of
-from bench.features.signals import Touch, blocks, table, taxel_names
+from bench.features.base import FeatureSet, check_choice
+from bench.features.signals import Touch, capture_blocks, feature_table, taxel_names
 
 BINS = 16
 LEVELS = 16
 POINTS = 128
 COEFFICIENTS = 20
-_CROSSINGS = [f"level{i}_crossings" for i in range(1, LEVELS + 1)]
+_CROSSING_NAMES = [f"level{i}_crossings" for i in range(1, LEVELS + 1)]
 
 
 class Ta273(FeatureSet):
-    """40 global features, 3 for each taxel and 41 of the sequence of mean pressure; the numbers are for 8 x 8 taxels.
+    """40 global features, 3 of each taxel and 41 of the sequence of mean pressure.
 
-    Published are these three groups with their sizes, and what each is about: frames, mean and maximum pressure and
-    variation around certain values; mean, variation and time above a threshold of a channel; Fourier and cosine
-    transform of the sequence. The single features are our reading.
+    The numbers are for 8 x 8 taxels.
 
-    ======== ==========================================================================================================
-    1-8      frames; mean, maximum, median and SD of all values, mean absolute change of the taxels (sensor value);
-             temporal peaks and crossings of its mean by the mean pressure (counts)
-    9-24     shares of all values in 16 equal bins from 0 to full scale
-    25-40    crossings, per second, of 16 levels by the mean pressure
-    41-232   of each taxel: mean and SD over time (sensor value), and the share of frames in which it is more than 10 %
-             of full scale above its lowest value
-    233-272  the mean pressure at 128 equally spaced moments: magnitudes 1-20 of its Fourier transform, divided by 128,
-             then the first 20 coefficients of its orthonormal cosine transform (DCT-II), sensor value
-    273      frequency of the largest amplitude of the mean pressure, Hz
-    ======== ==========================================================================================================
+    Published are these three groups with their sizes, and what each is about: frames, mean and
+    maximum pressure and variation around certain values; mean, variation and time above a threshold
+    of a channel; Fourier and cosine transform of the sequence. The single features are our reading.
+
+    ======= ========================================================================================
+    1-8     frames; mean, maximum, median and SD of all values, mean absolute change of the taxels
+            (sensor value); temporal peaks and crossings of its mean by the mean pressure (counts)
+    9-24    shares of all values in 16 equal bins from 0 to full scale
+    25-40   crossings, per second, of 16 levels by the mean pressure
+    41-232  of each taxel: mean and SD over time (sensor value), and the share of frames in which it
+            is more than 10 % of full scale above its lowest value
+    233-272 the mean pressure at 128 equally spaced moments: magnitudes 1-20 of its Fourier
+            transform, divided by 128, then the first 20 coefficients of its orthonormal cosine
+            transform (DCT-II), sensor value
+    273     frequency of the largest amplitude of the mean pressure, Hz
+    ======= ========================================================================================
 
     Args:
-        levels: position of the 16 levels: ``training``, equally spaced from the 1st to the 99th percentile of the mean
-            pressure of all training frames (the set then learns these two numbers), or ``fixed``, equally spaced
-            between 0 and full scale.
+        levels: position of the 16 levels: ``training``, equally spaced from the 1st to the 99th
+            percentile of the mean pressure of all training frames (the set then learns these two
+            numbers), or ``fixed``, equally spaced between 0 and full scale.
     """
 
     learns = True
@@ -50,34 +53,34 @@ class Ta273(FeatureSet):
         self.levels = levels
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run."""
-        one_of("levels", self.levels, ("training", "fixed"))
+        """Raise an InputError for wrong parameters, before anything is run."""
+        check_choice("levels", self.levels, ("training", "fixed"))
 
     def fit(self, X: Corpus, y: object = None) -> Ta273:
-        """Place the levels that the mean pressure crosses."""
+        """Learn the levels whose crossings by the mean pressure are counted."""
         self.check()
         if self.levels == "fixed":
             self.levels_ = X.full_scale * np.arange(1, LEVELS + 1) / (LEVELS + 1)
         else:
             self.levels_ = np.linspace(*np.quantile(mean_pressure(X), [0.01, 0.99]), LEVELS)
-        self.names_ = _names(*X.grid)
+        self.names_ = _feature_names(*X.grid)
         return self
 
     def transform(self, X: Corpus) -> pd.DataFrame:
         """Features of each capture [captures, n_features]."""
-        crossings = crossings_per_second(mean_pressure(X), X.lengths, self.levels_, X.rate_hz)
-        others = self.unlearnt(X)
-        crossed = pd.DataFrame(crossings, others.index, _CROSSINGS)
-        return pd.concat([others, crossed], axis=1)[self.names_]
+        rates = crossings_per_second(mean_pressure(X), X.lengths, self.levels_, X.rate_hz)
+        others = self.extracted_table(X)
+        crossings = pd.DataFrame(rates, others.index, _CROSSING_NAMES)
+        return pd.concat([others, crossings], axis=1)[self.names_]
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
-        """Everything but the crossings of levels."""
-        return table(corpus, _unlearnt(*corpus.grid), _columns)
+        """Compute the features of every capture, without the crossings of levels."""
+        return feature_table(corpus, _extracted_names(*corpus.grid), _feature_columns)
 
 
 def mean_pressure(corpus: Corpus) -> np.ndarray:
     """Mean over the taxels of every frame, captures one after another, float64 [frames]."""
-    parts = [Touch(corpus[block]).total for block in blocks(corpus)]
+    parts = [Touch(corpus[block]).total for block in capture_blocks(corpus)]
     return np.concatenate([np.empty(0), *parts]) / (corpus.grid[0] * corpus.grid[1])
 
 
@@ -92,76 +95,80 @@ def crossings_per_second(
         levels: levels in ascending order.
         rate_hz: frames per second.
     """
-    # Between two frames every level from the lower to the higher of their places is crossed once.
-    above = np.searchsorted(levels, signal)  # number of levels below the signal
-    low, high = np.minimum(above[1:], above[:-1]), np.maximum(above[1:], above[:-1])
+    # Between two frames, each level from the lower to the higher position is crossed once.
+    position = np.searchsorted(levels, signal)  # number of levels below the signal
+    low, high = np.minimum(position[1:], position[:-1]), np.maximum(position[1:], position[:-1])
     capture = np.repeat(np.arange(len(lengths)), lengths)
     inside = (capture[1:] == capture[:-1]) & (low < high)
-    size = (len(lengths), len(levels) + 1)
-    count = np.zeros(size)
+    shape = (len(lengths), len(levels) + 1)
+    count = np.zeros(shape)
     for edge, sign in ((low, 1), (high, -1)):
-        cell = capture[1:][inside] * size[1] + edge[inside]
-        count += sign * np.bincount(cell, minlength=size[0] * size[1]).reshape(size)
+        cell = capture[1:][inside] * shape[1] + edge[inside]
+        count += sign * np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
     return count.cumsum(axis=1)[:, :-1] * (rate_hz / lengths)[:, None]
 
 
-def _columns(touch: Touch) -> list[np.ndarray]:
+def _feature_columns(touch: Touch) -> list[np.ndarray]:
     pressure = touch.total / touch.taxels
     mean_total = touch.mean(touch.total)
     crossed = np.zeros(len(pressure), dtype=bool)
-    above = touch.total > mean_total[touch.capture]  # whole numbers: rounding decides nothing
+    above = (
+        touch.total > mean_total[touch.capture_of_frame]
+    )  # whole numbers: rounding decides nothing
     crossed[1:] = above[1:] != above[:-1]
-    crossed[touch.first] = False
+    crossed[touch.starts] = False
     taxel_mean = touch.mean(touch.frames)
-    near = taxel_mean.astype(touch.frames.dtype)
-    square = touch.frames - near[touch.capture]
+    rounded_mean = taxel_mean.astype(touch.frames.dtype)
+    square = touch.frames - rounded_mean[touch.capture_of_frame]
     np.square(square, out=square)
-    # float32 misses the mean by a little, which matters where the values hardly vary
-    taxel_variance = np.maximum(touch.mean(square) - (taxel_mean - near) ** 2, 0)
-    # the spread of all values is that within the taxels and that between them
+    # The rounding of the mean to float32 matters where values hardly vary.
+    taxel_variance = np.maximum(touch.mean(square) - (taxel_mean - rounded_mean) ** 2, 0)
+    # Variance of all values: within the taxels and between them.
     variance = taxel_variance.mean(axis=1) + taxel_mean.var(axis=1)
-    lowest = np.minimum.reduceat(touch.values, touch.first, axis=0)
-    pressed = touch.values - lowest[touch.capture] > touch.limit(np.float64(0.1 * touch.full_scale))
-    ends = zip(touch.first, touch.first + touch.lengths, strict=True)
-    resampled = _resample(touch, pressure)
+    lowest = np.minimum.reduceat(touch.values, touch.starts, axis=0)
+    pressed = touch.values - lowest[touch.capture_of_frame] > touch.as_threshold(
+        np.float64(0.1 * touch.full_scale)
+    )
+    ends = zip(touch.starts, touch.starts + touch.lengths, strict=True)
+    resampled = _resample_captures(touch, pressure)
     return [
         touch.lengths,
         mean_total / touch.taxels,
-        np.maximum.reduceat(touch.peak, touch.first),
+        np.maximum.reduceat(touch.peak, touch.starts),
         np.array([np.median(touch.values[a:b]) for a, b in ends], dtype=np.float64),
         np.sqrt(variance),
         touch.step_mean(touch.change) / touch.taxels,
-        touch.local_maxima(touch.total),
+        touch.count_local_maxima(touch.total),
         touch.sum(crossed),
-        *touch.distribution(BINS),
+        *touch.histogram(BINS),
         taxel_mean,
         np.sqrt(taxel_variance),
-        (np.add.reduceat(pressed, touch.first, axis=0, dtype=np.int64).T / touch.lengths).T,
+        (np.add.reduceat(pressed, touch.starts, axis=0, dtype=np.int64).T / touch.lengths).T,
         np.abs(rfft(resampled, axis=1)[:, 1 : COEFFICIENTS + 1]) / POINTS,
         dct(resampled, axis=1, norm="ortho")[:, :COEFFICIENTS],
         touch.dominant_frequency(pressure[:, None]),
     ]
 
 
-def _resample(touch: Touch, signal: np.ndarray) -> np.ndarray:
+def _resample_captures(touch: Touch, signal: np.ndarray) -> np.ndarray:
     """A signal at equally spaced moments of each capture, from its first to its last frame [captures, POINTS]."""
     at = np.linspace(0, 1, POINTS) * (touch.lengths - 1)[:, None]
     before = np.minimum(at.astype(np.int64), np.maximum(touch.lengths - 2, 0)[:, None])
     rest = at - before
-    first = touch.first[:, None] + before
-    after = np.minimum(first + 1, (touch.first + touch.lengths - 1)[:, None])
+    first = touch.starts[:, None] + before
+    after = np.minimum(first + 1, (touch.starts + touch.lengths - 1)[:, None])
     return signal[first] * (1 - rest) + signal[after] * rest
 
 
 @cache
-def _names(rows: int, cols: int) -> pd.Index:
-    named = _unlearnt(rows, cols).tolist()
-    named[8 + BINS : 8 + BINS] = _CROSSINGS
-    return pd.Index(named)
+def _feature_names(rows: int, cols: int) -> pd.Index:
+    names = _extracted_names(rows, cols).tolist()
+    names[8 + BINS : 8 + BINS] = _CROSSING_NAMES
+    return pd.Index(names)
 
 
 @cache
-def _unlearnt(rows: int, cols: int) -> pd.Index:
+def _extracted_names(rows: int, cols: int) -> pd.Index:
     return pd.Index(
         [
             *(

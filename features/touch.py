@@ -8,17 +8,18 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus, storage
+from bench.corpora.corpus import Corpus, shared_frames
 from bench.features.base import FeatureSet
+from bench.features.signals import row_dot_products, row_sums
 
 EPS = 1e-4  # of full scale, inside logarithms
 QUANTILES = (5, 25, 50, 75, 95)
-SPREAD = 16  # places of a sorted list of taxels
+SORTED_POINTS = 16  # places of a sorted list of taxels
 SEGMENT_S = 1.2  # of a spectrum
-POINTS = 64  # least of a spectrum, padded
+SPECTRUM_POINTS = 64  # least of a spectrum, padded
 BANDS = np.array([0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32]) / 32  # of half the rate
-POINT = 1e-3  # of a side: a spread below is that of a point
-STILL = 1e-5  # what moves less, rounding moves, and another precision elsewhere
+POINT_SPREAD = 1e-3  # of a side: a spread below is that of a point
+STILL_SHARE = 1e-5  # what moves less, rounding moves, and another precision elsewhere
 LAGS_S = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
 SIGNALS = (
     *(
@@ -55,8 +56,8 @@ STEPWISE = (
     "flow",
     "explained",
 )
-OF_STEPS = tuple(map(SIGNALS.index, (*STEPWISE, "flow_row", "flow_col", "likeness")))
-SPECTRAL = tuple(
+STEP_SIGNALS = tuple(map(SIGNALS.index, (*STEPWISE, "flow_row", "flow_col", "likeness")))
+SPECTRAL_SIGNALS = tuple(
     map(
         SIGNALS.index,
         (
@@ -72,81 +73,91 @@ SPECTRAL = tuple(
         ),
     )
 )
-LAGGED = tuple(map(SIGNALS.index, ("total", "row", "col")))
-CENTRE = [SIGNALS.index("row"), SIGNALS.index("col")]
+LAGGED_SIGNALS = tuple(map(SIGNALS.index, ("total", "row", "col")))
+CENTRE_SIGNALS = [SIGNALS.index("row"), SIGNALS.index("col")]
 STATISTICS = (
     *(f"q{q}" for q in QUANTILES),
     *("mean", "sd", "step", "step_sd", "crossings", "turns", "skewness", "kurtosis"),
 )
-SPACE = tuple(f"{name}_{i}" for name in ("mean", "sd", "most") for i in (*range(SPREAD), "entropy"))
-BATCH = 1 << 21  # sensor values of the captures whose statistics are taken at once
-RUN = 1 << 18  # sensor values whose signals are taken at once
+TAXEL_FEATURES = tuple(
+    f"{name}_{i}" for name in ("mean", "sd", "most") for i in (*range(SORTED_POINTS), "entropy")
+)
+BATCH_VALUES = 1 << 21  # sensor values of the captures whose statistics are taken at once
+RUN_VALUES = 1 << 18  # sensor values whose signals are taken at once
 
 
 class TouchFeatures(FeatureSet):
     """427 statistics of 19 signals, and of the taxels in order of size; none counts anything that grows with duration.
 
-    Signals, one number per frame, of pressure p as shares of full scale: logarithms of mean, largest, mean absolute
-    step and mean rise (1e-4 added); step and net step relative to the pressure of both frames, net step relative to the
-    absolute one; row and column of the centre of pressure, spread about it and elongation, in shares of the grid's
-    sides; share of taxels above half of the largest; concentration (squared mean by mean square); log speed of the
-    centre; the shift of the pressure between two frames that explains the step best (least squares on the gradient of
-    pressure, in taxels; its log size, rows, columns, and how much of the step it explains); and the cosine between two
-    frames. What belongs to a step has in the first frame the value of the second.
+    Signals, one number per frame, of pressure p as shares of full scale: logarithms of mean,
+    largest, mean absolute step and mean rise (1e-4 added); step and net step relative to the
+    pressure of both frames, net step relative to the absolute one; row and column of the centre of
+    pressure, spread about it and elongation, in shares of the grid's sides; share of taxels above
+    half of the largest; concentration (squared mean by mean square); log speed of the centre; the
+    shift of the pressure between two frames that explains the step best (least squares on the
+    gradient of pressure, in taxels; its log size, rows, columns, and how much of the step it
+    explains); and the cosine between two frames. What belongs to a step has in the first frame the
+    value of the second.
 
-    Of each signal: quantiles 5, 25, 50, 75, 95, mean, SD, mean and SD of its steps, rates of crossings of the mean and
-    of turning points, skewness, kurtosis. Of nine signals the log power, its shares in ten bands between 0 and half the
-    rate, and the centroid (Hann windows of 1.2 s, half overlapping). Of total and centre the autocorrelation at six
-    lags between 0.05 and 0.4 s. Range of the centre and correlation of its row and column. Mean, SD and largest value
-    over time of each taxel, sorted, read at 16 places from the first to the last, logarithms; and their entropies.
+    Of each signal: quantiles 5, 25, 50, 75, 95, mean, SD, mean and SD of its steps, rates of
+    crossings of the mean and of turning points, skewness, kurtosis. Of nine signals the log power,
+    its shares in ten bands between 0 and half the rate, and the centroid (Hann windows of 1.2 s,
+    half overlapping). Of total and centre the autocorrelation at six lags between 0.05 and 0.4 s.
+    Range of the centre and correlation of its row and column. Mean, SD and largest value over time
+    of each taxel, sorted, read at 16 places from the first to the last, logarithms; and their
+    entropies.
 
-    No threshold is in sensor units, and nothing counts taxels, frames or hertz. One frame has no steps and no spectrum:
-    they are 0.
+    No threshold is in sensor units, and nothing counts taxels, frames or hertz. One frame has no
+    steps and no spectrum: they are 0.
     """
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Features [captures, 427], float32."""
-        table = np.zeros((len(corpus), len(names())), dtype=np.float32)
+        table = np.zeros((len(corpus), len(feature_names())), dtype=np.float32)
         if len(corpus):
-            values, first = _signals_of(corpus)
-            stored, starts = storage(corpus)
-            for rows in _batches(corpus):
+            values, first = _signals_of_corpus(corpus)
+            stored, starts = shared_frames(corpus)
+            for rows in _equal_length_batches(corpus):
                 length = corpus.lengths[rows[0]]
                 frames = np.arange(length)
                 raw = stored[starts[rows][:, None] + frames].reshape(len(rows), length, -1)
                 shares = raw.astype(np.float32) / np.float32(corpus.full_scale)
-                table[rows] = statistics(
+                table[rows] = capture_statistics(
                     values[first[rows][:, None] + frames], shares, corpus.rate_hz
                 )
-        return pd.DataFrame(table, columns=names(), copy=False)
+        return pd.DataFrame(table, columns=feature_names(), copy=False)
 
     def keeps(self, frames: int, taxels: int) -> int:
         """A ring of signals, two frames, and of each taxel mean, squares about it and largest of two halves.
 
-        That is enough for windows of which each begins in the middle of the one before. Sorting a signal, keeping
-        that of the centre, spectra and sorting the taxels take room besides.
+        That is enough for windows of which each begins in the middle of the one before. Sorting a
+        signal, keeping that of the centre, spectra and sorting the taxels take room besides.
         """
-        return frames * (len(SIGNALS) + 3) + 9 * taxels + 5 * POINTS // 2
+        return frames * (len(SIGNALS) + 3) + 9 * taxels + 5 * SPECTRUM_POINTS // 2
 
 
 @cache
-def names() -> pd.Index:
+def feature_names() -> pd.Index:
     """Names of the features."""
     spectral = (*(f"band{i}" for i in range(1, len(BANDS))), "power", "centroid")
     return pd.Index(
         [
             *(f"{s}_{k}" for k in STATISTICS for s in SIGNALS),
-            *(f"{SIGNALS[i]}_{k}" for k in spectral for i in SPECTRAL),
-            *(f"{SIGNALS[i]}_after_{round(1000 * lag)}_ms" for lag in LAGS_S for i in LAGGED),
+            *(f"{SIGNALS[i]}_{k}" for k in spectral for i in SPECTRAL_SIGNALS),
+            *(
+                f"{SIGNALS[i]}_after_{round(1000 * lag)}_ms"
+                for lag in LAGS_S
+                for i in LAGGED_SIGNALS
+            ),
             *("row_range", "col_range", "row_col_correlation"),
-            *(f"taxels_{name}" for name in SPACE),
+            *(f"taxels_{name}" for name in TAXEL_FEATURES),
         ]
     )
 
 
-def _signals_of(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
+def _signals_of_corpus(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
     """Signals of all frames that captures have, each frame once, and where those of each capture begin."""
-    starts = storage(corpus)[1]
+    starts = shared_frames(corpus)[1]
     lowest, ends = starts.min(), starts + corpus.lengths
     opened = np.zeros(
         ends.max() - lowest + 1, dtype=np.int64
@@ -160,43 +171,43 @@ def _signals_of(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _signals_between(corpus: Corpus, begin: int, end: int) -> np.ndarray:
-    stored = storage(corpus)[0]
-    size = max(1, RUN // max(1, corpus.grid[0] * corpus.grid[1]))
+    stored = shared_frames(corpus)[0]
+    size = max(1, RUN_VALUES // max(1, corpus.grid[0] * corpus.grid[1]))
     values = np.empty((end - begin, len(SIGNALS)))
     for first in range(begin, end, size):
         before = max(first - 1, begin)
         frames = stored[before : min(first + size, end)].astype(np.float32) / np.float32(
             corpus.full_scale
         )
-        values[first - begin : first - begin + size] = signals(frames)[first - before :]
+        values[first - begin : first - begin + size] = frame_signals(frames)[first - before :]
     return values
 
 
-def _batches(corpus: Corpus) -> Iterator[np.ndarray]:
+def _equal_length_batches(corpus: Corpus) -> Iterator[np.ndarray]:
     """Captures of one length, not too many at a time."""
     order = np.argsort(corpus.lengths, kind="stable")
     taxels = corpus.grid[0] * corpus.grid[1]
     for rows in np.split(order, np.flatnonzero(np.diff(corpus.lengths[order])) + 1):
-        most = max(1, BATCH // int(corpus.lengths[rows[0]] * max(taxels, len(SIGNALS))))
+        most = max(1, BATCH_VALUES // int(corpus.lengths[rows[0]] * max(taxels, len(SIGNALS))))
         for i in range(0, len(rows), most):
             yield rows[i : i + most]
 
 
-def signals(p: np.ndarray) -> np.ndarray:
+def frame_signals(shares: np.ndarray) -> np.ndarray:
     """Signals [frames, 19] of consecutive frames; signals of a step are 0 in the first.
 
     Args:
         p: shares of full scale, float32 [frames, rows, cols].
     """
-    n, rows, cols = p.shape
-    flat = p.reshape(n, -1)
+    n, rows, cols = shares.shape
+    flat = shares.reshape(n, -1)
     taxels = flat.shape[1]
-    by_row, by_col = p.sum(axis=2).astype(np.float64), p.sum(axis=1).astype(np.float64)
-    total = _dot(by_row, np.ones(rows))
+    by_row, by_col = shares.sum(axis=2).astype(np.float64), shares.sum(axis=1).astype(np.float64)
+    total = row_sums(by_row)
     peak = flat.max(axis=1)
     square = np.einsum("ij,ij->i", flat, flat).astype(np.float64)
-    step = np.zeros_like(p)
-    np.subtract(p[1:], p[:-1], out=step[1:])
+    step = np.zeros_like(shares)
+    np.subtract(shares[1:], shares[:-1], out=step[1:])
     moved = step.reshape(n, -1)
     change = np.abs(moved).sum(axis=1).astype(np.float64)
     net = np.diff(total, prepend=total[:1])
@@ -204,34 +215,35 @@ def signals(p: np.ndarray) -> np.ndarray:
 
     r, c = (np.arange(rows) + 0.5) / rows, (np.arange(cols) + 0.5) / cols
     row, col = (
-        np.where(total > 0, _ratio(_dot(m, w), total), 0.5) for m, w in ((by_row, r), (by_col, c))
+        np.where(total > 0, _divide_or_zero(row_dot_products(m, w), total), 0.5)
+        for m, w in ((by_row, r), (by_col, c))
     )
     down, right = r - row[:, None], c - col[:, None]
-    high = _ratio(np.einsum("ij,ij,ij->i", by_row, down, down), total)
-    wide = _ratio(np.einsum("ij,ij,ij->i", by_col, right, right), total)
-    askew = _ratio(_dot(np.einsum("ijk,k->ij", p, c.astype(np.float32)), r), total) - row * col * (
-        total > 0
-    )
+    high = _divide_or_zero(np.einsum("ij,ij,ij->i", by_row, down, down), total)
+    wide = _divide_or_zero(np.einsum("ij,ij,ij->i", by_col, right, right), total)
+    askew = _divide_or_zero(
+        row_dot_products(np.einsum("ijk,k->ij", shares, c.astype(np.float32)), r), total
+    ) - row * col * (total > 0)
     spread = np.sqrt(np.maximum(high + wide, 0))
     # Of pressure on one taxel, what is left of both is rounding.
-    elongation = _ratio(
-        np.sqrt((high - wide) ** 2 + 4 * askew**2), np.where(spread > POINT, high + wide, 0)
+    elongation = _divide_or_zero(
+        np.sqrt((high - wide) ** 2 + 4 * askew**2), np.where(spread > POINT_SPREAD, high + wide, 0)
     ).clip(0, 1)
     travel = np.hypot(np.diff(row, prepend=row[:1]), np.diff(col, prepend=col[:1]))
 
-    flow_row, flow_col, explained = _flow(p, step)
+    flow_row, flow_col, explained = _shift_between_frames(shares, step)
     alike = np.ones(n)
     alike[1:] = np.einsum("ij,ij->i", flat[1:], flat[:-1])
     size = np.sqrt(square * np.concatenate([square[:1], square[:-1]]))
     return np.column_stack(
         [
             *(np.log(x / taxels + EPS) for x in (total, peak * taxels, change, (change + net) / 2)),
-            _ratio(change, both),
-            _ratio(net, both),
-            _ratio(np.abs(net), change),
+            _divide_or_zero(change, both),
+            _divide_or_zero(net, both),
+            _divide_or_zero(np.abs(net), change),
             *(row, col, spread, elongation),
             (flat > peak[:, None] * np.float32(0.5)).sum(axis=1) / taxels,
-            _ratio(total**2, square) / taxels,
+            _divide_or_zero(total**2, square) / taxels,
             np.log(travel + 1e-3),
             np.log(np.hypot(flow_row, flow_col) + 1e-2),
             explained,
@@ -241,10 +253,12 @@ def signals(p: np.ndarray) -> np.ndarray:
     )
 
 
-def _flow(p: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _shift_between_frames(
+    p: np.ndarray, step: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shift between two frames in rows and columns, at most 2 taxels, and the share of the step that it explains."""
     n = len(p)
-    down, right = (_gradient(p, axis).reshape(n, -1) for axis in (1, 2))
+    down, right = (_spatial_gradient(p, axis).reshape(n, -1) for axis in (1, 2))
     for gradient in (down, right):
         gradient[1:] += gradient[:-1].copy()
         gradient *= np.float32(0.5)
@@ -259,11 +273,11 @@ def _flow(p: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     determinant = (rr + ridge) * (cc + ridge) - rc**2
     v = ((cc + ridge) * rt - rc * ct) / determinant
     u = ((rr + ridge) * ct - rc * rt) / determinant
-    explained = _ratio(v * rt + u * ct, product(moved, moved)).clip(0, 1)
+    explained = _divide_or_zero(v * rt + u * ct, product(moved, moved)).clip(0, 1)
     return v.clip(-2, 2), u.clip(-2, 2), explained
 
 
-def _gradient(p: np.ndarray, axis: int) -> np.ndarray:
+def _spatial_gradient(p: np.ndarray, axis: int) -> np.ndarray:
     """Half the difference of the neighbours along a side, 0 at the edges; of two taxels, their difference."""
     q = np.moveaxis(p, axis, 1)
     gradient = np.zeros_like(p)
@@ -275,17 +289,12 @@ def _gradient(p: np.ndarray, axis: int) -> np.ndarray:
     return gradient
 
 
-def _dot(signal: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted sum of each row, in the same order however many there are."""
-    return np.einsum("ij,j->i", signal, weights)
-
-
-def _ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _divide_or_zero(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """A / b, and 0 where b is not above 0."""
     return np.divide(a, b, out=np.zeros(np.broadcast(a, b).shape), where=b > 0)
 
 
-def statistics(x: np.ndarray, shares: np.ndarray, rate_hz: float) -> np.ndarray:
+def capture_statistics(x: np.ndarray, shares: np.ndarray, rate_hz: float) -> np.ndarray:
     """Features of captures of one length [captures, 427].
 
     Args:
@@ -295,8 +304,8 @@ def statistics(x: np.ndarray, shares: np.ndarray, rate_hz: float) -> np.ndarray:
     """
     w, n, _ = x.shape
     x = x.copy()
-    x[:, 0, OF_STEPS] = x[:, 1, OF_STEPS] if n > 1 else 0
-    still = np.ptp(x, axis=1) <= STILL * np.maximum(np.abs(x[:, 0]), 1)
+    x[:, 0, STEP_SIGNALS] = x[:, 1, STEP_SIGNALS] if n > 1 else 0
+    still = np.ptp(x, axis=1) <= STILL_SHARE * np.maximum(np.abs(x[:, 0]), 1)
     np.copyto(
         x, x[:, :1].copy(), where=still[:, None]
     )  # in place: sums depend on how numbers lie in memory
@@ -316,24 +325,24 @@ def statistics(x: np.ndarray, shares: np.ndarray, rate_hz: float) -> np.ndarray:
         crossings = (side[:, 1:] != side[:, :-1]).sum(axis=1) / (n - 1)
         turns = (step[:, 1:] * step[:, :-1] < 0).sum(axis=1) / max(n - 2, 1)
         of_steps = [size.sum(axis=1) / (n - 1), step.std(axis=1), crossings, turns]
-    of_signals = [*_quantiles(x), mean, sd, *of_steps, skewness, kurtosis.clip(0, 30)]
-    centre = centred[:, :, CENTRE]
-    product = variance[:, CENTRE[0]] * variance[:, CENTRE[1]]
+    of_signals = [*_signal_quantiles(x), mean, sd, *of_steps, skewness, kurtosis.clip(0, 30)]
+    centre = centred[:, :, CENTRE_SIGNALS]
+    product = variance[:, CENTRE_SIGNALS[0]] * variance[:, CENTRE_SIGNALS[1]]
     together = (centre[:, :, 0] * centre[:, :, 1]).sum(axis=1) / n / np.sqrt(product + 1e-9)
     return np.concatenate(
         [
             *of_signals,
-            *_spectrum(centred[:, :, SPECTRAL], rate_hz),
-            *_lagged(centred[:, :, LAGGED], rate_hz),
-            np.ptp(x[:, :, CENTRE], axis=1),
+            *_spectrum_features(centred[:, :, SPECTRAL_SIGNALS], rate_hz),
+            *_autocorrelations(centred[:, :, LAGGED_SIGNALS], rate_hz),
+            np.ptp(x[:, :, CENTRE_SIGNALS], axis=1),
             together[:, None],
-            *_space(shares),
+            *_sorted_taxel_features(shares),
         ],
         axis=1,
     )
 
 
-def _quantiles(x: np.ndarray) -> list[np.ndarray]:
+def _signal_quantiles(x: np.ndarray) -> list[np.ndarray]:
     """Linear between the two values next to each."""
     ordered = np.sort(x, axis=1)
     quantiles = []
@@ -345,14 +354,14 @@ def _quantiles(x: np.ndarray) -> list[np.ndarray]:
     return quantiles
 
 
-def _spectrum(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
+def _spectrum_features(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
     """Log shares of the power in bands, log power, centroid as a share of the rate; 0 for one frame."""
     w, n, s = x.shape
     length = min(n, max(2, round(SEGMENT_S * rate_hz)))
     if n < 2:
         return [np.zeros((w, s))] * (len(BANDS) + 1)
     window = np.hanning(length + 2)[1:-1, None]
-    points = max(POINTS, length)
+    points = max(SPECTRUM_POINTS, length)
     begins = range(0, n - length + 1, max(length // 2, 1))
     power = 0
     for begin in begins:
@@ -371,11 +380,11 @@ def _spectrum(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
     return [
         bands.reshape(w, -1),
         np.log(total + 1e-8),
-        _ratio(np.einsum("wfs,f->ws", power, share), total),
+        _divide_or_zero(np.einsum("wfs,f->ws", power, share), total),
     ]
 
 
-def _lagged(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
+def _autocorrelations(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
     """Autocorrelation of centred signals; 0 where the capture is not longer than the lag, or nothing varies."""
     n = x.shape[1]
     variance = (x * x).mean(axis=1)
@@ -387,7 +396,7 @@ def _lagged(x: np.ndarray, rate_hz: float) -> list[np.ndarray]:
     return [np.where(varies, each / n / np.where(varies, variance, 1), 0) for each in sums]
 
 
-def _space(shares: np.ndarray) -> list[np.ndarray]:
+def _sorted_taxel_features(shares: np.ndarray) -> list[np.ndarray]:
     """Sorted mean, SD and largest of the taxels, read at equally spaced places, and the entropy of each."""
     mean = shares.mean(axis=1, dtype=np.float64)
     away = shares - mean[:, None].astype(
@@ -395,7 +404,7 @@ def _space(shares: np.ndarray) -> list[np.ndarray]:
     )  # squares of the shares themselves would hide a small SD
     variance = np.einsum("ijk,ijk->ik", away, away).astype(np.float64) / shares.shape[1]
     taxels = mean.shape[1]
-    at = np.linspace(0, taxels - 1, SPREAD)
+    at = np.linspace(0, taxels - 1, SORTED_POINTS)
     low = at.astype(int)
     high, part = np.minimum(low + 1, taxels - 1), at - low
     columns = []

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from bench.features.base import constant, undamaged
+from bench.features.base import is_constant, undamaged_rows
 from bench.models.classic.lda import Discriminants
 from bench.models.classic.perceptron import Perceptron
 from bench.models.most_probable import MostProbable
 
-UNUSUAL = 2.5  # SDs of undamaged training rows
+UNUSUAL_SDS = 2.5  # SDs of undamaged training rows
 
 
 @dataclass(eq=False, repr=False)
-class Guarded(MostProbable):
+class GuardedDiscriminants(MostProbable):
     """Linear discriminants trained without damage, and a small network trained with it, mixed row by row.
 
     The more features of a row lie further than 2.5 SDs from the mean of the undamaged training rows, the more the
@@ -41,31 +41,31 @@ class Guarded(MostProbable):
     doubt: float = 0.03
     seed: int = 0
 
-    def fit(self, X: pd.DataFrame, y: np.ndarray) -> Guarded:
+    def fit(self, X: pd.DataFrame, y: np.ndarray) -> GuardedDiscriminants:
         """Learn from features [rows, n_features], labelled by capture and copy, and class names [rows]."""
-        sound = undamaged(X)
+        sound = undamaged_rows(X)
         usual = X[sound]
         values = usual.to_numpy(dtype=np.float32)
         self.n_features_in_ = values.shape[1]
         self.mean_, self.sd_ = values.mean(axis=0), values.std(axis=0)
-        self.sd_[constant(values) | (self.sd_ == 0)] = np.inf
+        self.sd_[is_constant(values) | (self.sd_ == 0)] = np.inf
         self.linear_ = Discriminants(windows=self.windows).fit(usual, y[sound])
         self.robust_ = Perceptron(self.units, seed=self.seed).fit(X, y)
         self.classes_ = self.linear_.classes_
         return self
 
-    def doubts(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    def network_weights(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Weight of the network, 0 to 1 [rows]; missing values are unusual."""
         with np.errstate(over="ignore"):  # beyond float32 is unusual, too
             usual = (
                 np.abs(np.asarray(X, dtype=np.float32) - self.mean_)
-                <= np.float32(UNUSUAL) * self.sd_
+                <= np.float32(UNUSUAL_SDS) * self.sd_
             )
         return np.minimum((~usual).mean(axis=1) / self.doubt, 1)
 
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""
-        doubt = self.doubts(X)[:, None]
+        doubt = self.network_weights(X)[:, None]
         with np.errstate(
             over="ignore", invalid="ignore"
         ):  # of an endless feature, no number, which is not used

@@ -13,24 +13,24 @@ from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
 from bench import contract
-from bench.corpora.corpus import COPY, Corpus, origin, storage
+from bench.corpora.corpus import COPY, Corpus, corpus_origin, shared_frames
 from bench.corpora.faults import usual_faults
 from bench.corpora.windows import Step, Windows
 from bench.errors import InputError
-from bench.features.base import FeatureSet, extracts_alone, labels
-from bench.features.cache import PIECES, after
+from bench.features.base import FeatureSet, capture_copy_index, is_stateless
+from bench.features.cache import PIECE_COLUMNS, load_after_steps
 from bench.ground.machine import check_memory
 from bench.ground.registry import parameter_defaults as defaults_of
-from bench.models.by_person import ByPerson
+from bench.models.by_person import PerPersonPipeline
 from bench.models.most_probable import MostProbable
-from bench.models.quantised import BITS, can_be, in_bits
-from bench.models.steps import Faulted, Repair, Scale, Turned
+from bench.models.quantised import BITS, can_quantise, quantise_pipeline
+from bench.models.steps import DamagedCopies, Repair, Scale, TurnedCopies
 
-LONGEST_S = 3600.0  # of a window
-PLAIN = (Pipeline, ByPerson)  # whose fit is that of their steps
+MAX_WINDOW_S = 3600.0  # of a window
+PLAIN_PIPELINES = (Pipeline, PerPersonPipeline)  # whose fit is that of their steps
 
 
-def _inside(hook: Callable, attribute: str) -> property:
+def _forward_hook(hook: Callable, attribute: str) -> property:
     """What a recipe answers as its system does, which it keeps as ``system``, untrained, or ``system_``, fitted."""
     return property(lambda recipe: hook(getattr(recipe, attribute)), doc=f"As of ``{attribute}``.")
 
@@ -66,14 +66,14 @@ class Recipe(MostProbable):
 
     def check(self) -> None:
         """Refuse parameters that cannot be."""
-        if not (0 <= self.window <= LONGEST_S and 0 <= self.hop <= LONGEST_S):
+        if not (0 <= self.window <= MAX_WINDOW_S and 0 <= self.hop <= MAX_WINDOW_S):
             raise InputError(
-                f"model.window={self.window:g}, model.hop={self.hop:g}: give seconds from 0 to {LONGEST_S:g}"
+                f"model.window={self.window:g}, model.hop={self.hop:g}: give seconds from 0 to {MAX_WINDOW_S:g}"
             )
         if self.hop and not self.window:
             raise InputError(f"model.hop={self.hop:g} needs model.window=")
         if self.window and (
-            contract.decides_often(self.system) or contract.window(self.system, 1.0)
+            contract.decides_often(self.system) or contract.window_frames(self.system, 1.0)
         ):
             raise InputError(
                 f"model.window={self.window:g}: the system cuts its own windows; leave it out"
@@ -81,7 +81,7 @@ class Recipe(MostProbable):
         if self.bits not in BITS:
             raise InputError(f"model.bits={self.bits}: give 32 or 8")
         if self.bits != 32 and not (
-            type(self.system) in PLAIN and can_be(self.system.steps[-1][1])
+            type(self.system) in PLAIN_PIPELINES and can_quantise(self.system.steps[-1][1])
         ):
             raise InputError(
                 f"model.bits={self.bits}: reflex, lda, softmax, bayes and hughes2017_cnn have it; leave it out"
@@ -95,7 +95,7 @@ class Recipe(MostProbable):
         for name, copies in (("copies", self.copies if self.faults else 0), ("turns", self.turns)):
             if copies:
                 values *= copies + 1
-                check_memory(f"model.{name}={copies}", storage(X)[0].itemsize * values)
+                check_memory(f"model.{name}={copies}", shared_frames(X)[0].itemsize * values)
         contract.check_training(self.system, X, y)
 
     def steps(self) -> list[Step]:
@@ -106,8 +106,10 @@ class Recipe(MostProbable):
 
     def training_steps(self) -> list[Step]:
         """The same for training captures."""
-        damage: list[Step] = [Faulted(self.trained_faults, self.copies)] if self.faults else []
-        return damage + ([Turned(self.turns)] if self.turns else []) + self.steps()
+        damage: list[Step] = (
+            [DamagedCopies(self.trained_faults, self.copies)] if self.faults else []
+        )
+        return damage + ([TurnedCopies(self.turns)] if self.turns else []) + self.steps()
 
     @property
     def trained_faults(self) -> tuple[str, ...]:
@@ -116,41 +118,44 @@ class Recipe(MostProbable):
 
     def seen(self, X: Corpus) -> list[Corpus]:
         """Captures after the steps of training, and after those of deciding."""
-        return [taken(X, steps)[0] for steps in (self.training_steps(), self.steps())]
+        return [apply_steps(X, steps)[0] for steps in (self.training_steps(), self.steps())]
 
     def fit(self, X: Corpus, y: np.ndarray) -> Recipe:
         """Learn from captures and their class names."""
-        system = self._fitted(X, np.asarray(y))
-        self.system_ = system if self.bits == 32 else in_bits(system, self.bits)
+        system = self._fit_system(X, np.asarray(y))
+        self.system_ = system if self.bits == 32 else quantise_pipeline(system, self.bits)
         self.classes_ = system.classes_
         if self.window:
-            self.window_ = Windows(self.window, self.hop).lengths(X.rate_hz)[0]
+            self.window_ = Windows(self.window, self.hop).window_and_hop(X.rate_hz)[0]
         elif (frames := contract.frames_at_once(self.system_, sys.maxsize)) < sys.maxsize:
             self.window_ = frames
         return self
 
-    def _fitted(self, X: Corpus, y: np.ndarray) -> contract.System:
+    def _fit_system(self, X: Corpus, y: np.ndarray) -> contract.System:
         """The system inside; one behind a feature set is given the kept features, where there are some."""
         system, steps = clone(self.system), self.training_steps()
-        if (behind := _behind_features(system)) is None:
-            seen, row = taken(X, steps)
+        if (behind := _steps_after_features(system)) is None:
+            seen, row = apply_steps(X, steps)
             return system.fit(seen, y[row])
         name, first = system.steps[0]
-        if (stored := after(first, X, tuple(steps)) if extracts_alone(first) else None) is not None:
-            table, row = rows_of(stored, X.index)
+        if (
+            stored := load_after_steps(first, X, tuple(steps)) if is_stateless(first) else None
+        ) is not None:
+            table, row = stored_rows(stored, X.index)
             first.fit(X)
         else:
-            seen, row = taken(X, steps)
+            seen, row = apply_steps(X, steps)
             table = first.fit_transform(seen, y[row])
         return Pipeline([(name, first), *Pipeline(behind).fit(table, y[row]).steps])
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
-        """Every decision: one per window, or those of the system inside (`bench.contract.decide`)."""
-        seen, row = taken(X, self.steps())
-        table, proba = contract.decide(self.system_, seen)
+        """Every decision: one per window, or those of the system inside (`bench.contract.predict_decisions`)."""
+        seen, row = apply_steps(X, self.steps())
+        table, proba = contract.predict_decisions(self.system_, seen)
         of = table["capture"].to_numpy()
         start = (
-            table["start"].to_numpy() + (origin(seen).piece[of] - origin(X).piece[row[of]]) % COPY
+            table["start"].to_numpy()
+            + (corpus_origin(seen).piece[of] - corpus_origin(X).piece[row[of]]) % COPY
         )
         return table.assign(capture=row[of], start=start), proba
 
@@ -159,40 +164,40 @@ class Recipe(MostProbable):
         if not contract.decides_often(
             self.system_
         ):  # no table of decisions is needed, a tenth of a robot's time
-            seen, row = taken(X, self.steps())
-            return mean_of(contract.probabilities(self.system_, seen), row)
+            seen, row = apply_steps(X, self.steps())
+            return mean_by_capture(contract.predict_probabilities(self.system_, seen), row)
         table, proba = self.decide(X)
-        return mean_of(proba, table["capture"].to_numpy())
+        return mean_by_capture(proba, table["capture"].to_numpy())
 
     def keeps_before(self, taxels: int) -> int:
         """Numbers in memory for the steps."""
-        return sum(step.keeps(taxels) for step in self.steps())
+        return sum(step.kept_numbers(taxels) for step in self.steps())
 
     def length(self, rate_hz: float) -> int | None:
         """Frames of a window of the system inside, if it cuts its own."""
-        return contract.window(self.system, rate_hz)
+        return contract.window_frames(self.system, rate_hz)
 
-    features = _inside(contract.features, "system")
-    searches = _inside(contract.searches, "system")
-    best_ = _inside(contract.inside, "system_")
-    chosen_ = _inside(contract.chosen, "system_")
-    history_ = _inside(contract.history, "system_")
-    search_seconds_ = _inside(contract.search_seconds, "system_")
-    trials_ = _inside(contract.trials, "system_")
+    features = _forward_hook(contract.feature_sets, "system")
+    searches = _forward_hook(contract.searches, "system")
+    best_ = _forward_hook(contract.inner_system, "system_")
+    chosen_ = _forward_hook(contract.chosen, "system_")
+    history_ = _forward_hook(contract.history, "system_")
+    search_seconds_ = _forward_hook(contract.search_seconds, "system_")
+    trials_ = _forward_hook(contract.trials, "system_")
 
 
-def build(
+def build_recipe(
     factory: Callable, feature_set: contract.Features | None, **parameters: object
 ) -> contract.System:
-    """Build a system as `bench.contract.build` does, wrapped in its steps if some of the parameters are of `besides`.
+    """Build a system as `bench.contract.build_system` does, wrapped in its steps if some of the parameters are of `recipe_defaults`.
 
     Names joined by + give several values.
     """
-    defaults = besides(factory)
+    defaults = recipe_defaults(factory)
     options: dict[str, Any] = {
-        k: _typed(v, defaults[k]) for k, v in parameters.items() if k in defaults
+        k: _as_tuple(v, defaults[k]) for k, v in parameters.items() if k in defaults
     }
-    system = contract.build(
+    system = contract.build_system(
         factory, feature_set, **{k: v for k, v in parameters.items() if k not in defaults}
     )
     return (
@@ -200,35 +205,37 @@ def build(
     )
 
 
-def besides(factory: Callable) -> dict[str, object]:
+def recipe_defaults(factory: Callable) -> dict[str, object]:
     """Parameters of a `Recipe` that a factory has no own ones for, and their defaults."""
     return {k: v for k, v in defaults_of(Recipe).items() if k not in defaults_of(factory)}
 
 
-def _behind_features(system: contract.System) -> list | None:
+def _steps_after_features(system: contract.System) -> list | None:
     """The steps behind the feature set of a pipeline; None for a system of another kind."""
-    if type(system) in PLAIN and system.memory is None and len(system.steps) > 1:
+    if type(system) in PLAIN_PIPELINES and system.memory is None and len(system.steps) > 1:
         name, first = system.steps[0]
         if name == "features" or isinstance(first, FeatureSet):
             return system.steps[1:]
     return None
 
 
-def rows_of(stored: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:
+def stored_rows(stored: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:
     """Rows of the stored captures at ``index``, labelled as `FeatureSet.transform` does, and which one each is of.
 
-    Those of one capture lie together, with `bench.features.cache.PIECES`. No frame is touched, so no copy is damaged
+    Those of one capture lie together, with `bench.features.cache.PIECE_COLUMNS`. No frame is touched, so no copy is damaged
     again.
     """
-    of, piece = (stored[name].to_numpy() for name in PIECES)
+    of, piece = (stored[name].to_numpy() for name in PIECE_COLUMNS)
     first = np.searchsorted(of, index)
     count = np.searchsorted(of, index, side="right") - first
     row = np.repeat(np.arange(len(index)), count)
     at = first[row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    return stored.iloc[at].drop(columns=[*PIECES]).set_axis(labels(of[at], piece[at] // COPY)), row
+    return stored.iloc[at].drop(columns=[*PIECE_COLUMNS]).set_axis(
+        capture_copy_index(of[at], piece[at] // COPY)
+    ), row
 
 
-def _typed(value: object, default: object) -> object:
+def _as_tuple(value: object, default: object) -> object:
     """Names joined by +, which a search draws, as a tuple where the default is one."""
     return (
         tuple(filter(None, value.split("+")))
@@ -237,16 +244,16 @@ def _typed(value: object, default: object) -> object:
     )
 
 
-def taken(X: Corpus, steps: list[Step]) -> tuple[Corpus, np.ndarray]:
+def apply_steps(X: Corpus, steps: list[Step]) -> tuple[Corpus, np.ndarray]:
     """Captures after some steps, and which of ``X`` each comes from."""
     row = np.arange(len(X))
     for step in steps:
-        rows = step.rows(X)
+        rows = step.source_rows(X)
         X, row = step(X), row[rows]
     return X, row
 
 
-def behind(system: contract.System) -> tuple[list[Step], contract.System]:
+def split_causal_steps(system: contract.System) -> tuple[list[Step], contract.System]:
     """The causal steps that a whole recording goes through, and the system behind them, which is given windows."""
     recipe = getattr(system, "whole_", system)
     if not isinstance(recipe, Recipe):
@@ -254,7 +261,7 @@ def behind(system: contract.System) -> tuple[list[Step], contract.System]:
     return [step for step in recipe.steps() if not isinstance(step, Windows)], recipe.system_
 
 
-def mean_of(proba: np.ndarray, capture: np.ndarray) -> np.ndarray:
+def mean_by_capture(proba: np.ndarray, capture: np.ndarray) -> np.ndarray:
     """Mean of the rows of each capture, which lie together [captures, classes]."""
     return (
         np.add.reduceat(proba, np.flatnonzero(np.diff(capture, prepend=-1)))

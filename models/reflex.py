@@ -16,7 +16,7 @@ from bench.features.base import FeatureSet
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
 from bench.models.most_probable import MostProbable
-from bench.models.out_of_distribution import Guarded
+from bench.models.out_of_distribution import GuardedDiscriminants
 from bench.models.recipe import Recipe
 
 EARLY_COPIES = 3  # for the discriminants of short windows
@@ -66,14 +66,14 @@ class Reflex(MostProbable):
     seed: int = 0
     bits: int = 32
 
-    def _recipes(self) -> tuple[Recipe, Recipe]:
+    def _make_recipes(self) -> tuple[Recipe, Recipe]:
         """For a whole window, and for less."""
         options: dict[str, Any] = {
             "bits": self.bits,
             "repair": () if self.repair == ("none",) else self.repair,
             "faults": () if self.faults == ("none",) else self.faults,
         }
-        judge = Guarded(units=self.units, doubt=self.doubt, seed=self.seed)
+        judge = GuardedDiscriminants(units=self.units, doubt=self.doubt, seed=self.seed)
         usual = Pipeline([("features", TouchFeatures()), ("classifier", judge)])
         early = lda(TouchFeatures(), damaged=EARLY_DAMAGED)
         return (
@@ -95,7 +95,7 @@ class Reflex(MostProbable):
             raise InputError(f"model.units={self.units}: give 1 to 4096")
         if not 0 < self.doubt <= 1:
             raise InputError(f"model.doubt={self.doubt:g}: give a share above 0, at most 1")
-        for recipe in self._recipes():
+        for recipe in self._make_recipes():
             recipe.check()
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
@@ -104,24 +104,24 @@ class Reflex(MostProbable):
         Raises:
             InputError: they do.
         """
-        for recipe in self._recipes():
+        for recipe in self._make_recipes():
             recipe.check_training(X, y)
 
     def fit(self, X: Corpus, y: np.ndarray) -> Reflex:
         """Learn from captures and their class names."""
-        self.whole_, self.early_ = (recipe.fit(X, y) for recipe in self._recipes())
+        self.whole_, self.early_ = (recipe.fit(X, y) for recipe in self._make_recipes())
         self.classes_, self.window_ = self.whole_.classes_, self.whole_.window_
         return self
 
-    def _parts(self, X: Corpus) -> list[tuple[Recipe, np.ndarray]]:
+    def _split_by_length(self, X: Corpus) -> list[tuple[Recipe, np.ndarray]]:
         """Who decides on which captures [n]: one on those of a window and more, one on shorter ones."""
-        short = X.lengths < Windows(self.window).lengths(X.rate_hz)[0]
+        short = X.lengths < Windows(self.window).window_and_hop(X.rate_hz)[0]
         parts = [(self.whole_, np.flatnonzero(~short)), (self.early_, np.flatnonzero(short))]
         return [part for part in parts if len(part[1])]
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """Predict each window: frames seen, and probabilities [windows, classes]."""
-        parts = self._parts(X)
+        parts = self._split_by_length(X)
         if len(parts) == 1:
             return parts[0][0].decide(X)
         tables, probabilities = [], []
@@ -135,7 +135,7 @@ class Reflex(MostProbable):
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probabilities over the windows of each capture [captures, classes]."""
-        parts = self._parts(X)
+        parts = self._split_by_length(X)
         if len(parts) == 1:
             return parts[0][0].predict_proba(X)
         proba = np.empty((len(X), len(self.classes_)))
@@ -145,7 +145,7 @@ class Reflex(MostProbable):
 
     def seen(self, X: Corpus) -> list[Corpus]:
         """The input of the features."""
-        return [corpus for recipe in self._recipes() for corpus in recipe.seen(X)]
+        return [corpus for recipe in self._make_recipes() for corpus in recipe.seen(X)]
 
     @property
     def features(self) -> dict[str, FeatureSet]:
@@ -155,7 +155,7 @@ class Reflex(MostProbable):
     @property
     def trained_faults(self) -> tuple[str, ...]:
         """Names of the faults that copies of the training captures go through."""
-        return self._recipes()[0].trained_faults
+        return self._make_recipes()[0].trained_faults
 
     def keeps_before(self, taxels: int) -> int:
         """Numbers per taxel: mean, squares and largest of two halves of the other window; both lengths are kept."""

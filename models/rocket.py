@@ -19,13 +19,13 @@ from sklearn.utils.validation import check_is_fitted
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.models.most_probable import MostProbable
-from bench.models.search.inner_folds import inner_folds
-from bench.models.series import CHANNELS, SHORTEST, Series
+from bench.models.search.inner_folds import split_subjects
+from bench.models.series import CHANNELS, MIN_FRAMES, Series
 
-KERNELS = {"minirocket": 10_000, "multirocket_hydra": 6_250}  # as published
-SAMPLE = 2**26  # numbers in the sample of training captures that biases are drawn from
+PUBLISHED_KERNELS = {"minirocket": 10_000, "multirocket_hydra": 6_250}  # as published
+MAX_SAMPLE_VALUES = 2**26  # numbers in the sample of training captures that biases are drawn from
 PENALTIES = np.logspace(0, 6, 13)
-COLUMNS = 1024  # of the feature matrix in double precision at a time
+BLOCK_COLUMNS = 1024  # of the feature matrix in double precision at a time
 
 
 @dataclass(eq=False, repr=False)
@@ -70,7 +70,7 @@ class Rocket(MostProbable):
 
     def check(self) -> None:
         """Refuse invalid parameters before anything is run."""
-        for name, values in (("transform", KERNELS), ("channels", CHANNELS)):
+        for name, values in (("transform", PUBLISHED_KERNELS), ("channels", CHANNELS)):
             if getattr(self, name) not in values:
                 raise InputError(f"model.{name}={getattr(self, name)}: give {' or '.join(values)}")
         if self.kernels is not None and self.kernels < 84:
@@ -82,39 +82,44 @@ class Rocket(MostProbable):
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part before anything is run."""
-        inner_folds(X.subjects.astype(str), "loso")
+        split_subjects(X.subjects.astype(str), "loso")
 
     def fit(self, X: Corpus, y: np.ndarray) -> Rocket:
         """Learn from captures and their class names."""
         self.check()
-        left_out = [one for _, one in inner_folds(X.subjects.astype(str), "loso")]
-        with _own_randomness():
+        left_out = [one for _, one in split_subjects(X.subjects.astype(str), "loso")]
+        with preserved_random_state():
             channels = Series(self.channels).fit(X[:1]).channels_
-            for transform in self._transforms(
+            for transform in self._make_transforms(
                 84
             ):  # so that numba compiles outside of what is timed
-                transform.fit_transform(np.zeros((2, channels, SHORTEST), dtype=np.float32))
+                transform.fit_transform(np.zeros((2, channels, MIN_FRAMES), dtype=np.float32))
             wall, cpu = time.perf_counter(), time.process_time()
             self.classes_, codes = np.unique(y, return_inverse=True)
             self.series_ = Series(self.channels).fit(X)
-            self.transforms_ = self._transforms(self.kernels or KERNELS[self.transform])
-            sample = self._sample(X)
+            self.transforms_ = self._make_transforms(
+                self.kernels or PUBLISHED_KERNELS[self.transform]
+            )
+            sample = self._sample_series(X)
             for transform in self.transforms_:
                 transform.fit(sample)
-        features = self._features(X)
+        features = self._compute_features(X)
         self.scaler_ = StandardScaler().fit(features)
         if (
             self.transform == "multirocket_hydra"
         ):  # Hydra's guard against patterns that hardly any capture holds
             counts = self.transforms_[1].transform(sample[:1]).shape[1]
             self.scaler_.scale_[-counts:] += (features[:, -counts:] == 0).mean(axis=0) ** 4
-        self._scale(features)
+        self._standardise(features)
         targets = np.where(np.eye(len(self.classes_), dtype=bool)[codes], 1.0, -1.0)
         ridge = Ridge(features, targets)
-        losses = [_tempered(ridge.left_out(penalty, left_out), codes) for penalty in PENALTIES]
+        losses = [
+            _fit_log_temperature(ridge.predict_left_out(penalty, left_out), codes)
+            for penalty in PENALTIES
+        ]
         best = int(np.argmin([loss for loss, _ in losses]))
         self.penalty_, self.temperature_ = float(PENALTIES[best]), losses[best][1]
-        self.coef_ = features.T @ ridge.dual(self.penalty_).astype(np.float32)
+        self.coef_ = features.T @ ridge.dual_weights(self.penalty_).astype(np.float32)
         self.intercept_ = targets.mean(axis=0).astype(np.float32)
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
         return self
@@ -122,13 +127,13 @@ class Rocket(MostProbable):
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Class probabilities [captures, classes]."""
         check_is_fitted(self, "coef_")
-        features = self._features(X)
-        self._scale(features)
+        features = self._compute_features(X)
+        self._standardise(features)
         # row by row, as a product of matrices rounds differently with the number of rows
         scores = np.stack([row @ self.coef_ for row in features]) + self.intercept_
         return softmax(scores / self.temperature_, axis=1)
 
-    def _transforms(self, kernels: int) -> list[TransformerMixin]:
+    def _make_transforms(self, kernels: int) -> list[TransformerMixin]:
         """Those of aeon, untrained, on one thread."""
         from aeon.transformations.collection.convolution_based import (
             HydraTransformer,
@@ -141,15 +146,15 @@ class Rocket(MostProbable):
         hydra = HydraTransformer(random_state=self.seed, output_type="numpy")
         return [MultiRocket(kernels, random_state=self.seed), hydra]
 
-    def _sample(self, X: Corpus) -> np.ndarray:
+    def _sample_series(self, X: Corpus) -> np.ndarray:
         """Series of the training captures, or of some of them where all would take too much memory."""
-        most = max(SAMPLE // (self.series_.channels_ * self.series_.length_), 2)
+        most = max(MAX_SAMPLE_VALUES // (self.series_.channels_ * self.series_.length_), 2)
         some = np.sort(np.random.default_rng(self.seed).permutation(len(X))[:most])
         return self.series_.transform(X[some])
 
-    def _features(self, X: Corpus) -> np.ndarray:
+    def _compute_features(self, X: Corpus) -> np.ndarray:
         """What the transforms make of each capture, float32 [captures, n_features]."""
-        for i, one in enumerate(self.series_.each(X)):
+        for i, one in enumerate(self.series_.iter_series(X)):
             parts = [transform.transform(one[None])[0] for transform in self.transforms_]
             if len(parts) > 1:  # Hydra counts, and its authors take the square root
                 parts[1] = np.sqrt(np.maximum(parts[1], 0))
@@ -158,7 +163,7 @@ class Rocket(MostProbable):
             features[i] = np.concatenate(parts)
         return features
 
-    def _scale(self, features: np.ndarray) -> None:
+    def _standardise(self, features: np.ndarray) -> None:
         """Standardise in place."""
         features -= self.scaler_.mean_.astype(np.float32)
         features /= self.scaler_.scale_.astype(np.float32)
@@ -167,7 +172,9 @@ class Rocket(MostProbable):
     def parameters_(self) -> int:
         """Numbers learnt or drawn: for channels, convolutions (not their 84 fixed kinds), features and ridge."""
         check_is_fitted(self, "coef_")
-        drawn = sum(np.asarray(a).size for transform in self.transforms_ for a in _drawn(transform))
+        drawn = sum(
+            np.asarray(a).size for transform in self.transforms_ for a in _drawn_arrays(transform)
+        )
         return (
             drawn
             + 2 * (self.series_.channels_ + len(self.coef_))
@@ -207,27 +214,27 @@ class Ridge:
 
     def __init__(self, features: np.ndarray, targets: np.ndarray) -> None:
         gram = np.zeros((len(features), len(features)))
-        for start in range(0, features.shape[1], COLUMNS):
-            part = features[:, start : start + COLUMNS].astype(np.float64)
+        for start in range(0, features.shape[1], BLOCK_COLUMNS):
+            part = features[:, start : start + BLOCK_COLUMNS].astype(np.float64)
             part -= part.mean(axis=0)  # but for rounding it is 0
             gram += part @ part.T
         values, self.vectors = eigh(gram, overwrite_a=True, check_finite=False)
         self.values = np.maximum(values, 0)
         self.targets = targets
-        self.turned = self.vectors.T @ (targets - targets.mean(axis=0))
+        self.rotated_targets = self.vectors.T @ (targets - targets.mean(axis=0))
 
-    def dual(self, penalty: float) -> np.ndarray:
+    def dual_weights(self, penalty: float) -> np.ndarray:
         """Weight of each capture [captures, n_targets]; features.T times it are the coefficients."""
-        return self.vectors @ (self.turned / (self.values + penalty)[:, None])
+        return self.vectors @ (self.rotated_targets / (self.values + penalty)[:, None])
 
-    def left_out(self, penalty: float, groups: list[np.ndarray]) -> np.ndarray:
+    def predict_left_out(self, penalty: float, groups: list[np.ndarray]) -> np.ndarray:
         """Predictions for each group of captures by a fit to the others [captures, n_targets].
 
         Args:
             penalty: penalty on the squared coefficients; the intercept has none.
             groups: positions of the captures of each group; every capture is in one.
         """
-        residuals = penalty * self.dual(penalty)
+        residuals = penalty * self.dual_weights(penalty)
         predicted = np.empty_like(self.targets)
         for group in groups:
             mine = self.vectors[group]
@@ -238,7 +245,7 @@ class Ridge:
         return predicted
 
 
-def _tempered(scores: np.ndarray, codes: np.ndarray) -> tuple[float, float]:
+def _fit_log_temperature(scores: np.ndarray, codes: np.ndarray) -> tuple[float, float]:
     """The lowest mean log loss of a softmax of scores over a temperature, and that temperature."""
 
     def loss(log: float) -> float:
@@ -250,7 +257,7 @@ def _tempered(scores: np.ndarray, codes: np.ndarray) -> tuple[float, float]:
     return float(lowest.fun), float(np.exp(lowest.x))
 
 
-def _drawn(transform: TransformerMixin) -> list:
+def _drawn_arrays(transform: TransformerMixin) -> list:
     """The arrays that a transform of aeon has drawn or learnt."""
     match type(transform).__name__:
         case "HydraTransformer":
@@ -261,7 +268,7 @@ def _drawn(transform: TransformerMixin) -> list:
 
 
 @contextmanager
-def _own_randomness() -> Iterator[None]:
+def preserved_random_state() -> Iterator[None]:
     """Put back what aeon sets for the whole process: numpy's and PyTorch's generators, PyTorch's threads."""
     import torch
 

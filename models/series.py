@@ -10,11 +10,11 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.preprocessing import StandardScaler
 
 from bench.corpora.corpus import Corpus
-from bench.features.signals import Touch, blocks
+from bench.features.signals import Touch, capture_blocks
 
 CHANNELS = ("signals", "taxels", "both")
-CONTACT = 0.05  # of full scale, above which a taxel is touched
-SHORTEST = 10  # frames: the 9 of a kernel of MiniRocket, and one more for differences
+CONTACT_SHARE = 0.05  # of full scale, above which a taxel is touched
+MIN_FRAMES = 10  # frames: the 9 of a kernel of MiniRocket, and one more for differences
 
 
 @dataclass(eq=False, repr=False)
@@ -37,17 +37,17 @@ class Series(TransformerMixin, BaseEstimator):
     def fit(self, X: Corpus, y: object = None) -> Series:
         """Learn level and length from training captures."""
         self.level_ = StandardScaler()
-        for block in blocks(X):
-            self.level_.partial_fit(self._signals(Touch(X[block])))
-        self.length_ = self.length or max(int(np.median(X.lengths)), SHORTEST)
+        for block in capture_blocks(X):
+            self.level_.partial_fit(self._compute_channels(Touch(X[block])))
+        self.length_ = self.length or max(int(np.median(X.lengths)), MIN_FRAMES)
         return self
 
-    def each(self, X: Corpus) -> Iterator[np.ndarray]:
+    def iter_series(self, X: Corpus) -> Iterator[np.ndarray]:
         """Yield the captures in order, float32 [channels, length_]."""
-        for block in blocks(X):
+        for block in capture_blocks(X):
             touch = Touch(X[block])
-            signals = (self._signals(touch) - self.level_.mean_) / self.level_.scale_
-            for one in np.split(signals, touch.first[1:]):
+            signals = (self._compute_channels(touch) - self.level_.mean_) / self.level_.scale_
+            for one in np.split(signals, touch.starts[1:]):
                 frames, at = np.arange(len(one)), np.linspace(0, len(one) - 1, self.length_)
                 yield np.stack([np.interp(at, frames, channel) for channel in one.T]).astype(
                     np.float32
@@ -55,16 +55,16 @@ class Series(TransformerMixin, BaseEstimator):
 
     def transform(self, X: Corpus) -> np.ndarray:
         """All of them, float32 [captures, channels, length_]."""
-        return np.stack(list(self.each(X)))
+        return np.stack(list(self.iter_series(X)))
 
     @property
     def channels_(self) -> int:
         """Number of channels."""
         return self.level_.n_features_in_
 
-    def _signals(self, touch: Touch) -> np.ndarray:
+    def _compute_channels(self, touch: Touch) -> np.ndarray:
         """The channels of some captures, float64 [frames, channels]."""
-        area = touch.share_above(np.full(len(touch.peak), CONTACT * touch.full_scale))
+        area = touch.share_above(np.full(len(touch.peak), CONTACT_SHARE * touch.full_scale))
         signals = [touch.total, touch.centre, touch.peak, area]
         chosen = {"signals": signals, "taxels": [touch.frames], "both": [touch.frames, *signals]}[
             self.channels

@@ -27,7 +27,7 @@ Tuning = dict[
 ]  # of a cell: its space, arguments of `bench.models.search.tuning.Search`, and smallest=
 
 
-def distribution(values: Range | Sequence) -> BaseDistribution:
+def make_distribution(values: Range | Sequence) -> BaseDistribution:
     """The values as Optuna has them."""
     from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
@@ -39,7 +39,7 @@ def distribution(values: Range | Sequence) -> BaseDistribution:
     )
 
 
-def suggested(draft: Draft, name: str, values: Range | Sequence) -> object:
+def suggest_value(draft: Draft, name: str, values: Range | Sequence) -> object:
     """A value that a trial of Optuna draws."""
     if not isinstance(values, Range):
         return draft.suggest_categorical(name, list(values))

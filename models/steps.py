@@ -11,42 +11,42 @@ from functools import partial
 
 import numpy as np
 
-from bench.corpora.corpus import COPY, Corpus, origin, storage
-from bench.corpora.faults import SEVERITIES, all_faults, as_readings, as_shares, seeded
+from bench.corpora.corpus import COPY, Corpus, corpus_origin, shared_frames
+from bench.corpora.faults import SEVERITIES, all_faults, as_readings, as_shares, seeded_generator
 from bench.corpora.windows import Step
-from bench.errors import InputError, nearest
+from bench.errors import InputError, suggest_names
 
 REPAIRS = ("stuck", "dead", "offset")
 SCALES = ("none", "peak", "log")
-LOG = 1000.0  # a reading of a thousandth of full scale is at a tenth of the logarithmic one
-MOST_COPIES = (
+LOG_FACTOR = 1000.0  # a reading of a thousandth of full scale is at a tenth of the logarithmic one
+MAX_COPIES = (
     2**20 - 1
 )  # of a capture, damaged; the number of a turned one comes above that in its piece
 MOUNTINGS = 8  # of a square grid: mirrored or not, turned by quarters
 SETTLED_S = 0.25  # what has not moved for so long is not touched, or broken
-PASSES = 3  # broken taxels without a sound neighbour are filled from filled ones
+FILL_PASSES = 3  # broken taxels without a sound neighbour are filled from filled ones
 
 
-class _Copied(Step):
+class _CopyingStep(Step):
     """Captures, each followed by as many copies."""
 
     copies: int
 
-    def rows(self, corpus: Corpus) -> np.ndarray:
+    def source_rows(self, corpus: Corpus) -> np.ndarray:
         """Each capture once and once for each copy."""
         return np.repeat(np.arange(len(corpus)), self.copies + 1)
 
-    def _made(self, corpus: Corpus, arrays: list[np.ndarray], stride: int) -> Corpus:
+    def _with_copies(self, corpus: Corpus, arrays: list[np.ndarray], stride: int) -> Corpus:
         """The captures and their copies, whose pieces are ``stride`` apart."""
-        row = self.rows(corpus)
+        row = self.source_rows(corpus)
         copies = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
-        return _replaced(
-            corpus[row], arrays, self, piece=origin(corpus).piece[row] + copies * stride
+        return _with_frames(
+            corpus[row], arrays, self, piece=corpus_origin(corpus).piece[row] + copies * stride
         )
 
 
 @dataclass(frozen=True)
-class Faulted(_Copied):
+class DamagedCopies(_CopyingStep):
     """Captures, each followed by damaged copies: one of the faults each, at a random severity.
 
     The draws are of their own: no test capture, whose damage depends on the fault and the capture or subject alone
@@ -61,37 +61,37 @@ class Faulted(_Copied):
             if name not in all_faults():
                 names = "+".join(self.faults)
                 raise InputError(
-                    f"model.faults={names}: {name!r} is no fault; {nearest(name, all_faults())}"
+                    f"model.faults={names}: {name!r} is no fault; {suggest_names(name, all_faults())}"
                 )
-        if not 1 <= self.copies <= MOST_COPIES:
-            raise InputError(f"model.copies={self.copies}: give 1 to {MOST_COPIES}")
+        if not 1 <= self.copies <= MAX_COPIES:
+            raise InputError(f"model.copies={self.copies}: give 1 to {MAX_COPIES}")
 
-    def code(self) -> list[Callable]:
+    def code_objects(self) -> list[Callable]:
         """The faults as well, which may come from other packages."""
-        return [Faulted, *(all_faults()[name].damage for name in self.faults)]
+        return [DamagedCopies, *(all_faults()[name].damage for name in self.faults)]
 
-    def generator(self, capture: int, copy: int) -> np.random.Generator:
+    def copy_generator(self, capture: int, copy: int) -> np.random.Generator:
         """The random numbers of one copy of one stored capture."""
-        return seeded(f"training copy {copy} of capture {capture}")
+        return seeded_generator(f"training copy {copy} of capture {capture}")
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures as they are, each followed by its copies."""
         faults = [all_faults()[name] for name in self.faults]
-        index = origin(corpus).index
+        index = corpus_origin(corpus).index
         arrays: list[np.ndarray] = []
         for i, shares in enumerate(as_shares(corpus, np.arange(len(corpus)))):
             arrays.append(corpus[i])
             for copy in range(self.copies):
-                rng = self.generator(int(index[i]), copy)
+                rng = self.copy_generator(int(index[i]), copy)
                 fault, severity = faults[rng.integers(len(faults))], rng.integers(SEVERITIES)
                 arrays.append(
-                    as_readings(corpus, fault.drawn(shares, severity + 1, rng, corpus.rate_hz))
+                    as_readings(corpus, fault.apply_with(shares, severity + 1, rng, corpus.rate_hz))
                 )
-        return self._made(corpus, arrays, COPY)
+        return self._with_copies(corpus, arrays, COPY)
 
 
 @dataclass(frozen=True)
-class Turned(_Copied):
+class TurnedCopies(_CopyingStep):
     """Captures, each followed by copies as on a skin that was mounted otherwise: mirrored, or turned by quarters.
 
     A grid that is not square is mirrored, or turned by half. What the copies of a capture become is drawn, each
@@ -107,22 +107,22 @@ class Turned(_Copied):
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures as they are, each followed by its copies."""
-        ways = _mountings(corpus.grid)
-        source = origin(corpus)
+        ways = _list_mountings(corpus.grid)
+        source = corpus_origin(corpus)
         arrays: list[np.ndarray] = []
         for i, frames in enumerate(corpus):
             arrays.append(frames)
-            rng = seeded(f"turned copies of capture {source.index[i]}.{source.piece[i]}")
+            rng = seeded_generator(f"turned copies of capture {source.index[i]}.{source.piece[i]}")
             order = rng.permutation(len(ways))
             arrays += [ways[order[copy % len(ways)]](frames) for copy in range(self.copies)]
-        return self._made(corpus, arrays, (MOST_COPIES + 1) * COPY)
+        return self._with_copies(corpus, arrays, (MAX_COPIES + 1) * COPY)
 
 
-def _mountings(grid: tuple[int, int]) -> list[Callable[[np.ndarray], np.ndarray]]:
+def _list_mountings(grid: tuple[int, int]) -> list[Callable[[np.ndarray], np.ndarray]]:
     """What turns and mirrors frames, every way that moves a taxel of this grid; of one taxel, what does nothing."""
     quarters = range(4) if grid[0] == grid[1] else (0, 2)
     ways = [
-        partial(_mounted, quarters=turns, mirrored=mirrored)
+        partial(_mount_frames, quarters=turns, mirrored=mirrored)
         for mirrored in (False, True)
         for turns in quarters
     ]
@@ -131,7 +131,7 @@ def _mountings(grid: tuple[int, int]) -> list[Callable[[np.ndarray], np.ndarray]
     return others or [unmoved]
 
 
-def _mounted(frames: np.ndarray, quarters: int, mirrored: bool) -> np.ndarray:
+def _mount_frames(frames: np.ndarray, quarters: int, mirrored: bool) -> np.ndarray:
     turned = np.rot90(frames, quarters, axes=(1, 2))
     return turned[:, :, ::-1] if mirrored else turned
 
@@ -155,7 +155,7 @@ class Repair(Step):
                     f"model.repair={'+'.join(self.kinds)}: give {' or '.join(REPAIRS)}, joined by +"
                 )
 
-    def keeps(self, taxels: int) -> int:
+    def kept_numbers(self, taxels: int) -> int:
         """Numbers per taxel: the least and largest value, moved and sound flags, the mean around it, an offset."""
         return (5 * bool({"stuck", "dead"} & set(self.kinds)) + ("offset" in self.kinds)) * taxels
 
@@ -167,28 +167,30 @@ class Repair(Step):
             mine = frames[end - len(given) : end]
             mine[:] = given
             self._repair(mine, corpus.full_scale, settled)
-        steps = (*origin(corpus).steps, self)
-        return corpus.changed(frames=frames, lengths=corpus.lengths.astype(np.int64), steps=steps)
+        steps = (*corpus_origin(corpus).steps, self)
+        return corpus.with_fields(
+            frames=frames, lengths=corpus.lengths.astype(np.int64), steps=steps
+        )
 
     def _repair(self, frames: np.ndarray, full_scale: float, settled: int) -> None:
-        still = _so_far(np.logical_and, frames == frames[:1])
+        still = _running_extreme(np.logical_and, frames == frames[:1])
         long = still & (np.arange(len(frames)) >= settled - 1)[:, None, None]
         broken = np.zeros_like(still)
         if "stuck" in self.kinds:
             varied = np.where(still, -1, frames).max(axis=(1, 2))
-            broken |= _so_far(np.logical_and, frames >= full_scale)
+            broken |= _running_extreme(np.logical_and, frames >= full_scale)
             broken |= long & (frames > varied[:, None, None]) & (varied >= 0)[:, None, None]
         if "dead" in self.kinds and long.any():
-            sides = around(np.ones_like(frames[:1]))
-            broken |= long & (2 * around((~still).astype(np.float32)) > sides)
+            sides = sum_neighbours(np.ones_like(frames[:1]))
+            broken |= long & (2 * sum_neighbours((~still).astype(np.float32)) > sides)
         if broken.any():
             damaged = np.flatnonzero(broken.any(axis=(1, 2)))
-            frames[damaged] = _filled(frames[damaged], broken[damaged])
+            frames[damaged] = _fill_broken(frames[damaged], broken[damaged])
         if "offset" in self.kinds:
-            frames -= _so_far(np.minimum, frames)
+            frames -= _running_extreme(np.minimum, frames)
 
 
-def _so_far(extreme: np.ufunc, frames: np.ndarray) -> np.ndarray:
+def _running_extreme(extreme: np.ufunc, frames: np.ndarray) -> np.ndarray:
     """The least value of each taxel up to each frame, or whether all are true: over twice as many frames each round.
 
     numpy's accumulate walks through each taxel by itself, which takes 17 times as long on 32 x 32 taxels.
@@ -200,23 +202,23 @@ def _so_far(extreme: np.ufunc, frames: np.ndarray) -> np.ndarray:
     return found
 
 
-def around(frames: np.ndarray) -> np.ndarray:
+def sum_neighbours(frames: np.ndarray) -> np.ndarray:
     """Sum over the up to 8 neighbours of each taxel [frames, rows, cols]."""
     wide = np.pad(frames, ((0, 0), (1, 1), (1, 1)))
     rows = wide[:, :-2] + wide[:, 1:-1] + wide[:, 2:]
     return rows[:, :, :-2] + rows[:, :, 1:-1] + rows[:, :, 2:] - frames
 
 
-def _filled(frames: np.ndarray, broken: np.ndarray) -> np.ndarray:
+def _fill_broken(frames: np.ndarray, broken: np.ndarray) -> np.ndarray:
     """Broken taxels as the mean of their sound neighbours; 0 where none is near."""
     sound = (~broken).astype(np.float32)
     values = frames * sound
-    for _ in range(PASSES):
-        count = around(sound)
+    for _ in range(FILL_PASSES):
+        count = sum_neighbours(sound)
         new = (sound == 0) & (count > 0)
         if not new.any():
             break
-        mean = around(values) / np.maximum(count, 1)
+        mean = sum_neighbours(values) / np.maximum(count, 1)
         values[new] = mean[new]
         sound[new] = 1
     return values
@@ -238,29 +240,33 @@ class Scale(Step):
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """The captures scaled to 0..full_scale, float32; readings of nothing stay 0."""
-        scaled = self._log if self.kind == "log" else self._peak
-        return _replaced(
+        scaled = self._scale_logarithm if self.kind == "log" else self._scale_peak
+        return _with_frames(
             corpus,
             [scaled(frames.astype(np.float32), corpus.full_scale) for frames in corpus],
             self,
         )
 
-    def _log(self, frames: np.ndarray, full_scale: float) -> np.ndarray:
+    def _scale_logarithm(self, frames: np.ndarray, full_scale: float) -> np.ndarray:
         shares = (frames / np.float32(full_scale)).clip(0, 1)
-        scaled = np.log1p(shares * np.float32(LOG)) * np.float32(full_scale / np.log1p(LOG))
+        scaled = np.log1p(shares * np.float32(LOG_FACTOR)) * np.float32(
+            full_scale / np.log1p(LOG_FACTOR)
+        )
         return np.minimum(scaled, np.float32(full_scale))  # rounding may leave it above
 
-    def _peak(self, frames: np.ndarray, full_scale: float) -> np.ndarray:
+    def _scale_peak(self, frames: np.ndarray, full_scale: float) -> np.ndarray:
         most = np.maximum.accumulate(frames.max(axis=(1, 2)))
         gain = (full_scale / np.where(most > 0, most, 1)).astype(np.float32)
         return np.minimum(frames * gain[:, None, None], np.float32(full_scale))
 
 
-def _replaced(corpus: Corpus, arrays: list[np.ndarray], step: object, **fields: object) -> Corpus:
+def _with_frames(
+    corpus: Corpus, arrays: list[np.ndarray], step: object, **fields: object
+) -> Corpus:
     """The same captures with other frames, one array [frames, rows, cols] each."""
-    return corpus.changed(
-        frames=np.concatenate(arrays) if arrays else storage(corpus)[0][:0],
+    return corpus.with_fields(
+        frames=np.concatenate(arrays) if arrays else shared_frames(corpus)[0][:0],
         lengths=np.array([len(frames) for frames in arrays], dtype=np.int64),
-        steps=(*origin(corpus).steps, step),
+        steps=(*corpus_origin(corpus).steps, step),
         **fields,
     )

@@ -8,32 +8,34 @@ from sklearn.model_selection import LeaveOneOut, StratifiedKFold, StratifiedShuf
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.protocols.subjects import Folds, natural_order
+from bench.protocols.subjects import Folds, sort_naturally
 
 
-def stratified(X: Corpus, y: object, folds: int, seed: int | np.random.RandomState) -> Folds:
+def split_stratified(X: Corpus, y: object, folds: int, seed: int | np.random.RandomState) -> Folds:
     """Stratified folds of captures, shuffled.
 
     Raises:
         InputError: a class has fewer captures than there are folds, or fewer than two folds.
     """
     y = X.gestures if y is None else np.asarray(y)
-    rare, most = _rarest(y)
+    rare, most = _find_rarest(y)
     if folds < 2 or most < folds:
-        what = f"give 2 to {most} folds" if most > 1 else f"two are needed; {_without(rare)}"
+        what = (
+            f"give 2 to {most} folds" if most > 1 else f"two are needed; {_exclusion_advice(rare)}"
+        )
         raise InputError(
             f"protocol.folds={folds}: gesture {rare} of {X.name} has {most} captures here; {what}"
         )
     yield from StratifiedKFold(folds, shuffle=True, random_state=seed).split(np.zeros(len(y)), y)
 
 
-def _rarest(y: np.ndarray) -> tuple[str, int]:
+def _find_rarest(y: np.ndarray) -> tuple[str, int]:
     """The class with the fewest captures, and their number."""
     names, counts = np.unique(y.astype(str), return_counts=True)
     return names[counts.argmin()], counts.min()
 
 
-def _without(gesture: str) -> str:
+def _exclusion_advice(gesture: str) -> str:
     return f'leave it out with where="gesture != {gesture!r}"'
 
 
@@ -58,8 +60,8 @@ class CaptureKFold:
         return self.folds
 
     def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
-        """Yield (train, test) capture indices, every class spread over all folds; `stratified` says what is refused."""
-        yield from stratified(X, y, self.folds, self.seed)
+        """Yield (train, test) capture indices, every class spread over all folds; `split_stratified` says what is refused."""
+        yield from split_stratified(X, y, self.folds, self.seed)
 
 
 class RepeatedKFold:
@@ -85,12 +87,12 @@ class RepeatedKFold:
         return self.folds * self.repeats
 
     def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
-        """Yield (train, test) capture indices; refuses no repeat, and as `stratified` does."""
+        """Yield (train, test) capture indices; refuses no repeat, and as `split_stratified` does."""
         if self.repeats < 1:
             raise InputError(f"protocol.repeats={self.repeats}: give 1 or more")
         shuffles = np.random.RandomState(self.seed)  # one stream for all repeats, as scikit-learn's
         for _ in range(self.repeats):
-            yield from stratified(X, y, self.folds, shuffles)
+            yield from split_stratified(X, y, self.folds, shuffles)
 
 
 class Within:
@@ -116,13 +118,13 @@ class Within:
         return self.folds * len(set(X.subjects if groups is None else groups))
 
     def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
-        """Yield (train, test) capture indices, subjects in natural order; `stratified` says what is refused."""
+        """Yield (train, test) capture indices, subjects in natural order; `split_stratified` says what is refused."""
         groups = np.asarray(X.subjects if groups is None else groups)
         y = X.gestures if y is None else np.asarray(y)
-        for name in natural_order(groups):
+        for name in sort_naturally(groups):
             own = np.flatnonzero(groups == name)
             try:
-                for train, test in stratified(X[own], y[own], self.folds, self.seed):
+                for train, test in split_stratified(X[own], y[own], self.folds, self.seed):
                     yield own[train], own[test]
             except InputError as e:
                 raise InputError(f"protocol=within, subject {name}: {e}") from e
@@ -146,10 +148,10 @@ class LeaveOneCapture:
             InputError: a class has a single capture, which no fold could train on.
         """
         y = X.gestures if y is None else np.asarray(y)
-        rare, fewest = _rarest(y)
+        rare, fewest = _find_rarest(y)
         if fewest < 2:
             one = f"gesture {rare} of {X.name} has 1 capture here"
-            raise InputError(f"protocol=leave_one_capture: {one}; {_without(rare)}")
+            raise InputError(f"protocol=leave_one_capture: {one}; {_exclusion_advice(rare)}")
         yield from LeaveOneOut().split(np.zeros(len(y)))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.protocols.subjects import Folds, natural_order
+from bench.protocols.subjects import Folds, sort_naturally
 
 
 class Challenge:
@@ -28,7 +28,7 @@ class Challenge:
         if self.official_split(corpus):
             split = corpus.captures["split"]
             return f"challenge split, declared ({(split == 'train').sum()} / {(split == 'test').sum()} captures)"
-        train = _training_subjects(corpus)
+        train = _count_training_subjects(corpus)
         rest = len(set(corpus.subjects)) - train
         return f"{self.repeats} random subject splits {train} / {rest}, seed {self.seed}, not the official split"
 
@@ -62,15 +62,15 @@ class Challenge:
                 )
             yield train, test
             return
-        subjects = natural_order(groups)
+        subjects = sort_naturally(groups)
         if len(subjects) < 2 or self.repeats < 1:
             raise InputError(
                 f"protocol=challenge needs two subjects and one repeat, here are {len(subjects)} and {self.repeats}"
             )
-        usable = _eligible(X)
+        usable = _is_in_challenge(X)
         for repeat in range(self.repeats):
             order = np.random.default_rng([self.seed, repeat]).permutation(len(subjects))
-            train = np.isin(groups, [subjects[i] for i in order[: _training_subjects(X)]])
+            train = np.isin(groups, [subjects[i] for i in order[: _count_training_subjects(X)]])
             yield np.flatnonzero(train & usable), np.flatnonzero(~train & usable)
 
 
@@ -78,14 +78,14 @@ def _is_cost(corpus: Corpus) -> bool:
     return corpus.info.get("format") == "cost"
 
 
-def _eligible(corpus: Corpus) -> np.ndarray:
+def _is_in_challenge(corpus: Corpus) -> np.ndarray:
     """The challenge used CoST's gentle and normal captures only; bool [captures]."""
     if _is_cost(corpus):
         return corpus.captures["variant"].isin(["gentle", "normal"]).to_numpy()
     return np.ones(len(corpus), dtype=bool)
 
 
-def _training_subjects(corpus: Corpus) -> int:
+def _count_training_subjects(corpus: Corpus) -> int:
     subjects = len(set(corpus.subjects))
     if _is_cost(corpus) and subjects == 31:
         return 21

@@ -11,7 +11,7 @@ from bench.errors import InputError
 Folds = Iterator[tuple[np.ndarray, np.ndarray]]  # positions of training and of test captures
 
 
-def natural_order(names: np.ndarray) -> list[str]:
+def sort_naturally(names: np.ndarray) -> list[str]:
     """Distinct names, those that are whole numbers first and by value: 1, 2, 10, rather than 1, 10, 2."""
     return sorted(set(names), key=lambda s: (not s.isdecimal(), int(s) if s.isdecimal() else 0, s))
 
@@ -34,7 +34,7 @@ class LOSO:
             InputError: there is only one subject.
         """
         groups = np.asarray(X.subjects if groups is None else groups)
-        names = natural_order(groups)
+        names = sort_naturally(groups)
         if len(names) < 2:
             raise InputError(
                 f"{X.name} has {len(names)} subject here, two are needed to leave one out; widen where= or use "

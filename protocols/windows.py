@@ -7,7 +7,7 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 from bench.corpora.windows import Windows
 from bench.errors import InputError
-from bench.protocols.captures import stratified
+from bench.protocols.captures import split_stratified
 
 Parts = list[
     tuple[np.ndarray, np.ndarray]
@@ -64,7 +64,7 @@ class WindowKFold:
         Raises:
             InputError: a class has fewer windows than there are folds, or fewer than two folds.
         """
-        for train, test in stratified(X, y, self.folds, self.seed):
+        for train, test in split_stratified(X, y, self.folds, self.seed):
             order = np.argsort(X.index[test], kind="stable")
             index = X.index[test][order]
             number = np.empty(len(test), dtype=int)  # of the window among those of its capture

@@ -19,8 +19,8 @@ from hypothesis import HealthCheck, settings
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import open_folder, write_folder
 from bench.ground import registry
-from bench.running.workers import Here
-from bench.store.client import connect, create
+from bench.running.workers import FoldExecutor
+from bench.store.client import connect, create_database
 from bench.values import measures
 
 # The command in a process of its own. What a shell starts in the background ignores Ctrl-C, and so do its children.
@@ -54,8 +54,8 @@ class WithoutAddons:
 
 def pytest_configure(config):
     """Hide add-ons that are installed: what they print and test is in their own tests."""
-    every = registry._installed.__wrapped__
-    registry._installed = cache(lambda: WithoutAddons(every()))
+    every = registry._entry_points.__wrapped__
+    registry._entry_points = cache(lambda: WithoutAddons(every()))
     registry.forget()
     without_numba(config)
 
@@ -111,7 +111,7 @@ def empty_store(shared):
     path = shared / "template.db"
     with FileLock(shared / "template.lock"):
         if not path.exists():
-            create(path)
+            create_database(path)
     return path
 
 
@@ -120,14 +120,14 @@ def prepared_store(request, monkeypatch):
     """New stores are copies of an empty one, but for tests that are marked ``real_store``."""
     if not request.node.get_closest_marker("real_store"):
         copied = lambda path: shutil.copy(request.getfixturevalue("empty_store"), path)  # noqa: E731
-        monkeypatch.setattr("bench.store.client.create", copied)
+        monkeypatch.setattr("bench.store.client.create_database", copied)
 
 
 @pytest.fixture(autouse=True)
 def folds_here(request, monkeypatch):
     """Folds are done in this process, but for tests that are marked ``pool``: starting workers takes seconds."""
     if not request.node.get_closest_marker("pool"):
-        monkeypatch.setattr("bench.running.loop.Processes", Here)
+        monkeypatch.setattr("bench.running.loop.ProcessExecutor", FoldExecutor)
 
 
 @pytest.fixture(autouse=True)
@@ -141,7 +141,7 @@ def brief_measurements(request, monkeypatch):
 def never_busy(patch):
     """No output says that this machine was busy."""
     for printed in ("bench.commands.printing", "bench.reports.contexts"):
-        patch.setattr(f"{printed}.BUSY", float("inf"))
+        patch.setattr(f"{printed}.BUSY_SLOWDOWN", float("inf"))
 
 
 def shorten_measurements(patch):
@@ -150,7 +150,7 @@ def shorten_measurements(patch):
         patch.setattr(f"bench.{name}.TIMED_CAPTURES", 3)
     patch.setattr("bench.ground.timing.AROUND", 1)
     patch.setattr("bench.ground.timing.REPEATS", 1)
-    patch.setattr("bench.ground.timing.reference", lambda: sum(range(5000)))
+    patch.setattr("bench.ground.timing.run_reference_workload", lambda: sum(range(5000)))
     patch.setattr("bench.running.fold.AGAIN", 4)
     patch.setattr("bench.running.fold.ALONE", 2)
 
@@ -188,14 +188,14 @@ def with_other_values(corpus, captures):
         frames[start : start + length] = np.random.default_rng(1).integers(
             0, 1023, (length, *corpus.grid)
         )
-    return corpus.changed(frames=frames)
+    return corpus.with_fields(frames=frames)
 
 
 def runs(kind):
     """The store and its runs of a kind, the oldest first."""
     store = connect()
     return store, sorted(
-        store.runs(f"tags.`touchbench.kind` = '{kind}'"), key=lambda run: run.info.start_time
+        store.search_runs(f"tags.`touchbench.kind` = '{kind}'"), key=lambda run: run.info.start_time
     )
 
 
@@ -266,7 +266,7 @@ def plug(tmp_path, monkeypatch):
     info, installed = site / "watts-1.0.dist-info", []
 
     def forget():
-        measures.costs.cache_clear()
+        measures.all_costs.cache_clear()
         registry.forget()
         for name in installed:
             sys.modules.pop(name, None)

@@ -26,7 +26,7 @@ RESERVED = frozenset(
 PROBABILITY = "p_"  # before a class, the name of the column of its probability
 
 
-def _hidden(name: str) -> Any:
+def _hidden_property(name: str) -> Any:
     """An attribute of a `Corpus` that a blind one does not have."""
 
     def value(corpus: Corpus) -> object:
@@ -36,7 +36,7 @@ def _hidden(name: str) -> Any:
     return property(value)
 
 
-def reserved(columns: Iterable[str], more: Collection[str] = ()) -> list[str]:
+def reserved_names(columns: Iterable[str], more: Collection[str] = ()) -> list[str]:
     """The columns whose names tables of results use, or are taken otherwise, so that captures cannot have them."""
     return [
         name
@@ -92,14 +92,14 @@ class Corpus:
         piece: int64 [captures], number of the capture among all with its ``index``; 0 before any step.
     """
 
-    name: str = _hidden("name")
-    digest: str = _hidden("digest")
-    index: np.ndarray = _hidden("index")
-    info: dict = _hidden("info")
-    path: Path | None = _hidden("path")
-    target: str = _hidden("target")
-    steps: tuple[Callable[[Corpus], Corpus], ...] = _hidden("steps")
-    piece: np.ndarray = _hidden("piece")
+    name: str = _hidden_property("name")
+    digest: str = _hidden_property("digest")
+    index: np.ndarray = _hidden_property("index")
+    info: dict = _hidden_property("info")
+    path: Path | None = _hidden_property("path")
+    target: str = _hidden_property("target")
+    steps: tuple[Callable[[Corpus], Corpus], ...] = _hidden_property("steps")
+    piece: np.ndarray = _hidden_property("piece")
 
     def __init__(
         self,
@@ -147,7 +147,7 @@ class Corpus:
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(
-            f"{name}: a Corpus does not change; changed({name}=...) gives another one"
+            f"{name}: a Corpus does not change; with_fields({name}=...) gives another one"
         )
 
     @classmethod
@@ -167,7 +167,7 @@ class Corpus:
             **fields,
         )
 
-    def changed(self, **fields: object) -> Corpus:
+    def with_fields(self, **fields: object) -> Corpus:
         """A corpus with some of the constructor's arguments replaced; a blind corpus stays blind.
 
         Frames and starts that are not replaced are shared. New frames without new starts lie as `frames` does.
@@ -197,7 +197,7 @@ class Corpus:
         """The same captures as a system gets them when it predicts: without labels, subjects and origin.
 
         Args:
-            visible: columns of ``captures`` that it declares to need (`bench.contract.conditions`); of a corpus that
+            visible: columns of ``captures`` that it declares to need (`bench.contract.required_conditions`); of a corpus that
                 is blind already, no others than it had.
         """
         if self._visible is not None:
@@ -232,14 +232,14 @@ class Corpus:
     @property
     def frames(self) -> np.ndarray:
         """Frames of these captures, one after another [frames, rows, cols]; a copy where the corpus is a slice."""
-        return self._compact()[0]
+        return self._compact_frames()[0]
 
     @property
     def starts(self) -> np.ndarray:
         """First frame of each capture in `frames`, int64 [captures]."""
-        return self._compact()[1]
+        return self._compact_frames()[1]
 
-    def _compact(self) -> tuple[np.ndarray, np.ndarray]:
+    def _compact_frames(self) -> tuple[np.ndarray, np.ndarray]:
         if (compacted := self.__dict__.get("_compacted")) is None:
             first = np.cumsum(self.lengths) - self.lengths
             is_compact = int(self.lengths.sum()) == len(self._frames) and np.array_equal(
@@ -294,7 +294,7 @@ class Corpus:
             return self._frames[start : start + self.lengths[key]]
         if not isinstance(key, slice):
             key = np.asarray(key)
-        return self.changed(
+        return self.with_fields(
             starts=self._starts[key],
             lengths=self.lengths[key],
             captures=self._captures.iloc[key].reset_index(drop=True),
@@ -316,10 +316,10 @@ class Corpus:
         """
         self._refuse_if_blind("select")
         from bench.corpora.where import (
-            chosen,  # here, so that a change of its messages is no change of the Corpus
+            captures_where,  # here, so that a change of its messages is no change of the Corpus
         )
 
-        return self[np.flatnonzero(chosen(where, self.captures, self.name))]
+        return self[np.flatnonzero(captures_where(where, self.captures, self.name))]
 
     def with_target(self, target: str) -> Corpus:
         """The same captures with other class columns: ``variant``, or ``gesture+variant``.
@@ -334,11 +334,11 @@ class Corpus:
                 raise InputError(
                     f"target={target}: {self.name} has no full column {column!r}; known: {full}"
                 )
-        return self.changed(target=target)
+        return self.with_fields(target=target)
 
-    def detached(self) -> Corpus:
+    def detach(self) -> Corpus:
         """A copy in memory without identity for caches, like captures from a robot."""
-        return self.changed(
+        return self.with_fields(
             frames=np.array(self.frames),
             digest="",
             path=None,
@@ -379,22 +379,22 @@ class Corpus:
         return figure
 
 
-def unblinded(corpus: Corpus) -> tuple[Corpus, tuple[str, ...] | None]:
+def unblind(corpus: Corpus) -> tuple[Corpus, tuple[str, ...] | None]:
     """The same captures with labels, and the columns of the blind corpus; None if it was not blind."""
     return corpus._with(visible=None), corpus._visible
 
 
-def storage(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
+def shared_frames(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
     """The array that captures are mapped in, which may hold others, too, and where each begins, int64 [captures]."""
     return corpus._frames, corpus._starts
 
 
-def untrained(labels: np.ndarray, train: np.ndarray, test: np.ndarray) -> list[str]:
+def untrained_classes(labels: np.ndarray, train: np.ndarray, test: np.ndarray) -> list[str]:
     """The labels of the tested captures that no training capture has, sorted."""
     return sorted({*map(str, pd.unique(labels[test]))} - {*map(str, pd.unique(labels[train]))})
 
 
-def origin(corpus: Corpus) -> Origin:
+def corpus_origin(corpus: Corpus) -> Origin:
     """Source of the captures of a corpus, also of a blind one, for caches."""
     return Origin(
         *(corpus.__dict__[f"_{name}"] for name in ("digest", "path", "index", "piece", "steps"))

@@ -13,7 +13,7 @@ from bench.errors import InputError
 KNOWN = {"haart": "2:1"}  # seams of formats, which align=yes means; see bench data show
 
 
-def cut(corpus: Corpus, kind: str, options: Mapping[str, str]) -> Corpus:
+def apply_changes(corpus: Corpus, kind: str, options: Mapping[str, str]) -> Corpus:
     """A corpus of a format with the changes that were asked for, which its ``info`` lists under ``changes``."""
     done = []
     for name, change in OPTIONS.items():
@@ -27,10 +27,10 @@ def cut(corpus: Corpus, kind: str, options: Mapping[str, str]) -> Corpus:
     if not done:
         return corpus
     source = f"{corpus.info.get('source', '')}; changed by {', '.join(done)}"
-    return corpus.changed(info=corpus.info | {"source": source, "changes": ", ".join(done)})
+    return corpus.with_fields(info=corpus.info | {"source": source, "changes": ", ".join(done)})
 
 
-def aligned(frames: np.ndarray, row: int, lag: int) -> np.ndarray:
+def align_frames(frames: np.ndarray, row: int, lag: int) -> np.ndarray:
     """Put frames together again that begin with ``row`` in the sensor: rows from there on, then those before it.
 
     These come ``lag`` frames later in the file, 1, 0 or -1; so many frames are lost.
@@ -51,7 +51,7 @@ def _aligned(corpus: Corpus, text: str) -> Corpus:
     row, lag = int(match[1]), int(match[2])
     if corpus.lengths.min(initial=2) <= abs(lag):
         raise InputError(f"align={text}: a capture has one frame only; leave align= out")
-    return _with([aligned(frames, row, lag) for frames in corpus], corpus)
+    return _with([align_frames(frames, row, lag) for frames in corpus], corpus)
 
 
 def _trimmed(corpus: Corpus, text: str) -> Corpus:
@@ -85,7 +85,7 @@ def _cropped(corpus: Corpus, text: str) -> Corpus:
 
 def _with(arrays: list[np.ndarray], corpus: Corpus) -> Corpus:
     lengths = np.array([len(frames) for frames in arrays], dtype=np.int64)
-    return corpus.changed(frames=np.concatenate(arrays), lengths=lengths)
+    return corpus.with_fields(frames=np.concatenate(arrays), lengths=lengths)
 
 
 OPTIONS = {

@@ -26,7 +26,7 @@ LOW, HIGH = (
 BRIEF, LONG = 0.1, 30.0  # seconds of a usual touch
 
 
-def doubts(corpus: Corpus) -> list[str]:
+def find_doubts(corpus: Corpus) -> list[str]:
     """What cannot be right, for an import and a survey."""
     if not len(corpus):
         return []
@@ -126,7 +126,7 @@ class Seam(NamedTuple):
     fit: float  # correlation of these two
 
     @property
-    def found(self) -> bool:
+    def is_cut(self) -> bool:
         """True if frames look cut: one pair does not fit, and the last and the first line do."""
         return self.usual >= LEAST and self.weak < LOW * self.usual and self.fit > HIGH * self.usual
 
@@ -145,10 +145,10 @@ class Seam(NamedTuple):
             if self.lines == "rows"
             else ""
         )
-        return f"{text}: frames look cut between {pair}{remedy}" if self.found else text
+        return f"{text}: frames look cut between {pair}{remedy}" if self.is_cut else text
 
 
-def seams(corpus: Corpus) -> list[Seam]:
+def measure_seams(corpus: Corpus) -> list[Seam]:
     """How rows and columns fit each other, in at most `CUT` captures; of fewer than four of them, nothing."""
     result = []
     some = [corpus[i].astype(np.float32) for i in range(0, len(corpus), -(-len(corpus) // CUT))]

@@ -12,7 +12,7 @@ from bench.corpora.corpus import Corpus
 CHANGES = 8  # readings that change in a capture, below which two captures can be equal by chance
 
 
-def identical(
+def identical_groups(
     captures: Sequence[np.ndarray] | Corpus, full_scales: Sequence[float] | None = None
 ) -> list[list[int]]:
     """Groups of captures that have the same frames: equal in number, grid and every reading.
@@ -38,7 +38,7 @@ def identical(
     )
 
 
-def quiet(frames: np.ndarray) -> bool:
+def is_quiet(frames: np.ndarray) -> bool:
     """Return True if a capture varies so little that another one can be equal by chance, such as no touch.
 
     Fewer than `CHANGES` readings differ from that of the same taxel one frame before; in a capture of a single frame,
@@ -48,27 +48,27 @@ def quiet(frames: np.ndarray) -> bool:
     return bool(np.count_nonzero(np.diff(readings, axis=0 if len(readings) > 1 else 1)) < CHANGES)
 
 
-def repeated(corpus: Corpus) -> list[list[int]]:
-    """Groups of captures that are one recording: `identical` ones, without `quiet` ones."""
-    return [group for group in identical(corpus) if not quiet(corpus[group[0]])]
+def repeated_groups(corpus: Corpus) -> list[list[int]]:
+    """Groups of captures that are one recording: `identical_groups` ones, without `is_quiet` ones."""
+    return [group for group in identical_groups(corpus) if not is_quiet(corpus[group[0]])]
 
 
-def shared(target: Corpus, source: Corpus) -> list[tuple[int, int]]:
-    """Captures in both of two corpora, without `quiet` ones: equal in their readings or in shares of full scale.
+def shared_captures(target: Corpus, source: Corpus) -> list[tuple[int, int]]:
+    """Captures in both of two corpora, without `is_quiet` ones: equal in their readings or in shares of full scale.
 
     Pairs of positions, in ``target`` and in ``source``; one for each such capture of ``target``.
     """
     captures, count = [*target, *source], len(target)
     scales = [target.full_scale] * count + [source.full_scale] * len(source)
     pairs: dict[int, int] = {}
-    for group in [*identical(captures), *identical(captures, scales)]:
+    for group in [*identical_groups(captures), *identical_groups(captures, scales)]:
         theirs = [i - count for i in group if i >= count]
-        if theirs and not quiet(captures[group[0]]):
+        if theirs and not is_quiet(captures[group[0]]):
             pairs |= {i: theirs[0] for i in group if i < count}
     return sorted(pairs.items())
 
 
-def seen_before(
+def leaked_captures(
     groups: list[list[int]], sides: Iterable[tuple[np.ndarray, np.ndarray]], count: int
 ) -> list[tuple[int, int]]:
     """Tested captures whose frames a system was trained on, with a trained one each, by position.
@@ -86,13 +86,13 @@ def seen_before(
     return sorted(pairs.items())
 
 
-def named(corpus: Corpus, position: int) -> str:
+def describe_capture(corpus: Corpus, position: int) -> str:
     """A capture in words, with its number in the whole corpus."""
     row = corpus.captures.iloc[position]
     return f"capture {corpus.index[position]} (subject {row['subject']}, gesture {row['gesture']})"
 
 
-def without(corpus: Corpus, position: int) -> str:
+def excluding_condition(corpus: Corpus, position: int) -> str:
     """A condition (``where=``) that excludes a capture, and as few others as its columns allow."""
     like, parts = np.ones(len(corpus), bool), []
     for column in filter(str.isidentifier, map(str, corpus.captures)):

@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.corpora.corpus import Corpus, storage
-from bench.errors import InputError, nearest
+from bench.corpora.corpus import Corpus, shared_frames
+from bench.errors import InputError, suggest_names
 from bench.ground.words import ALL_FAULTS
 from bench.ground.words import SEVERITIES as SEVERITIES
 
@@ -58,22 +58,22 @@ class Fault:
         """The amount of a severity with its unit; empty for severity 0."""
         return f"{self.amounts[severity - 1]:g} {self.unit}" if severity else ""
 
-    def generator(self, subject: str, capture: int) -> np.random.Generator:
+    def make_generator(self, subject: str, capture: int) -> np.random.Generator:
         """The random numbers of one subject's sensor, or of one capture (its position in the whole corpus)."""
         whom = f"sensor of {subject}" if self.sensor else f"capture {capture}"
-        return seeded(f"{self.name}, {whom}")
+        return seeded_generator(f"{self.name}, {whom}")
 
     def apply(
         self, frames: np.ndarray, severity: int, subject: str, capture: int, rate_hz: float
     ) -> np.ndarray:
         """Damage one capture [frames, rows, cols] in shares of full scale; severity 0 changes nothing."""
         return (
-            self.drawn(frames, severity, self.generator(subject, capture), rate_hz)
+            self.apply_with(frames, severity, self.make_generator(subject, capture), rate_hz)
             if severity
             else frames
         )
 
-    def drawn(
+    def apply_with(
         self, frames: np.ndarray, severity: int, rng: np.random.Generator, rate_hz: float
     ) -> np.ndarray:
         """Damage frames [frames, rows, cols] in shares of full scale at a severity from 1, with random numbers."""
@@ -86,7 +86,7 @@ class Fault:
 FAULTS: dict[str, Fault] = {}
 
 
-def seeded(text: str) -> np.random.Generator:
+def seeded_generator(text: str) -> np.random.Generator:
     """A random generator seeded by a text."""
     return np.random.default_rng(
         int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "little")
@@ -123,16 +123,16 @@ def usual_faults() -> tuple[str, ...]:
     return tuple(name for name, one in all_faults().items() if not one.later)
 
 
-def asked_faults(key: str, names: Sequence[object], every: Sequence[str]) -> tuple[str, ...]:
+def parse_fault_names(key: str, names: Sequence[object], every: Sequence[str]) -> tuple[str, ...]:
     """The faults of the typed names of a key, in the order in which they are known; ``all`` stands for ``every``."""
     asked, known = [str(name) for name in names], all_faults()
     for name in asked:
         if name not in (*known, ALL_FAULTS):
-            raise InputError(f"{key}={name}: unknown; {nearest(name, known)}")
+            raise InputError(f"{key}={name}: unknown; {suggest_names(name, known)}")
     return tuple(name for name in known if name in asked or (ALL_FAULTS in asked and name in every))
 
 
-def identity_of(names: Sequence[str]) -> list[tuple]:
+def fault_identity(names: Sequence[str]) -> list[tuple]:
     """Names, units and amounts of faults."""
     return [(f.name, f.unit, f.amounts, f.sensor) for f in map(all_faults().__getitem__, names)]
 
@@ -145,13 +145,13 @@ def as_shares(corpus: Corpus, captures: np.ndarray) -> list[np.ndarray]:
 def as_readings(corpus: Corpus, shares: np.ndarray) -> np.ndarray:
     """Shares of full scale, float32, as readings of the corpus's sensor: whole numbers are rounded."""
     frames = shares * np.float32(corpus.full_scale)
-    if storage(corpus)[0].dtype.kind in "iu":
+    if shared_frames(corpus)[0].dtype.kind in "iu":
         np.rint(frames, out=frames)
     np.clip(frames, 0, corpus.full_scale, out=frames)
-    return frames.astype(storage(corpus)[0].dtype)
+    return frames.astype(shared_frames(corpus)[0].dtype)
 
 
-def damaged(
+def damage_captures(
     corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: Fault, severity: int
 ) -> Corpus:
     """A corpus in memory whose captures ``test``, given as `as_shares`, went through a fault.
@@ -169,10 +169,10 @@ def damaged(
     starts = np.zeros_like(lengths)
     lengths[test] = [len(a) for a in arrays]
     starts[test] = np.cumsum(lengths[test]) - lengths[test]
-    return corpus.changed(frames=frames, starts=starts, lengths=lengths, digest="", path=None)
+    return corpus.with_fields(frames=frames, starts=starts, lengths=lengths, digest="", path=None)
 
 
-def at_least_one(percent: float, count: int) -> int:
+def percent_rounded_up(percent: float, count: int) -> int:
     """Percent of a count, rounded up: a sensor of few taxels loses at least one of them."""
     return int(np.ceil(percent * count / 100))
 
@@ -193,7 +193,7 @@ def _with_taxels(
     frames: np.ndarray, percent: float, rng: np.random.Generator, value: float
 ) -> np.ndarray:
     taxels = frames[0].size
-    broken = rng.permutation(taxels)[: at_least_one(percent, taxels)]
+    broken = rng.permutation(taxels)[: percent_rounded_up(percent, taxels)]
     changed = frames.copy()
     changed.reshape(len(frames), -1)[:, broken] = value
     return changed
@@ -203,7 +203,7 @@ def _with_taxels(
 def dead_lines(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
     """Broken lines of the grid: all taxels of a row or column read 0."""
     _, rows, cols = frames.shape
-    broken = rng.permutation(rows + cols)[: at_least_one(amount, rows + cols)]
+    broken = rng.permutation(rows + cols)[: percent_rounded_up(amount, rows + cols)]
     changed = frames.copy()
     changed[:, broken[broken < rows]] = 0
     changed[:, :, broken[broken >= rows] - rows] = 0

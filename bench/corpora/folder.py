@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus, unblinded
-from bench.errors import InputError, plain
+from bench.corpora.corpus import Corpus, unblind
+from bench.errors import InputError, one_line
 from bench.ground.scratch import data_folder, owner_prefix
 
 SMALL = ("lengths.npy", "captures.parquet")
@@ -35,7 +35,7 @@ class Damaged(Exception):
     """A defect of a stored corpus, in a few words."""
 
 
-def reopen(
+def reopen_corpus(
     path: Path,
     within: Path,
     digest: str,
@@ -50,7 +50,7 @@ def reopen(
             corpus = open_folder(folder)
             if corpus.digest != digest:
                 wrong = "was replaced by another corpus while it was in use; start again"
-                raise InputError(f"{plain(folder, 150)} {wrong}")
+                raise InputError(f"{one_line(folder, 150)} {wrong}")
             corpus = corpus[index].with_target(target)
             return corpus if visible is None else corpus.blind(visible)
         except InputError as e:
@@ -58,17 +58,17 @@ def reopen(
     raise problems[0]
 
 
-def _reduced(corpus: Corpus) -> str | tuple:
+def _reduce_corpus(corpus: Corpus) -> str | tuple:
     """How a corpus travels to another process: a stored one by its folder, so that frames never do."""
-    seeing, visible = unblinded(corpus)
+    seeing, visible = unblind(corpus)
     path = seeing.path
     if path is None or seeing.steps:
         return object.__reduce_ex__(corpus, 2)
     within = path.relative_to(data_folder()) if path.is_relative_to(data_folder()) else path
-    return reopen, (path, within, seeing.digest, seeing.index, seeing.target, visible)
+    return reopen_corpus, (path, within, seeing.digest, seeing.index, seeing.target, visible)
 
 
-copyreg.pickle(Corpus, _reduced)
+copyreg.pickle(Corpus, _reduce_corpus)
 
 
 def content_digest(corpus: Corpus) -> str:
@@ -132,12 +132,12 @@ def open_folder(folder: Path, key: str = "") -> Corpus:
         captures = pd.read_parquet(folder / "captures.parquet")
     except (Damaged, OSError, ValueError) as e:
         raise InputError(
-            f"{plain(folder, 150)} was changed or damaged ({plain(e)}); import it again"
+            f"{one_line(folder, 150)} was changed or damaged ({one_line(e)}); import it again"
         ) from e
     return Corpus(frames, np.cumsum(lengths) - lengths, lengths, captures, path=folder, **fields)
 
 
-def verified(folder: Path, key: str = "") -> dict[str, str]:
+def find_damage(folder: Path, key: str = "") -> dict[str, str]:
     """The defect of each file, ``""`` for none: all are read and hashed anew; ``key`` as of `open_folder`."""
     try:
         _, stored = _fields(folder, key)
@@ -163,7 +163,7 @@ def _holds(folder: Path, digest: str) -> bool:
         fields, _ = _fields(folder, folder.name)
     except Damaged:
         return False
-    return fields["digest"] == digest and not any(verified(folder).values())
+    return fields["digest"] == digest and not any(find_damage(folder).values())
 
 
 def _fields(folder: Path, key: str = "") -> tuple[dict, dict]:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.duplicates import named, shared
+from bench.corpora.duplicates import describe_capture, shared_captures
 from bench.errors import InputError
 
 STUDIES = (
@@ -24,7 +24,7 @@ STUDIES = (
 )  # formats of one study each: two corpora of a format are of the same people
 
 
-def weights(count: int, wanted: int) -> np.ndarray:
+def resampling_weights(count: int, wanted: int) -> np.ndarray:
     """Weights to resample values along an axis, with rows that sum to 1 [wanted, count].
 
     Both lie evenly over the same length. Where there are to be fewer, each is the mean over its share of that length;
@@ -42,15 +42,15 @@ def weights(count: int, wanted: int) -> np.ndarray:
     return np.clip(1 - np.abs(middles[:, None] - np.arange(count)), 0, 1)
 
 
-def scaled(frames: np.ndarray, full_scale: float, wanted: float) -> np.ndarray:
+def rescale(frames: np.ndarray, full_scale: float, wanted: float) -> np.ndarray:
     """Frames as the same shares of another full scale, float32."""
     return frames.astype(np.float32) * np.float32(wanted / full_scale)
 
 
-def resampled(frames: np.ndarray, rate_hz: float, wanted_hz: float) -> np.ndarray:
+def resample(frames: np.ndarray, rate_hz: float, wanted_hz: float) -> np.ndarray:
     """Frames [frames, rows, cols] at another rate, float32; their number is rounded, at least one stays.
 
-    As `weights` says, without a weight for each pair of frames, of which a long capture has too many.
+    As `resampling_weights` says, without a weight for each pair of frames, of which a long capture has too many.
     """
     n = len(frames)
     count = max(1, round(n * wanted_hz / rate_hz))
@@ -71,32 +71,32 @@ def resampled(frames: np.ndarray, rate_hz: float, wanted_hz: float) -> np.ndarra
     return (np.diff(sums, axis=0) * count / n).astype(np.float32)
 
 
-def regridded(frames: np.ndarray, rows: int, cols: int) -> np.ndarray:
+def regrid(frames: np.ndarray, rows: int, cols: int) -> np.ndarray:
     """Frames [frames, rows, cols] on another grid over the same area, float32."""
     if frames.shape[1:] == (rows, cols):
         return frames.astype(np.float32)
     down, across = (
-        weights(n, w).astype(np.float32)
+        resampling_weights(n, w).astype(np.float32)
         for n, w in zip(frames.shape[1:], (rows, cols), strict=True)
     )
     return down @ frames.astype(np.float32) @ across.T
 
 
-def brought(
+def convert_captures(
     corpus: Corpus, rate_hz: float, grid: tuple[int, int], full_scale: float
 ) -> list[np.ndarray]:
     """Captures of a corpus converted to the rate, grid and full scale of another sensor, float32."""
-    shares = (scaled(frames, corpus.full_scale, full_scale) for frames in corpus)
-    return [regridded(resampled(values, corpus.rate_hz, rate_hz), *grid) for values in shares]
+    shares = (rescale(frames, corpus.full_scale, full_scale) for frames in corpus)
+    return [regrid(resample(values, corpus.rate_hz, rate_hz), *grid) for values in shares]
 
 
-def refuse_the_same(target: Corpus, source: Corpus, what: str) -> None:
+def refuse_same_recordings(target: Corpus, source: Corpus, what: str) -> None:
     """Refuse two corpora with the same captures or people; ``what`` is the key that names them, for the error."""
-    if pairs := shared(target, source):
+    if pairs := shared_captures(target, source):
         first, same = pairs[0]
         raise InputError(
             f"{what}: {target.name} and {source.name} have the same captures: {len(pairs)}, such as "
-            f"{named(target, first)} and {named(source, same)}; name another corpus"
+            f"{describe_capture(target, first)} and {describe_capture(source, same)}; name another corpus"
         )
     for one, other in product(_origins(target), _origins(source)):
         study = one["format"] == other["format"] and one["format"] in STUDIES
@@ -119,7 +119,7 @@ def _origins(corpus: Corpus) -> list[dict[str, Any]]:
     return [{"format": kind, "name": corpus.name, "digests": digests}]
 
 
-def together(corpora: Sequence[Corpus]) -> Corpus:
+def join_corpora(corpora: Sequence[Corpus]) -> Corpus:
     """Captures of several corpora as one corpus in memory, of the classes that all have.
 
     All are brought to the lowest of their rates and, each way, to the fewest of their taxels; the full scale is that of
@@ -128,10 +128,10 @@ def together(corpora: Sequence[Corpus]) -> Corpus:
     """
     name = "+".join(corpus.name for corpus in corpora)
     for one, other in combinations(corpora, 2):
-        refuse_the_same(one, other, f"data={name}")
+        refuse_same_recordings(one, other, f"data={name}")
     classes = sorted(set.intersection(*(set(corpus.gestures) for corpus in corpora)))
     if len(classes) < 2:
-        those = "; ".join(f"{corpus.name}: {classes_of(corpus)}" for corpus in corpora)
+        those = "; ".join(f"{corpus.name}: {class_names(corpus)}" for corpus in corpora)
         raise InputError(
             f"data={name}: {len(classes)} classes are in all of them; two are needed ({those})"
         )
@@ -145,8 +145,8 @@ def together(corpora: Sequence[Corpus]) -> Corpus:
         )
         for part in parts
     ]
-    frames, fields = common(parts)
-    info = origin_of(parts) | {
+    frames, fields = convert_to_common(parts)
+    info = joint_info(parts) | {
         "format": "joined",
         "parts": [origin for part in parts for origin in _origins(part)],
     }
@@ -155,15 +155,15 @@ def together(corpora: Sequence[Corpus]) -> Corpus:
     )
 
 
-def common(parts: Sequence[Corpus]) -> tuple[list[np.ndarray], dict[str, float]]:
+def convert_to_common(parts: Sequence[Corpus]) -> tuple[list[np.ndarray], dict[str, float]]:
     """Captures brought to what all sensors can give, and their rate and full scale."""
     rate_hz, full_scale = min(part.rate_hz for part in parts), parts[0].full_scale
     grid = min(part.grid[0] for part in parts), min(part.grid[1] for part in parts)
-    frames = [f for part in parts for f in brought(part, rate_hz, grid, full_scale)]
+    frames = [f for part in parts for f in convert_captures(part, rate_hz, grid, full_scale)]
     return frames, {"rate_hz": rate_hz, "full_scale": full_scale}
 
 
-def origin_of(parts: Sequence[Corpus]) -> dict[str, object]:
+def joint_info(parts: Sequence[Corpus]) -> dict[str, object]:
     """Origin, licences and warnings of several corpora; a warning of the first one does not name it."""
     names = " and ".join(part.name for part in parts)
     synthetic = any(part.synthetic for part in parts)
@@ -182,6 +182,6 @@ def origin_of(parts: Sequence[Corpus]) -> dict[str, object]:
     }
 
 
-def classes_of(corpus: Corpus) -> str:
+def class_names(corpus: Corpus) -> str:
     """Its class names, sorted."""
     return ", ".join(sorted(set(corpus.gestures)))

@@ -22,12 +22,12 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.folder import (
     Damaged,
     content_digest,
+    find_damage,
     open_folder,
     small_file,
-    verified,
     write_folder,
 )
-from bench.errors import InputError, nearest, plain
+from bench.errors import InputError, one_line, suggest_names
 from bench.ground.registry import load_part
 from bench.ground.scratch import data_folder, remove_path, write_then_rename
 
@@ -42,7 +42,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     Options are those of the reader, as text, and changes of captures (`bench.corpora.cuts.OPTIONS`).
     """
     from bench.corpora import cuts
-    from bench.corpora.doubts import doubts
+    from bench.corpora.doubts import find_doubts
     from bench.corpora.survey import Survey
 
     reader = load_part("corpora", kind)
@@ -63,21 +63,21 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
                 corpus = reader(source, **arguments)
             except OSError as e:  # none of the data folder
                 raise InputError(
-                    f"{plain(source, 160)}: cannot be read ({e.strerror or e}); check the path"
+                    f"{one_line(source, 160)}: cannot be read ({e.strerror or e}); check the path"
                 ) from e
             if changes and corpus.info.get(ASIDE):
                 raise InputError(f"{next(iter(changes))}=: {kind} is imported whole; leave it out")
             if changes:
                 unchanged = content_digest(corpus)
-                corpus = cuts.cut(corpus, kind, changes)
-                corpus = corpus.changed(info=corpus.info | {"unchanged": unchanged})
+                corpus = cuts.apply_changes(corpus, kind, changes)
+                corpus = corpus.with_fields(info=corpus.info | {"unchanged": unchanged})
             touches = corpus[np.flatnonzero(~np.isin(corpus.gestures, corpus.info.get(ASIDE, [])))]
             warnings = [
-                *Survey(corpus).repeated(),
-                *doubts(touches),
+                *Survey(corpus).repeat_warnings(),
+                *find_doubts(touches),
                 *corpus.info.get("warnings", []),
             ]
-            corpus = corpus.changed(
+            corpus = corpus.with_fields(
                 name=name, info=corpus.info | {"format": kind, "warnings": warnings}
             )
             digest = content_digest(corpus)
@@ -104,9 +104,9 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
 
 
 def _unwritable(folder: Path, error: OSError) -> InputError:
-    reason = plain(error.strerror or error)
+    reason = one_line(error.strerror or error)
     return InputError(
-        f"{plain(folder, 150)} cannot be written ({reason}); set TOUCHBENCH_HOME to a folder that can"
+        f"{one_line(folder, 150)} cannot be written ({reason}); set TOUCHBENCH_HOME to a folder that can"
     )
 
 
@@ -120,11 +120,11 @@ def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
     if name == "synth":
         from bench.corpora import synth
 
-        return made_once("synth", parameters, lambda: synth.generate(**parameters), synth)
-    return gestures_of(stored_value(name))
+        return make_once("synth", parameters, lambda: synth.generate(**parameters), synth)
+    return captures_with_gesture(open_imported(name))
 
 
-def gestures_of(corpus: Corpus) -> Corpus:
+def captures_with_gesture(corpus: Corpus) -> Corpus:
     """The captures with a gesture, of all that a format has stored."""
     if not (aside := corpus.info.get(ASIDE)):
         return corpus
@@ -136,14 +136,14 @@ def gestures_of(corpus: Corpus) -> Corpus:
     return captures
 
 
-def left_out(corpus: Corpus) -> str:
-    """A line on what `gestures_of` has left out; empty for nothing."""
+def left_out_message(corpus: Corpus) -> str:
+    """A line on what `captures_with_gesture` has left out; empty for nothing."""
     if not (aside := corpus.info.get(ASIDE)):
         return ""
     return f"{corpus.name}: its {len(corpus)} captures with a gesture are used; {' and '.join(aside)} are left out"
 
 
-def stored_value(name: str) -> Corpus:
+def open_imported(name: str) -> Corpus:
     """Open all that is imported under a name, also captures without a gesture."""
     try:
         folder = _folder(name)
@@ -153,7 +153,7 @@ def stored_value(name: str) -> Corpus:
     except Damaged as e:
         folder = data_folder() / "corpora" / name
         raise InputError(
-            f"{plain(folder, 150)} was changed or damaged ({e}); import it again"
+            f"{one_line(folder, 150)} was changed or damaged ({e}); import it again"
         ) from e
     return corpus
 
@@ -162,7 +162,7 @@ def _folder(name: str) -> Path:
     """The folder of an imported corpus, which its file ``current`` names."""
     pointer = data_folder() / "corpora" / name / "current"
     if not re.fullmatch(NAME, name) or not os.path.lexists(pointer):
-        names = plain(nearest(name[:60], ["synth", *imported()]), 150)
+        names = one_line(suggest_names(name[:60], ["synth", *imported_names()]), 150)
         raise InputError(
             f"data={name[:60]}: not imported; {names}. Import it with: bench data import ..."
         )
@@ -172,31 +172,33 @@ def _folder(name: str) -> Path:
     return pointer.parent / digest
 
 
-def verify(name: str) -> dict[str, str]:
+def find_corpus_damage(name: str) -> dict[str, str]:
     """Every file of an imported corpus, or of all generated ones, with its defect, ``""`` for none."""
     if "+" in name:
         raise InputError(f"bench data verify {name[:100]}: give one corpus at a time")
     if name == "synth":
-        folders = sorted(f for f in (data_folder() / "corpora" / "synth").glob("[0-9a-f]*") if f.is_dir())
+        folders = sorted(
+            f for f in (data_folder() / "corpora" / "synth").glob("[0-9a-f]*") if f.is_dir()
+        )
         return {
             f"{f.name}/{file}": wrong
             for f in folders
-            for file, wrong in verified(f, f.name).items()
+            for file, wrong in find_damage(f, f.name).items()
         }
     try:
         folder = _folder(name)
     except Damaged as e:
         return {"current": str(e)}
-    wrong = {"current": "", **verified(folder, folder.name)}
+    wrong = {"current": "", **find_damage(folder, folder.name)}
     if not any(wrong.values()):
         try:
-            stored_value(name)
+            open_imported(name)
         except InputError as e:
             wrong["corpus.json"] = str(e)
     return wrong
 
 
-def imported() -> list[str]:
+def imported_names() -> list[str]:
     """Names of the corpora that are stored."""
     pointers = (data_folder() / "corpora").glob(
         "*/current"
@@ -219,7 +221,7 @@ def _arguments(
             from bench.corpora.cuts import OPTIONS
 
             raise InputError(
-                f"format {kind} has no option {key!r}; {nearest(key, {'name', *OPTIONS, *taken})}"
+                f"format {kind} has no option {key!r}; {suggest_names(key, {'name', *OPTIONS, *taken})}"
             )
         try:
             arguments[key] = float(text) if taken[key].annotation is float else text
@@ -231,13 +233,13 @@ def _arguments(
     if missing:
         if not os.path.lexists(source):  # what is asked for would not help
             raise InputError(
-                f"{plain(source, 160)}: there is no such file; give the path of a file"
+                f"{one_line(source, 160)}: there is no such file; give the path of a file"
             )
         raise InputError(f"format {kind} also needs {', '.join(f'{k}=' for k in missing)}")
     return arguments
 
 
-def made_once(kind: str, about: object, make: Callable[[], Corpus], *code: ModuleType) -> Corpus:
+def make_once(kind: str, about: object, make: Callable[[], Corpus], *code: ModuleType) -> Corpus:
     """A corpus of a kind that modules make out of ``about`` (JSON); made and stored if missing or damaged."""
     source = b"".join(Path(str(module.__file__)).read_bytes() for module in code)
     key = hashlib.sha256(json.dumps(about, sort_keys=True).encode() + source).hexdigest()[:16]
@@ -260,17 +262,20 @@ def _together(name: str) -> Corpus:
     names = name.split("+")
     if len(set(names)) < len(names) or {"", "synth"} & {*names}:
         raise InputError(f"data={name[:100]}: join the names of imported corpora by +, each once")
-    corpora = [stored_value(each) for each in names]
+    corpora = [open_imported(each) for each in names]
     if partly := [corpus.name for corpus in corpora if corpus.info.get(ASIDE)]:
         raise InputError(
             f"data={name[:100]}: {partly[0]} has captures without a gesture; give it alone"
         )
-    return made_once(
-        ".joined", [[c.digest, c.name] for c in corpora], lambda: joined.together(corpora), joined
+    return make_once(
+        ".joined",
+        [[c.digest, c.name] for c in corpora],
+        lambda: joined.join_corpora(corpora),
+        joined,
     )
 
 
-def briefly(warnings: list[str], rest: str) -> str:
+def first_warnings(warnings: list[str], rest: str) -> str:
     """Warnings of an import in one line: the first three, and the command that prints all."""
     text = "; ".join(warnings[:3])
     return text if len(warnings) <= 3 else f"{len(warnings)} of them: {text}; for all: {rest}"

@@ -11,8 +11,8 @@ import pandas as pd
 from scipy.ndimage import convolve
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.doubts import Seam, seams
-from bench.corpora.duplicates import CHANGES, identical, quiet
+from bench.corpora.doubts import Seam, measure_seams
+from bench.corpora.duplicates import CHANGES, identical_groups, is_quiet
 from bench.errors import InputError
 
 ODD = 3.0  # times more, or less, than the taxels around it: such a taxel is suspicious
@@ -208,7 +208,7 @@ class Survey:
     @cached_property
     def seams(self) -> list[Seam]:
         """Fit of neighbouring rows and columns."""
-        return seams(self.corpus)
+        return measure_seams(self.corpus)
 
     @cached_property
     def duplicates(self) -> pd.DataFrame:
@@ -222,9 +222,9 @@ class Survey:
         )
         parts = [labels[:0].assign(group=0, capture=0, differs="", quiet=False)]
         for number, group in enumerate(
-            sorted(identical(corpus), key=lambda group: quiet(corpus[group[0]])), 1
+            sorted(identical_groups(corpus), key=lambda group: is_quiet(corpus[group[0]])), 1
         ):
-            rows, still = labels.iloc[group], quiet(corpus[group[0]])
+            rows, still = labels.iloc[group], is_quiet(corpus[group[0]])
             differs = ", ".join(labels.columns[rows.nunique(dropna=False) > 1])
             parts.append(
                 rows.assign(group=number, capture=corpus.index[group], differs=differs, quiet=still)
@@ -330,7 +330,7 @@ class Survey:
             summary += f"; {firsts['quiet'].sum()} may be equal by chance: fewer than {CHANGES} readings change"
         return [summary, *_first(lines, len(firsts))]
 
-    def repeated(self) -> list[str]:
+    def repeat_warnings(self) -> list[str]:
         """A warning where one recording is in the corpus twice; nothing where captures can be equal by chance."""
         return (
             []

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.errors import InputError, short
+from bench.errors import InputError, shorten
 
 ALLOWED = (
     "allowed on columns, text and numbers: == != < <= > >= in [...] and or not .isin .between .str.startswith "
@@ -29,7 +29,7 @@ WORDS = {"&": " and ", "|": " or ", "\r": " ", "\n": " "}
 COMPARISONS = {ast.Eq: eq, ast.NotEq: ne, ast.Lt: lt, ast.LtE: le, ast.Gt: gt, ast.GtE: ge}
 
 
-def chosen(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
+def captures_where(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
     """Captures of a corpus of this name that satisfy a condition, bool [captures]."""
     if len(where) > LONGEST:
         raise InputError(
@@ -49,7 +49,7 @@ def chosen(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
         if mask.any():
             return mask.to_numpy()
         reason = f"selects none of the {len(captures)} captures of {name}"
-    raise InputError(short(f"where={short(repr(where), 70)}: {reason}", LINE))
+    raise InputError(shorten(f"where={shorten(repr(where), 70)}: {reason}", LINE))
 
 
 def _evaluated(where: str, captures: pd.DataFrame) -> pd.Series:

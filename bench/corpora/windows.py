@@ -11,21 +11,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.corpora.corpus import Corpus, origin, storage
+from bench.corpora.corpus import Corpus, corpus_origin, shared_frames
 
 
 class Step:
     """A step, which turns each capture into one or several."""
 
-    def rows(self, corpus: Corpus) -> np.ndarray:
+    def source_rows(self, corpus: Corpus) -> np.ndarray:
         """The original capture of each new one, as an index."""
         return np.arange(len(corpus))
 
-    def code(self) -> list[Callable]:
+    def code_objects(self) -> list[Callable]:
         """The code that its results depend on."""
         return [type(self)]
 
-    def keeps(self, taxels: int) -> int:
+    def kept_numbers(self, taxels: int) -> int:
         """Numbers in memory where frames come one by one."""
         return 0
 
@@ -44,27 +44,27 @@ class Windows(Step):
     seconds: float
     hop: float = 0.0
 
-    def lengths(self, rate_hz: float) -> tuple[int, int]:
+    def window_and_hop(self, rate_hz: float) -> tuple[int, int]:
         """Frames of a window and of a hop."""
         frames = max(1, round(self.seconds * rate_hz))
         return frames, max(1, round(self.hop * rate_hz) if self.hop else (frames + 1) // 2)
 
-    def rows(self, corpus: Corpus) -> np.ndarray:
+    def source_rows(self, corpus: Corpus) -> np.ndarray:
         """The original capture of each window, as an index."""
-        frames, hop = self.lengths(corpus.rate_hz)
+        frames, hop = self.window_and_hop(corpus.rate_hz)
         return np.repeat(np.arange(len(corpus)), np.maximum(corpus.lengths - frames, 0) // hop + 1)
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """The windows of each capture."""
-        frames, hop = self.lengths(corpus.rate_hz)
-        row = self.rows(corpus)
+        frames, hop = self.window_and_hop(corpus.rate_hz)
+        row = self.source_rows(corpus)
         begin = (np.arange(len(row)) - np.searchsorted(row, row)) * hop
         cut = (
             corpus[row] if len(row) > len(corpus) else corpus
         )  # a robot's one window is not worth copying a table
-        source = origin(cut)
-        return cut.changed(
-            starts=storage(cut)[1] + begin,
+        source = corpus_origin(cut)
+        return cut.with_fields(
+            starts=shared_frames(cut)[1] + begin,
             lengths=np.minimum(cut.lengths, frames),
             piece=source.piece + begin,
             steps=(*source.steps, self),

@@ -12,13 +12,13 @@ from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from bench.features.base import captures_of, constant, undamaged
-from bench.models.by_person import ByPerson
+from bench.features.base import capture_of_rows, is_constant, undamaged_rows
+from bench.models.by_person import PerPersonPipeline
 from bench.models.space import Range
 
 
 @dataclass(frozen=True)
-class Learnt:
+class TrainingStatistics:
     """Statistics of the training rows of `Discriminants`, which further rows can update.
 
     Attributes:
@@ -36,7 +36,7 @@ class Learnt:
 
 
 @dataclass(frozen=True)
-class Summed:
+class RowSummary:
     """Statistics of some training rows of `Discriminants`, in units of the features; those of several parts add up.
 
     Attributes:
@@ -87,30 +87,38 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         self.classes_, codes = np.unique(y, return_inverse=True)
         Z = np.asarray(X, dtype=np.float64)
         self.n_features_in_ = Z.shape[1]
-        captures, weight = captures_of(X), np.where(undamaged(X), 1.0, self.damaged)
+        captures, weight = capture_of_rows(X), np.where(undamaged_rows(X), 1.0, self.damaged)
         mean = weight @ Z / weight.sum()
         sd = np.sqrt(weight @ (Z - mean) ** 2 / weight.sum())
-        sd[constant(Z)] = np.inf
+        sd[is_constant(Z)] = np.inf
         Z = (Z - mean) / sd
-        centres, heavy = _means(Z, codes, weight)
+        centres, heavy = mean_by_code(Z, codes, weight)
         Z -= centres[codes]
-        self.learnt_ = Learnt(mean, sd, centres, heavy, self.scatter_of(Z, captures, weight))
-        self.solve(weight.sum())
+        self.learnt_ = TrainingStatistics(
+            mean, sd, centres, heavy, self.weighted_scatter(Z, captures, weight)
+        )
+        self.solve_coefficients(weight.sum())
         return self
 
-    def summed(self, X: pd.DataFrame, y: np.ndarray) -> Summed:
-        """What `fit_summed` needs of some rows of training."""
+    def summarise_rows(self, X: pd.DataFrame, y: np.ndarray) -> RowSummary:
+        """What `fit_summaries` needs of some rows of training."""
         classes, codes = np.unique(y, return_inverse=True)
         Z = np.asarray(X, dtype=np.float64)
-        captures, weight = captures_of(X), np.where(undamaged(X), 1.0, self.damaged)
+        captures, weight = capture_of_rows(X), np.where(undamaged_rows(X), 1.0, self.damaged)
         low, high = Z.min(axis=0), Z.max(axis=0)
-        centres, heavy = _means(Z, codes, weight)
+        centres, heavy = mean_by_code(Z, codes, weight)
         Z = Z - centres[codes]
-        return Summed(
-            classes, heavy, centres, self.scatter_of(Z, captures, weight), weight @ Z**2, low, high
+        return RowSummary(
+            classes,
+            heavy,
+            centres,
+            self.weighted_scatter(Z, captures, weight),
+            weight @ Z**2,
+            low,
+            high,
         )
 
-    def fit_summed(self, parts: Sequence[Summed]) -> Discriminants:
+    def fit_summaries(self, parts: Sequence[RowSummary]) -> Discriminants:
         """`fit` to the rows of several parts, which share no capture: equal but for rounding."""
         self.classes_, codes = np.unique(
             np.concatenate([part.classes for part in parts]), return_inverse=True
@@ -120,32 +128,36 @@ class Discriminants(ClassifierMixin, BaseEstimator):
             np.concatenate([part.heavy for part in parts]),
         )
         self.n_features_in_ = every.shape[1]
-        centres, heavy = _means(every, codes, weight)
+        centres, heavy = mean_by_code(every, codes, weight)
         apart = every - centres[codes]
         mean = heavy @ centres / heavy.sum()
         squares = (
             sum(part.squares for part in parts) + weight @ apart**2 + heavy @ (centres - mean) ** 2
         )
         sd = np.sqrt(squares / heavy.sum())
-        sd[constant(np.stack([*(part.low for part in parts), *(part.high for part in parts)]))] = (
-            np.inf
-        )
+        sd[
+            is_constant(np.stack([*(part.low for part in parts), *(part.high for part in parts)]))
+        ] = np.inf
         scatter = self.windows * (apart.T * weight) @ apart
         for part in parts:
             scatter += part.scatter
-        self.learnt_ = Learnt(mean, sd, (centres - mean) / sd, heavy, scatter / sd[:, None] / sd)
-        self.solve(heavy.sum())
+        self.learnt_ = TrainingStatistics(
+            mean, sd, (centres - mean) / sd, heavy, scatter / sd[:, None] / sd
+        )
+        self.solve_coefficients(heavy.sum())
         return self
 
-    def scatter_of(self, Z: np.ndarray, captures: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    def weighted_scatter(
+        self, Z: np.ndarray, captures: np.ndarray, weight: np.ndarray
+    ) -> np.ndarray:
         """Of rows about the centres of their classes, what is particular to a capture counting more by ``windows``."""
         scatter = (Z.T * weight) @ Z
         if self.windows == 1:
             return scatter
-        means, heavy = _means(Z, captures, weight)
+        means, heavy = mean_by_code(Z, captures, weight)
         return scatter + (self.windows - 1) * (means.T * heavy) @ means
 
-    def solve(self, total: float) -> None:
+    def solve_coefficients(self, total: float) -> None:
         """Coefficients from what was learnt of rows with a total weight."""
         learnt = self.learnt_
         scatter = learnt.scatter / total
@@ -174,7 +186,7 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         return self.classes_[self.decision_function(X).argmax(axis=1)]
 
 
-def _means(
+def mean_by_code(
     values: np.ndarray, codes: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weighted mean of the rows of each code [codes, n], and the sum of their weights."""
@@ -208,7 +220,7 @@ def lda(
         raise InputError(f"model.windows={windows:g}: give 1 or more")
     if not 0 < damaged < float("inf"):
         raise InputError(f"model.damaged={damaged:g}: give a number above 0")
-    return ByPerson(
+    return PerPersonPipeline(
         [("features", features), ("classifier", Discriminants(shrinkage, windows, damaged))]
     )
 

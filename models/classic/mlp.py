@@ -15,7 +15,7 @@ from bench.errors import InputError
 from bench.models.classic.scaling import RangeScaler, ZScaler
 from bench.models.most_probable import MostProbable
 
-BATCH = 32
+BATCH_ROWS = 32
 
 
 @dataclass(eq=False, repr=False)
@@ -40,17 +40,18 @@ class EarlyStoppedNet(MostProbable):
                 "ignore", ConvergenceWarning
             )  # 1000 epochs is the paper's limit, not a fault
             runs = [
-                self._run(self.seed * self.runs + i, len(X)).fit(X, y) for i in range(self.runs)
+                self._make_network(self.seed * self.runs + i, len(X)).fit(X, y)
+                for i in range(self.runs)
             ]
         self.net_ = max(runs, key=lambda net: net.best_validation_score_)
         self.classes_ = self.net_.classes_
         return self
 
-    def _run(self, seed: int, captures: int) -> MLPClassifier:
+    def _make_network(self, seed: int, captures: int) -> MLPClassifier:
         return MLPClassifier(
             self.layers,
             activation="tanh",
-            batch_size=min(BATCH, int(captures * (1 - self.held))),
+            batch_size=min(BATCH_ROWS, int(captures * (1 - self.held))),
             max_iter=1000,
             early_stopping=True,
             validation_fraction=self.held,

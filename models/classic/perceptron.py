@@ -11,14 +11,14 @@ from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import InputError
-from bench.features.base import constant, undamaged
+from bench.features.base import is_constant, undamaged_rows
 from bench.models.most_probable import MostProbable
 from bench.models.space import Range
 
-BATCH = 256
-RATE = 2e-3  # at its highest, a third of the way (one cycle, Smith and Topin 2019)
-DECAY = 0.1  # of the weights, decoupled (Loshchilov and Hutter 2019)
-DROPPED = 0.5  # of the hidden units, while it learns
+BATCH_ROWS = 256
+MAX_RATE = 2e-3  # at its highest, a third of the way (one cycle, Smith and Topin 2019)
+WEIGHT_DECAY = 0.1  # of the weights, decoupled (Loshchilov and Hutter 2019)
+DROPOUT = 0.5  # of the hidden units, while it learns
 
 
 @dataclass(eq=False, repr=False)
@@ -61,12 +61,12 @@ class Perceptron(MostProbable):
             raise ValueError(
                 f"{int((~np.isfinite(Z)).sum())} values of training features are not finite"
             )
-        weight = np.where(undamaged(X), 1.0, self.damaged)
+        weight = np.where(undamaged_rows(X), 1.0, self.damaged)
         share = weight / weight.sum()
         self.mean_ = (share @ Z).astype(np.float32)
         self.scale_ = np.sqrt(share @ (Z - self.mean_) ** 2).astype(np.float32)
-        self.scale_[constant(Z) | (self.scale_ == 0)] = np.inf
-        inputs, target = torch.from_numpy(self._scaled(Z)), torch.from_numpy(codes)
+        self.scale_[is_constant(Z) | (self.scale_ == 0)] = np.inf
+        inputs, target = torch.from_numpy(self._standardise(Z)), torch.from_numpy(codes)
         until = np.cumsum(share)
         threads = torch.get_num_threads()
         torch.set_num_threads(1)  # so small a batch is slower with more, and sums in another order
@@ -77,16 +77,20 @@ class Perceptron(MostProbable):
                 net = nn.Sequential(
                     nn.Linear(Z.shape[1], self.units),
                     nn.ReLU(),
-                    nn.Dropout(DROPPED),
+                    nn.Dropout(DROPOUT),
                     nn.Linear(self.units, len(self.classes_)),
                 )
-                optimiser = torch.optim.AdamW(net.parameters(), lr=RATE, weight_decay=DECAY)
+                optimiser = torch.optim.AdamW(
+                    net.parameters(), lr=MAX_RATE, weight_decay=WEIGHT_DECAY
+                )
                 cycle = torch.optim.lr_scheduler.OneCycleLR(
-                    optimiser, RATE, total_steps=self.updates
+                    optimiser, MAX_RATE, total_steps=self.updates
                 )
                 loss = nn.CrossEntropyLoss(label_smoothing=self.smoothing)
                 for _ in range(self.updates):
-                    rows = np.searchsorted(until, until[-1] * drawn.random(BATCH), side="right")
+                    rows = np.searchsorted(
+                        until, until[-1] * drawn.random(BATCH_ROWS), side="right"
+                    )
                     rows = torch.from_numpy(np.minimum(rows, len(Z) - 1))
                     optimiser.zero_grad()
                     loss(net(inputs[rows]), target[rows]).backward()
@@ -99,19 +103,19 @@ class Perceptron(MostProbable):
         self.intercepts_ = [layer.bias.detach().numpy().copy() for layer in layers]
         return self
 
-    def _scaled(self, Z: np.ndarray) -> np.ndarray:
+    def _standardise(self, Z: np.ndarray) -> np.ndarray:
         """In SDs, cut off; what is not a number is taken for the mean."""
         return np.nan_to_num((Z - self.mean_) / self.scale_, nan=0.0).clip(-self.clip, self.clip)
 
-    def hidden(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    def hidden_activations(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Rectified units [rows, units]; in double precision they do not depend on the rows beside them."""
-        scaled = self._scaled(np.asarray(X, dtype=np.float32)).astype(np.float64)
+        scaled = self._standardise(np.asarray(X, dtype=np.float32)).astype(np.float64)
         hidden = scaled @ self.coefs_[0] + self.intercepts_[0]
         return np.maximum(hidden, 0)
 
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""
-        logits = self.hidden(X) @ self.coefs_[1] + self.intercepts_[1]
+        logits = self.hidden_activations(X) @ self.coefs_[1] + self.intercepts_[1]
         return softmax(logits, axis=1)
 
     @property

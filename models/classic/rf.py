@@ -21,7 +21,7 @@ def rf(
             of scikit-learn.
         seed: random seed of the bootstrap and the tried features.
     """
-    return _forest(RandomForestClassifier, features, trees, leaf, tried, seed)
+    return _make_pipeline(RandomForestClassifier, features, trees, leaf, tried, seed)
 
 
 def et(
@@ -39,10 +39,10 @@ def et(
             of scikit-learn.
         seed: random seed of the tried features and splits.
     """
-    return _forest(ExtraTreesClassifier, features, trees, leaf, tried, seed)
+    return _make_pipeline(ExtraTreesClassifier, features, trees, leaf, tried, seed)
 
 
-def _forest(
+def _make_pipeline(
     kind: type[ClassifierMixin],
     features: TransformerMixin,
     trees: int,

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
-from bench.features.base import constant
+from bench.features.base import is_constant
 
 
 class RangeScaler(MinMaxScaler):
@@ -20,7 +20,7 @@ class RangeScaler(MinMaxScaler):
     def fit(self, X: pd.DataFrame | np.ndarray, y: object = None) -> RangeScaler:
         """Learn the range of each feature [captures, n_features]."""
         super().fit(X, y)
-        still = constant(X)
+        still = is_constant(X)
         self.scale_[still] = 0
         self.min_[still] = self.feature_range[0]
         return self
@@ -34,5 +34,5 @@ class ZScaler(StandardScaler):
     ) -> ZScaler:
         """Learn mean and SD of each feature [captures, n_features]."""
         super().fit(X, y, sample_weight)
-        self.scale_[constant(X)] = np.inf
+        self.scale_[is_constant(X)] = np.inf
         return self

@@ -8,8 +8,8 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.models.nets.taxel_major import taxel_major
-from bench.models.nets.training import Optimiser, Samples, Step, Windows
+from bench.models.nets.taxel_major import run_taxel_major
+from bench.models.nets.training import LearnRows, Optimiser, Samples, Windows
 from bench.models.nets.window import FrameNet
 
 RATES = {
@@ -96,7 +96,7 @@ class CNN85(FrameNet):
         """The output of ``net(x)``; in training in taxel-major order, in half the bits with channels last."""
         if self.precision == "bfloat16":
             return net(x.contiguous(memory_format=torch.channels_last))
-        return taxel_major(net, x) if net.training else net(x)
+        return run_taxel_major(net, x) if net.training else net(x)
 
     def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]]:
         """Weights from He's normal, biases 0.
@@ -151,7 +151,7 @@ class SelectiveSGD(Optimiser):
         torch._foreach_copy_(self.momentum, momentum)
         self.steps = steps
 
-    def before_epoch(self, epoch: int, batches: np.ndarray, step: Step) -> None:
+    def before_epoch(self, epoch: int, batches: np.ndarray, step: LearnRows) -> None:
         """Every ten epochs, keep that rate whose last loss on up to 30 batches from the current weights is the lowest.
 
         The trial weights are discarded. Rates above the first one ever kept are not tried again.

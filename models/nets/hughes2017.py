@@ -15,10 +15,10 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.models.nets.time_blocks import TimeConv3d, pooled
-from bench.models.nets.training import Forward, Optimiser, Samples, Sequences, Windows, moved
+from bench.models.nets.time_blocks import TimeConv3d, convolve_and_pool
+from bench.models.nets.training import Forward, Optimiser, Samples, Sequences, Windows, to_device
 from bench.models.nets.window import WindowNet
-from bench.models.quantised import BITS, back
+from bench.models.quantised import BITS, round_weights
 
 # By corpus: rate in Hz, frames and hop of a window, then filters and kernel (frames, rows, columns) of both layers.
 COST = (135.0, 45, 15, (30, (20, 2, 2)), (10, (5, 2, 2)))
@@ -51,8 +51,8 @@ class Hughes2017(WindowNet):
         return Windows(corpus, *self.design_[1:3])
 
     def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]]:
-        """Initialise the weights by `start`."""
-        start(net)
+        """Initialise the weights by `initialise_weights`."""
+        initialise_weights(net)
         return []
 
     def optimiser(self, net: nn.Module, samples: Samples) -> Optimiser:
@@ -88,13 +88,13 @@ class Hughes2017CNN(Hughes2017):
         """Train on captures and their class names."""
         super().fit(X, y)
         if self.bits != 32:
-            self.bytes_saved_ = 3 * in_bits(self.net_, self.bits)
+            self.bytes_saved_ = 3 * round_network(self.net_, self.bits)
         return self
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """11 204 parameters for CoST, 17 157 for HAART."""
         return nn.Sequential(
-            *convolutions(self.design_, rows, cols),
+            *convolution_layers(self.design_, rows, cols),
             nn.LazyLinear(UNITS),
             nn.ReLU(),
             nn.Linear(UNITS, classes),
@@ -102,7 +102,7 @@ class Hughes2017CNN(Hughes2017):
 
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
         """The output of ``net(x)``, the first layer pooled before its bias is added."""
-        return pooled_first(net, x)
+        return run_with_pooled_input(net, x)
 
 
 class Hughes2017CNNRNN(Hughes2017):
@@ -122,11 +122,11 @@ class Hughes2017CNNRNN(Hughes2017):
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """16 254 parameters for CoST, 22 207 for HAART."""
         head = nn.Sequential(nn.Linear(UNITS, UNITS), nn.ReLU(), nn.Linear(UNITS, classes))
-        return Recurrent(nn.Sequential(*convolutions(self.design_, rows, cols)), UNITS, head)
+        return Recurrent(nn.Sequential(*convolution_layers(self.design_, rows, cols)), UNITS, head)
 
     def forward(self, net: nn.Module, x: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
         """The output of ``net(x)``, with the encoder of each window as `Hughes2017CNN` runs it."""
-        return net(x, partial(pooled_first, net.encoder))
+        return net(x, partial(run_with_pooled_input, net.encoder))
 
 
 class Hughes2017AERNN(Hughes2017):
@@ -160,14 +160,16 @@ class Hughes2017AERNN(Hughes2017):
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """40 949 parameters for CoST, 40 767 for HAART, and the decoder, which is not kept."""
         sizes = [rows * cols, *ENCODER]
-        return Recurrent(nn.Sequential(nn.Flatten(), *layers(sizes)), 25, nn.Linear(25, classes))
+        return Recurrent(
+            nn.Sequential(nn.Flatten(), *dense_layers(sizes)), 25, nn.Linear(25, classes)
+        )
 
     def prepare(self, net: nn.Module, samples: Sequences) -> list[dict[str, float]]:
         """Train the autoencoder on frames; its losses by pass."""
-        start(net)
+        initialise_weights(net)
         sizes = [net.encoder[1].in_features, *ENCODER][::-1]
-        decoder = nn.Sequential(*layers(sizes)).to(self.device)
-        start(decoder)
+        decoder = nn.Sequential(*dense_layers(sizes)).to(self.device)
+        initialise_weights(decoder)
         autoencoder = nn.Sequential(net.encoder, decoder)
         rmsprop = torch.optim.RMSprop(autoencoder.parameters(), self.rate)
         order = np.random.default_rng(self.seed)
@@ -177,7 +179,7 @@ class Hughes2017AERNN(Hughes2017):
             for rows in np.array_split(
                 order.permutation(len(samples)), -(-len(samples) // self.batch)
             ):
-                frames = moved(samples.batch(rows), torch.device(self.device))[0]
+                frames = to_device(samples.make_batch(rows), torch.device(self.device))[0]
                 rmsprop.zero_grad()
                 loss = nn.functional.mse_loss(autoencoder(frames), frames.flatten(1))
                 loss.backward()
@@ -198,8 +200,8 @@ class Recurrent(nn.Module):
         super().__init__()
         self.encoder = encoder
         self.units = units
-        self.into = nn.LazyLinear(units)
-        self.within = nn.Linear(units, units, bias=False)
+        self.input_layer = nn.LazyLinear(units)
+        self.recurrent_layer = nn.Linear(units, units, bias=False)
         self.head = head
 
     def forward(
@@ -207,17 +209,17 @@ class Recurrent(nn.Module):
     ) -> torch.Tensor:
         """Logits at each window; ``encode`` is a faster way to compute ``encoder(x)``."""
         windows, steps = batch
-        inputs = self.into((encode or self.encoder)(windows))
+        inputs = self.input_layer((encode or self.encoder)(windows))
         # Longest sequences first: those that still run at a step are then the first ones.
         order = torch.argsort(steps, descending=True, stable=True)
         first = (steps.cumsum(0) - steps)[order]
         runs = steps[order][None] > torch.arange(int(steps.max()), device=steps.device)[:, None]
         index = (first + torch.arange(len(runs), device=steps.device)[:, None])[runs]
-        states = _States.apply(inputs[index], self.within.weight, runs.sum(1).tolist())
+        states = _TanhStates.apply(inputs[index], self.recurrent_layer.weight, runs.sum(1).tolist())
         return self.head(torch.empty_like(states).index_copy(0, index, states))
 
 
-class _States(torch.autograd.Function):
+class _TanhStates(torch.autograd.Function):
     """States of a tanh layer [windows, units] from its inputs, all first windows, then all second ones and so on.
 
     ``running`` counts the sequences at each step, which are the first ones of the step before.
@@ -252,13 +254,13 @@ class _States(torch.autograd.Function):
         return gradient, for_weight, None
 
 
-def pooled_first(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
-    """The output of `convolutions` and later layers for windows; the first is pooled before its bias is added."""
+def run_with_pooled_input(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
+    """The output of `convolution_layers` and later layers for windows; the first is pooled before its bias is added."""
     conv, pool, relu, *rest = net
-    return nn.Sequential(*rest)(pooled(conv, x, pool.kernel_size).relu_())
+    return nn.Sequential(*rest)(convolve_and_pool(conv, x, pool.kernel_size).relu_())
 
 
-def convolutions(design: tuple, rows: int, cols: int) -> list[nn.Module]:
+def convolution_layers(design: tuple, rows: int, cols: int) -> list[nn.Module]:
     """Convolution, pooling and ReLU, twice, down to a vector."""
     (filters, kernel), (filters2, kernel2) = design[3:]
     stack: list[nn.Module] = []
@@ -275,16 +277,16 @@ def convolutions(design: tuple, rows: int, cols: int) -> list[nn.Module]:
     return [*stack, nn.Flatten()]
 
 
-def in_bits(net: nn.Module, bits: int) -> int:
+def round_network(net: nn.Module, bits: int) -> int:
     """Round the weights of a network in place, in steps of their own for each filter or unit; how many. Biases stay."""
     weights = [p for p in net.parameters() if p.ndim > 1]
     with torch.no_grad():
         for p in weights:
-            p.copy_(torch.from_numpy(back(p.flatten(1).cpu().numpy(), bits)).view_as(p))
+            p.copy_(torch.from_numpy(round_weights(p.flatten(1).cpu().numpy(), bits)).view_as(p))
     return sum(p.numel() for p in weights)
 
 
-def layers(sizes: list[int]) -> list[nn.Module]:
+def dense_layers(sizes: list[int]) -> list[nn.Module]:
     """Linear layers with ReLU between them, none after the last."""
     stack: list[nn.Module] = []
     for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
@@ -292,7 +294,7 @@ def layers(sizes: list[int]) -> list[nn.Module]:
     return stack[:-1]
 
 
-def start(net: nn.Module) -> None:
+def initialise_weights(net: nn.Module) -> None:
     """Weights from a truncated normal of SD 0.1, biases 0.1."""
     for p in net.parameters():
         nn.init.trunc_normal_(p, std=0.1, a=-0.2, b=0.2) if p.ndim > 1 else nn.init.constant_(

@@ -3,7 +3,7 @@
 A touch frame has 8 x 8 taxels and a network halves that twice, so a library convolution spends up to two fifths of its
 work on zero padding. With the grid as the outer axes, one row of one kernel tap is a contiguous matrix, and taps that
 fall on padding are not computed at all. The network stays an ordinary `nn.Sequential` with its ordinary parameters;
-`taxel_major` only runs it in another order (tests/models/test_taxel_major.py compares outputs and gradients).
+`run_taxel_major` only runs it in another order (tests/models/test_taxel_major.py compares outputs and gradients).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import torch
 from torch import nn
 
 
-def taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
+def run_taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
     """Run a stack of convolutions, ReLUs and 2 x 2 poolings, then the layers after `nn.Flatten`.
 
     Args:
@@ -34,15 +34,17 @@ def taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
     while i < end:
         layer, following = layers[i], layers[i + 1]
         if isinstance(layer, nn.ReLU) and isinstance(following, nn.MaxPool2d):
-            grid = pool(grid).relu()  # the two commute, and after pooling there is a quarter to do
+            grid = max_pool(
+                grid
+            ).relu()  # the two commute, and after pooling there is a quarter to do
             i += 1
         elif isinstance(layer, nn.Conv2d):
             weight = layer.weight.permute(2, 3, 1, 0).contiguous()
-            grid = convolve(grid, weight, layer.bias, *layer.padding)
+            grid = convolve_grid(grid, weight, layer.bias, *layer.padding)
         elif isinstance(layer, nn.ReLU):
             grid = grid.relu()
         elif isinstance(layer, nn.MaxPool2d):
-            grid = pool(grid)
+            grid = max_pool(grid)
         else:
             raise TypeError(f"{type(layer).__name__} has no taxel-major form")
         i += 1
@@ -52,7 +54,7 @@ def taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
     return x
 
 
-def pool(grid: torch.Tensor) -> torch.Tensor:
+def max_pool(grid: torch.Tensor) -> torch.Tensor:
     """Largest of 2 x 2 positions, stride 2, incomplete ones at the end included."""
     return _Halving.apply(_Halving.apply(grid, 0), 1)
 
@@ -62,7 +64,7 @@ class _Halving(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: object, grid: torch.Tensor, axis: int) -> torch.Tensor:
-        first, second, odd = _neighbours(grid, axis)
+        first, second, odd = _split_pairs(grid, axis)
         ctx.save_for_backward(first >= second)
         ctx.axis, ctx.shape = axis, grid.shape
         larger = torch.maximum(first, second)
@@ -72,7 +74,7 @@ class _Halving(torch.autograd.Function):
     def backward(ctx: object, gradient: torch.Tensor) -> tuple:
         (is_first,) = ctx.saved_tensors
         for_grid = gradient.new_empty(ctx.shape)
-        first, second, odd = _neighbours(for_grid, ctx.axis)
+        first, second, odd = _split_pairs(for_grid, ctx.axis)
         pairs = gradient.narrow(ctx.axis, 0, first.shape[ctx.axis])
         torch.mul(pairs, is_first, out=first)
         torch.sub(pairs, first, out=second)
@@ -81,7 +83,7 @@ class _Halving(torch.autograd.Function):
         return for_grid, None
 
 
-def _neighbours(
+def _split_pairs(
     grid: torch.Tensor, axis: int
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
     size = grid.shape[axis]
@@ -107,7 +109,7 @@ class _Convolution(torch.autograd.Function):
         out = bias.expand(
             rows + 2 * down - high + 1, cols + 2 * right - wide + 1, batch, outputs
         ).contiguous()
-        for tap, into, source in _rows(x.shape, weight.shape, down, right):
+        for tap, into, source in _iter_kernel_rows(x.shape, weight.shape, down, right):
             out[into].view(-1, outputs).addmm_(x[source].view(-1, channels), weight[tap])
         ctx.save_for_backward(x, weight)
         ctx.padding = down, right
@@ -120,7 +122,7 @@ class _Convolution(torch.autograd.Function):
         channels, outputs = x.shape[3], weight.shape[3]
         for_x = torch.zeros_like(x) if ctx.needs_input_grad[0] else None
         for_weight = torch.zeros_like(weight)
-        for tap, into, source in _rows(x.shape, weight.shape, *ctx.padding):
+        for tap, into, source in _iter_kernel_rows(x.shape, weight.shape, *ctx.padding):
             part = gradient[into].view(-1, outputs)
             for_weight[tap].addmm_(x[source].view(-1, channels).T, part)
             if for_x is not None:
@@ -128,11 +130,11 @@ class _Convolution(torch.autograd.Function):
         return for_x, for_weight, gradient.sum((0, 1, 2)), None, None
 
 
-convolve = _Convolution.apply
-halved = _Halving.apply
+convolve_grid = _Convolution.apply
+halve_axis = _Halving.apply
 
 
-def _rows(x: torch.Size, weight: torch.Size, down: int, right: int) -> Iterator[tuple]:
+def _iter_kernel_rows(x: torch.Size, weight: torch.Size, down: int, right: int) -> Iterator[tuple]:
     """Every kernel tap with the stretch of an output row it adds to and the stretch of an input row it reads.
 
     Row by row, as what a row needs is then still in the cache.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from bench.models.nets.taxel_major import halved
+from bench.models.nets.taxel_major import halve_axis
 
 BLOCK = 2  # output frames; more of them share input but multiply more zeros
 
@@ -27,9 +27,9 @@ class TimeConv3d(nn.Conv3d):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Convolve windows [batch, frames, rows, cols]."""
-        return self._filtered(x).permute(2, 4, 3, 0, 1) + self.bias[:, None, None, None]
+        return self.filter_frames(x).permute(2, 4, 3, 0, 1) + self.bias[:, None, None, None]
 
-    def _filtered(self, x: torch.Tensor) -> torch.Tensor:
+    def filter_frames(self, x: torch.Tensor) -> torch.Tensor:
         """Filtered windows without the bias, [rows, cols, batch, frames, filters]."""
         long, high, wide = self.kernel_size
         batch, frames, rows, cols = x.shape
@@ -52,15 +52,17 @@ class TimeConv3d(nn.Conv3d):
         return filtered.view(*out[1:], batch, blocks * BLOCK, -1)[:, :, :, : out[0]]
 
 
-def pooled(conv: TimeConv3d, x: torch.Tensor, pool: tuple[int, int, int]) -> torch.Tensor:
+def convolve_and_pool(
+    conv: TimeConv3d, x: torch.Tensor, pool: tuple[int, int, int]
+) -> torch.Tensor:
     """``nn.MaxPool3d(pool)(conv(x))`` for pools of 1 or 2 a side, without work that no pool reaches."""
     used = [
         (n - k + 1) // p * p + k - 1
         for n, k, p in zip(x.shape[1:], conv.kernel_size, pool, strict=True)
     ]
-    filtered = conv._filtered(x[:, : used[0], : used[1], : used[2]])
+    filtered = conv.filter_frames(x[:, : used[0], : used[1], : used[2]])
     # Columns first, then of equal values the one is taken that the library takes.
     for axis, size in ((1, pool[2]), (0, pool[1]), (3, pool[0])):
         if size == 2:
-            filtered = halved(filtered, axis)
+            filtered = halve_axis(filtered, axis)
     return (filtered + conv.bias).permute(2, 4, 3, 0, 1)

@@ -8,20 +8,20 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.features.touch import OF_STEPS, SIGNALS, signals
+from bench.features.touch import SIGNALS, STEP_SIGNALS, frame_signals
 from bench.models.nets.training import Optimiser
 from bench.models.nets.window import WindowNet
 
-CLIP = 3.0  # SDs beyond which a signal says no more
-DROPPED = 0.3  # of what the last layer sees, while it learns
-DECAY = 0.05  # of the weights, decoupled (Loshchilov and Hutter 2019)
-SHORTEST = 0.4  # of a training window, in windows: what is right early is learnt, too
+CLIP_SDS = 3.0  # SDs beyond which a signal says no more
+DROPOUT = 0.3  # of what the last layer sees, while it learns
+WEIGHT_DECAY = 0.05  # of the weights, decoupled (Loshchilov and Hutter 2019)
+SHORTEST_SHARE = 0.4  # of a training window, in windows: what is right early is learnt, too
 ROW, COL, FLOW_ROW, FLOW_COL = (
     SIGNALS.index(name) for name in ("row", "col", "flow_row", "flow_col")
 )
 
 
-class Stretches:
+class SignalWindows:
     """Windows of the signals of captures; short captures are shorter windows.
 
     Args:
@@ -41,7 +41,7 @@ class Stretches:
         self.start = (np.arange(counts.sum()) - first) * hop
         self.seen = np.minimum(frames, corpus.lengths[self.capture])
         self.steps = np.ones(len(self.capture), dtype=np.int64)
-        values = [_signals_of(corpus[int(i)], corpus.full_scale) for i in range(len(corpus))]
+        values = [_capture_signals(corpus[int(i)], corpus.full_scale) for i in range(len(corpus))]
         self.values = torch.from_numpy(np.concatenate(values))
         self._begin = torch.from_numpy((np.cumsum(corpus.lengths) - corpus.lengths)[self.capture])
         self._length = torch.from_numpy(corpus.lengths[self.capture])
@@ -50,34 +50,36 @@ class Stretches:
     def __len__(self) -> int:
         return len(self.capture)
 
-    def one(self) -> tuple[torch.Tensor, torch.Tensor]:
+    def make_example(self) -> tuple[torch.Tensor, torch.Tensor]:
         """A batch of one window of full length."""
-        return self._cut(self._begin[:1], torch.tensor([self._frames]))
+        return self._cut_windows(self._begin[:1], torch.tensor([self._frames]))
 
-    def batch(self, rows: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+    def make_batch(self, rows: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
         """Signals float32 [rows, frames, signals], of anything behind the end of a window, and the frames of each."""
         start, seen = torch.from_numpy(self.start[rows]), torch.from_numpy(self.seen[rows])
         if not self._drawn:
-            return self._cut(self._begin[rows] + start, seen)
-        seen = (seen * (SHORTEST + (1 - SHORTEST) * torch.rand(1))).long().clamp(min=1)
+            return self._cut_windows(self._begin[rows] + start, seen)
+        seen = (seen * (SHORTEST_SHARE + (1 - SHORTEST_SHARE) * torch.rand(1))).long().clamp(min=1)
         room = (self._length[rows] - seen - start).clamp(max=self._hop)
         start = start + (torch.rand(len(rows)) * (room + 1)).long()
-        values, seen = self._cut(self._begin[rows] + start, seen)
-        return _mounted(values), seen
+        values, seen = self._cut_windows(self._begin[rows] + start, seen)
+        return _mount_randomly(values), seen
 
-    def _cut(self, first: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def _cut_windows(
+        self, first: torch.Tensor, seen: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         index = first[:, None] + torch.arange(int(seen.max()))
         return self.values[index.clamp(max=len(self.values) - 1)], seen
 
 
-def _signals_of(frames: np.ndarray, full_scale: float) -> np.ndarray:
+def _capture_signals(frames: np.ndarray, full_scale: float) -> np.ndarray:
     """Of a capture, float32 [frames, signals]; of its first frame, what belongs to a step is that of the second."""
-    values = signals(frames.astype(np.float32) / np.float32(full_scale)).astype(np.float32)
-    values[0, [*OF_STEPS]] = values[min(1, len(values) - 1), [*OF_STEPS]]
+    values = frame_signals(frames.astype(np.float32) / np.float32(full_scale)).astype(np.float32)
+    values[0, [*STEP_SIGNALS]] = values[min(1, len(values) - 1), [*STEP_SIGNALS]]
     return values
 
 
-def _mounted(values: torch.Tensor) -> torch.Tensor:
+def _mount_randomly(values: torch.Tensor) -> torch.Tensor:
     """Signals [windows, frames, signals] of each window as on a skin that was mounted otherwise."""
     upside, aside, exchanged = torch.rand(3, len(values), 1) < 0.5
     row = torch.where(upside, 1 - values[..., ROW], values[..., ROW])
@@ -141,13 +143,13 @@ class TouchNet(WindowNet):
         if (np.maximum(X.lengths - frames, 0) // ((frames + 1) // 2) + 1).sum() < 2:
             raise InputError("touchnet needs two training windows at least")
 
-    def samples(self, corpus: Corpus) -> Stretches:
+    def samples(self, corpus: Corpus) -> SignalWindows:
         """Windows, one every half window."""
-        return Stretches(corpus, self.window, (self.window + 1) // 2)
+        return SignalWindows(corpus, self.window, (self.window + 1) // 2)
 
-    def training_samples(self, corpus: Corpus) -> Stretches:
+    def training_samples(self, corpus: Corpus) -> SignalWindows:
         """The same, drawn anew in every batch."""
-        return Stretches(corpus, self.window, (self.window + 1) // 2, drawn=True)
+        return SignalWindows(corpus, self.window, (self.window + 1) // 2, drawn=True)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """Network of 4 to 40 thousand parameters on any grid."""
@@ -156,35 +158,37 @@ class TouchNet(WindowNet):
         layers = [
             _Convolved(*sizes) for sizes in zip(widths[:-1], widths[1:], kernels, strict=True)
         ]
-        return _Net(layers, nn.Linear(3 * widths[-1], classes))
+        return _SignalNet(layers, nn.Linear(3 * widths[-1], classes))
 
-    def prepare(self, net: nn.Module, samples: Stretches) -> list[dict[str, float]]:
+    def prepare(self, net: nn.Module, samples: SignalWindows) -> list[dict[str, float]]:
         """Take mean and SD of the training frames."""
-        net.standardise(samples.values)
+        net.learn_scale(samples.values)
         return []
 
-    def passes(self, samples: Stretches) -> int:
+    def epoch_limit(self, samples: SignalWindows) -> int:
         """Whole passes that make at least so many updates."""
         return -(-self.updates // max(len(samples) // self.batch, 1))
 
-    def optimiser(self, net: nn.Module, samples: Stretches) -> OneCycle:
+    def optimiser(self, net: nn.Module, samples: SignalWindows) -> OneCycle:
         """AdamW and one cycle of the rate."""
-        adam = torch.optim.AdamW(net.parameters(), self.rate, weight_decay=DECAY)
-        return OneCycle(adam, self.rate, self.passes(samples) * max(len(samples) // self.batch, 1))
+        adam = torch.optim.AdamW(net.parameters(), self.rate, weight_decay=WEIGHT_DECAY)
+        return OneCycle(
+            adam, self.rate, self.epoch_limit(samples) * max(len(samples) // self.batch, 1)
+        )
 
 
-class _Net(nn.Module):
+class _SignalNet(nn.Module):
     """From signals [windows, frames, signals] and frames of each window to logits [windows, classes]."""
 
     def __init__(self, layers: list[nn.Module], last: nn.Linear) -> None:
         super().__init__()
         self.layers = nn.ModuleList(layers)
-        self.dropout = nn.Dropout(DROPPED)
+        self.dropout = nn.Dropout(DROPOUT)
         self.last = last
         self.register_buffer("mean", torch.zeros(len(SIGNALS)))
         self.register_buffer("scale", torch.ones(len(SIGNALS)))
 
-    def standardise(self, values: torch.Tensor) -> None:
+    def learn_scale(self, values: torch.Tensor) -> None:
         """Take mean and SD of the signals of training frames [frames, signals]; one that never varies is always 0.
 
         Raises:
@@ -198,12 +202,12 @@ class _Net(nn.Module):
 
     def forward(self, batch: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
         values, seen = batch
-        x = ((values - self.mean) / self.scale).clamp(-CLIP, CLIP).transpose(1, 2)
+        x = ((values - self.mean) / self.scale).clamp(-CLIP_SDS, CLIP_SDS).transpose(1, 2)
         for number, layer in enumerate(self.layers):
-            x = layer(x * _inside(x, seen))
+            x = layer(x * _frame_mask(x, seen))
             if number < 2 and x.shape[2] > 1:
                 x, seen = nn.functional.max_pool1d(x, 2), (seen // 2).clamp(min=1)
-        inside = _inside(x, seen)
+        inside = _frame_mask(x, seen)
         count = seen[:, None]
         mean = (x * inside).sum(2) / count
         spread = (((x - mean[:, :, None]) * inside).square().sum(2) / count + 1e-6).sqrt()
@@ -211,7 +215,7 @@ class _Net(nn.Module):
         return self.last(self.dropout(torch.cat([mean, most, spread], 1)))
 
 
-def _inside(x: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
+def _frame_mask(x: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
     """1 within a window and 0 behind its end, [windows, 1, frames]."""
     return (torch.arange(x.shape[2], device=x.device) < seen[:, None])[:, None].to(x.dtype)
 

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from bench.corpora.corpus import Corpus, storage
+from bench.corpora.corpus import Corpus, shared_frames
 
 
 class Windows:
@@ -46,7 +46,7 @@ class Windows:
         self.frames = frames
         self.padding = padding
         self.grid = corpus.grid
-        stored, starts = storage(corpus)
+        stored, starts = shared_frames(corpus)
         self._begin = starts[self.capture] + self.start
         self._values = stored.reshape(len(stored), -1)
         self._scale = 1 / corpus.full_scale
@@ -54,11 +54,11 @@ class Windows:
     def __len__(self) -> int:
         return len(self.capture)
 
-    def one(self) -> torch.Tensor:
+    def make_example(self) -> torch.Tensor:
         """The first window, a batch of one."""
-        return self.batch(np.arange(1))
+        return self.make_batch(np.arange(1))
 
-    def batch(self, rows: np.ndarray) -> torch.Tensor:
+    def make_batch(self, rows: np.ndarray) -> torch.Tensor:
         """Windows scaled to 0..1, float32 [rows, frames, grid rows, grid cols], in memory grid first."""
         seen = self.seen[rows]
         index = self._begin[rows, None] + np.minimum(np.arange(self.frames), seen[:, None] - 1)
@@ -88,21 +88,21 @@ class Sequences:
     def __len__(self) -> int:
         return len(self._first)
 
-    def one(self) -> tuple[torch.Tensor, torch.Tensor]:
+    def make_example(self) -> tuple[torch.Tensor, torch.Tensor]:
         """The first window, as a sequence of one step."""
-        return self._windows.one(), torch.ones(1, dtype=torch.int64)
+        return self._windows.make_example(), torch.ones(1, dtype=torch.int64)
 
-    def batch(self, rows: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+    def make_batch(self, rows: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
         """The windows of some sequences, one sequence after another, and how many each has."""
         steps = self.steps[rows]
         within = np.arange(steps.sum()) - np.repeat(np.cumsum(steps) - steps, steps)
-        return self._windows.batch(np.repeat(self._first[rows], steps) + within), torch.from_numpy(
-            steps
-        )
+        return self._windows.make_batch(
+            np.repeat(self._first[rows], steps) + within
+        ), torch.from_numpy(steps)
 
 
 Samples = Windows | Sequences
-Step = Callable[[np.ndarray], float]
+LearnRows = Callable[[np.ndarray], float]
 Forward = Callable[[object], torch.Tensor]
 
 
@@ -117,7 +117,7 @@ class Optimiser:
         self.inner = inner
         self.rate = inner.param_groups[0]["lr"]
 
-    def before_epoch(self, epoch: int, batches: np.ndarray, step: Step) -> None:
+    def before_epoch(self, epoch: int, batches: np.ndarray, step: LearnRows) -> None:
         """Set the rate of an epoch (from 0), whose batches [batches, samples] may be tried with ``step``; it stays."""
 
     def zero_grad(self) -> None:
@@ -142,7 +142,7 @@ class Schedule:
     smoothing: float = 0.0  # share of a label that is spread over all classes
 
 
-def train(
+def train_network(
     net: nn.Module,
     samples: Samples,
     target: np.ndarray,
@@ -159,7 +159,7 @@ def train(
         target: int64 [samples], class of each.
         optimiser: optimiser of the parameters of ``net``.
         schedule: epochs, batches, and when to stop.
-        forward: a faster way to compute ``net(x)`` (`WindowNet.logits`).
+        forward: a faster way to compute ``net(x)`` (`WindowNet.compute_logits`).
         judge: accuracy of the network on captures it is not trained on; the first epoch with the highest is kept. The
             loss may then become infinite.
 
@@ -168,10 +168,10 @@ def train(
     """
     order, history = np.random.default_rng(schedule.seed), []
     best: tuple[float, dict] | None = None  # accuracy and weights of the best epoch that was judged
-    step = _step(net, samples, target, optimiser, schedule.smoothing, forward or net)
+    step = _make_step(net, samples, target, optimiser, schedule.smoothing, forward or net)
     for epoch in range(schedule.epochs):
         net.train()
-        batches = _shuffled(len(samples), schedule.batch, order)
+        batches = _draw_batches(len(samples), schedule.batch, order)
         optimiser.before_epoch(epoch, batches, step)
         losses = [step(rows) for rows in batches]
         history.append({"loss": float(np.mean(losses)), "rate": optimiser.rate})
@@ -186,27 +186,29 @@ def train(
             accuracy = history[-1]["held_accuracy"] = judge()
             if best is None or accuracy > best[0]:
                 best = accuracy, {name: value.clone() for name, value in net.state_dict().items()}
-        if schedule.patience and _stands_still([row["loss"] for row in history], schedule.patience):
+        if schedule.patience and _has_converged(
+            [row["loss"] for row in history], schedule.patience
+        ):
             break
     if best:
         net.load_state_dict(best[1])
     return history
 
 
-def _shuffled(samples: int, batch: int, order: np.random.Generator) -> np.ndarray:
+def _draw_batches(samples: int, batch: int, order: np.random.Generator) -> np.ndarray:
     """The batches of an epoch [batches, samples]."""
     batch = min(batch, samples)
     return order.permutation(samples)[: samples // batch * batch].reshape(-1, batch)
 
 
-def _step(
+def _make_step(
     net: nn.Module,
     samples: Samples,
     target: np.ndarray,
     optimiser: Optimiser,
     smoothing: float,
     forward: Forward,
-) -> Step:
+) -> LearnRows:
     """A function that learns from the samples of some rows and returns their loss before."""
     device = next(net.parameters()).device
     labels = torch.from_numpy(np.asarray(target, dtype=np.int64))
@@ -215,7 +217,7 @@ def _step(
     def step(rows: np.ndarray) -> float:
         optimiser.zero_grad()
         expected = labels[rows].repeat_interleave(steps[rows]).to(device)
-        logits = forward(moved(samples.batch(rows), device))
+        logits = forward(to_device(samples.make_batch(rows), device))
         loss = nn.functional.cross_entropy(logits, expected, label_smoothing=smoothing)
         loss.backward()
         optimiser.step()
@@ -224,14 +226,14 @@ def _step(
     return step
 
 
-def _stands_still(losses: list[float], patience: int) -> bool:
+def _has_converged(losses: list[float], patience: int) -> bool:
     if len(losses) < 2 * patience:
         return False
     # Medians: a recurrent network on long sequences now and then falls back for an epoch.
     return np.median(losses[-patience:]) > 0.999 * np.median(losses[-2 * patience : -patience])
 
 
-def moved(batch: object, device: torch.device) -> object:
+def to_device(batch: object, device: torch.device) -> object:
     """A batch, a tensor or several, on a device."""
     if device.type == "cpu":
         return batch
@@ -240,13 +242,15 @@ def moved(batch: object, device: torch.device) -> object:
     )
 
 
-def probabilities(net: nn.Module, samples: Samples, batch: int, forward: Forward) -> np.ndarray:
+def predict_samples(net: nn.Module, samples: Samples, batch: int, forward: Forward) -> np.ndarray:
     """Softmax of the logits of every decision, float32 [decisions, classes]; ``forward`` computes ``net(x)``."""
     net.eval()
     device = next(net.parameters()).device
     with torch.inference_mode():
         parts = [
-            forward(moved(samples.batch(np.arange(i, min(i + batch, len(samples)))), device))
+            forward(
+                to_device(samples.make_batch(np.arange(i, min(i + batch, len(samples)))), device)
+            )
             .softmax(dim=1)
             .cpu()
             for i in range(0, len(samples), batch)
@@ -254,10 +258,10 @@ def probabilities(net: nn.Module, samples: Samples, batch: int, forward: Forward
     return torch.cat(parts).numpy()
 
 
-IN_PLACE = (nn.ReLU, nn.Flatten, nn.Dropout, nn.BatchNorm1d, nn.BatchNorm3d, nn.LayerNorm)
+IN_PLACE_LAYERS = (nn.ReLU, nn.Flatten, nn.Dropout, nn.BatchNorm1d, nn.BatchNorm3d, nn.LayerNorm)
 
 
-def activations(net: nn.Module, one: object) -> int:
+def count_activations(net: nn.Module, one: object) -> int:
     """Numbers that are in memory while one sample goes through a network: its input and the outputs of its layers.
 
     Layers that can overwrite their input (ReLU, normalisation, dropout) add nothing. Hughes et al. 2017, Table VIII,
@@ -277,7 +281,7 @@ def activations(net: nn.Module, one: object) -> int:
     leaves = [
         m
         for m in net.modules()
-        if not list(m.children()) and not isinstance(m, IN_PLACE) and id(m) not in within
+        if not list(m.children()) and not isinstance(m, IN_PLACE_LAYERS) and id(m) not in within
     ]
     hooks = [layer.register_forward_hook(note) for layer in [*leaves, *attention]]
     try:

@@ -15,27 +15,27 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.ground.machine import ensure
-from bench.ground.registry import parameters
+from bench.ground.machine import check_memory
+from bench.ground.registry import parameter_defaults
 from bench.models.most_probable import MostProbable
 from bench.models.nets.training import (
     Optimiser,
     Samples,
     Schedule,
     Windows,
-    activations,
-    moved,
-    probabilities,
-    train,
+    count_activations,
+    predict_samples,
+    to_device,
+    train_network,
 )
 
-LONGEST_S = 3600.0  # of a window
+MAX_WINDOW_S = 3600.0  # of a window
 PRECISIONS = ("float32", "bfloat16")
 
-declared = partial(dataclass, kw_only=True, eq=False, repr=False)
+network_parameters = partial(dataclass, kw_only=True, eq=False, repr=False)
 
 
-@declared
+@network_parameters
 class WindowNet(MostProbable):
     """Cuts captures into samples, decides on each, and labels a capture by the mean of its probabilities.
 
@@ -80,7 +80,7 @@ class WindowNet(MostProbable):
 
     def __init_subclass__(cls, **more: object) -> None:
         super().__init_subclass__(**more)
-        declared(cls)
+        network_parameters(cls)
         _, *params = inspect.signature(cls.__init__).parameters.values()
         # What a class declares itself names its runs, so it stands before what it inherits.
         base = inspect.signature(cls.__mro__[1]).parameters
@@ -104,11 +104,11 @@ class WindowNet(MostProbable):
         """Optimiser of the network: Adam."""
         return Optimiser(torch.optim.Adam(net.parameters(), self.rate))
 
-    def passes(self, samples: Samples) -> int:
+    def epoch_limit(self, samples: Samples) -> int:
         """Most epochs on these samples."""
         return self.epochs
 
-    def logits(self, net: nn.Module, x: object) -> torch.Tensor:
+    def compute_logits(self, net: nn.Module, x: object) -> torch.Tensor:
         """Logits of a batch, float32, by products of the wanted precision."""
         if self.precision == "float32":
             return self.forward(net, x)
@@ -149,14 +149,14 @@ class WindowNet(MostProbable):
                 raise InputError(f"model.{name}={value}: give at least 1")
         if self.precision not in PRECISIONS:
             raise InputError(f"model.precision={self.precision}: give {' or '.join(PRECISIONS)}")
-        if not 0 <= self.seconds <= LONGEST_S:
+        if not 0 <= self.seconds <= MAX_WINDOW_S:
             raise InputError(
-                f"model.seconds={self.seconds:g}: give a number above 0 up to {LONGEST_S:g}, or 0 for what frames says"
+                f"model.seconds={self.seconds:g}: give a number above 0 up to {MAX_WINDOW_S:g}, or 0 for what frames says"
             )
         if (
             self.seconds
             and self.frames is not None
-            and self.frames != parameters(type(self))["frames"]
+            and self.frames != parameter_defaults(type(self))["frames"]
         ):
             raise InputError(
                 f"model.frames={self.frames} and model.seconds={self.seconds:g}: give one of them"
@@ -182,13 +182,13 @@ class WindowNet(MostProbable):
                 f"model.seconds={self.seconds:g}" if self.seconds else f"model.frames={self.frames}"
             )
             values = self.batch * float(self.length(X.rate_hz)) * int(np.prod(X.grid))
-            ensure(f"{length} model.batch={self.batch}", 4 * values)
+            check_memory(f"{length} model.batch={self.batch}", 4 * values)
         if self.holds_out and len(set(X.subjects.astype(str))) < 2:
             raise InputError(
                 f"{type(self).__name__} lets one training subject choose the epoch; train on two or more"
             )
 
-    def _held_out(self, X: Corpus) -> np.ndarray:
+    def _is_held_out(self, X: Corpus) -> np.ndarray:
         """Captures of the training subject that chooses the epoch, bool [captures]."""
         if not self.holds_out:
             return np.zeros(len(X), dtype=bool)
@@ -204,10 +204,10 @@ class WindowNet(MostProbable):
         self.check()
         self.classes_, codes = np.unique(y, return_inverse=True)
         self.check_training(X, y)
-        held = self._held_out(X)
+        held = self._is_held_out(X)
         self.window_ = self.length(X.rate_hz)
         samples = self.training_samples(X[~held])
-        one = moved(samples.one(), torch.device(self.device))
+        one = to_device(samples.make_example(), torch.device(self.device))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
             self.net_ = net = self.network(*X.grid, len(self.classes_)).to(self.device)
@@ -220,13 +220,13 @@ class WindowNet(MostProbable):
             target = codes[~held][samples.capture]
             before = self.prepare(net, samples)
             schedule = Schedule(
-                self.passes(samples), self.batch, self.seed, self.patience, self.smoothing
+                self.epoch_limit(samples), self.batch, self.seed, self.patience, self.smoothing
             )
-            optimiser, forward = self.optimiser(net, samples), partial(self.logits, net)
-            self.history_ = before + train(
+            optimiser, forward = self.optimiser(net, samples), partial(self.compute_logits, net)
+            self.history_ = before + train_network(
                 net, samples, target, optimiser, schedule, forward, judge
             )
-        self.activations_ = activations(net, one)
+        self.activations_ = count_activations(net, one)
         return self
 
     def _accuracy(self, X: Corpus, codes: np.ndarray) -> float:
@@ -244,8 +244,10 @@ class WindowNet(MostProbable):
         table = pd.DataFrame(
             {"capture": samples.capture, "start": samples.start, "frames": samples.seen}
         )
-        proba = probabilities(self.net_, samples, self.batch, partial(self.logits, self.net_))
-        return table, votes(proba, samples.steps)
+        proba = predict_samples(
+            self.net_, samples, self.batch, partial(self.compute_logits, self.net_)
+        )
+        return table, vote_shares(proba, samples.steps)
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probability over the samples of each capture [captures, classes]."""
@@ -270,7 +272,7 @@ class FrameNet(WindowNet):
     precision: str = "float32"
 
 
-def votes(proba: np.ndarray, steps: np.ndarray) -> np.ndarray:
+def vote_shares(proba: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Probabilities of samples [samples, classes] from those of their steps, as shares of a majority vote.
 
     A sample of one step keeps its probabilities. A tie goes to the class with the higher mean probability: this is

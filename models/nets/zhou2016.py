@@ -55,10 +55,10 @@ class Zhou2016CNN3D(Zhou2016):
         shape = (self.window // self.average, rows, cols)
         poolings = ((2, 1, 1), (2, 2, 2), (2, 2, 2), (2, 2, 2))
         return nn.Sequential(
-            _Averaged(self.average),
-            *_stack(shape, (3, 3, 3), poolings),
+            _FrameAverage(self.average),
+            *_convolution_layers(shape, (3, 3, 3), poolings),
             nn.Flatten(),
-            *_dense(classes),
+            *_dense_layers(classes),
         )
 
 
@@ -68,10 +68,10 @@ class Zhou2016CNN2D(Zhou2016):
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
         return nn.Sequential(
-            _Averaged(self.average),
-            *_frames_alone((self.window // self.average, rows, cols)),
+            _FrameAverage(self.average),
+            *_frame_layers((self.window // self.average, rows, cols)),
             _MeanOverTime(),
-            *_dense(classes),
+            *_dense_layers(classes),
         )
 
 
@@ -81,12 +81,12 @@ class Zhou2016LRCN(Zhou2016):
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
         shape = (self.window // self.average, rows, cols)
-        size = _size_after(shape, FILTERS[-1])
+        size = _pooled_size(shape, FILTERS[-1])
         return nn.Sequential(
-            _Averaged(self.average),
-            *_frames_alone(shape),
-            _ByTime(),
-            _Last(nn.LSTM(size, UNITS, batch_first=True)),
+            _FrameAverage(self.average),
+            *_frame_layers(shape),
+            _TimeFirst(),
+            _LastState(nn.LSTM(size, UNITS, batch_first=True)),
             nn.Linear(UNITS, classes),
         )
 
@@ -97,16 +97,16 @@ class Zhou2016GMLSTM(Zhou2016):
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
         return nn.Sequential(
-            _Averaged(self.average),
-            _Moments(rows, cols),
+            _FrameAverage(self.average),
+            _GeometricMoments(rows, cols),
             nn.LazyBatchNorm1d(),
-            _ByTime(),
-            _Last(nn.LSTM(10, UNITS, batch_first=True)),
+            _TimeFirst(),
+            _LastState(nn.LSTM(10, UNITS, batch_first=True)),
             nn.Linear(UNITS, classes),
         )
 
 
-class _Averaged(nn.Module):
+class _FrameAverage(nn.Module):
     """[batch, frames, rows, cols] to [batch, 1, fewer frames, rows, cols]; frames that are left over are dropped."""
 
     def __init__(self, frames: int) -> None:
@@ -123,14 +123,14 @@ class _MeanOverTime(nn.Module):
         return x.mean(2).flatten(1)
 
 
-class _ByTime(nn.Module):
+class _TimeFirst(nn.Module):
     """[batch, channels, frames, ...] to [batch, frames, values]."""
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         return x.transpose(1, 2).flatten(2)
 
 
-class _Last(nn.Module):
+class _LastState(nn.Module):
     """Last state of a recurrent layer."""
 
     def __init__(self, layer: nn.LSTM) -> None:
@@ -141,7 +141,7 @@ class _Last(nn.Module):
         return self.layer(x)[1][0][-1]
 
 
-class _Moments(nn.Module):
+class _GeometricMoments(nn.Module):
     """[batch, 1, frames, rows, cols] to moments of order 0 to 3 [batch, 10, frames], of coordinates from 0 to 1."""
 
     def __init__(self, rows: int, cols: int) -> None:
@@ -156,7 +156,7 @@ class _Moments(nn.Module):
         return (x[:, 0].flatten(2) @ self.powers.T).transpose(1, 2)
 
 
-def _stack(
+def _convolution_layers(
     shape: tuple[int, ...], kernel: tuple[int, ...], poolings: tuple[tuple[int, ...], ...]
 ) -> list[nn.Module]:
     """Convolutions that keep the size, batch norm, ReLU and pooling; poolings are cut to what is there.
@@ -176,15 +176,15 @@ def _stack(
     return layers
 
 
-def _dense(classes: int) -> list[nn.Module]:
+def _dense_layers(classes: int) -> list[nn.Module]:
     return [nn.LazyLinear(256), nn.ReLU(), nn.Dropout(0.5), nn.Linear(256, classes)]
 
 
-def _frames_alone(shape: tuple[int, ...]) -> list[nn.Module]:
-    return _stack(shape, (1, 3, 3), ((1, 1, 1), (1, 2, 2), (1, 2, 2), (1, 2, 2)))
+def _frame_layers(shape: tuple[int, ...]) -> list[nn.Module]:
+    return _convolution_layers(shape, (1, 3, 3), ((1, 1, 1), (1, 2, 2), (1, 2, 2), (1, 2, 2)))
 
 
-def _size_after(shape: tuple[int, ...], channels: int) -> int:
+def _pooled_size(shape: tuple[int, ...], channels: int) -> int:
     rows, cols = shape[1:]
     for _ in range(3):
         rows, cols = max(rows // 2, 1), max(cols // 2, 1)

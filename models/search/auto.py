@@ -14,14 +14,20 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import usual_faults
 from bench.errors import InputError
-from bench.ground.timing import timed
-from bench.ground.words import quantity
+from bench.ground.timing import time_repeatedly
+from bench.ground.words import parse_amount
 from bench.models.most_probable import MostProbable
 from bench.models.search import portfolio
-from bench.models.search.ensemble import Ensemble, fit_temperature, logarithms, selected, tempered
-from bench.models.search.inner_folds import check_search, labelled_folds
-from bench.models.search.study import Study, Tried, identity, within
-from bench.models.sizes import sizes
+from bench.models.search.ensemble import (
+    Ensemble,
+    apply_temperature,
+    fit_temperature,
+    log_probabilities,
+    select_ensemble,
+)
+from bench.models.search.inner_folds import check_search, make_inner_folds
+from bench.models.search.study import FinishedTrial, Study, meets_limits, source_identity
+from bench.models.sizes import measure_sizes
 from bench.models.space import Trial
 
 LIMITS = {  # by parameter: the cost, its unit, and the factor of that
@@ -29,12 +35,12 @@ LIMITS = {  # by parameter: the cost, its unit, and the factor of that
     "max_ram": ("ram_bytes", "kB", 1e3),
     "max_predict": ("predict_ms", "ms", 1.0),
 }
-GROWTH = 4.0  # how much more work than the best one of its model a trial may be
-SMALL = 0.3  # seconds of work that any model may begin with
-DRAWS = 20  # of the sampler, for one trial
-COLDEST, HOTTEST = 0.05, 20.0  # of a temperature
-POOL = 12  # of the best trials an ensemble is picked
-TIMED = 3  # single captures whose prediction is timed
+MAX_GROWTH = 4.0  # how much more work than the best one of its model a trial may be
+SMALL_FIT_S = 0.3  # seconds of work that any model may begin with
+MAX_DRAWS = 20  # of the sampler, for one trial
+MIN_TEMPERATURE, MAX_TEMPERATURE = 0.05, 20.0  # of a temperature
+POOL_SIZE = 12  # of the best trials an ensemble is picked
+TIMED_CAPTURES = 3  # single captures whose prediction is timed
 
 
 @dataclass(eq=False, repr=False)
@@ -43,11 +49,11 @@ class Auto(MostProbable):
 
     A trial is judged by training subjects that are left out (groups of them), and given up as soon as a Wilcoxon
     signed-rank test over the subjects seen so far finds it worse than the best one (p < 0.1), unless it needs less than
-    half of the flash or memory of that. First come the trials of `portfolio.FIRST`, cheap ones that are known to
+    half of the flash or memory of that. First come the trials of `portfolio.FIRST_TRIALS`, cheap ones that are known to
     be good; then a tree-structured Parzen estimator draws from `portfolio.SPACES`. A model may become larger
     only where its larger trials were its best: a trial is at most four times the work of the best one of its model.
 
-    At last an ensemble is picked from the left-out probabilities of the trials (`ensemble.selected`), begun with
+    At last an ensemble is picked from the left-out probabilities of the trials (`ensemble.select_ensemble`), begun with
     the most accurate one, and fitted to the whole training part.
 
     Args:
@@ -92,28 +98,28 @@ class Auto(MostProbable):
         check_search(self.inner, self.trials, self.seconds, endless=True)
         if self.members < 1:
             raise InputError(f"model.members={self.members}: give at least 1")
-        self._limits(), self._touch()
+        self._cost_limits(), self._touch_seconds()
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part with too few subjects or classes, or a touch shorter than a frame."""
-        if (touch := self._touch()) is not None and touch * X.rate_hz < 1:
+        if (touch := self._touch_seconds()) is not None and touch * X.rate_hz < 1:
             raise InputError(
                 f"model.max_decision={self.max_decision}: shorter than a frame at {X.rate_hz:g} Hz"
             )
-        labelled_folds(X, y, self.inner)
+        make_inner_folds(X, y, self.inner)
 
-    def _limits(self) -> dict[str, float]:
+    def _cost_limits(self) -> dict[str, float]:
         """The limit of each cost."""
         texts = {parameter: text for parameter in LIMITS if (text := getattr(self, parameter))}
         return {
-            LIMITS[p][0]: LIMITS[p][2] * quantity(p, text, LIMITS[p][1], prefix="model.")
+            LIMITS[p][0]: LIMITS[p][2] * parse_amount(p, text, LIMITS[p][1], prefix="model.")
             for p, text in texts.items()
         }
 
-    def _touch(self) -> float | None:
+    def _touch_seconds(self) -> float | None:
         """Seconds of a touch that a decision may see."""
         return (
-            quantity("max_decision", self.max_decision, "ms", prefix="model.") / 1e3
+            parse_amount("max_decision", self.max_decision, "ms", prefix="model.") / 1e3
             if self.max_decision
             else None
         )
@@ -133,7 +139,7 @@ class Auto(MostProbable):
         self.check()
         study = Study(
             {"model": list(portfolio.MODELS), "features": list(portfolio.FEATURES)}
-            | portfolio.BEFORE,
+            | portfolio.STEP_SPACE,
             {
                 m: {f"{m}.{k}": values for k, values in space.items()}
                 for m, space in portfolio.SPACES.items()
@@ -142,17 +148,19 @@ class Auto(MostProbable):
             np.inf if self.trials is None else self.trials,
             self.seconds,
             began,
-            self._limits(),
+            self._cost_limits(),
         )
-        part = Part(X, np.asarray(y), labelled_folds(X, y, self.inner), self._touch(), self.seed)
-        study.search(lambda: self._step(study, part), self.study_key(), X, part.y)
-        self.search_seconds_ = sum(t.seconds for t in study.tried)
+        part = TrainingPart(
+            X, np.asarray(y), make_inner_folds(X, y, self.inner), self._touch_seconds(), self.seed
+        )
+        study.judge_trials(lambda: self._judge_next(study, part), self.study_key(), X, part.y)
+        self.search_seconds_ = sum(t.seconds for t in study.finished)
         wall, cpu = time.perf_counter(), time.process_time()
-        chosen = self._fitted(study, part)
+        chosen = self._fit_members(study, part)
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
         self.classes_ = self.best_.classes_
-        self.trials_ = _table(study.tried, chosen)
-        self.chosen_ = _summary(study.tried, chosen)
+        self.trials_ = _trials_table(study.finished, chosen)
+        self.chosen_ = _describe_choice(study.finished, chosen)
         return self
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
@@ -162,103 +170,110 @@ class Auto(MostProbable):
     def study_key(self) -> dict[str, object]:
         """Influences on trials besides captures and labels; not their number, so that a study can grow."""
         limits = [self.max_flash, self.max_ram, self.max_predict, self.max_decision]
-        return {"search": [identity(Auto), self.inner, self.seed, self.seconds, *limits]}
+        return {"search": [source_identity(Auto), self.inner, self.seed, self.seconds, *limits]}
 
-    def _step(self, study: Study, part: Part) -> Tried | None:
+    def _judge_next(self, study: Study, part: TrainingPart) -> FinishedTrial | None:
         """Judge the next trial; None where there is no time, or none that is new and small enough."""
-        last_fits = sum(tried.fit_seconds for tried, _ in self._picked(study, part, {}))
-        if study.tried and study.left <= last_fits:
+        last_fits = sum(tried.fit_seconds for tried, _ in self._select_members(study, part, {}))
+        if study.finished and study.seconds_left <= last_fits:
             return None
-        trial = _next(study, part)
-        return self._judged(study, part, trial) if trial else None
+        trial = _propose_trial(study, part)
+        return self._judge_trial(study, part, trial) if trial else None
 
-    def _judged(self, study: Study, part: Part, trial: Trial) -> Tried:
+    def _judge_trial(self, study: Study, part: TrainingPart, trial: Trial) -> FinishedTrial:
         """Judge a trial, as far as it is worth it."""
-        tried = Tried(
+        tried = FinishedTrial(
             trial, "complete", proba=np.zeros((len(part.y), len(part.classes)), dtype=np.float16)
         )
         try:
             for number, (train, test) in enumerate(part.folds, 1):
-                system, seconds = part.fitted(trial, train)
+                system, seconds = part.fit_trial(trial, train)
                 tried.fit_seconds = seconds * len(part.y) / len(train)
-                proba = part.probabilities(system, test)
+                proba = part.predict_left_out(system, test)
                 tried.proba[test] = proba
-                tried.judge(proba.argmax(axis=1) == part.codes[test], part.subjects[test])
-                tried.costs = part.bytes(system)
-                if not within(tried.costs, study.limits):
+                tried.add_subjects(proba.argmax(axis=1) == part.codes[test], part.subjects[test])
+                tried.costs = part.measure_bytes(system)
+                if not meets_limits(tried.costs, study.limits):
                     tried.state = "large"
                     break
                 if number < len(part.folds) and _is_behind(study, tried):
                     tried.state = "pruned"
                     break
             else:
-                tried.costs = part.costs(system)
-                tried.heat = fit_temperature(logarithms(tried.proba), part.codes, COLDEST, HOTTEST)
+                tried.costs = part.measure_costs(system)
+                tried.temperature = fit_temperature(
+                    log_probabilities(tried.proba), part.codes, MIN_TEMPERATURE, MAX_TEMPERATURE
+                )
         except Exception as e:  # whatever a system raises on these captures, others may do
             tried.state, tried.error = "failed", f"{type(e).__name__}: {e}"
         if tried.state != "complete":
             tried.proba = None
         return tried
 
-    def _picked(
-        self, study: Study, part: Part, fitted: dict[int, dict[str, float]]
-    ) -> list[tuple[Tried, float]]:
+    def _select_members(
+        self, study: Study, part: TrainingPart, fitted: dict[int, dict[str, float]]
+    ) -> list[tuple[FinishedTrial, float]]:
         """Trials that decide together, and how much each counts, the heaviest first.
 
         ``fitted`` has what trials cost fitted to all captures, by id; others cost what they did when they were judged.
         """
-        costs = {id(t): t.costs for t in study.tried} | fitted
+        costs = {id(t): t.costs for t in study.finished} | fitted
         pool = [
-            t for t in study.tried if t.state == "complete" and within(costs[id(t)], study.limits)
+            t
+            for t in study.finished
+            if t.state == "complete" and meets_limits(costs[id(t)], study.limits)
         ]
-        pool = sorted(pool, key=lambda t: -t.accuracy)[:POOL]
+        pool = sorted(pool, key=lambda t: -t.accuracy)[:POOL_SIZE]
         if not pool:
             return []
 
         def allowed(some: set[int]) -> bool:
-            return len(some) <= self.members and within(
-                _together([costs[id(pool[i])] for i in some]), study.limits
+            return len(some) <= self.members and meets_limits(
+                add_costs([costs[id(pool[i])] for i in some]), study.limits
             )
 
-        proba = np.stack([tempered(t.proba, t.heat) for t in pool])
+        proba = np.stack([apply_temperature(t.proba, t.temperature) for t in pool])
         picked = [
-            (pool[i], w) for i, w in selected(proba, part.codes, part.subjects, allowed).items()
+            (pool[i], w)
+            for i, w in select_ensemble(proba, part.codes, part.subjects, allowed).items()
         ]
         return sorted(picked, key=lambda pair: -pair[1])
 
-    def _fitted(self, study: Study, part: Part) -> list[tuple[Tried, float]]:
+    def _fit_members(self, study: Study, part: TrainingPart) -> list[tuple[FinishedTrial, float]]:
         """Fit the picked trials to the whole training part; others are picked if these then exceed a limit."""
         fits: dict[int, contract.System] = {}
         costs: dict[int, dict[str, float]] = {}
-        while picked := self._picked(study, part, costs):
+        while picked := self._select_members(study, part, costs):
             for tried, _ in picked:
                 if id(tried) not in fits:
-                    fits[id(tried)], _ = part.fitted(tried.trial, slice(None))
-                    costs[id(tried)] = part.costs(fits[id(tried)])
-            if within(_together([costs[id(t)] for t, _ in picked]), study.limits):
+                    fits[id(tried)], _ = part.fit_trial(tried.trial, slice(None))
+                    costs[id(tried)] = part.measure_costs(fits[id(tried)])
+            if meets_limits(add_costs([costs[id(t)] for t, _ in picked]), study.limits):
                 break
         else:
-            if errors := [t.error for t in study.tried if t.error]:
+            if errors := [t.error for t in study.finished if t.error]:
                 raise RuntimeError(
-                    f"{len(errors)} of {len(study.tried)} trials failed, the first: {errors[0]}"
+                    f"{len(errors)} of {len(study.finished)} trials failed, the first: {errors[0]}"
                 )
             least = {
-                n: min((t.costs[n] for t in study.tried if n in t.costs), default=np.nan)
+                n: min((t.costs[n] for t in study.finished if n in t.costs), default=np.nan)
                 for n in study.limits
             }
             words = ", ".join(f"{name} {value:.3g}" for name, value in least.items())
             raise InputError(
-                f"no trial is within the limits of model.max_*: the least of {len(study.tried)} are {words}"
+                f"no trial is within the limits of model.max_*: the least of {len(study.finished)} are {words}"
             )
         total = sum(w for _, w in picked)
         chosen = [(t, w / total) for t, w in picked]
         self.best_ = Ensemble(
-            [fits[id(t)] for t, _ in chosen], [w for _, w in chosen], [t.heat for t, _ in chosen]
+            [fits[id(t)] for t, _ in chosen],
+            [w for _, w in chosen],
+            [t.temperature for t, _ in chosen],
         )
         return chosen
 
 
-class Part:
+class TrainingPart:
     """The captures of a training part, and its inner folds, of whose tested captures ``touch`` seconds are seen."""
 
     def __init__(
@@ -270,96 +285,112 @@ class Part:
         self.seed = seed
         self.subjects = X.subjects.astype(str)
         self.classes, self.codes = np.unique(y, return_inverse=True)
-        self.judged = X if touch is None else _beginning(X, touch)
+        self.judged = X if touch is None else _truncate_captures(X, touch)
         self.widths = {
             name: len(clone(one).fit(X[:1]).names_) for name, one in portfolio.FEATURES.items()
         }
 
-    def work(self, trial: Trial) -> float:
-        """Seconds that a fit of a trial should take (`bench.models.search.portfolio.work`)."""
-        return portfolio.work(trial, self.X, self.widths[str(trial["features"])], len(self.classes))
+    def expected_seconds(self, trial: Trial) -> float:
+        """Seconds that a fit of a trial should take (`bench.models.search.portfolio.expected_fit_seconds`)."""
+        return portfolio.expected_fit_seconds(
+            trial, self.X, self.widths[str(trial["features"])], len(self.classes)
+        )
 
-    def fitted(self, trial: Trial, part: np.ndarray | slice) -> tuple[contract.System, float]:
+    def fit_trial(self, trial: Trial, part: np.ndarray | slice) -> tuple[contract.System, float]:
         """The system of a trial, fitted to some of the captures, and the seconds of that."""
-        system, X, y = portfolio.system(trial, self.seed), self.X[part], self.y[part]
+        system, X, y = portfolio.make_system(trial, self.seed), self.X[part], self.y[part]
         contract.check_training(system, X, y)
         began = time.perf_counter()
         return system.fit(X, y), time.perf_counter() - began
 
-    def probabilities(self, system: contract.System, test: np.ndarray) -> np.ndarray:
+    def predict_left_out(self, system: contract.System, test: np.ndarray) -> np.ndarray:
         """Its probabilities of left-out captures [captures, classes], 0 for a class that it did not learn."""
         proba = np.zeros((len(test), len(self.classes)))
         columns = np.searchsorted(self.classes, system.classes_)
-        proba[:, columns] = contract.probabilities(system, self.judged[test])
+        proba[:, columns] = contract.predict_probabilities(system, self.judged[test])
         return proba
 
-    def bytes(self, system: contract.System) -> dict[str, float]:
+    def measure_bytes(self, system: contract.System) -> dict[str, float]:
         """Bytes of a fitted system in flash and memory, with 32 bits a number."""
-        needed = sizes(system, self.X.grid[0] * self.X.grid[1], int(self.X.lengths.max()))
+        needed = measure_sizes(system, self.X.grid[0] * self.X.grid[1], int(self.X.lengths.max()))
         return {name: needed[name] for name in ("flash_bytes", "ram_bytes")}
 
-    def costs(self, system: contract.System) -> dict[str, float]:
+    def measure_costs(self, system: contract.System) -> dict[str, float]:
         """The same, and milliseconds of a decision on a capture."""
-        some = np.linspace(0, len(self.X) - 1, TIMED).astype(int)
-        spent = timed(partial(system.predict, self.X[i : i + 1].detached()) for i in some).ms
-        return self.bytes(system) | {"predict_ms": float(np.median(spent))}
+        some = np.linspace(0, len(self.X) - 1, TIMED_CAPTURES).astype(int)
+        spent = time_repeatedly(
+            partial(system.predict, self.X[i : i + 1].detach()) for i in some
+        ).ms
+        return self.measure_bytes(system) | {"predict_ms": float(np.median(spent))}
 
 
-def _beginning(X: Corpus, seconds: float) -> Corpus:
+def _truncate_captures(X: Corpus, seconds: float) -> Corpus:
     """The first seconds of each capture, at least a frame; without the digest, under which whole ones are kept."""
     frames = max(1, int(seconds * X.rate_hz + 1e-6))
-    return X.changed(lengths=np.minimum(X.lengths, frames), digest="", path=None)
+    return X.with_fields(lengths=np.minimum(X.lengths, frames), digest="", path=None)
 
 
-def _next(study: Study, part: Part) -> Trial | None:
+def _propose_trial(study: Study, part: TrainingPart) -> Trial | None:
     """The next of those that come first; then one that is drawn, small enough and new; None if there is none.
 
     It depends on the trials so far alone, not on the time that is left.
     """
-    if len(study.tried) < len(portfolio.FIRST):
-        return portfolio.complete(portfolio.FIRST[len(study.tried)])
-    earlier = [tried.trial for tried in study.tried]
-    for draw in range(DRAWS):
-        trial = study.drawn({}, draw)
+    if len(study.finished) < len(portfolio.FIRST_TRIALS):
+        return portfolio.with_defaults(portfolio.FIRST_TRIALS[len(study.finished)])
+    earlier = [tried.trial for tried in study.finished]
+    for draw in range(MAX_DRAWS):
+        trial = study.draw_trial({}, draw)
         same = [
-            t for t in study.tried if t.state == "complete" and t.trial["model"] == trial["model"]
+            t
+            for t in study.finished
+            if t.state == "complete" and t.trial["model"] == trial["model"]
         ]
         best = max(same, key=lambda t: t.accuracy, default=None)
-        allowed = max(SMALL, GROWTH * part.work(best.trial)) if best else SMALL
-        if trial not in earlier and part.work(trial) <= allowed:
+        allowed = (
+            max(SMALL_FIT_S, MAX_GROWTH * part.expected_seconds(best.trial))
+            if best
+            else SMALL_FIT_S
+        )
+        if trial not in earlier and part.expected_seconds(trial) <= allowed:
             return trial
     return None
 
 
-def _is_behind(study: Study, tried: Tried) -> bool:
+def _is_behind(study: Study, tried: FinishedTrial) -> bool:
     """Whether a trial is worse than the best one that is within the limits, and not much smaller."""
-    rivals = [t for t in study.tried if t.state == "complete" and within(t.costs, study.limits)]
-    if not rivals or not study.worse(tried):
+    rivals = [
+        t for t in study.finished if t.state == "complete" and meets_limits(t.costs, study.limits)
+    ]
+    if not rivals or not study.is_worse(tried):
         return False
     best = max(rivals, key=lambda t: t.accuracy)
     return not any(value < best.costs[name] / 2 for name, value in tried.costs.items())
 
 
-def _together(costs: list[dict[str, float]]) -> dict[str, float]:
+def add_costs(costs: list[dict[str, float]]) -> dict[str, float]:
     """Costs of several systems that decide one after the other."""
     sums = {name: sum(each[name] for each in costs) for name in costs[0]}
     return sums | {"ram_bytes": max(each["ram_bytes"] for each in costs)}
 
 
-def _table(tried: list[Tried], chosen: list[tuple[Tried, float]]) -> pd.DataFrame:
+def _trials_table(
+    tried: list[FinishedTrial], chosen: list[tuple[FinishedTrial, float]]
+) -> pd.DataFrame:
     """A row per trial, in their order."""
     weights = {id(t): w for t, w in chosen}
     rows = [
-        t.row() | {"fit_seconds": t.fit_seconds, "weight": weights.get(id(t), 0.0)} | t.costs
+        t.as_row() | {"fit_seconds": t.fit_seconds, "weight": weights.get(id(t), 0.0)} | t.costs
         for t in tried
     ]
     return pd.DataFrame(rows)
 
 
-def _summary(tried: list[Tried], chosen: list[tuple[Tried, float]]) -> dict[str, object]:
+def _describe_choice(
+    tried: list[FinishedTrial], chosen: list[tuple[FinishedTrial, float]]
+) -> dict[str, object]:
     """The chosen systems, in words, and the progress of the search."""
     words: dict[str, object] = {
-        str(i): f"{w:.2f} {portfolio.named(t.trial)}" for i, (t, w) in enumerate(chosen, 1)
+        str(i): f"{w:.2f} {portfolio.describe_trial(t.trial)}" for i, (t, w) in enumerate(chosen, 1)
     }
     states = [t.state for t in tried]
     words |= {name: states.count(name) for name in ("complete", "pruned", "large", "failed")}

@@ -12,8 +12,8 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.models.most_probable import MostProbable
 
-LEAST = 1e-9  # of a probability, inside a logarithm
-PICKS = 15  # of a selection: weights are multiples of about 1/15
+MIN_PROBABILITY = 1e-9  # of a probability, inside a logarithm
+MAX_PICKS = 15  # of a selection: weights are multiples of about 1/15
 
 
 class Ensemble(MostProbable):
@@ -30,12 +30,15 @@ class Ensemble(MostProbable):
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Class probabilities [captures, classes]."""
         parts = zip(self.members, self.weights, self.temperatures, strict=True)
-        return sum(w * tempered(contract.probabilities(member, X), t) for member, w, t in parts)
+        return sum(
+            w * apply_temperature(contract.predict_probabilities(member, X), t)
+            for member, w, t in parts
+        )
 
 
-def tempered(proba: np.ndarray, temperature: float) -> np.ndarray:
+def apply_temperature(proba: np.ndarray, temperature: float) -> np.ndarray:
     """Probabilities [captures, classes] whose logarithms are divided by a temperature, summing to 1 again."""
-    return softmax(logarithms(proba) / temperature, axis=1)
+    return softmax(log_probabilities(proba) / temperature, axis=1)
 
 
 def fit_temperature(scores: np.ndarray, codes: np.ndarray, coldest: float, hottest: float) -> float:
@@ -53,12 +56,12 @@ def fit_temperature(scores: np.ndarray, codes: np.ndarray, coldest: float, hotte
     return float(np.exp(best.x))
 
 
-def logarithms(proba: np.ndarray) -> np.ndarray:
+def log_probabilities(proba: np.ndarray) -> np.ndarray:
     """Logarithms of probabilities, none of them 0, float64."""
-    return np.log(np.maximum(proba.astype(np.float64), LEAST))
+    return np.log(np.maximum(proba.astype(np.float64), MIN_PROBABILITY))
 
 
-def selected(
+def select_ensemble(
     proba: np.ndarray, codes: np.ndarray, subjects: np.ndarray, allowed: Callable[[set[int]], bool]
 ) -> dict[int, float]:
     """Weights of recognisers that decide together, picked one by one for the lowest log loss (Caruana et al. 2004).
@@ -69,15 +72,20 @@ def selected(
     """
     _, who = np.unique(subjects, return_inverse=True)
     weight = 1 / np.bincount(who)[who]
-    right = proba[:, np.arange(len(codes)), codes] + LEAST
+    right = proba[:, np.arange(len(codes)), codes] + MIN_PROBABILITY
     picks = [i for i in range(len(right)) if allowed({i})][:1]
     total, best = sum(right[i] for i in picks), -np.inf
-    while picks and len(picks) < PICKS:
+    while picks and len(picks) < MAX_PICKS:
         gains = np.log((total + right) / (len(picks) + 1)) @ weight
         best = max(best, np.log(total / len(picks)) @ weight)
         order = np.argsort(-gains, kind="stable")
         better = next(
-            (int(i) for i in order if gains[i] > best + LEAST and allowed({*picks, int(i)})), None
+            (
+                int(i)
+                for i in order
+                if gains[i] > best + MIN_PROBABILITY and allowed({*picks, int(i)})
+            ),
+            None,
         )
         if better is None:
             break

@@ -8,11 +8,11 @@ from sklearn.base import TransformerMixin, clone
 from sklearn.model_selection import GroupKFold, LeaveOneGroupOut
 
 from bench import contract
-from bench.corpora.corpus import Corpus, untrained
+from bench.corpora.corpus import Corpus, untrained_classes
 from bench.errors import InputError
 
 
-def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
+def split_subjects(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
     """(train, test) positions of inner folds; no subject is on both sides."""
     count = len(np.unique(subjects))
     if count < 2:
@@ -27,14 +27,14 @@ def inner_folds(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.n
     return list(splitter.split(subjects, groups=subjects))
 
 
-def labelled_folds(X: Corpus, y: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
+def make_inner_folds(X: Corpus, y: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
     """The inner folds of captures and their class names."""
-    folds = inner_folds(X.subjects.astype(str), inner)
+    folds = split_subjects(X.subjects.astype(str), inner)
     labels = np.asarray(y).astype(str)
     for train, judged in folds:
         if len(np.unique(labels[train])) < 2:
             what = "one class"
-        elif lacking := untrained(labels, train, judged):
+        elif lacking := untrained_classes(labels, train, judged):
             what = f"nobody who shows {lacking[0]}"
         else:
             continue
@@ -57,7 +57,7 @@ def check_search(inner: str, trials: int | None, seconds: float, endless: bool) 
         raise InputError("this search has no end: give a number of trials, or a budget in seconds")
 
 
-class Tables:
+class FoldInputs:
     """Inputs of fitting and judging in each inner fold: tables of features, or captures."""
 
     def __init__(
@@ -67,7 +67,7 @@ class Tables:
         self.X, self.y, self.folds = X, np.asarray(y), folds
         self._kept: dict[tuple[str, int], tuple[pd.DataFrame, ...]] = {}
 
-    def part(self, name: str | None, fold: int, side: int) -> Corpus | pd.DataFrame:
+    def load_input(self, name: str | None, fold: int, side: int) -> Corpus | pd.DataFrame:
         """Input of fitting (side 0) or judging (side 1) in an inner fold; captures without a feature set."""
         part = self.folds[fold][side]
         if not name:

@@ -42,8 +42,8 @@ MODELS = {
 }
 FEATURES: dict[str, FeatureSet] = {"touch": TouchFeatures(), "jung54": Jung54()}
 COPIES = parameter_defaults(recipe.Recipe)["copies"]  # damaged, of each capture
-LEAST_S = 0.02  # of a fit, however small
-BEFORE: Space = {
+MIN_FIT_S = 0.02  # of a fit, however small
+STEP_SPACE: Space = {
     "window": [0.0, 0.5, 1.0, 2.0],
     "repair": ["", "stuck+dead"],
     "faults": ["", "all"],
@@ -77,7 +77,7 @@ SPACES: dict[str, Space] = {
 }
 # Cheap ones first. Chosen on generated captures in three calibrations and the training people of HAART's challenge
 # split: docs/notes/systems.md, auto.
-FIRST: list[Trial] = [
+FIRST_TRIALS: list[Trial] = [
     {"model": "lda", "lda.shrinkage": 0.2},
     {"model": "lda", "window": 1.0, "lda.shrinkage": 0.2, "lda.windows": 2.0},
     {"model": "lda", "features": "jung54", "lda.shrinkage": 0.2},
@@ -94,7 +94,7 @@ FIRST: list[Trial] = [
 ]
 
 
-class Columns(TransformerMixin, BaseEstimator):
+class BestColumns(TransformerMixin, BaseEstimator):
     """The share of the columns of a table, at least one, in which classes differ most by an F-test."""
 
     parameters_ = 0  # features that are not kept need not be computed: nothing is stored
@@ -102,7 +102,7 @@ class Columns(TransformerMixin, BaseEstimator):
     def __init__(self, share: float = 0.5) -> None:
         self.share = share
 
-    def fit(self, X: pd.DataFrame, y: np.ndarray) -> Columns:
+    def fit(self, X: pd.DataFrame, y: np.ndarray) -> BestColumns:
         """Judge the columns [rows, n_features] by class names [rows]."""
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")  # of columns that do not vary
@@ -118,10 +118,10 @@ class Columns(TransformerMixin, BaseEstimator):
         return X.iloc[:, self.kept_]
 
 
-def complete(trial: Trial) -> Trial:
+def with_defaults(trial: Trial) -> Trial:
     """A trial completed with the sampler's defaults."""
     usual = {"model": trial["model"], "features": "touch"} | {
-        k: list(values)[0] for k, values in BEFORE.items()
+        k: list(values)[0] for k, values in STEP_SPACE.items()
     }
     defaults = parameter_defaults(MODELS[str(trial["model"])])
     return (
@@ -129,30 +129,34 @@ def complete(trial: Trial) -> Trial:
     )
 
 
-def system(trial: Trial, seed: int) -> contract.System:
+def make_system(trial: Trial, seed: int) -> contract.System:
     """The untrained system of a trial."""
     name = str(trial["model"])
     values: dict[str, object] = {
         k.partition(".")[2]: v for k, v in trial.items() if k.startswith(f"{name}.")
     }
     values |= {"seed": seed} if "seed" in parameter_defaults(MODELS[name]) else {}
-    steps = contract.build(MODELS[name], "passthrough", **values).steps[1:]
-    columns = [("columns", Columns(float(str(trial["columns"]))))] if trial["columns"] != 1 else []
+    steps = contract.build_system(MODELS[name], "passthrough", **values).steps[1:]
+    columns = (
+        [("columns", BestColumns(float(str(trial["columns"]))))] if trial["columns"] != 1 else []
+    )
     pipeline = Pipeline([("features", clone(FEATURES[str(trial["features"])])), *columns, *steps])
-    return recipe.build(
+    return recipe.build_recipe(
         lambda: pipeline, None, **{k: trial[k] for k in ("window", "repair", "faults", "scale")}
     )
 
 
-def work(trial: Trial, X: Corpus, width: int, classes: int) -> float:
+def expected_fit_seconds(trial: Trial, X: Corpus, width: int, classes: int) -> float:
     """Seconds that a fit of a complete trial should take on one core of 2024, by how its work grows."""
     width = max(1, round(width * float(str(trial["columns"]))))
     window = float(str(trial["window"]))
-    rows = len(Windows(window).rows(X) if window else X) * (1 + COPIES * bool(trial["faults"]))
-    return LEAST_S + _fit(trial, rows, width, classes)
+    rows = len(Windows(window).source_rows(X) if window else X) * (
+        1 + COPIES * bool(trial["faults"])
+    )
+    return MIN_FIT_S + _expected_classifier_seconds(trial, rows, width, classes)
 
 
-def _fit(trial: Trial, rows: int, width: int, classes: int) -> float:
+def _expected_classifier_seconds(trial: Trial, rows: int, width: int, classes: int) -> float:
     def value(name: str) -> float:
         return float(str(trial[f"{trial['model']}.{name}"]))
 
@@ -178,13 +182,13 @@ def _fit(trial: Trial, rows: int, width: int, classes: int) -> float:
             return value("updates") / 3000 * (3 + 6.6e-5 * width * value("units"))
 
 
-def named(trial: Trial) -> str:
+def describe_trial(trial: Trial) -> str:
     """A trial in words: ``lda · touch, window 1, shrinkage 0.2``; default steps and columns are left out."""
-    first = {k: list(values)[0] for k, values in BEFORE.items()}
-    parts = [f"{k} {_short(trial[k])}" for k in first if trial[k] != first[k]]
-    parts += [f"{k.partition('.')[2]} {_short(v)}" for k, v in trial.items() if "." in k]
+    first = {k: list(values)[0] for k, values in STEP_SPACE.items()}
+    parts = [f"{k} {_format_value(trial[k])}" for k in first if trial[k] != first[k]]
+    parts += [f"{k.partition('.')[2]} {_format_value(v)}" for k, v in trial.items() if "." in k]
     return f"{trial['model']} · {', '.join([str(trial['features']), *parts])}"
 
 
-def _short(value: object) -> str:
+def _format_value(value: object) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -16,15 +16,15 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.features.selection import COUNTS, Subset
-from bench.ground.registry import parameters
-from bench.models.recipe import besides, build
-from bench.models.search.inner_folds import Tables, check_search, labelled_folds
-from bench.models.search.study import Study, Tried, identity
+from bench.features.selection import COLUMN_COUNTS, Subset
+from bench.ground.registry import parameter_defaults
+from bench.models.recipe import build_recipe, recipe_defaults
+from bench.models.search.inner_folds import FoldInputs, check_search, make_inner_folds
+from bench.models.search.study import FinishedTrial, Study, source_identity
 from bench.models.space import Range, Space, Trial, Tuning
 from bench.values.intervals import within_one_standard_error
 
-COMBINATIONS = 1000  # at most so many are checked one by one before anything is run
+MAX_LISTED = 1000  # at most so many are checked one by one before anything is run
 
 
 @dataclass(eq=False, repr=False)
@@ -73,15 +73,17 @@ class Search(ClassifierMixin, BaseEstimator):
 
     def check(self) -> None:
         """Refuse parameters that cannot be, before anything is run."""
-        check_search(self.inner, self.trials, self.seconds, endless=self._every() == math.inf)
+        check_search(
+            self.inner, self.trials, self.seconds, endless=self._count_combinations() == math.inf
+        )
         for part in (self.features or {}).values():
             contract.check(part)
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part, or listed values that a model refuses, before anything is run."""
-        folds = labelled_folds(X, y, self.inner)
-        for trial in self._listed():
-            model = self._made(trial, "passthrough" if self.features else None)
+        folds = make_inner_folds(X, y, self.inner)
+        for trial in self._iter_listed_trials():
+            model = self._make_model(trial, "passthrough" if self.features else None)
             contract.check(model)
             for train, _ in folds:
                 contract.check_training(model, X[train], np.asarray(y)[train])
@@ -90,16 +92,21 @@ class Search(ClassifierMixin, BaseEstimator):
         """Search on the captures and their class names, then fit the best recogniser to all of them."""
         began = time.perf_counter()
         self.check()
-        tables = Tables(self.features or {}, X, y, labelled_folds(X, y, self.inner))
+        tables = FoldInputs(self.features or {}, X, y, make_inner_folds(X, y, self.inner))
         study = Study(
-            self._values(), {self._name: {}}, self.seed, self._size(), self.seconds, began
+            self._space(),
+            {self._model_name: {}},
+            self.seed,
+            self._count_trials(),
+            self.seconds,
+            began,
         )
-        study.search(lambda: self._step(study, tables), self.study_key(), X, y)
-        self.search_seconds_ = sum(t.seconds for t in study.tried)
-        self.trials_ = pd.DataFrame([t.row() for t in study.tried])
-        self.chosen_ = study.tried[self._ranked(study.tried)[0]].trial
+        study.judge_trials(lambda: self._judge_next(study, tables), self.study_key(), X, y)
+        self.search_seconds_ = sum(t.seconds for t in study.finished)
+        self.trials_ = pd.DataFrame([t.as_row() for t in study.finished])
+        self.chosen_ = study.finished[self._rank_trials(study.finished)[0]].trial
         wall, cpu = time.perf_counter(), time.process_time()
-        self.best_ = self._made(self.chosen_, self._features(self.chosen_)).fit(X, y)
+        self.best_ = self._make_model(self.chosen_, self._make_features(self.chosen_)).fit(X, y)
         self.fit_seconds_ = time.perf_counter() - wall, time.process_time() - cpu
         self.classes_ = self.best_.classes_
         return self
@@ -110,7 +117,7 @@ class Search(ClassifierMixin, BaseEstimator):
         return self.best_.predict(X)
 
     @available_if(
-        lambda self: contract.inside(self) is self or contract.has_probabilities(self.best_)
+        lambda self: contract.inner_system(self) is self or contract.has_probabilities(self.best_)
     )
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Class probabilities [captures, classes], where the recogniser has them."""
@@ -118,7 +125,7 @@ class Search(ClassifierMixin, BaseEstimator):
         return self.best_.predict_proba(X)
 
     @available_if(
-        lambda self: contract.inside(self) is not self and contract.decides_often(self.best_)
+        lambda self: contract.inner_system(self) is not self and contract.decides_often(self.best_)
     )
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """Decisions of a recogniser that makes several per capture."""
@@ -128,14 +135,14 @@ class Search(ClassifierMixin, BaseEstimator):
         """Influences on trials besides captures and labels; not their number, so that a study can grow."""
         features = (self.features or {}).items()
         return {
-            "models": {name: identity(model) for name, model in self.models.items()},
+            "models": {name: source_identity(model) for name, model in self.models.items()},
             "spaces": repr(self.spaces),
             "features": {
-                n: [identity(type(f)), sorted(map(repr, f.get_params().items()))]
+                n: [source_identity(type(f)), sorted(map(repr, f.get_params().items()))]
                 for n, f in features
             },
             "search": [
-                identity(Search),
+                source_identity(Search),
                 self.inner,
                 self.objective,
                 self.seed,
@@ -144,39 +151,42 @@ class Search(ClassifierMixin, BaseEstimator):
         }
 
     @property
-    def _name(self) -> str:
+    def _model_name(self) -> str:
         (name,) = self.models
         return name
 
-    def _values(self) -> Space:
+    def _space(self) -> Space:
         """Values of everything, in the order in which it is drawn."""
         features = {"features": list(self.features)} if self.features else {}
-        space = {f"{self._name}.{name}": values for name, values in self.spaces[self._name].items()}
-        return {"model": [self._name], **features, **space}
+        space = {
+            f"{self._model_name}.{name}": values
+            for name, values in self.spaces[self._model_name].items()
+        }
+        return {"model": [self._model_name], **features, **space}
 
-    def _every(self) -> float:
+    def _count_combinations(self) -> float:
         """Number of combinations, endless with a range."""
         return math.prod(
             math.inf if isinstance(values, Range) else len(values)
-            for values in self._values().values()
+            for values in self._space().values()
         )
 
-    def _size(self) -> float:
+    def _count_trials(self) -> float:
         """Number of combinations to try."""
-        return min(self.trials or math.inf, self._every())
+        return min(self.trials or math.inf, self._count_combinations())
 
     def _is_exhaustive(self) -> bool:
-        return self._size() == self._every() < math.inf
+        return self._count_trials() == self._count_combinations() < math.inf
 
-    def _listed(self) -> Iterator[Trial]:
+    def _iter_listed_trials(self) -> Iterator[Trial]:
         """Combinations of listed values, or of too many each value alone; ranges at their defaults."""
         values = {
             name: v
-            for name, v in self._values().items()
+            for name, v in self._space().items()
             if name != "features" and not isinstance(v, Range)
         }
         first = {name: listed[0] for name, listed in values.items()}
-        if math.prod(map(len, values.values())) <= COMBINATIONS:
+        if math.prod(map(len, values.values())) <= MAX_LISTED:
             yield from (
                 dict(zip(values, point, strict=True))
                 for point in itertools.product(*values.values())
@@ -186,7 +196,7 @@ class Search(ClassifierMixin, BaseEstimator):
                 first | {name: value} for name, listed in values.items() for value in listed
             )
 
-    def _first(self, number: int) -> Trial:
+    def _grid_point(self, number: int) -> Trial:
         """The points of a grid, which are not left to the sampler.
 
         The seed shuffles them, as a good one early makes giving up quicker. (Optuna's own grid sampler cannot go on
@@ -194,53 +204,60 @@ class Search(ClassifierMixin, BaseEstimator):
         """
         if not self._is_exhaustive():
             return {}
-        sizes = [len(values) for values in self._values().values()]
+        sizes = [len(values) for values in self._space().values()]
         position = np.unravel_index(
             np.random.default_rng(self.seed).permutation(math.prod(sizes))[number], sizes
         )
         return {
             name: values[i]
-            for (name, values), i in zip(self._values().items(), position, strict=True)
+            for (name, values), i in zip(self._space().items(), position, strict=True)
         }
 
-    def _step(self, study: Study, tables: Tables) -> Tried | None:
+    def _judge_next(self, study: Study, tables: FoldInputs) -> FinishedTrial | None:
         """Judge the next combination; None where there is no time, but for the first."""
-        if study.tried and study.left <= 0:
+        if study.finished and study.seconds_left <= 0:
             return None
-        tried = Tried(study.drawn(self._first(len(study.tried)), each=True), "complete")
+        tried = FinishedTrial(
+            study.draw_trial(self._grid_point(len(study.finished)), each=True), "complete"
+        )
         # Captures that go through steps first have features of their own.
         name = None if self._has_steps(tried.trial) else tried.trial.get("features")
-        features = "passthrough" if name else self._features(tried.trial)
+        features = "passthrough" if name else self._make_features(tried.trial)
         for fold, (train, test) in enumerate(tables.folds):
-            model = self._made(tried.trial, features)
-            model.fit(tables.part(name, fold, 0), tables.y[train])
+            model = self._make_model(tried.trial, features)
+            model.fit(tables.load_input(name, fold, 0), tables.y[train])
             hit = (
-                model.predict(contract.blinded(model, tables.part(name, fold, 1))) == tables.y[test]
+                model.predict(contract.blind_captures(model, tables.load_input(name, fold, 1)))
+                == tables.y[test]
             )
-            tried.judge(hit, tables.X.subjects.astype(str)[test])
-            if self.objective == "accuracy" and fold + 1 < len(tables.folds) and study.worse(tried):
+            tried.add_subjects(hit, tables.X.subjects.astype(str)[test])
+            if (
+                self.objective == "accuracy"
+                and fold + 1 < len(tables.folds)
+                and study.is_worse(tried)
+            ):
                 tried.state = "pruned"
                 break
         return tried
 
     def _has_steps(self, trial: Trial) -> bool:
         """Whether a trial's captures go through steps (`bench.models.recipe`) before its features are computed."""
-        usual = besides(self.models[self._name])
-        return any(trial.get(f"{self._name}.{k}", v) not in (v, "") for k, v in usual.items())
+        usual = recipe_defaults(self.models[self._model_name])
+        return any(trial.get(f"{self._model_name}.{k}", v) not in (v, "") for k, v in usual.items())
 
-    def _made(self, trial: Trial, features: object) -> ClassifierMixin:
-        factory = self.models[self._name]
-        values = {"seed": self.seed} if "seed" in parameters(factory) else {}
-        prefix = f"{self._name}."
+    def _make_model(self, trial: Trial, features: object) -> ClassifierMixin:
+        factory = self.models[self._model_name]
+        values = {"seed": self.seed} if "seed" in parameter_defaults(factory) else {}
+        prefix = f"{self._model_name}."
         values |= {k.removeprefix(prefix): v for k, v in trial.items() if k.startswith(prefix)}
-        return build(factory, features, **values)
+        return build_recipe(factory, features, **values)
 
-    def _features(self, trial: Trial) -> TransformerMixin | None:
+    def _make_features(self, trial: Trial) -> TransformerMixin | None:
         return clone(self.features[trial["features"]]) if self.features else None
 
-    def _ranked(self, tried: list[Tried]) -> list[int]:
+    def _rank_trials(self, tried: list[FinishedTrial]) -> list[int]:
         """Positions of the complete trials, the one to take first; the order in which they were made has no say."""
-        place = [self._position(t.trial) for t in tried]
+        place = [self._list_position(t.trial) for t in tried]
         complete = [i for i, t in enumerate(tried) if t.state == "complete"]
         ranked = sorted(complete, key=lambda i: (-round(tried[i].accuracy, 9), place[i]))
         if self.objective == "accuracy":
@@ -253,15 +270,15 @@ class Search(ClassifierMixin, BaseEstimator):
             (i for i in ranked if within_one_standard_error(losses[i])), key=place.__getitem__
         )
 
-    def _position(self, trial: Trial) -> tuple:
+    def _list_position(self, trial: Trial) -> tuple:
         """Where a combination stands if every list is read from its first value."""
         return tuple(
             trial[name] if isinstance(values, Range) else list(values).index(trial[name])
-            for name, values in self._values().items()
+            for name, values in self._space().items()
         )
 
 
-def tuned(
+def make_search(
     name: str,
     factory: Callable,
     features: dict[str, TransformerMixin] | None,
@@ -276,7 +293,7 @@ def tuned(
     if tuning.get("smallest") == "features":
         (all_columns,) = features.values()
         features = {
-            f"{n} best of {shown}": Subset(clone(all_columns), n) for n in COUNTS
+            f"{n} best of {shown}": Subset(clone(all_columns), n) for n in COLUMN_COUNTS
         } | features
     how = {k: v for k, v in tuning.items() if k not in ("space", "smallest")}
     return Search({name: factory}, {name: tuning["space"]}, features, **how)

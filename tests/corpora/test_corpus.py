@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.model_selection import LeaveOneGroupOut, cross_validate
 
-from bench.corpora.corpus import storage
+from bench.corpora.corpus import shared_frames
 from bench.corpora.folder import content_digest, open_folder, write_folder
 from bench.errors import InputError
 from tests.conftest import random_corpus
@@ -24,11 +24,14 @@ def test_a_slice_holds_the_frames_of_its_captures_and_shares_memory(chosen):
         some.shape == (len(some),) == (len(chosen),)
         and some.gestures.tolist() == WHOLE.gestures[chosen].tolist()
     )
-    assert all(map(np.array_equal, some, expected)) and storage(some)[0] is storage(WHOLE)[0]
+    assert (
+        all(map(np.array_equal, some, expected))
+        and shared_frames(some)[0] is shared_frames(WHOLE)[0]
+    )
     assert np.array_equal(some.frames, np.concatenate(expected))
     assert some.starts.tolist() == [0, *np.cumsum(some.lengths)[:-1]]
     assert np.array_equal(some[::-1].index, chosen[::-1])
-    louder = some.changed(frames=some.frames * 2)
+    louder = some.with_fields(frames=some.frames * 2)
     assert all(np.array_equal(new, 2 * old) for new, old in zip(louder, some, strict=True))
 
 
@@ -59,7 +62,7 @@ def test_any_change_changes_the_digest(corpus, field):
         "captures": corpus.captures.assign(subject="1"),
         "lengths": np.roll(corpus.lengths, 1),
     }
-    assert content_digest(corpus.changed(**{field: values[field]})) != content_digest(corpus)
+    assert content_digest(corpus.with_fields(**{field: values[field]})) != content_digest(corpus)
 
 
 @pytest.mark.parametrize("column", ["nothing", "subject+nothing", "cover"])
@@ -67,7 +70,7 @@ def test_a_target_that_some_captures_lack_is_refused(corpus, column):
     with pytest.raises(
         InputError, match=f"target={re.escape(column)}.*subject, gesture, repetition"
     ):
-        corpus.changed(captures=corpus.captures.assign(cover=[None, *["x"] * 35])).with_target(
+        corpus.with_fields(captures=corpus.captures.assign(cover=[None, *["x"] * 35])).with_target(
             column
         )
 

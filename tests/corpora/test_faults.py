@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora import faults
-from bench.corpora.faults import FAULTS, SEVERITIES, as_shares, damaged, fault
+from bench.corpora.faults import FAULTS, SEVERITIES, as_shares, damage_captures, fault
 from bench.ground import words
 from tests.conftest import random_corpus
 
@@ -171,12 +171,12 @@ def test_any_grid_and_length_stays_a_capture(one, shape, severity, seed, levels)
 
 @pytest.mark.parametrize("kind", ["uint16", "float32"])
 def test_damage_depends_on_the_capture_alone_and_no_cache_knows_the_damaged_corpus(kind, tmp_path):
-    corpus = random_corpus(full_scale=1023.0).changed(digest="abc", path=tmp_path)
+    corpus = random_corpus(full_scale=1023.0).with_fields(digest="abc", path=tmp_path)
     if kind == "float32":
-        corpus = corpus.changed(frames=corpus.frames.astype(np.float32) / 7)
+        corpus = corpus.with_fields(frames=corpus.frames.astype(np.float32) / 7)
     corpus, test = corpus[np.arange(10, 36)], np.array([5, 2, 25])  # as where= leaves it
     for name, severity in (("noise", 0), ("dropped_frames", 5), ("dead_taxels", 3)):
-        worse = damaged(corpus, test, as_shares(corpus, test), FAULTS[name], severity)
+        worse = damage_captures(corpus, test, as_shares(corpus, test), FAULTS[name], severity)
         assert not worse.digest and worse.path is None and worse.frames.dtype == kind
         assert np.array_equal(worse.index, corpus.index) and np.array_equal(
             worse.gestures, corpus.gestures

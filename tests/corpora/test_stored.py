@@ -12,8 +12,8 @@ import pytest
 
 from bench.cli import main
 from bench.corpora import library, synth
-from bench.corpora.folder import content_digest, open_folder, verified, write_folder
-from bench.corpora.library import import_corpus, imported, open_corpus
+from bench.corpora.folder import content_digest, find_damage, open_folder, write_folder
+from bench.corpora.library import import_corpus, imported_names, open_corpus
 from bench.errors import InputError
 from bench.ground.scratch import data_folder, use_scratch_folder
 from bench.plan.cells import make_cells
@@ -75,10 +75,10 @@ HARMED = [*product(["frames.npy"], HARMS), *product(["corpus.json"], HARMS + TEX
 def test_a_harmed_file_is_refused_found_and_mended(stored, corpus, name, harm):
     harm(stored / name)
     assert name in refused(open_folder, stored)
-    wrong = verified(stored)
+    wrong = find_damage(stored)
     assert wrong[name] and (name == "corpus.json" or sum(map(bool, wrong.values())) == 1)
     write_folder(corpus, stored)
-    assert not any(verified(stored, "c").values())
+    assert not any(find_damage(stored, "c").values())
     assert np.array_equal(open_folder(stored).frames, corpus.frames)
     assert [p.name for p in stored.parent.iterdir() if p.name != "home"] == ["c"]
 
@@ -107,7 +107,7 @@ def test_a_byte_with_all_clocks_set_back_is_found_by_verifying(stored):
     look = json.loads(seal.read_text())
     seal.write_text(json.dumps([*look[:3], frames.stat().st_ctime_ns, *look[4:]]))
     open_folder(stored)  # all that is cheap to see is as it was
-    assert [name for name, wrong in verified(stored).items() if wrong] == ["frames.npy"]
+    assert [name for name, wrong in find_damage(stored).items() if wrong] == ["frames.npy"]
     refused(open_folder, stored)  # from now on
 
 
@@ -176,7 +176,7 @@ def test_what_points_nowhere_or_outside_is_refused_and_mended_by_an_import(bring
     assert main(["data", "verify", "arm"]) == 1
     assert "arm: damaged" in capsys.readouterr().out
     if how in ("loop", "nowhere"):
-        assert imported() == []
+        assert imported_names() == []
     bring()
     assert (
         pointer.read_text() == good

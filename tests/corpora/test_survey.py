@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.corpora.duplicates import identical, seen_before
+from bench.corpora.duplicates import identical_groups, leaked_captures
 from bench.corpora.survey import Survey
 from tests.conftest import random_corpus
 from tests.corpora.made import copied
@@ -29,7 +29,7 @@ def test_tables_are_those_of_all_readings_of_ragged_slices(chosen, kind):
     offset = (
         0 if kind == "uint16" else 10_000.5
     )  # squares of large readings must not lose the small differences
-    some = WHOLE.changed(frames=WHOLE.frames.astype(kind) + np.array(offset, kind))[
+    some = WHOLE.with_fields(frames=WHOLE.frames.astype(kind) + np.array(offset, kind))[
         np.array(chosen)
     ]
     result = Survey(some)
@@ -154,8 +154,8 @@ def test_groups_are_those_of_all_pairs_compared(seed, kind):
             -values if kind == "float32" else values
         )  # a zero with a sign equals one without
     expected = {tuple(j for j, b in enumerate(arrays) if np.array_equal(a, b)) for a in arrays}
-    assert identical(arrays) == sorted(list(group) for group in expected if len(group) > 1)
-    assert identical(arrays[:1]) == identical([]) == []
+    assert identical_groups(arrays) == sorted(list(group) for group in expected if len(group) > 1)
+    assert identical_groups(arrays[:1]) == identical_groups([]) == []
 
 
 @given(st.integers(0, 10**6))
@@ -171,17 +171,17 @@ def test_what_is_tested_after_training_is_that_of_a_loop(seed):
             twins = [int(j) for j in train for g in groups if i in g and j in g]
             if twins:
                 expected.setdefault(int(i), twins[0])
-    assert seen_before(groups, sides, 20) == sorted(expected.items())
+    assert leaked_captures(groups, sides, 20) == sorted(expected.items())
 
 
 def test_an_import_warns_of_them_and_a_survey_lists_them():
     corpus = copied(random_corpus(longest=20), [(10, 1), (30, 1), (5, 4)])
     survey, table = Survey(corpus), Survey(corpus).duplicates
-    (line,) = survey.repeated()
+    (line,) = survey.repeat_warnings()
     assert (
         "\n" not in line
         and line.startswith("Duplicates: 5 captures")
-        and Survey(random_corpus()).repeated() == []
+        and Survey(random_corpus()).repeat_warnings() == []
     )
     assert table[["group", "capture"]].to_numpy().tolist() == [
         [1, 1],

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.corpora.read.table import from_frame, read
+from bench.corpora.read.table import corpus_from_table, read
 from bench.errors import InputError
 from tests.corpora import made
 
@@ -137,7 +137,7 @@ FOUR = ["ch1", "ch2", "ch3", "ch4"]
 )
 def test_a_frame_that_does_not_fit_the_model_is_refused(table, facts):
     with pytest.raises(InputError) as error:
-        from_frame(table, FOUR, 54.0, (2, 2), 1023.0, "input")
+        corpus_from_table(table, FOUR, 54.0, (2, 2), 1023.0, "input")
     message = str(error.value)
     assert (
         message.startswith("input")
@@ -156,6 +156,6 @@ def test_captures_of_a_frame_with_or_without_names_and_numbers():
         (table.drop(columns="capture"), ["1", "2"], [2, 1]),
         (table.assign(frame=0.0), ["3", "3", "7"], [1, 1, 1]),
     ):
-        corpus = from_frame(part, FOUR, 54.0, (2, 2), 1023.0, "input")
+        corpus = corpus_from_table(part, FOUR, 54.0, (2, 2), 1023.0, "input")
         assert corpus.captures["capture"].tolist() == names and corpus.lengths.tolist() == lengths
         assert corpus[0][0].tolist() == [[1, 2], [3, 4]] and corpus.frames.dtype == np.uint16

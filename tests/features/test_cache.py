@@ -11,7 +11,7 @@ from bench.features.cache import cache_key
 from bench.features.jung28 import Jung28
 from bench.features.jung54 import Jung54
 from bench.ground import source
-from bench.ground.scratch import home
+from bench.ground.scratch import data_folder
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ CHANGES = {
 def test_a_changed_table_is_computed_again(stored, corpus, extracted, name):
     expected = Jung28().transform(corpus)
     Jung28().transform(stored)
-    path = home() / "features" / f"{cache_key(Jung28(), stored.digest)}.parquet"
+    path = data_folder() / "features" / f"{cache_key(Jung28(), stored.digest)}.parquet"
     whole = pq.read_table(path)
     frame = CHANGES[name](whole.to_pandas())
     frame.attrs = {}
@@ -43,7 +43,7 @@ def test_a_changed_table_is_computed_again(stored, corpus, extracted, name):
     )  # with all that the file says of it
     del extracted[:]
     for _ in range(2):  # the second time it is mended
-        cache._read.cache_clear()
+        cache._read_table.cache_clear()
         assert Jung28().transform(stored).equals(expected) and extracted == [36]
 
 
@@ -58,16 +58,18 @@ def test_features_are_computed_once_per_corpus(corpus, stored, monkeypatch):
     assert Jung54().transform(stored).equals(expected)
     monkeypatch.setattr(cache.pd, "read_parquet", lambda *_: pytest.fail("read again"))
     assert Jung54().transform(stored[5:2:-1]).equals(expected.iloc[5:2:-1].reset_index(drop=True))
-    assert len(list((home() / "features").iterdir())) == 1  # nothing is left beside the table
+    assert (
+        len(list((data_folder() / "features").iterdir())) == 1
+    )  # nothing is left beside the table
 
 
 def test_the_key_depends_on_corpus_parameters_class_and_code(monkeypatch):
     features = [Jung54(), Jung54("capture"), Jung28(), Jung28(peaks="maxima")]
     key = cache_key(Jung54(), "a")
     assert len({*(cache_key(f, "a") for f in features), cache_key(Jung54(), "b"), key}) == 5
-    original = source._read
+    original = source._parse_file
     monkeypatch.setattr(
-        "bench.features.cache._source", source.source_digest
+        "bench.features.cache._code_digest", source.source_digest
     )  # which is asked once for each class
     for name, other in (
         ("signals.py", True),
@@ -80,7 +82,7 @@ def test_the_key_depends_on_corpus_parameters_class_and_code(monkeypatch):
             original(p, at)[1],
         )  # noqa: E731
         with monkeypatch.context() as patch:
-            patch.setattr(source, "_read", changed)
+            patch.setattr(source, "_parse_file", changed)
             assert (cache_key(Jung54(), "a") != key) == other
 
 
@@ -101,4 +103,4 @@ def test_a_folder_that_cannot_be_written_only_costs_time(
 
     monkeypatch.setattr(pd.DataFrame, "to_parquet", full)
     assert Jung28().transform(stored[3:5]).equals(expected)
-    assert not list((home() / "features").iterdir())
+    assert not list((data_folder() / "features").iterdir())

@@ -62,12 +62,14 @@ def test_columns_and_slices(features, monkeypatch):
     same(corpus[np.array([7, 3, 10, 3])], [7, 3, 10, 3])
     assert features.set_output(transform="pandas").transform(corpus[:0]).shape == (0, width)
     monkeypatch.setattr(
-        signals, "blocks", lambda c, blocks=signals.blocks: blocks(c, values=15 * 64)
+        signals,
+        "capture_blocks",
+        lambda c, blocks=signals.capture_blocks: blocks(c, values=15 * 64),
     )
     monkeypatch.setattr(hughes36, "FRAMES_TO_SCORE", 15)
-    monkeypatch.setattr(touch, "RUN", 7 * 64)
-    monkeypatch.setattr(touch, "BATCH", 1)
-    assert len(signals.blocks(corpus)) > 5
+    monkeypatch.setattr(touch, "RUN_VALUES", 7 * 64)
+    monkeypatch.setattr(touch, "BATCH_VALUES", 1)
+    assert len(signals.capture_blocks(corpus)) > 5
     same(corpus, range(12))
 
 
@@ -107,7 +109,7 @@ def test_only_training_captures_are_learnt_from(features):
     test = corpus.subjects == "2"
     changed = with_other_values(corpus, np.flatnonzero(test))
     gestures = np.where(test, "pat", corpus.gestures)
-    changed = changed.changed(captures=changed.captures.assign(gesture=gestures))
+    changed = changed.with_fields(captures=changed.captures.assign(gesture=gestures))
     fitted = clone(features).fit(corpus[~test], corpus.gestures[~test])
     blind = clone(features).fit(changed[~test], gestures[~test])
     leaky = clone(features).fit(changed, gestures)

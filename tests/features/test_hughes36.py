@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from bench.features import hughes36
 from bench.features.hmm import GaussianHMMs
-from bench.features.hughes36 import Hughes36, moments
+from bench.features.hughes36 import Hughes36, frame_moments
 from tests.features.captures import GRIDS, corpus_of, near, strongest
 
 
@@ -58,19 +58,19 @@ def test_moments_by_hand():
     frames = np.zeros((2, 3, 4), np.uint16)
     frames[0, 1, 2] = 1023  # row 2, column 3
     frames[1, 0, 0], frames[1, 2, 1] = 1023, 2046  # weight 1 at (1, 1), 2 at (3, 2)
-    values = moments(corpus_of([frames]))
+    values = frame_moments(corpus_of([frames]))
     near(values[0], [1, 3, 9, 27, 2, 6, 18, 4, 12, 8])
     near(values[1], [3, 5, 9, 17, 7, 13, 25, 19, 37, 55])
 
 
 def test_the_code_is_that_of_a_network_with_sigmoids():
     frames = np.random.default_rng(0).random((5, 6))
-    encoder = hughes36._encoder(frames.astype(np.float32), 1, 0)
+    encoder = hughes36._train_encoder(frames.astype(np.float32), 1, 0)
     assert [w.shape for w, _ in encoder] == [(200, 6), (100, 200), (50, 100), (25, 50), (10, 25)]
     layer = frames.T
     for weight, bias in encoder[:-1]:
         layer = 1 / (1 + np.exp(-(weight @ layer + bias[:, None])))
-    near(hughes36._code(frames, encoder), (encoder[-1][0] @ layer).T + encoder[-1][1])
+    near(hughes36._encode_frames(frames, encoder), (encoder[-1][0] @ layer).T + encoder[-1][1])
 
 
 @pytest.mark.parametrize("grid", [(8, 8), (1, 1)])
@@ -97,11 +97,11 @@ def test_likelihoods_are_per_frame_of_what_training_frames_standardise(corpus):
     features = quick(states=3).fit(train, train.gestures)
     table = features.transform(test)
     for kind, models, observe in (
-        ("moments", features.models_[0], moments),
+        ("moments", features.models_[0], frame_moments),
         (
             "code",
             features.models_[1],
-            lambda c: hughes36._code(hughes36._values(c), features.encoder_),
+            lambda c: hughes36._encode_frames(hughes36._scaled_frames(c), features.encoder_),
         ),
     ):
         seen = observe(train)
@@ -140,7 +140,7 @@ def test_likelihoods_and_an_iteration_equal_sums_over_all_paths(seed, far):
     if far > 1:  # one state may have all the weight
         return
     models = GaussianHMMs(2, 1)
-    models._begin = lambda parts: vars(models).update(
+    models._initialise_models = lambda parts: vars(models).update(
         {k: v.copy() for k, v in vars(begin).items() if k[-1] == "_"}
     )
     models.fit(frames, lengths, classes)

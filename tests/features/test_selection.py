@@ -63,12 +63,12 @@ def labelled(seed, captures=120, columns=8, classes=3, subjects=6):
 def test_the_criterion_is_discriminant_analysis_left_out_by_subject(subjects):
     values, label, subject = labelled(1, subjects=subjects)
     label[np.flatnonzero(subject == "1")[::2]] = 3  # a class that nobody else has
-    fold = selection.left_out(label, subject)
+    fold = selection.assign_folds(label, subject)
     assert len(np.unique(fold)) == min(subjects, 5)
     parts = [selection.Discriminant(values, label, fold != i) for i in np.unique(fold)]
     for size in (1, 2, 5):
         sets = np.array([np.random.default_rng(i).permutation(8)[:size] for i in range(10)])
-        hits = sum(part.hits(sets) for part in parts)
+        hits = sum(part.count_hits(sets) for part in parts)
         assert (
             hits.tolist() == [slow_hits(values, label, subject, s) for s in sets]
             and len(set(hits)) > 1
@@ -90,7 +90,7 @@ def test_selection_equals_a_slow_search(seed, monkeypatch):
     assert selection.select(values, label, subject, 5).tolist() == floating
     if seed:  # columns that later ones make useless are taken out again
         assert removed and hits(tuple(floating)) > hits(tuple(forward))
-    monkeypatch.setattr(selection, "STEPS", 0)  # no step is left for going back
+    monkeypatch.setattr(selection, "MAX_STEPS_FACTOR", 0)  # no step is left for going back
     assert selection.select(values, label, subject, 5).tolist() == forward
 
 

@@ -15,7 +15,12 @@ from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.search import portfolio
 from bench.models.search.auto import Auto
-from bench.models.search.ensemble import fit_temperature, logarithms, selected, tempered
+from bench.models.search.ensemble import (
+    apply_temperature,
+    fit_temperature,
+    log_probabilities,
+    select_ensemble,
+)
 from tests.conftest import random_corpus, with_other_values
 from tests.models.test_tuning import noisy
 
@@ -40,8 +45,8 @@ def quick():
     models = {m: portfolio.MODELS[m] for m in few}
     with pytest.MonkeyPatch.context() as patch:
         for name, value in {
-            "FIRST": QUICK,
-            "BEFORE": BEFORE,
+            "FIRST_TRIALS": QUICK,
+            "STEP_SPACE": BEFORE,
             "SPACES": few,
             "MODELS": models,
         }.items():
@@ -92,10 +97,10 @@ def test_what_decides_is_what_was_picked_fitted_to_everybody(search):
     members = zip(
         search.best_.members, search.best_.weights, search.best_.temperatures, strict=True
     )
-    mean = sum(w * tempered(m.predict_proba(corpus), t) for m, w, t in members)
+    mean = sum(w * apply_temperature(m.predict_proba(corpus), t) for m, w, t in members)
     np.testing.assert_allclose(search.predict_proba(corpus), mean)
     heaviest = trials.loc[trials["weight"].idxmax()]
-    again = portfolio.system(dict(heaviest.dropna()), seed=0).fit(corpus, corpus.gestures)
+    again = portfolio.make_system(dict(heaviest.dropna()), seed=0).fit(corpus, corpus.gestures)
     assert np.array_equal(
         search.best_.members[0].predict_proba(corpus), again.predict_proba(corpus)
     )
@@ -123,8 +128,10 @@ def test_limits_hold_for_what_is_fitted_to_everybody(search):
 def test_other_people_change_nothing(tmp_path, monkeypatch):
     """With the cache of features and the stored study on the way."""
     windowed = {"model": "lda", "window": 0.5, "faults": "all", "columns": 0.25}
-    monkeypatch.setattr(portfolio, "FIRST", [QUICK[0], windowed])
-    monkeypatch.setattr(portfolio, "BEFORE", BEFORE | {"window": [0.0, 0.5], "faults": ["", "all"]})
+    monkeypatch.setattr(portfolio, "FIRST_TRIALS", [QUICK[0], windowed])
+    monkeypatch.setattr(
+        portfolio, "STEP_SPACE", BEFORE | {"window": [0.0, 0.5], "faults": ["", "all"]}
+    )
     corpus, found = noisy(longest=60), []
     train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
     for name, captures in (("a", corpus), ("b", with_other_values(corpus, test))):
@@ -149,7 +156,7 @@ def test_a_trial_that_fails_is_listed_and_the_others_go_on(monkeypatch):
     assert (
         search.chosen_["failed"] == 1 and "FloatingPointError: not today" in search.chosen_["error"]
     )
-    monkeypatch.setattr(portfolio, "FIRST", QUICK[1:2])
+    monkeypatch.setattr(portfolio, "FIRST_TRIALS", QUICK[1:2])
     with pytest.raises(RuntimeError, match="not today"):
         searched(noisy(), 1)
 
@@ -177,7 +184,7 @@ def test_each_pick_is_the_best_next_one_that_is_allowed(seed, most):
         losses = -np.log(proba[picks].mean(axis=0)[np.arange(30), codes])
         return np.mean([losses[subjects == s].mean() for s in set(subjects)])
 
-    weights = selected(proba, codes, subjects, lambda some: len(some) <= most)
+    weights = select_ensemble(proba, codes, subjects, lambda some: len(some) <= most)
     picks = [0]
     while len(picks) < 15:
         losses = [loss_of([*picks, i]) if len({*picks, i}) <= most else np.inf for i in range(3)]
@@ -185,7 +192,7 @@ def test_each_pick_is_the_best_next_one_that_is_allowed(seed, most):
             break
         picks.append(int(np.argmin(losses)))
     assert weights == pytest.approx({i: picks.count(i) / len(picks) for i in set(picks)})
-    assert 0 not in selected(proba, codes, subjects, lambda some: 0 not in some)
+    assert 0 not in select_ensemble(proba, codes, subjects, lambda some: 0 not in some)
 
 
 @pytest.mark.parametrize("bounds", [(0.05, 20.0), (0.9, 1.1)])
@@ -196,8 +203,8 @@ def test_the_temperature_has_the_least_loss_within_its_bounds(bounds):
         powers = proba[0] ** (1 / t)
         powers /= powers.sum(axis=1, keepdims=True)
         losses[t] = -np.log(powers[np.arange(30), codes]).mean()
-    best = fit_temperature(logarithms(proba[0]), codes, *bounds)
+    best = fit_temperature(log_probabilities(proba[0]), codes, *bounds)
     assert bounds[0] <= best <= bounds[1] and best == pytest.approx(
         min(losses, key=losses.get), rel=0.03
     )
-    np.testing.assert_allclose(tempered(proba[0], t), powers)
+    np.testing.assert_allclose(apply_temperature(proba[0], t), powers)

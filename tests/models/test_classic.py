@@ -211,15 +211,15 @@ def test_leaving_a_person_out_equals_the_plain_fit_and_takes_nothing_of_them(sto
         np.where(subjects == "2", np.roll(y, 1), y),
         np.where(subjects == "2", "1", subjects),
     )
-    renamed = stored.changed(captures=stored.captures.assign(subject=others))
-    by_person.KEPT.clear()
+    renamed = stored.with_fields(captures=stored.captures.assign(subject=others))
+    by_person.CACHE.clear()
     for X, gestures in ((renamed, wrong), (stored, wrong), (stored, y)):
         lda(TouchFeatures()).fit(X, gestures)
     warm = lda(TouchFeatures()).fit(stored[train], y[train])
-    by_person.KEPT.clear()
+    by_person.CACHE.clear()
     cold = lda(TouchFeatures()).fit(stored[train], y[train])
     plain = Pipeline(lda(TouchFeatures()).steps).fit(stored[train], y[train])
-    assert by_person.KEPT and warm.fit_seconds_[0] > 0
+    assert by_person.CACHE and warm.fit_seconds_[0] > 0
     proba = cold.predict_proba(stored)
     assert np.array_equal(warm.predict_proba(stored), proba)
     np.testing.assert_allclose(proba, plain.predict_proba(stored), rtol=0, atol=1e-9)

@@ -56,11 +56,11 @@ def test_a_factory_is_handed_the_feature_set_whatever_its_argument_is_called(cor
         .predict(corpus)
     )
     for factory in (mine, plain):
-        built = contract.build(factory, Jung28(), C=3.0)
+        built = contract.build_system(factory, Jung28(), C=3.0)
         assert np.array_equal(built.fit(corpus, corpus.gestures).predict(corpus), expected)
-        assert list(contract.features(built)) == ["jung28"]
-    assert isinstance(contract.build(Given, None), Given)
-    assert set(contract.features(Auto())) == {"touch", "jung54"}
+        assert list(contract.feature_sets(built)) == ["jung28"]
+    assert isinstance(contract.build_system(Given, None), Given)
+    assert set(contract.feature_sets(Auto())) == {"touch", "jung54"}
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_a_factory_is_handed_the_feature_set_whatever_its_argument_is_called(cor
 )
 def test_labels_that_are_no_class_and_values_that_are_no_probabilities_fail(corpus, answer, fact):
     with pytest.raises(ValueError, match=fact):
-        contract.decide(Given(**answer).fit(corpus, corpus.gestures), corpus)
+        contract.predict_decisions(Given(**answer).fit(corpus, corpus.gestures), corpus)
 
 
 def test_a_system_that_declares_it_abstains_by_a_label_or_a_row_of_nan(corpus):
@@ -88,11 +88,11 @@ def test_a_system_that_declares_it_abstains_by_a_label_or_a_row_of_nan(corpus):
     by_nan = Given(proba=[[np.nan] * 3, [1.0, 0, 0]]).fit(corpus, corpus.gestures)
     by_label.abstains = by_nan.abstains = "unknown"
     for system in (by_label, by_nan, make_pipeline(by_nan)):
-        proba = contract.decide(system, corpus)[1]
+        proba = contract.predict_decisions(system, corpus)[1]
         assert proba.sum(axis=1).tolist() == [i % 2 for i in range(len(corpus))]
     by_label.labels = ["Unknown"]
     with pytest.raises(ValueError, match="'Unknown'"):
-        contract.decide(by_label, corpus)
+        contract.predict_decisions(by_label, corpus)
 
 
 class Owner(Given):
@@ -116,15 +116,15 @@ class Owner(Given):
 def test_a_method_is_known_by_the_names_of_its_parameters_others_are_the_authors_own(corpus):
     own = Owner(["pat"]).fit(corpus, corpus.gestures)
     contract.check(own)
-    assert contract.window(own, 100.0) is None and contract.seen_by_features(own, corpus) == [
-        corpus
-    ]
+    assert contract.window_frames(own, 100.0) is None and contract.seen_by_features(
+        own, corpus
+    ) == [corpus]
     assert not contract.decides_often(own)
     assert contract.kept(own, 40, 64) == 40 * 64 and contract.kept_before(own, 64) == 0
-    assert len(contract.decide(own, corpus)[0]) == len(corpus)
+    assert len(contract.predict_decisions(own, corpus)[0]) == len(corpus)
     own.length = lambda rate_hz: 0.5
     with pytest.raises(InputError, match="gives 0.5; give a"):
-        contract.window(own, 100.0)
+        contract.window_frames(own, 100.0)
 
 
 def test_a_classifier_of_series_is_given_them_in_one_length(corpus):
@@ -143,6 +143,6 @@ def test_a_module_is_made_for_the_window_and_trained(corpus):
     assert (model.predict(corpus) == corpus.gestures).mean() > 0.7 and len(model.history_) == 20
     assert model.parameters_ == 5 * 64 * 3 + 3
     assert (
-        contract.window(model, 100.0) == 5
-        and contract.window(FromTorch(module=linear, seconds=0.5), 100.0) == 50
+        contract.window_frames(model, 100.0) == 5
+        and contract.window_frames(FromTorch(module=linear, seconds=0.5), 100.0) == 50
     )

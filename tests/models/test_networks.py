@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import nn
 
-from bench.features.touch import signals
+from bench.features.touch import frame_signals
 from bench.models.nets import ren2023, touchnet
 from bench.models.nets.cnn85 import CNN85
 from bench.models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN, Recurrent
 from bench.models.nets.ren2023 import Ren2023Transformer
 from bench.models.nets.time_blocks import TimeConv3d
-from bench.models.nets.training import activations
+from bench.models.nets.training import count_activations
 from bench.models.nets.zhou2016 import Zhou2016CNN3D, Zhou2016GMLSTM
 from tests.conftest import random_corpus
 
@@ -23,7 +23,7 @@ FOURTEEN = tuple("abcdefghijklmn")
 
 
 def at(rate, **kwargs):
-    return random_corpus(**kwargs).changed(rate_hz=rate)
+    return random_corpus(**kwargs).with_fields(rate_hz=rate)
 
 
 def test_the_subject_who_chooses_the_epoch_is_not_trained_on(corpus, monkeypatch):
@@ -72,7 +72,7 @@ def test_published_sizes_of_hughes2017(system, rate, classes, parameters, memory
     assert (
         system(epochs=1).fit(longest, longest.gestures).activations_ == memory
     )  # of a step, however long it was
-    frames = at(rate, subjects=1, per_class=1, gestures=("pat",), longest=1400, seed=1).detached()
+    frames = at(rate, subjects=1, per_class=1, gestures=("pat",), longest=1400, seed=1).detach()
     steps = pickle.loads(pickle.dumps(model)).samples(frames).steps
     most = {
         Hughes2017CNN: 1,
@@ -87,7 +87,7 @@ def test_published_sizes_of_the_others():
     attention = Ren2023Transformer().network(8, 8, 7).eval()
     layers = 144 * 64 + 144 * 512 + 144 * (128 + 16 + 4) + 7  # input, embedding, the head
     each = 5 * 144 * 512 + 8 * 144**2  # queries, keys, values, their mix, output; scores of 8 heads
-    assert activations(attention, one) == layers + 6 * each
+    assert count_activations(attention, one) == layers + 6 * each
     for net, frames, size in (
         (attention, 144, 6_415_291),  # printed as 6.42 million
         (Zhou2016CNN3D().network(8, 8, 7), 432, 490_119),
@@ -129,7 +129,11 @@ def test_the_recurrent_layer_equals_a_loop_over_each_sequence(counts, seed):
     for sequence in x.split(counts):
         state = torch.zeros(3).double()
         for inputs in sequence:
-            state = torch.tanh(net.into.weight @ inputs + net.into.bias + net.within.weight @ state)
+            state = torch.tanh(
+                net.input_layer.weight @ inputs
+                + net.input_layer.bias
+                + net.recurrent_layer.weight @ state
+            )
             expected.append(net.head(state))
     expected = torch.stack(expected)
     torch.testing.assert_close(ours, expected)
@@ -152,11 +156,13 @@ def test_attention_of_ones_own_is_that_of_the_library():
 def test_a_mounting_has_the_signals_of_a_turned_skin():
     frames = np.random.default_rng(0).random((9, 4, 4), dtype=np.float32)
     expected = [
-        signals(np.rot90(f, k, axes=(1, 2))) for k in range(4) for f in (frames, frames[:, :, ::-1])
+        frame_signals(np.rot90(f, k, axes=(1, 2)))
+        for k in range(4)
+        for f in (frames, frames[:, :, ::-1])
     ]
-    own = torch.from_numpy(signals(frames).astype(np.float32))
+    own = torch.from_numpy(frame_signals(frames).astype(np.float32))
     torch.manual_seed(0)
-    found = touchnet._mounted(own.expand(400, *own.shape)).numpy()
+    found = touchnet._mount_randomly(own.expand(400, *own.shape)).numpy()
     same = np.array(
         [[np.allclose(one, other, rtol=1e-4, atol=1e-4) for other in expected] for one in found]
     )

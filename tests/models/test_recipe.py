@@ -15,8 +15,8 @@ from bench.ground.registry import load_part
 from bench.models.classic.lda import lda
 from bench.models.classic.softmax import softmax
 from bench.models.classic.svm import svm
-from bench.models.recipe import Recipe, build, taken
-from bench.models.steps import Faulted, Repair, Scale
+from bench.models.recipe import Recipe, apply_steps, build_recipe
+from bench.models.steps import DamagedCopies, Repair, Scale
 from tests.conftest import random_corpus
 from tests.models.test_systems import COMPOSED
 
@@ -27,9 +27,9 @@ def test_decisions_are_those_on_each_window_alone(system, corpus):
     model = Recipe(system(), window=0.1, hop=0.07).fit(train, train.gestures)
 
     cut = Windows(0.1, 0.07)  # tests/models/test_steps.py has a loop
-    alone, seen = cut(test), cut(train).detached()
-    windows = np.column_stack([cut.rows(test), alone.piece, alone.lengths])
-    alone = alone.detached()
+    alone, seen = cut(test), cut(train).detach()
+    windows = np.column_stack([cut.source_rows(test), alone.piece, alone.lengths])
+    alone = alone.detach()
     table, proba = model.decide(test)
     assert np.array_equal(table, windows) and len(windows) > len(test)
     np.testing.assert_allclose(proba, model.system_.predict_proba(alone), rtol=1e-6, atol=1e-12)
@@ -41,8 +41,8 @@ def test_decisions_are_those_on_each_window_alone(system, corpus):
 
 
 def test_steps_are_taken_one_after_the_other(corpus):
-    steps = [Faulted(("noise",), 2), Repair(("offset", "dead")), Scale("peak"), Windows(0.1)]
-    seen, row = taken(corpus, steps)
+    steps = [DamagedCopies(("noise",), 2), Repair(("offset", "dead")), Scale("peak"), Windows(0.1)]
+    seen, row = apply_steps(corpus, steps)
     by_hand = corpus
     for step in steps:
         by_hand = step(by_hand)
@@ -51,14 +51,14 @@ def test_steps_are_taken_one_after_the_other(corpus):
         corpus.gestures[row], seen.gestures
     )
     assert seen.piece.max() // COPY == 2
-    model = build(
+    model = build_recipe(
         svm, Jung28(), window=0.1, repair="offset+dead", scale="peak", faults=("noise",), copies=2
     )
     assert model.training_steps() == steps and model.steps() == steps[1:]
     model.fit(corpus, corpus.gestures)
     again = svm(Jung28()).fit(seen, seen.gestures)
     assert np.array_equal(model.system_.predict_proba(corpus), again.predict_proba(corpus))
-    cut, _ = taken(corpus, steps[1:])  # faults are for training alone
+    cut, _ = apply_steps(corpus, steps[1:])  # faults are for training alone
     assert np.array_equal(model.decide(corpus)[1], again.predict_proba(cut))
 
 
@@ -89,7 +89,7 @@ def test_what_cannot_be_is_refused_in_one_line(model, options, corpus):
     name, value = next(iter(options.items()))
     shown = f"{value:g}" if isinstance(value, float) else value
     with pytest.raises(InputError, match=f"^model.{name}={re.escape(str(shown))}[^\n]*$"):
-        system = build(load_part("models", model), Jung28(), **options)
+        system = build_recipe(load_part("models", model), Jung28(), **options)
         contract.check(system)
         contract.check_training(system, corpus, corpus.gestures)
 

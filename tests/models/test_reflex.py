@@ -11,14 +11,14 @@ from sklearn.preprocessing import StandardScaler
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.windows import Windows
-from bench.features.base import labels
+from bench.features.base import capture_copy_index
 from bench.features.touch import TouchFeatures
 from bench.models import out_of_distribution
 from bench.models.classic.lda import Discriminants
 from bench.models.classic.perceptron import Perceptron
-from bench.models.out_of_distribution import Guarded
+from bench.models.out_of_distribution import GuardedDiscriminants
 from bench.models.reflex import Reflex
-from bench.models.sizes import parameter_count
+from bench.models.sizes import count_parameters
 from bench.models.steps import Repair
 from tests.conftest import random_corpus
 
@@ -56,7 +56,7 @@ def test_the_perceptron_decides_as_scikit_learns_network_of_the_same_weights():
     theirs.coefs_, theirs.intercepts_ = ours.coefs_, ours.intercepts_
     given = StandardScaler().fit(X).transform(X).clip(-2, 2)
     np.testing.assert_allclose(ours.predict_proba(X), theirs.predict_proba(given), atol=1e-4)
-    assert parameter_count(ours) == 6 * 7 + 7 + 7 * 3 + 3 + 2 * 6
+    assert count_parameters(ours) == 6 * 7 + 7 + 7 * 3 + 3 + 2 * 6
 
 
 def test_rows_are_drawn_as_often_as_they_count():
@@ -91,12 +91,15 @@ def test_in_doubt_the_network_decides_and_else_discriminants_of_undamaged_rows()
     linear = Discriminants(windows=2.0).fit(X[whole], y[whole]).predict_proba(X)
     network = Quick(units=18).fit(X, y).predict_proba(X)
     for doubt in (1 / 6, 0.5, 1.0):
-        model, share = Guarded(doubt=doubt).fit(X, y), (away / 6 / doubt).clip(upper=1).to_numpy()
-        np.testing.assert_allclose(model.doubts(X), share)
+        model, share = (
+            GuardedDiscriminants(doubt=doubt).fit(X, y),
+            (away / 6 / doubt).clip(upper=1).to_numpy(),
+        )
+        np.testing.assert_allclose(model.network_weights(X), share)
         expected = (1 - share[:, None]) * linear + share[:, None] * network
         np.testing.assert_allclose(model.predict_proba(X), expected, atol=1e-9)
         assert share[~whole].min() >= 1 / 6 and 0 < (share == 0).sum() < len(X)
-    assert parameter_count(model) == 2 * 6 + 3 * 6 + 3 + (6 * 18 + 18 + 18 * 3 + 3 + 2 * 6)
+    assert count_parameters(model) == 2 * 6 + 3 * 6 + 3 + (6 * 18 + 18 + 18 * 3 + 3 + 2 * 6)
 
 
 def test_a_capture_is_the_mean_of_its_windows_and_a_short_one_has_weights_of_its_own():
@@ -109,13 +112,16 @@ def test_a_capture_is_the_mean_of_its_windows_and_a_short_one_has_weights_of_its
     corpus = Corpus.from_captures(frames, made.captures, 30.0)
     system = Reflex(faults=("none",)).fit(corpus, corpus.gestures)
     proba = system.predict_proba(corpus)
-    for seconds, judge, short in ((1.0, Guarded(), False), (0.5, Discriminants(), True)):
+    for seconds, judge, short in (
+        (1.0, GuardedDiscriminants(), False),
+        (0.5, Discriminants(), True),
+    ):
         cuts = [
             Windows(seconds)(Repair(("stuck", "dead"))(corpus[[i]])) for i in range(len(corpus))
         ]
         rows = np.repeat(np.arange(len(corpus)), [len(cut) for cut in cuts])
         features = pd.concat([TouchFeatures().extract(cut) for cut in cuts]).set_axis(
-            labels(rows, 0 * rows)
+            capture_copy_index(rows, 0 * rows)
         )
         each = judge.fit(features, corpus.gestures[rows]).predict_proba(features)
         for i in np.flatnonzero((corpus.lengths < 30) == short):

@@ -30,14 +30,18 @@ def test_ridge_and_what_it_predicts_for_left_out_groups_equal_scikit_learn(
     group = np.concatenate([[0, 1], rng.integers(0, groups, captures - 2)])
     ours, exact = Ridge(features, targets), features.astype(np.float64)
     whole = SklearnRidge(alpha=penalty).fit(exact, targets)
-    np.testing.assert_allclose(exact.T @ ours.dual(penalty), whole.coef_.T, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(
+        exact.T @ ours.dual_weights(penalty), whole.coef_.T, rtol=1e-4, atol=1e-6
+    )
     expected = np.empty_like(targets)
     for train, test in LeaveOneGroupOut().split(features, groups=group):
         expected[test] = (
             SklearnRidge(alpha=penalty).fit(exact[train], targets[train]).predict(exact[test])
         )
     parts = [np.flatnonzero(group == g) for g in np.unique(group)]
-    np.testing.assert_allclose(ours.left_out(penalty, parts), expected, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(
+        ours.predict_left_out(penalty, parts), expected, rtol=1e-4, atol=1e-5
+    )
 
 
 @given(st.integers(1, 4), st.integers(1, 5), st.integers(1, 30), st.integers(0, 99))
@@ -63,7 +67,7 @@ def test_series_equal_a_loop(rows, cols, longest, seed):
     values = (values - values.mean(axis=0)) / sd
     captures = np.split(values, np.cumsum(corpus.lengths)[:-1])
     for series, own in zip(
-        Series("both", length=12).fit(corpus).each(corpus), captures, strict=True
+        Series("both", length=12).fit(corpus).iter_series(corpus), captures, strict=True
     ):
         at = np.linspace(0, len(own) - 1, 12)
         expected = [np.interp(at, np.arange(len(own)), column) for column in own.T]
@@ -72,8 +76,8 @@ def test_series_equal_a_loop(rows, cols, longest, seed):
 
 def test_scores_are_those_of_scikit_learn_with_the_best_penalty_and_temperature(corpus):
     fitted = Rocket(kernels=84).fit(corpus, corpus.gestures)
-    features = fitted._features(corpus)
-    fitted._scale(features)
+    features = fitted._compute_features(corpus)
+    fitted._standardise(features)
     exact = RidgeClassifier(alpha=fitted.penalty_).fit(features.astype(np.float64), corpus.gestures)
     expected = softmax(
         exact.decision_function(features.astype(np.float64)) / fitted.temperature_, axis=1

@@ -24,7 +24,7 @@ from bench.features.selection import Subset
 from bench.features.ta273 import Ta273
 from bench.models.classic.bayes import GaussianBayes
 from bench.models.classic.svm import svm
-from bench.models.sizes import parameter_count, sizes
+from bench.models.sizes import count_parameters, measure_sizes
 
 Y = np.repeat(["a", "b", "c"], 20)
 X = np.random.default_rng(0).normal(size=(60, 4)) + np.repeat(np.arange(3), 20)[:, None]
@@ -42,7 +42,7 @@ BY_HAND = [
 
 
 def count(classifier):
-    return parameter_count(classifier.fit(X, Y))
+    return count_parameters(classifier.fit(X, Y))
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -70,22 +70,24 @@ def test_a_tree_has_two_numbers_a_node_one_a_tree_and_the_shares_of_each_leaf_on
             tuple(shares.ravel())
             for shares in tree.value[tree.children_left < 0].astype(np.float32)
         }
-    assert parameter_count(model) == total + sum(map(len, leaves))
+    assert count_parameters(model) == total + sum(map(len, leaves))
 
 
 def test_boosted_trees_and_support_vectors_by_hand():
     boosted = XGBClassifier(n_estimators=4, max_depth=2).fit(X, np.repeat([0, 1, 2], 20))
     text = "".join(boosted.get_booster().get_dump())
     leaves = text.count("leaf=")  # root and class of each of 3 x 4 trees besides
-    assert parameter_count(boosted) == 2 * (text.count("yes=") + leaves) + leaves + 2 * 12
+    assert count_parameters(boosted) == 2 * (text.count("yes=") + leaves) + leaves + 2 * 12
     histograms = ensemble.HistGradientBoostingClassifier(
         max_iter=3, early_stopping=False, min_samples_leaf=5
     ).fit(X, Y)
     nodes = [tree.nodes for each in histograms._predictors for tree in each]
     trees = sum(2 * len(n) + int(n["is_leaf"].sum()) for n in nodes)
-    assert trees <= parameter_count(histograms) <= trees + 60 * 4 + 100  # and the edges of its bins
+    assert (
+        trees <= count_parameters(histograms) <= trees + 60 * 4 + 100
+    )  # and the edges of its bins
     machine = SVC(kernel="linear").fit(X, Y)
-    assert parameter_count(machine) == 4 * len(machine.support_) + 2 * len(machine.support_) + 3
+    assert count_parameters(machine) == 4 * len(machine.support_) + 2 * len(machine.support_) + 3
 
 
 def test_pipelines_and_ensembles_are_the_sum_of_their_parts():
@@ -95,7 +97,7 @@ def test_pipelines_and_ensembles_are_the_sum_of_their_parts():
         parts = [("a", DecisionTreeClassifier()), ("b", other)]
         stacked = ensemble.StackingClassifier(parts, LogisticRegression(), cv=2).fit(X, Y)
         assert (
-            parameter_count(stacked) == sum(map(parameter_count, stacked.estimators_)) + 3 * 6 + 3
+            count_parameters(stacked) == sum(map(count_parameters, stacked.estimators_)) + 3 * 6 + 3
         )
 
 
@@ -111,13 +113,13 @@ class OneNet(ClassifierMixin, BaseEstimator):
 def test_modules_of_torch_are_found_wherever_they_are_kept(corpus):
     learnt = 64 * 5 + 5 + 2 * 5 + 5 * 3 + 3
     stored = 4 * (learnt + 2 * 5)  # mean and variance of the batch norm
-    found = sizes(OneNet().fit(corpus, corpus.gestures), 64, 40)
+    found = measure_sizes(OneNet().fit(corpus, corpus.gestures), 64, 40)
     assert found == {"parameters": learnt, "flash_bytes": stored, "ram_bytes": 4 * (64 * 40 + 3)}
 
 
 def test_memory_is_what_features_and_classifiers_work_in(corpus):
     machine = svm(Jung28()).fit(corpus, corpus.gestures)
-    costs, n = sizes(machine, 64, 40), len(machine.named_steps["classifier"].support_)
+    costs, n = measure_sizes(machine, 64, 40), len(machine.named_steps["classifier"].support_)
     # summed pressure, two frames, features, kernels, scores
     assert costs["ram_bytes"] == 4 * (40 + 2 * 64 + 28 + n + 3)
     assert costs["flash_bytes"] == 4 * (

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import convolve
 
-from bench.corpora.corpus import COPY, storage
+from bench.corpora.corpus import COPY, shared_frames
 from bench.corpora.faults import FAULTS
 from bench.corpora.windows import Windows
-from bench.models.steps import REPAIRS, Faulted, Repair, Scale, Turned
+from bench.models.steps import REPAIRS, DamagedCopies, Repair, Scale, TurnedCopies
 from tests.conftest import random_corpus
 from tests.features.captures import corpus_of
 
@@ -21,8 +21,8 @@ STEPS = [
     Repair(REPAIRS),
     Scale("peak"),
     Scale("log"),
-    Faulted(tuple(FAULTS), 2),
-    Turned(2),
+    DamagedCopies(tuple(FAULTS), 2),
+    TurnedCopies(2),
 ]
 
 
@@ -50,7 +50,7 @@ def test_windows_equal_a_loop(lengths, seconds, hop, rate):
         (index, begin) for index, begin, _ in expected
     ]
     assert all(map(np.array_equal, made, (part for *_, part in expected)))
-    assert storage(made)[0] is storage(corpus)[0]
+    assert shared_frames(made)[0] is shared_frames(corpus)[0]
 
 
 def with_broken(seed, grid):
@@ -145,13 +145,13 @@ def test_logarithmic_readings_by_hand():
 def test_originals_stay_and_copies_equal_the_fault_at_the_drawn_severity():
     corpus = random_corpus(subjects=2)
     names = ("noise", "shift", "early_end", "stuck_taxels")
-    step = Faulted(names, 3)
+    step = DamagedCopies(names, 3)
     made = step(corpus)
     assert made.piece.tolist() == [copy * COPY for _ in corpus for copy in range(4)]
     assert all(map(np.array_equal, corpus, made[::4]))
     drawn = set()
     for i, copy in np.ndindex(len(corpus), 3):
-        rng = step.generator(i, copy)
+        rng = step.copy_generator(i, copy)
         name, severity = names[rng.integers(len(names))], int(rng.integers(5))
         shares = corpus[i].astype(np.float32) / np.float32(1023)
         expected = FAULTS[name].damage(shares, FAULTS[name].amounts[severity], rng) * np.float32(
@@ -166,12 +166,19 @@ def test_no_test_capture_meets_the_draws_of_a_training_copy():
     def first(rng):
         return rng.bit_generator.state["state"]["state"]
 
-    test = {first(f.generator("1", i)) for f in FAULTS.values() if not f.sensor for i in range(50)}
+    test = {
+        first(f.make_generator("1", i)) for f in FAULTS.values() if not f.sensor for i in range(50)
+    }
     test |= {
-        first(f.generator(str(s), 0)) for f in FAULTS.values() if f.sensor for s in range(1, 50)
+        first(f.make_generator(str(s), 0))
+        for f in FAULTS.values()
+        if f.sensor
+        for s in range(1, 50)
     }
     training = [
-        first(Faulted(("noise",), 9).generator(i, copy)) for i in range(50) for copy in range(9)
+        first(DamagedCopies(("noise",), 9).copy_generator(i, copy))
+        for i in range(50)
+        for copy in range(9)
     ]
     assert len(set(training)) == 450 and not test & set(training)
 
@@ -179,7 +186,7 @@ def test_no_test_capture_meets_the_draws_of_a_training_copy():
 @pytest.mark.parametrize("step", STEPS, ids=repr)
 def test_what_is_made_of_a_capture_depends_on_it_alone(step):
     corpus = random_corpus(grid=(3, 4))[np.array([11, 3, 7, 30])]
-    made, rows = step(corpus), step.rows(corpus)
+    made, rows = step(corpus), step.source_rows(corpus)
     assert np.array_equal(corpus.index[rows], made.index) and made.steps == (step,)
     assert made.captures.equals(corpus.captures.iloc[rows].reset_index(drop=True))
     assert len(set(zip(made.index, made.piece, strict=True))) == len(
@@ -197,7 +204,7 @@ def test_turned_copies_lie_otherwise_in_all_frames_alike_and_every_way_occurs(gr
     arrays = [
         rng.integers(0, 1023, (int(n), *grid)).astype(np.uint16) for n in rng.integers(1, 9, 30)
     ]
-    made = Turned(4)(corpus_of(arrays))
+    made = TurnedCopies(4)(corpus_of(arrays))
     seen = set()
     for i, frames in enumerate(arrays):
         turns = [frames, frames.transpose(0, 2, 1)] if grid[0] == grid[1] else [frames]

@@ -20,7 +20,7 @@ from bench.ground.registry import load_part, required_parameters
 from bench.models import PARTS, recipe
 from bench.models.adapters import FromSeries, FromTorch
 from bench.models.classic.perceptron import Perceptron
-from bench.models.sizes import sizes
+from bench.models.sizes import measure_sizes
 from tests.conftest import random_corpus, with_other_values
 from tests.net.numbers import QUICK
 
@@ -71,7 +71,7 @@ def made(name, **options):
     usual = (
         {k: v for k, v in {"epochs": 1}.items() if k in defaults} | QUICK.get(name, {}) | options
     )
-    return recipe.build(factory, Jung28() if required_parameters(factory) else None, **usual)
+    return recipe.build_recipe(factory, Jung28() if required_parameters(factory) else None, **usual)
 
 
 @pytest.fixture(autouse=True)
@@ -108,11 +108,11 @@ def test_contract(name):
     )
 
     probe = random_corpus(seed=9, subjects=2, per_class=2, longest=60)
-    proba = contract.probabilities(model, probe)
+    proba = contract.predict_probabilities(model, probe)
     assert proba.shape == (12, 3)
     np.testing.assert_allclose(proba.sum(axis=1), 1, rtol=1e-5)
     assert np.array_equal(model.predict(probe), model.classes_[proba.argmax(axis=1)])
-    table, decisions = contract.decide(model, probe)
+    table, decisions = contract.predict_decisions(model, probe)
     assert set(table["capture"]) == {*range(12)} and len(table) == len(decisions)
     assert (
         table["start"] + table["frames"] <= probe.lengths[table["capture"]]
@@ -122,21 +122,23 @@ def test_contract(name):
 
     for alone in ([0], [7, 3]):
         np.testing.assert_allclose(
-            contract.probabilities(model, probe[alone].detached()), proba[alone], atol=1e-5
+            contract.predict_probabilities(model, probe[alone].detach()), proba[alone], atol=1e-5
         )
-    assert np.array_equal(contract.probabilities(pickle.loads(pickle.dumps(model)), probe), proba)
+    assert np.array_equal(
+        contract.predict_probabilities(pickle.loads(pickle.dumps(model)), probe), proba
+    )
 
     other = with_other_values(corpus, test)  # other values and labels of whom it is tested on
     other.captures.loc[test, "gesture"] = "tap"
     again = clone(bare).fit(other[train], other.gestures[train])
-    assert np.array_equal(contract.probabilities(again, probe), proba)
+    assert np.array_equal(contract.predict_probabilities(again, probe), proba)
 
-    costs = sizes(model, 64, 40)
+    costs = measure_sizes(model, 64, 40)
     assert costs["flash_bytes"] > 0 and costs["ram_bytes"] > 0 and costs["parameters"] > 0
 
     tiny = random_corpus(subjects=2, per_class=2, grid=(1, 2), longest=2)  # captures of one frame
     real = Corpus.from_captures(
         [f / np.float32(8) for f in tiny], tiny.captures, 8.0, full_scale=128.0
     )
-    found = contract.probabilities(make().fit(real, real.gestures), real[:2])
+    found = contract.predict_probabilities(make().fit(real, real.gestures), real[:2])
     assert found.shape == (2, 3) and np.isfinite(found).all()

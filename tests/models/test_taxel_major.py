@@ -5,7 +5,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from torch import nn
 
-from bench.models.nets.taxel_major import pool, taxel_major
+from bench.models.nets.taxel_major import max_pool, run_taxel_major
 
 
 @given(
@@ -28,7 +28,7 @@ def test_a_stack_equals_its_taxel_major_form(rows, cols, kernel, padding, seed):
         nn.LazyLinear(2),
     ).double()
     x = torch.rand(6, 3, rows, cols, dtype=torch.float64, requires_grad=True)
-    outputs = net(x), taxel_major(net, x)
+    outputs = net(x), run_taxel_major(net, x)
     torch.testing.assert_close(*outputs)
     torch.testing.assert_close(
         *(torch.autograd.grad(y.square().sum(), [*net.parameters(), x]) for y in outputs)
@@ -37,5 +37,5 @@ def test_a_stack_equals_its_taxel_major_form(rows, cols, kernel, padding, seed):
 
 def test_gradient_of_a_tie_goes_to_the_first():
     grid = torch.ones(2, 3, 1, 1, requires_grad=True)
-    pool(grid).sum().backward()
+    max_pool(grid).sum().backward()
     assert grid.grad[..., 0, 0].tolist() == [[1, 0, 1], [0, 0, 0]]

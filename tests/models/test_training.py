@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from torch import nn
 
 from bench.corpora.corpus import Corpus
-from bench.features.touch import OF_STEPS, SIGNALS, signals
+from bench.features.touch import SIGNALS, STEP_SIGNALS, frame_signals
 from bench.models.nets.cnn85 import RATES, SelectiveSGD
-from bench.models.nets.touchnet import Stretches
-from bench.models.nets.training import Optimiser, Schedule, Sequences, Windows, train
-from bench.models.nets.window import votes
+from bench.models.nets.touchnet import SignalWindows
+from bench.models.nets.training import Optimiser, Schedule, Sequences, Windows, train_network
+from bench.models.nets.window import vote_shares
 from tests.conftest import random_corpus
 
 PAPER = RATES["paper"]
@@ -31,7 +31,7 @@ def linear():
 def trained(net, windows, schedule, target=0, rate=0.0, judge=None):
     """The history of a training, by default of one that changes nothing."""
     optimiser = Optimiser(torch.optim.SGD(net.parameters(), rate))
-    return train(
+    return train_network(
         net, windows, target + np.zeros(len(windows), dtype=int), optimiser, schedule, judge=judge
     )
 
@@ -39,7 +39,7 @@ def trained(net, windows, schedule, target=0, rate=0.0, judge=None):
 def test_an_epoch_is_a_new_order_of_whole_batches_in_training_mode(windows, monkeypatch):
     seen, batch, net = [], windows.batch, linear()
     monkeypatch.setattr(
-        windows, "batch", lambda rows: seen.append([net.training, *rows]) or batch(rows)
+        windows, "make_batch", lambda rows: seen.append([net.training, *rows]) or batch(rows)
     )
     trained(net, windows, Schedule(2, 16, 0), judge=lambda: float(net.eval().training))
     steps = np.array(seen).reshape(2, -1, 17)
@@ -66,7 +66,7 @@ def test_loss_with_smoothing_by_hand(windows):
     """Mean cross-entropy against labels of which a share is spread over the classes."""
     net, target = linear(), np.arange(len(windows)) % 2
     (row,) = trained(net, windows, Schedule(1, len(windows), 0, smoothing=0.2), target)
-    proba = net(windows.batch(np.arange(len(windows)))).softmax(1).detach().numpy()
+    proba = net(windows.make_batch(np.arange(len(windows)))).softmax(1).detach().numpy()
     expected = np.eye(2)[target] * 0.8 + 0.1
     assert row == {
         "loss": pytest.approx(-(expected * np.log(proba)).sum(1).mean(), rel=1e-5),
@@ -180,7 +180,7 @@ def test_windows_equal_a_loop(length, hop, seed, grid, padding):
         e[:3] for e in expected
     ]
     order = np.random.default_rng(seed).permutation(len(windows))
-    batch = windows.batch(order)
+    batch = windows.make_batch(order)
     assert batch.dtype == torch.float32 and batch.shape == (len(order), length, *grid)
     np.testing.assert_allclose(
         batch.numpy(), np.stack([expected[i][3] for i in order]) / 1023, rtol=1e-6
@@ -203,9 +203,9 @@ def test_sequences_equal_a_loop(frames, hop, longest, seed):
     columns = zip(sequences.capture, sequences.start, sequences.seen, sequences.steps, strict=True)
     assert list(columns) == [e[:4] for e in expected]
     order = np.random.default_rng(seed).permutation(len(sequences))
-    values, steps = sequences.batch(order)
+    values, steps = sequences.make_batch(order)
     assert steps.tolist() == [expected[i][3] for i in order]
-    assert torch.equal(values, windows.batch(np.concatenate([expected[i][4] for i in order])))
+    assert torch.equal(values, windows.make_batch(np.concatenate([expected[i][4] for i in order])))
 
 
 def corpus_of(arrays):
@@ -219,17 +219,17 @@ def test_windows_of_signals_equal_a_loop(lengths, frames, seed):
     rng, hop, expected = np.random.default_rng(seed), (frames + 1) // 2, []
     arrays = [rng.integers(0, 1023, (n, 2, 3)).astype(np.uint16) for n in lengths]
     for capture, array in enumerate(arrays):
-        own = signals(array.astype(np.float32) / np.float32(1023))
-        own[0, [*OF_STEPS]] = own[min(1, len(own) - 1), [*OF_STEPS]]
+        own = frame_signals(array.astype(np.float32) / np.float32(1023))
+        own[0, [*STEP_SIGNALS]] = own[min(1, len(own) - 1), [*STEP_SIGNALS]]
         starts = [
             start
             for start in range(0, len(array), hop)
             if start == 0 or start + frames <= len(array)
         ]
         expected += [(capture, start, own[start : start + frames]) for start in starts]
-    found = Stretches(corpus_of(arrays), frames, hop)
+    found = SignalWindows(corpus_of(arrays), frames, hop)
     assert [(c, s) for c, s, _ in expected] == list(zip(found.capture, found.start, strict=True))
-    values, seen = found.batch(np.arange(len(found)))
+    values, seen = found.make_batch(np.arange(len(found)))
     assert list(seen) == [len(own) for *_, own in expected] == list(found.seen)
     for window, (_, _, own) in zip(values.numpy(), expected, strict=True):
         np.testing.assert_allclose(window[: len(own)], own, rtol=1e-6, atol=1e-6)
@@ -240,10 +240,10 @@ def test_training_windows_of_signals_stay_within_their_captures(lengths, seed):
     arrays = [
         np.full((n, 2, 2), 100 + k, dtype=np.uint16) for k, n in enumerate(lengths)
     ]  # tell them by their total
-    drawn, total = Stretches(corpus_of(arrays), 12, 6, drawn=True), SIGNALS.index("total")
+    drawn, total = SignalWindows(corpus_of(arrays), 12, 6, drawn=True), SIGNALS.index("total")
     totals = drawn.values[np.cumsum([0, *lengths[:-1]]), total]
     torch.manual_seed(seed)
-    values, seen = drawn.batch(np.tile(np.arange(len(drawn)), 5))
+    values, seen = drawn.make_batch(np.tile(np.arange(len(drawn)), 5))
     for window, count, capture in zip(
         values[..., total], seen, np.tile(drawn.capture, 5), strict=True
     ):
@@ -252,10 +252,10 @@ def test_training_windows_of_signals_stay_within_their_captures(lengths, seed):
 
 def test_votes_by_hand():
     proba = np.array([[0.9, 0.1], [0.4, 0.6], [0.4, 0.6], [0.2, 0.8], [0.7, 0.3]], dtype=np.float32)
-    shares = votes(proba, np.array([3, 2]))
+    shares = vote_shares(proba, np.array([3, 2]))
     assert shares.argmax(axis=1).tolist() == [
         1,
         1,
     ]  # 2 of 3 against a higher mean; a tie by the mean
     np.testing.assert_allclose(shares.sum(axis=1), 1, rtol=1e-6)
-    assert np.array_equal(votes(proba, np.ones(5, dtype=int)), proba)
+    assert np.array_equal(vote_shares(proba, np.ones(5, dtype=int)), proba)

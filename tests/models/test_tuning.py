@@ -21,9 +21,9 @@ from bench.features.selection import Subset
 from bench.features.ta273 import Ta273
 from bench.ground.scratch import data_folder
 from bench.models.classic.svm import svm
-from bench.models.search.study import Study, Tried
+from bench.models.search.study import FinishedTrial, Study
 from bench.models.search.tuning import Search
-from bench.models.sizes import parameter_count
+from bench.models.sizes import count_parameters
 from bench.models.space import Range
 from tests.conftest import random_corpus, with_other_values
 
@@ -37,7 +37,7 @@ def noisy(subjects=4, longest=15):
     noise = (
         np.random.default_rng(1).integers(0, 120, len(corpus)).repeat(corpus.lengths)[:, None, None]
     )
-    return corpus.changed(frames=(corpus.frames + noise).astype(np.uint16))
+    return corpus.with_fields(frames=(corpus.frames + noise).astype(np.uint16))
 
 
 def svms(space=GRID, inner="2", **how):
@@ -81,7 +81,7 @@ def test_a_grid_is_searched_as_a_plain_loop_would(inner, splitter):
         corpus, corpus.gestures
     )
     assert np.array_equal(search.predict_proba(corpus), again.predict_proba(corpus))
-    assert parameter_count(search) == parameter_count(again) > 0
+    assert count_parameters(search) == count_parameters(again) > 0
 
 
 def test_a_search_ends_with_its_budget():
@@ -99,7 +99,7 @@ def test_what_is_taken_by_hand():
         2.0: [0.9, 0.7, 1.0, 0.9],
     }
     trials = [
-        Tried(
+        FinishedTrial(
             {"model": "svm", "features": "selected", "svm.C": C},
             "complete" if len(shares) == 4 else "pruned",
             subjects=dict(enumerate(shares)),
@@ -107,9 +107,9 @@ def test_what_is_taken_by_hand():
         for C, shares in rows.items()
     ]
     search = svms({"C": sorted(rows)})
-    assert search._ranked(trials) == [3, 1, 4, 2]
+    assert search._rank_trials(trials) == [3, 1, 4, 2]
     search.objective = "smallest"
-    assert search._ranked(trials) == [4, 3, 1]
+    assert search._rank_trials(trials) == [4, 3, 1]
 
 
 def test_test_subjects_change_nothing_that_is_chosen_or_learned_and_nothing_is_judged_again(
@@ -130,8 +130,10 @@ def test_test_subjects_change_nothing_that_is_chosen_or_learned_and_nothing_is_j
     probe = random_corpus(seed=9)
     assert np.array_equal(one.predict_proba(probe), other.predict_proba(probe))
     assert set(one.trials_["features"]) == {"a", "b"}
-    real, made = Search._made, []
-    monkeypatch.setattr(Search, "_made", lambda self, *args: made.append(args) or real(self, *args))
+    real, made = Search._make_model, []
+    monkeypatch.setattr(
+        Search, "_make_model", lambda self, *args: made.append(args) or real(self, *args)
+    )
     again = clone(other).fit(captures, captures.gestures)
     assert len(made) == 1  # all are stored: only the last fit is made
     facts = ["state", "accuracy", "subjects"]
@@ -149,14 +151,14 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(tmp_path, monkeypat
     )  # ten are drawn blindly
     straight = clone(search).fit(corpus, corpus.gestures).trials_  # not stored
 
-    def cut_off(self, *args, real=Search._made):
+    def cut_off(self, *args, real=Search._make_model):
         made.append(args)
         if len(made) == 24:  # in the twelfth trial
             raise KeyboardInterrupt
         return real(self, *args)
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(Search, "_made", cut_off)
+        patch.setattr(Search, "_make_model", cut_off)
         clone(search).fit(stored, stored.gestures)
     (lock,) = (data_folder() / "studies").glob("*.lock")
     (lock.with_suffix("") / ".killed.pickle").write_bytes(
@@ -173,20 +175,23 @@ def test_a_trial_is_worse_if_a_signed_rank_test_over_the_subjects_so_far_says_so
     made = Study({"model": ["m"]}, {"m": {}}, 0, 9, np.inf, 0.0, {"cost": 1.0})
     step = iter(
         [
-            Tried(
+            FinishedTrial(
                 {"model": "m"},
                 "complete",
                 subjects=dict.fromkeys(range(10), 1.0),
                 costs={"cost": 2.0},
             ),  # too dear
-            Tried({"model": "m"}, "complete", subjects=dict(enumerate([*best, 1.0]))),
-            Tried({"model": "m"}, "large", subjects={"a": 99.0, "b": 99.0}),
+            FinishedTrial({"model": "m"}, "complete", subjects=dict(enumerate([*best, 1.0]))),
+            FinishedTrial({"model": "m"}, "large", subjects={"a": 99.0, "b": 99.0}),
         ]
     )
-    made.search(lambda: next(step, None), {}, SimpleNamespace(digest=""), np.array([]))
+    made.judge_trials(lambda: next(step, None), {}, SimpleNamespace(digest=""), np.array([]))
     expected = (
         len(mine) > 1
         and wilcoxon(mine - best, alternative="less", zero_method="zsplit").pvalue < 0.1
     )
     expected = expected and mine.mean() < np.mean([*best, 1.0])
-    assert made.worse(Tried({"model": "m"}, "complete", subjects=dict(enumerate(mine)))) == expected
+    assert (
+        made.is_worse(FinishedTrial({"model": "m"}, "complete", subjects=dict(enumerate(mine))))
+        == expected
+    )

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import bench.running.loop as loop
 from bench.cli import main
-from bench.ground.registry import load, names, parameters
-from bench.ground.words import text_of
-from bench.running.workers import Here
+from bench.ground.registry import load_part, parameter_defaults, registered_parts
+from bench.ground.words import format_value
+from bench.running.workers import FoldExecutor
 from tests.nightly.bounded import bounded
 
 pytestmark = pytest.mark.nightly
@@ -84,11 +84,11 @@ def lines(draw):
             "features": "features",
         }.items():
             if key == "model" or draw(st.booleans()):
-                part = draw(st.sampled_from(sorted(set(names(room)) - SLOW)))
-                usual = parameters(load(room, part))
+                part = draw(st.sampled_from(sorted(set(registered_parts(room)) - SLOW)))
+                usual = parameter_defaults(load_part(room, part))
                 pairs |= {key: part} | {f"{key}.{k}": CHEAP[k] for k in usual if k in CHEAP}
                 pairs |= {
-                    f"{key}.{k}": text_of(v)
+                    f"{key}.{k}": format_value(v)
                     for k, v in usual.items()
                     if v and draw(st.integers(0, 6)) == 0
                 }
@@ -114,7 +114,7 @@ def lines(draw):
 def ended(words):
     """Exit code and error output of a command."""
     os.environ["OMP_NUM_THREADS"] = "1"
-    loop.Processes = Here
+    loop.ProcessExecutor = FoldExecutor
     with (
         contextlib.redirect_stderr(io.StringIO()) as errors,
         contextlib.redirect_stdout(io.StringIO()),

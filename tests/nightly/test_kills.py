@@ -189,7 +189,7 @@ def test_a_kill_at_any_moment_of_its_creation_leaves_none_or_a_good_one():
             p.stdout.readline()
             time.sleep(share * lasts / 2)
             p.send_signal(signal.SIGKILL)
-        assert store.connect().of_kind("cell") == []
+        assert store.connect().runs_of_kind("cell") == []
         assert [q.name for q in Path().glob(".mlflow.db.*")] == []
         Path("mlflow.db").unlink()
 

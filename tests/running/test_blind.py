@@ -16,15 +16,15 @@ from bench.errors import HiddenError, InputError, PredictionError
 from bench.features.base import FeatureSet
 from bench.features.jung28 import Jung28
 from bench.models.classic.lda import Discriminants
-from bench.models.steps import Faulted, Repair, Scale
+from bench.models.steps import DamagedCopies, Repair, Scale
 from bench.plan.cells import make_cells
 from bench.plan.plan import Fold, make_plans
 from bench.running.circumstances.faults import Faults
 from bench.running.circumstances.instants import Instants
 from bench.running.circumstances.subjects import Subjects
-from bench.running.evaluation import evaluated, folded
-from bench.running.fold import batch_effects
-from bench.running.replay import prefix
+from bench.running.evaluation import evaluate_fold, fit_and_predict
+from bench.running.fold import find_batch_effects
+from bench.running.replay import first_frames
 from tests.conftest import random_corpus
 from tests.running.fakes import Level, cell_of
 
@@ -101,7 +101,7 @@ def test_a_blind_corpus_hides_everything_but_frames_and_grid():
     with pytest.raises(AttributeError, match="does not change"):
         blind.visible = ("subject",)
     with pytest.raises(TypeError, match="blind"):
-        blind.changed(visible=None)
+        blind.with_fields(visible=None)
 
 
 def test_what_is_made_of_a_blind_corpus_is_blind(stored):
@@ -110,14 +110,14 @@ def test_what_is_made_of_a_blind_corpus_is_blind(stored):
         Windows(0.05),
         Repair(("stuck",)),
         Scale("log"),
-        Faulted((next(iter(all_faults())),), 1),
+        DamagedCopies((next(iter(all_faults())),), 1),
     )
     made = [
         blind[:3],
         blind[np.array([2, 0])],
-        blind.detached(),
-        prefix(blind, 2),
-        blind.changed(full_scale=9.0),
+        blind.detach(),
+        first_frames(blind, 2),
+        blind.with_fields(full_scale=9.0),
     ]
     made += [pickle.loads(pickle.dumps(one)) for one in (blind, mapped)] + [
         step(blind) for step in steps
@@ -137,13 +137,13 @@ def test_every_kind_of_run_predicts_blind(how, tmp_path, monkeypatch):
     (good,), (bad,) = (
         make_plans(make_cells({"model": f"{path}:{name}"} | how), 1) for name in ("Good", "Bad")
     )
-    result = folded(replace(good.cell, circumstances=CIRCUMSTANCES), FEW, good.folds[0], 1)
+    result = evaluate_fold(replace(good.cell, circumstances=CIRCUMSTANCES), FEW, good.folds[0], 1)
     assert len(result.table) and not result.batch_effects and not result.failed
     assert {"labels", "replay", "rules"} < {*result.tables} and all(
         len(table) for table in result.tables.values()
     )
     with pytest.raises(HiddenError, match="X.captures is hidden"):
-        folded(bad.cell, FEW, bad.folds[0], 1)
+        evaluate_fold(bad.cell, FEW, bad.folds[0], 1)
 
 
 def test_features_of_the_whole_corpus_do_not_hide_that_they_depend_on_the_batch(tmp_path):
@@ -159,17 +159,17 @@ def test_features_of_the_whole_corpus_do_not_hide_that_they_depend_on_the_batch(
     for features, effects in ((Jung28(), False), (Ranks(), True)):
         system = Pipeline([("features", features), ("classifier", Discriminants())])
         system.fit(stored[TRAIN], stored.gestures[TRAIN])
-        assert bool(batch_effects(system, stored, TEST)) is effects
+        assert bool(find_batch_effects(system, stored, TEST)) is effects
 
 
 def test_declared_conditions_are_visible_and_no_others():
-    covered = FEW.changed(captures=FEW.captures.assign(cover="fur"))
+    covered = FEW.with_fields(captures=FEW.captures.assign(cover="fur"))
     system = Pipeline([("all", Cover())]).fit(covered, covered.gestures)
-    assert contract.conditions(system) == ("cover",)
+    assert contract.required_conditions(system) == ("cover",)
     contract.check_conditions(system, covered)
-    assert contract.probabilities(system, covered).shape == (len(FEW), 3)
+    assert contract.predict_probabilities(system, covered).shape == (len(FEW), 3)
     two = covered[np.flatnonzero(covered.gestures != "pat")]
-    telling = two.changed(
+    telling = two.with_fields(
         captures=two.captures.assign(
             number=two.gestures == "tap", who=two.captures["subject"] + "!"
         )
@@ -189,7 +189,7 @@ def test_declared_conditions_are_visible_and_no_others():
             contract.check_conditions(system, corpus)
     system.conditions = "cover"
     with pytest.raises(InputError, match="tuple"):
-        contract.conditions(system)
+        contract.required_conditions(system)
 
 
 class Swapped(Mean):
@@ -220,8 +220,8 @@ def test_a_fold_fails_where_predict_and_the_probabilities_disagree():
     with pytest.raises(
         PredictionError, match=r"disagree on 6 of 6 captures; .* the order of classes_"
     ):
-        evaluated(cell_of(Swapped), FEW, fold, 1)
-    assert not evaluated(cell_of(Votes), FEW, fold, 1)[1].batch_effects
-    assert evaluated(cell_of(Centred), FEW, fold, 1)[
+        fit_and_predict(cell_of(Swapped), FEW, fold, 1)
+    assert not fit_and_predict(cell_of(Votes), FEW, fold, 1)[1].batch_effects
+    assert fit_and_predict(cell_of(Centred), FEW, fold, 1)[
         1
     ].batch_effects  # other labels in each batch: marked, not failed

@@ -16,10 +16,10 @@ from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
-from bench.plan.cells import cells
+from bench.plan.cells import make_cells
 from bench.running.fit import fit
-from bench.running.replay import STATE, Calibration, Stopping, Waiting, learned
-from bench.running.saved import Recogniser, load, step_of
+from bench.running.replay import STATE, Calibration, Stopping, Waiting, learn_stopping_rule
+from bench.running.saved import Recogniser, load_recogniser, reading_step
 from tests.conftest import random_corpus, runs
 from tests.net.build import inside
 from tests.running.fakes import Level
@@ -45,7 +45,7 @@ def as_table(corpus, names=None, origin=0):
 def shipped(tmp_path_factory, empty_store):
     """A system that `fit` has trained on captures of three subjects, and the captures."""
     folder = tmp_path_factory.mktemp("shipped")
-    (cell,) = cells(CELL)
+    (cell,) = make_cells(CELL)
     with inside(folder, empty_store):
         fitted = fit(cell, Path("saved"))
         (run,) = runs("fit")[1]
@@ -66,15 +66,15 @@ def calibrated(proba, ms, calibration):
 def test_a_saved_system_decides_as_the_estimator_as_surely_as_it_may(shipped, monkeypatch):
     monkeypatch.setenv("TOUCHBENCH_HOME", str(shipped.folder / "home"))
     monkeypatch.chdir(shipped.folder)
-    corpus, some = shipped.corpus, shipped.corpus[::3].detached()
+    corpus, some = shipped.corpus, shipped.corpus[::3].detach()
     estimator, table = shipped.cell.estimator().fit(corpus, corpus.gestures), as_table(some)
-    stopping, _ = learned(shipped.cell.estimator, corpus, np.arange(len(corpus)))
-    assert load("saved").stopping == stopping and stopping.calibration.last != 1
+    stopping, _ = learn_stopping_rule(shipped.cell.estimator, corpus, np.arange(len(corpus)))
+    assert load_recogniser("saved").stopping == stopping and stopping.calibration.last != 1
     expected = calibrated(
         estimator.predict_proba(some), 1000 / 135 * some.lengths, stopping.calibration
     )
     model = mlflow.pyfunc.load_model("saved")  # as a program without touchbench's functions does
-    for labels in (load(shipped.fitted.uri).predict(None, table), model.predict(table)):
+    for labels in (load_recogniser(shipped.fitted.uri).predict(None, table), model.predict(table)):
         assert labels["capture"].tolist() == [f"c{i}" for i in range(len(some))]
         assert labels["label"].tolist() == estimator.predict(some).tolist()
         np.testing.assert_allclose(
@@ -122,11 +122,11 @@ def test_the_step_of_readings_is_that_of_the_training_captures_alone():
     corpus = Corpus.from_captures(
         [s.astype(np.float32) for s in streams], captures, 7.0, full_scale=255.0
     )
-    assert step_of(corpus[:2]) == 1.5 and step_of(corpus) == 0.0
+    assert reading_step(corpus[:2]) == 1.5 and reading_step(corpus) == 0.0
     whole = Corpus.from_captures(
         [s.astype(np.int16) for s in streams], captures, 7.0, full_scale=255.0
     )
-    assert step_of(whole) == 1.0
+    assert reading_step(whole) == 1.0
 
 
 def test_what_cannot_be_fitted_or_loaded_is_refused(monkeypatch, capsys):
@@ -147,13 +147,13 @@ def test_what_cannot_be_fitted_or_loaded_is_refused(monkeypatch, capsys):
     )
     for fact in ("full is not a model of touchbench", "full was saved by another version"):
         with pytest.raises(InputError, match=fact):
-            load("full")
+            load_recogniser("full")
 
 
 def test_files_are_labelled_whatever_their_format_and_a_bad_one_is_one_line(monkeypatch, capsys):
     corpus = random_corpus(grid=(3, 4))
     system = Level().fit(corpus, corpus.gestures)
-    monkeypatch.setattr("bench.running.saved.load", lambda _: Recogniser(system, corpus))
+    monkeypatch.setattr("bench.running.saved.load_recogniser", lambda _: Recogniser(system, corpus))
     table = as_table(corpus, origin=1)
     table.assign(gesture="?")[["gesture", *table.columns[::-1]]].to_csv("new.csv", index=False)
     offsets = np.append(0, np.cumsum(corpus.lengths))
@@ -193,7 +193,7 @@ def test_files_are_labelled_whatever_their_format_and_a_bad_one_is_one_line(monk
 
 @pytest.mark.nightly
 def test_a_saved_system_runs_elsewhere_on_the_code_that_it_was_trained_with(shipped):
-    as_table(shipped.corpus[::9].detached()).to_csv("new.csv", index=False)
+    as_table(shipped.corpus[::9].detach()).to_csv("new.csv", index=False)
     code = "import mlflow, pandas as pd, sys; m = mlflow.pyfunc.load_model(sys.argv[1]); import bench; "
     code += "print(bench.__file__); print(','.join(m.predict(pd.read_csv('new.csv'))['label']))"
     saved = str(shipped.folder / "saved")
@@ -203,7 +203,8 @@ def test_a_saved_system_runs_elsewhere_on_the_code_that_it_was_trained_with(ship
     )
     file, printed = done.stdout.split()
     assert (
-        printed.split(",") == [*load(saved).predict(None, pd.read_csv("new.csv"))["label"]]
+        printed.split(",")
+        == [*load_recogniser(saved).predict(None, pd.read_csv("new.csv"))["label"]]
         and "saved/code" in file
     )
 
@@ -213,6 +214,6 @@ def test_a_saved_system_that_abstains_gives_an_empty_label_without_confidence():
     gone = np.isnan(system.predict_proba(CORPUS[TEST])[:, 0])
     stopping = Stopping(Calibration(100.0, 200.0, 2.0, 3.0), Waiting((0.1,) * len(STATE)), 0.5)
     recogniser = Recogniser(system, CORPUS[TRAIN], stopping)
-    table = recogniser.label(CORPUS[TEST])
+    table = recogniser.label_captures(CORPUS[TEST])
     assert table["label"].eq("").tolist() == table["confidence"].eq(0).tolist() == gone.tolist()
-    assert recogniser.decision(CORPUS[TEST[gone][:1]], "pat")[:2] == ("", 0.0)
+    assert recogniser.decide_on(CORPUS[TEST[gone][:1]], "pat")[:2] == ("", 0.0)

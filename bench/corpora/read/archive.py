@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bench.corpora.read.limits import called, check_unpacked, plain
+from bench.corpora.read.limits import check_unpacked_size, file_name, one_line
 from bench.errors import InputError
 
 
 @contextmanager
-def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipfile.ZipInfo]]]:
+def open_zip(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipfile.ZipInfo]]]:
     """A zip archive and the files in it, without folders and additions of macOS.
 
     Any error within the context is that of a damaged file: the message ``broken``, with a place for the reason. Files
@@ -26,12 +26,14 @@ def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipf
                 for m in archive.infolist()
                 if not m.filename.endswith("/") and not _by_macos(m.filename)
             ]
-            check_unpacked(sum(m.file_size for m in members), path, "pack it without compression")
+            check_unpacked_size(
+                sum(m.file_size for m in members), path, "pack it without compression"
+            )
             if any(
                 m.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for m in members
             ):
                 raise InputError(
-                    f"{called(path)}: packed with bzip2 or LZMA; pack it with deflate, the usual way"
+                    f"{file_name(path)}: packed with bzip2 or LZMA; pack it with deflate, the usual way"
                 )
             yield archive, members
     except InputError:
@@ -39,10 +41,10 @@ def opened(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipf
     except (
         Exception
     ) as e:  # damage shows as a dozen types: BadZipFile, zlib.error, struct.error, ...
-        raise InputError(f"{called(path)}: {broken.format(plain(e))}") from e
+        raise InputError(f"{file_name(path)}: {broken.format(one_line(e))}") from e
 
 
-def files(
+def read_files(
     path: Path, wanted: Callable[[str], object], most: int, give: str
 ) -> Iterator[tuple[str, bytes]]:
     """Names and contents of the wanted files of a folder, or of a zip or tar archive, each of at most so many bytes.
@@ -57,11 +59,11 @@ def files(
             return ""
         if size > most:
             raise InputError(
-                f"{called(path)}: {plain(name)} is larger than {most >> 20} MiB; get it again"
+                f"{file_name(path)}: {one_line(name)} is larger than {most >> 20} MiB; get it again"
             )
         if file in seen:
             raise InputError(
-                f"{called(path)}: {plain(name)} is in it twice; leave only the one that is meant"
+                f"{file_name(path)}: {one_line(name)} is in it twice; leave only the one that is meant"
             )
         seen.add(file)
         return file
@@ -73,23 +75,23 @@ def files(
             ):
                 yield name, file.read_bytes()
     elif not path.is_file():
-        raise InputError(f"{plain(path, 160)}: there is no such file or folder; give {give}")
+        raise InputError(f"{one_line(path, 160)}: there is no such file or folder; give {give}")
     elif tarfile.is_tarfile(path):
         try:
             with tarfile.open(path) as archive:
                 members = [
                     (name, m) for m in archive if m.isfile() and (name := chosen(m.name, m.size))
                 ]
-                check_unpacked(
+                check_unpacked_size(
                     sum(m.size for _, m in members), path, "unpack it and give the folder"
                 )
                 for name, member in members:
                     content = archive.extractfile(member)
                     yield name, content.read() if content else b""
         except (tarfile.TarError, EOFError, OSError) as e:
-            raise InputError(f"{called(path)}: {broken.format(plain(e))}") from e
+            raise InputError(f"{file_name(path)}: {broken.format(one_line(e))}") from e
     else:
-        with opened(path, broken) as (packed, entries):
+        with open_zip(path, broken) as (packed, entries):
             for entry in entries:
                 if name := chosen(entry.filename, entry.file_size):
                     yield name, packed.read(entry)

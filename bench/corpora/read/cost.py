@@ -14,11 +14,11 @@ import pyarrow.csv as pacsv
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.limits import (
     SYNTHETIC,
-    called,
     check_columns,
-    deviations,
-    information,
-    quoted,
+    deviations_from_published,
+    file_name,
+    quote_text,
+    source_info,
 )
 from bench.corpora.read.rows import CsvTable
 from bench.corpora.synth import FULL_SCALE, VARIANTS
@@ -65,26 +65,26 @@ def read(path: Path) -> Corpus:
 
     Row 0 is at the top (the file's channels 57 to 64). Where the lengths of captures identify the subjects of the 2015
     challenge, a column ``split`` says which captures it used for training and for testing. A column ``synthetic`` of
-    ones, which CoST has not, marks generated captures, as `write` does.
+    ones, which CoST has not, marks generated captures, as `write_cost` does.
 
     Raises:
         InputError: the file is not in the format, or is broken; the message names the line.
     """
     path = Path(path)
-    table = CsvTable(path, called(path), counts=[*LABELS, SYNTHETIC], whole=True)
+    table = CsvTable(path, file_name(path), counts=[*LABELS, SYNTHETIC], whole=True)
     check_columns(table.columns, LABELS + CHANNELS, table.header)
     made = SYNTHETIC in table.columns
     if extra := set(table.columns) - {*LABELS, SYNTHETIC, *CHANNELS}:
         raise InputError(
-            f"{table.header}: column {quoted(min(extra))} is not one of CoST's; import it as a table instead"
+            f"{table.header}: column {quote_text(min(extra))} is not one of CoST's; import it as a table instead"
         )
-    rows = table.read(CHANNELS, FULL_SCALE)
+    rows = table.read_rows(CHANNELS, FULL_SCALE)
     labels = rows.labels
     if made:
-        rows.check(SYNTHETIC, labels[SYNTHETIC] == 1, "1, as this format marks all or none")
+        rows.check_labels(SYNTHETIC, labels[SYNTHETIC] == 1, "1, as this format marks all or none")
     for column, codes in (("variant", len(VARIANTS)), ("gesture", len(GESTURES))):
-        rows.check(column, labels[column].between(1, codes), f"one of 1 to {codes}")
-    first, starts, lengths = rows.captures(LABELS[:3], labels["frame"].to_numpy(), 1)
+        rows.check_labels(column, labels[column].between(1, codes), f"one of 1 to {codes}")
+    first, starts, lengths = rows.split_captures(LABELS[:3], labels["frame"].to_numpy(), 1)
     captures = pd.DataFrame(
         {
             "subject": first["subject"].astype(str),
@@ -96,7 +96,7 @@ def read(path: Path) -> Corpus:
     with open(path, "rb") as file:
         md5 = hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
     extremes = dict(zip([*PUBLISHED][4:], (lengths.min(), lengths.max(), md5), strict=True))
-    warnings = deviations(captures, PUBLISHED, extremes)
+    warnings = deviations_from_published(captures, PUBLISHED, extremes)
     if training := training_subjects(captures, lengths):
         split = np.where(captures["subject"].isin(training), "train", "test")
         captures["split"] = np.where(captures["variant"] == "rough", "", split)
@@ -111,14 +111,14 @@ def read(path: Path) -> Corpus:
         if made
         else (published, "CC BY-NC-SA 4.0")
     )
-    info = information(path, source, licence, warnings, made)
+    info = source_info(path, source, licence, warnings, made)
     frames = rows.values.reshape(-1, 8, 8)
     for block in np.array_split(frames, max(1, len(frames) // 65536)):
         block[:] = block[:, ::-1].copy()
     return Corpus(frames, starts, lengths, captures, RATE_HZ, FULL_SCALE, "cost", info=info)
 
 
-def write(corpus: Corpus, path: Path) -> None:
+def write_cost(corpus: Corpus, path: Path) -> None:
     """Write captures in the format of ``CoST.csv``, generated ones with a column ``synthetic`` behind ``frame``."""
     path, captures = Path(path), corpus.captures
     if not path.name or (

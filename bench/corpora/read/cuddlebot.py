@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.read.archive import files
+from bench.corpora.read.archive import read_files
 from bench.corpora.read.haart import GESTURES
-from bench.corpora.read.limits import called, deviations, information
+from bench.corpora.read.limits import deviations_from_published, file_name, source_info
 from bench.corpora.read.rows import CsvTable
 from bench.errors import InputError
 
@@ -33,10 +33,10 @@ def read(path: Path) -> Corpus:
         InputError: there is no such file, or one is broken; the message names it.
     """
     path, rows, arrays = Path(path), [], []
-    found = dict(files(path, NAME.fullmatch, LARGEST, "the folder Touch Data or an archive"))
+    found = dict(read_files(path, NAME.fullmatch, LARGEST, "the folder Touch Data or an archive"))
     if not found:
         raise InputError(
-            f"{called(path)}: no file like 150505-2coverdynamicpat.csv in it; give the folder Touch Data"
+            f"{file_name(path)}: no file like 150505-2coverdynamicpat.csv in it; give the folder Touch Data"
         )
     for who, name in sorted((int(NAME.fullmatch(name)[1]), name) for name in found):
         _, cover, motion, gesture = NAME.fullmatch(name).groups()
@@ -46,8 +46,8 @@ def read(path: Path) -> Corpus:
             rows.append((str(who), gesture, cover, motion, str(repetition)))
     captures = pd.DataFrame(rows, columns=["subject", "gesture", "cover", "motion", "repetition"])
     source = "; CuddleBot recordings, lauracang/ICMI15. Whether people also took part in HAART is not known"
-    warned = deviations(captures, PUBLISHED, {"files": len(found)})
-    info = information(path, source, "none stated by its authors", warned)
+    warned = deviations_from_published(captures, PUBLISHED, {"files": len(found)})
+    info = source_info(path, source, "none stated by its authors", warned)
     return Corpus.from_captures(
         arrays, captures, RATE_HZ, full_scale=FULL_SCALE, name="cuddlebot", info=info
     )
@@ -61,7 +61,7 @@ def _frames(content: bytes, name: str) -> np.ndarray:
     ]  # repetitions have a blank between
     table = CsvTable(b"\n".join(lines), name, whole=True)
     table.first = 1  # the header is ours
-    values = table.read(TAXELS, FULL_SCALE).values
+    values = table.read_rows(TAXELS, FULL_SCALE).values
     if len(values) % (ROWS * FRAMES):
         raise InputError(
             f"{name}: {len(values)} lines, but a repetition has {ROWS * FRAMES}: cut off; get it again"

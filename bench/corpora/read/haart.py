@@ -8,8 +8,13 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.read.archive import files
-from bench.corpora.read.limits import called, check_columns, deviations, information
+from bench.corpora.read.archive import read_files
+from bench.corpora.read.limits import (
+    check_columns,
+    deviations_from_published,
+    file_name,
+    source_info,
+)
 from bench.corpora.read.rows import CsvTable
 from bench.errors import InputError
 
@@ -38,11 +43,11 @@ def read(path: Path) -> Corpus:
     """
     path, names = Path(path), {name.lower(): name for name in FILES}
     found = dict(
-        files(path, names.__contains__, LARGEST, "the zip file or the folder of the release")
+        read_files(path, names.__contains__, LARGEST, "the zip file or the folder of the release")
     )
     if missing := [name for small, name in names.items() if small not in found]:
         raise InputError(
-            f"{called(path)}: {missing[0]} is missing; give the release with its {' and '.join(FILES)}"
+            f"{file_name(path)}: {missing[0]} is missing; give the release with its {' and '.join(FILES)}"
         )
     parts = [_part(found[name.lower()], name, split) for name, split in FILES.items()]
     frames = np.concatenate([values for _, values in parts]).reshape(-1, 8, 8)
@@ -51,11 +56,11 @@ def read(path: Path) -> Corpus:
     warned = [
         w
         for split, n in PUBLISHED.items()
-        for w in deviations(of.get_group(split), n, part=f"{split} ")
+        for w in deviations_from_published(of.get_group(split), n, part=f"{split} ")
     ]
-    warned += deviations(captures, {"subjects": PUBLISHED_SUBJECTS})
+    warned += deviations_from_published(captures, {"subjects": PUBLISHED_SUBJECTS})
     source = "; UBC SPIN lab, Human-Animal Affective Robot Touch"
-    info = information(path, source, "none stated by its authors", warned)
+    info = source_info(path, source, "none stated by its authors", warned)
     starts = np.arange(len(captures), dtype=np.int64) * FRAMES
     return Corpus(
         frames,
@@ -77,18 +82,20 @@ def _part(source: bytes, name: str, split: str) -> tuple[pd.DataFrame, np.ndarra
     )
     conditions = [participant, "Gesture", "Substrate", "Cover"]
     check_columns(table.columns, [*conditions, *numbered, *CELLS], table.header)
-    rows = table.read(CELLS, FULL_SCALE)
+    rows = table.read_rows(CELLS, FULL_SCALE)
     frame = (
         rows.labels["Sequence"].to_numpy() if numbered else np.arange(len(rows.labels)) % FRAMES + 1
     )
-    captures, starts, lengths = rows.captures(conditions, frame, 1)
+    captures, starts, lengths = rows.split_captures(conditions, frame, 1)
     if len(wrong := np.flatnonzero(lengths != FRAMES)):
-        rows.refuse(
+        rows.refuse_row(
             starts[wrong[0]],
             f"the capture that starts here has {lengths[wrong[0]]} frames instead of {FRAMES}; get the file again",
         )
     who = rows.labels[participant].str.fullmatch("[PT]?[1-9][0-9]{0,8}")
-    rows.check(participant, who, "a participant such as P4")
-    rows.check("Gesture", rows.labels["Gesture"].isin(GESTURES), f"one of {', '.join(GESTURES)}")
+    rows.check_labels(participant, who, "a participant such as P4")
+    rows.check_labels(
+        "Gesture", rows.labels["Gesture"].isin(GESTURES), f"one of {', '.join(GESTURES)}"
+    )
     captures = captures[conditions].set_axis(["subject", "gesture", "substrate", "cover"], axis=1)
     return captures.assign(subject=captures["subject"].str.lstrip("PT"), split=split), rows.values

@@ -22,17 +22,17 @@ import pyarrow.parquet as pq
 import pyarrow.types as kinds
 
 from bench.corpora.read.limits import (
-    called,
-    check,
-    check_conditions,
+    check_column_names,
+    check_condition_count,
     check_file,
-    check_names,
-    check_unpacked,
-    flaw,
-    plain,
-    quoted,
-    short,
-    smallest,
+    check_unpacked_size,
+    check_values,
+    file_name,
+    label_defect,
+    one_line,
+    quote_text,
+    shorten,
+    smallest_dtype,
 )
 from bench.errors import InputError
 from bench.ground.progress import warn
@@ -63,13 +63,13 @@ _WIDTHS = {
 }  # bytes of a value in memory
 
 
-def changes(column: pd.Series) -> np.ndarray:
+def differs_from_previous(column: pd.Series) -> np.ndarray:
     """Whether each row differs from the one before, bool [rows]; the first does not."""
     codes = pd.factorize(column)[0]
     return np.append(False, codes[1:] != codes[:-1])
 
 
-def without_categories(captures: pd.DataFrame) -> pd.DataFrame:
+def categories_as_text(captures: pd.DataFrame) -> pd.DataFrame:
     """Text instead of categories: plain columns are what a query wants."""
     for column in captures:
         if isinstance(captures[column].dtype, pd.CategoricalDtype):
@@ -93,24 +93,24 @@ class Table:
         np.ndarray
     )  # once read: of sensors [rows, channels], uint16 when all are whole and fit, else float32
 
-    def batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
+    def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
         """Rows; of text each word once (a dictionary), so that a long one that is repeated is not multiplied."""
         raise NotImplementedError
 
-    def read(self, channels: list[str], full_scale: float, blank: str = "") -> Self:
+    def read_rows(self, channels: list[str], full_scale: float, blank: str = "") -> Self:
         """Read all rows, the values of the channels in this order; in the column ``blank`` cells may be empty."""
-        check_conditions(len(self.columns) - len(channels), self.header)
+        check_condition_count(len(self.columns) - len(channels), self.header)
         labels: dict[str, list[pa.Array]] = {}
         blocks, first = [], self.first
-        for batch in self.batches(channels):
+        for batch in self.read_batches(channels):
             columns = dict(zip(self.columns, batch.columns, strict=True))
             sensors = [
                 columns.pop(name).to_numpy(zero_copy_only=False) for name in channels
             ]  # a gap becomes NaN
             for name, column in zip(channels, sensors, strict=True):
-                check(column[:, None], full_scale, self.where, first, [name])
+                check_values(column[:, None], full_scale, self.where, first, [name])
             block = np.stack(sensors, axis=1)
-            blocks.append(block.astype(smallest(block)))
+            blocks.append(block.astype(smallest_dtype(block)))
             for name, column in columns.items():
                 labels.setdefault(name, []).append(column)
             first += len(batch)
@@ -125,23 +125,25 @@ class Table:
         self.labels, self.values = pd.DataFrame(table), np.concatenate(blocks)
         return self
 
-    def refuse(self, row: int, reason: str) -> NoReturn:
+    def refuse_row(self, row: int, reason: str) -> NoReturn:
         """End with a message about a row."""
         raise InputError(f"{self.where} {self.first + row}: {reason}")
 
-    def check(self, column: str, good: pd.Series, wanted: str) -> None:
+    def check_labels(self, column: str, good: pd.Series, wanted: str) -> None:
         """Refuse the first label that is not good; ``wanted`` describes valid ones."""
         if len(wrong := np.flatnonzero(~good.to_numpy(dtype=bool))):
-            value = quoted(str(self.labels[column].iloc[wrong[0]]))
-            self.refuse(wrong[0], f"{column} is {value}, not {wanted}; correct it")
+            value = quote_text(str(self.labels[column].iloc[wrong[0]]))
+            self.refuse_row(wrong[0], f"{column} is {value}, not {wanted}; correct it")
 
     def check_filled(self) -> None:
         """Refuse labels that are missing."""
         if self.labels.isna().any(axis=None):
             row, column = np.argwhere(self.labels.isna().to_numpy())[0]
-            self.refuse(row, f"{short(str(self.labels.columns[column]))} is empty; fill the cell")
+            self.refuse_row(
+                row, f"{shorten(str(self.labels.columns[column]))} is empty; fill the cell"
+            )
 
-    def frame_numbers(self) -> np.ndarray:
+    def take_frame_numbers(self) -> np.ndarray:
         """The column ``frame``, which is taken from the labels, int64 [rows]."""
         numbers = self.labels.pop("frame").to_numpy()
         if len(
@@ -149,10 +151,12 @@ class Table:
                 ~(np.abs(numbers.astype(float)) < 2**53) | (numbers != np.round(numbers))
             )
         ):
-            self.refuse(wrong[0], f"frame is {numbers[wrong[0]]}, not a whole number; correct it")
+            self.refuse_row(
+                wrong[0], f"frame is {numbers[wrong[0]]}, not a whole number; correct it"
+            )
         return numbers.astype(np.int64)
 
-    def captures(
+    def split_captures(
         self, same: list[str], frame: np.ndarray, origin: int
     ) -> tuple[pd.DataFrame, np.ndarray, np.ndarray]:
         """Labels, first row and length of each capture, which begins where the frame is ``origin``.
@@ -160,25 +164,26 @@ class Table:
         Elsewhere the frame goes up by one, and the columns ``same`` stay the same.
         """
         changed = np.logical_or.reduce(
-            [changes(self.labels[name]) for name in same] + [np.arange(len(frame)) == 0]
+            [differs_from_previous(self.labels[name]) for name in same]
+            + [np.arange(len(frame)) == 0]
         )
         starts = frame == origin
         wrong = np.flatnonzero(~starts & (changed | (np.diff(frame, prepend=origin - 1) != 1)))
         if len(wrong):
             row = wrong[0]
             if not changed[row]:
-                self.refuse_step(row, frame)
-            self.refuse(
+                self.refuse_frame_step(row, frame)
+            self.refuse_row(
                 row,
                 f"a capture starts at frame {frame[row]} instead of {origin}; restore its first frames",
             )
         first = np.flatnonzero(starts)
-        captures = without_categories(self.labels.iloc[first].reset_index(drop=True))
+        captures = categories_as_text(self.labels.iloc[first].reset_index(drop=True))
         return captures, first, np.diff(first, append=len(frame))
 
-    def refuse_step(self, row: int, frame: np.ndarray) -> NoReturn:
+    def refuse_frame_step(self, row: int, frame: np.ndarray) -> NoReturn:
         """End with a message about a frame that does not follow the one before."""
-        self.refuse(
+        self.refuse_row(
             row,
             f"frame {frame[row]} follows frame {frame[row - 1]}; restore the frames or renumber them",
         )
@@ -186,7 +191,7 @@ class Table:
     def _joined(self, column: pa.ChunkedArray, name: str, blank: bool) -> object:
         """A column of labels; whole numbers stay whole where some are missing."""
         if _is_text(column.type):
-            return words_of(
+            return text_categories(
                 column.unify_dictionaries().combine_chunks(), name, self.where, self.first, blank
             )
         if kinds.is_integer(column.type) and column.null_count:
@@ -195,7 +200,7 @@ class Table:
         return column.to_pandas().to_numpy()
 
 
-def words_of(
+def text_categories(
     column: pa.Array, name: str, where: str, first: int = 1, blank: bool = False
 ) -> pd.Categorical:
     """Labels without spaces around them, from text or bytes that should be text; ``first`` numbers the first row."""
@@ -215,12 +220,14 @@ def words_of(
                 warn(
                     f"{where.partition(',')[0]}: {name} {word} is spelt in parts (NFD) and read as {word} (NFC)"
                 )
-            wrong = "" if blank and not word else flaw(text if {"\n", "\r"} & {*text} else word)
+            wrong = (
+                "" if blank and not word else label_defect(text if {"\n", "\r"} & {*text} else word)
+            )
         except UnicodeDecodeError:
             wrong = "is not text in UTF-8; save it as text"
         if wrong:
             raise InputError(
-                f"{where} {first + int(np.argmax(codes == i))}: {plain(name, 60)} {wrong}"
+                f"{where} {first + int(np.argmax(codes == i))}: {one_line(name, 60)} {wrong}"
             )
         words.append(word)
     merged, categories = pd.factorize(np.array(words, dtype=object))
@@ -240,10 +247,12 @@ def _check_types(schema: pa.Schema, names: list[str], numbers: set[str], label: 
         if kinds.is_dictionary(kind) and not number:
             kind = kind.value_type
         if number and not (kinds.is_integer(kind) or kinds.is_floating(kind)):
-            raise InputError(f"{label}: {plain(name, 60)} is not a column of numbers; correct it")
+            raise InputError(
+                f"{label}: {one_line(name, 60)} is not a column of numbers; correct it"
+            )
         if not (_is_text(kind) or kinds.is_primitive(kind) or kinds.is_decimal(kind)):
             raise InputError(
-                f"{label}: {plain(name, 60)} holds {plain(kind, 40)}; give one text or number per frame"
+                f"{label}: {one_line(name, 60)} holds {one_line(kind, 40)}; give one text or number per frame"
             )
 
 
@@ -256,15 +265,15 @@ class PandasTable(Table):
             self._rows = pa.Table.from_pandas(table, preserve_index=False).combine_chunks()
         except (pa.ArrowException, TypeError, ValueError) as e:
             raise InputError(
-                f"{label}: a column holds mixed or unknown values ({plain(e)}); correct it"
+                f"{label}: a column holds mixed or unknown values ({one_line(e)}); correct it"
             ) from e
 
-    def batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
+    def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
         """The whole table."""
         _check_types(self._rows.schema, self.columns, {*channels, "frame"}, self.header)
         yield from (batch for batch in self._rows.to_batches() if len(batch))
 
-    def words(self) -> pd.DataFrame:
+    def label_columns(self) -> pd.DataFrame:
         """All columns."""
         columns = zip(self.columns, self._rows.columns, strict=True)
         return pd.DataFrame({name: self._joined(column, name, False) for name, column in columns})
@@ -277,7 +286,7 @@ class ParquetTable(Table):
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self.header, self.where = path, called(path), f"{called(path)}, row"
+        self.path, self.header, self.where = path, file_name(path), f"{file_name(path)}, row"
         with self._readable():
             with pq.ParquetFile(path) as file:
                 metadata, schema = file.metadata, file.schema_arrow
@@ -289,10 +298,10 @@ class ParquetTable(Table):
                 sum(group.total_byte_size for group in groups),
             )
             index = (schema.pandas_metadata or {}).get("index_columns", [])  # a range is no column
-        check_unpacked(needed, path, "save it as CSV")
+        check_unpacked_size(needed, path, "save it as CSV")
         self._schema = pa.schema([field for field in schema if field.name not in index])
         self.columns = [name.strip() for name in self._schema.names]
-        check_names(self.columns, self.header)
+        check_column_names(self.columns, self.header)
 
     @contextmanager
     def _readable(self) -> Iterator[None]:
@@ -304,15 +313,15 @@ class ParquetTable(Table):
             Exception
         ) as e:  # pyarrow and the text within a file raise a dozen types for damaged bytes
             raise InputError(
-                f"{self.header}: not a readable parquet file ({plain(e)}); save it again"
+                f"{self.header}: not a readable parquet file ({one_line(e)}); save it again"
             ) from e
 
-    def read(self, channels: list[str], full_scale: float, blank: str = "") -> Self:
+    def read_rows(self, channels: list[str], full_scale: float, blank: str = "") -> Self:
         """All rows, as of any table."""
         with self._readable():
-            return super().read(channels, full_scale, blank)
+            return super().read_rows(channels, full_scale, blank)
 
-    def batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
+    def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
         """Rows as they are unpacked."""
         _check_types(self._schema, self.columns, {*channels, "frame"}, self.header)
         text = [field.name for field in self._schema if _is_text(field.type)]
@@ -360,14 +369,14 @@ class CsvTable(Table):
             cells = next(csv.reader([text], delimiter=self.separator, skipinitialspace=True), [])
         except (UnicodeDecodeError, csv.Error) as e:
             raise InputError(
-                f"{self.header}: not the header of a CSV file in UTF-8 ({plain(e)}); give the CSV file itself"
+                f"{self.header}: not the header of a CSV file in UTF-8 ({one_line(e)}); give the CSV file itself"
             ) from e
         self.columns = [name.strip().strip('"').strip() for name in cells]
         if not any(self.columns):
             raise InputError(f"{self.header}: empty; begin the file with its header")
-        check_names(self.columns, self.header)
+        check_column_names(self.columns, self.header)
 
-    def batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
+    def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
         """Rows of a block of lines at a time."""
         sensors, (count, value) = {*channels}, self.kinds
         types = {
@@ -407,11 +416,11 @@ class CsvTable(Table):
             r"column #(\d+): .*error to (\w+): (?:invalid value '(.*)')?", error, re.DOTALL
         ):
             wrong = (
-                f"is {quoted(match[3])}, not {_KINDS[match[2]]}"
+                f"is {quote_text(match[3])}, not {_KINDS[match[2]]}"
                 if match[3] is not None
                 else "is not text in UTF-8"
             )
-            reason = f"{short(self.columns[int(match[1])])} {wrong}; correct the cell"
+            reason = f"{shorten(self.columns[int(match[1])])} {wrong}; correct the cell"
         else:
             reason = "cannot be read as CSV; check quotes and line ends"
         raise InputError(f"{self.where} {line}: {reason}")

@@ -10,22 +10,22 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus, reserved
-from bench.corpora.read.archive import opened
+from bench.corpora.corpus import Corpus, reserved_names
+from bench.corpora.read.archive import open_zip
 from bench.corpora.read.limits import (
     SYNTHETIC,
-    called,
+    check_column_names,
     check_columns,
-    check_conditions,
+    check_condition_count,
     check_file,
-    check_names,
-    checked,
-    information,
-    listed,
-    plain,
-    short,
+    checked_values,
+    file_name,
+    first_names,
+    one_line,
+    shorten,
+    source_info,
 )
-from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Table, without_categories
+from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Table, categories_as_text
 from bench.errors import InputError
 from bench.ground.scratch import write_then_rename
 
@@ -55,9 +55,9 @@ def read(path: Path, rate_hz: float, grid: str = "", full_scale: float = 1023.0)
     """
     path = Path(path)
     check_scales(rate_hz, full_scale)
-    size = size_of(grid) if grid else None
+    size = parse_grid(grid) if grid else None
     corpus, warned = _file(path, size, rate_hz, full_scale, LABELS)
-    return described(corpus, path, warned, "table")
+    return describe_source(corpus, path, warned, "table")
 
 
 def write_table(corpus: Corpus, path: Path) -> None:
@@ -75,7 +75,7 @@ def write_table(corpus: Corpus, path: Path) -> None:
             )
     except OSError as e:
         raise InputError(
-            f"{plain(path, 160)} cannot be written ({e.strerror or e}); choose another place"
+            f"{one_line(path, 160)} cannot be written ({e.strerror or e}); choose another place"
         ) from e
 
 
@@ -90,23 +90,23 @@ def check_scales(rate_hz: float, full_scale: float) -> None:
         )
 
 
-def size_of(grid: str) -> tuple[int, int]:
+def parse_grid(grid: str) -> tuple[int, int]:
     """Rows and columns of ``8x8``."""
     if not (match := re.fullmatch(r"([1-9][0-9]{0,6})x([1-9][0-9]{0,6})", grid)):
-        raise InputError(f"grid={plain(grid)}: give rows and columns, such as grid=8x8")
+        raise InputError(f"grid={one_line(grid)}: give rows and columns, such as grid=8x8")
     return int(match[1]), int(match[2])
 
 
-def described(corpus: Corpus, path: Path, warned: list[str], name: str) -> Corpus:
+def describe_source(corpus: Corpus, path: Path, warned: list[str], name: str) -> Corpus:
     """The captures of a file with name, source, licence and warnings, and whether any is marked as generated.
 
     A mark that is the same for all captures is taken out of the columns.
     """
     captures = corpus.captures
-    if taken := reserved(captures):
-        name = short(taken[0])
+    if taken := reserved_names(captures):
+        name = shorten(taken[0])
         raise InputError(
-            f"{called(path)}: a condition cannot be called {name}, which predictions need; rename it"
+            f"{file_name(path)}: a condition cannot be called {name}, which predictions need; rename it"
         )
     for label in ("subject", "gesture"):
         captures[label] = captures[label].astype(str)
@@ -114,16 +114,16 @@ def described(corpus: Corpus, path: Path, warned: list[str], name: str) -> Corpu
     if SYNTHETIC in captures:
         marks = captures[SYNTHETIC].astype(str).str.lower().replace({"1": "true", "0": "false"})
         if len(wrong := np.flatnonzero(~marks.isin(["true", "false"]))):
-            mark = plain(captures[SYNTHETIC].iloc[wrong[0]], 40)
+            mark = one_line(captures[SYNTHETIC].iloc[wrong[0]], 40)
             raise InputError(
-                f"{called(path)}: {SYNTHETIC} is {mark} in capture {wrong[0] + 1}; give true for generated captures, "
+                f"{file_name(path)}: {SYNTHETIC} is {mark} in capture {wrong[0] + 1}; give true for generated captures, "
                 "else false"
             )
         synthetic = bool((marks == "true").any())
         if marks.nunique() == 1:
             del captures[SYNTHETIC]
-    info = information(path, "", "the user's own", warned, synthetic)
-    return corpus.changed(captures=captures, name=name, info=info)
+    info = source_info(path, "", "the user's own", warned, synthetic)
+    return corpus.with_fields(captures=captures, name=name, info=info)
 
 
 def read_unlabelled(path: Path, rate_hz: float, grid: tuple[int, int], full_scale: float) -> Corpus:
@@ -134,7 +134,7 @@ def read_unlabelled(path: Path, rate_hz: float, grid: tuple[int, int], full_scal
     return _unlabelled(_file(Path(path), grid, rate_hz, full_scale, ["frame"])[0])
 
 
-def from_frame(
+def corpus_from_table(
     table: pd.DataFrame,
     channels: list[str],
     rate_hz: float,
@@ -152,7 +152,7 @@ def from_frame(
         raise InputError(
             f"{label}: no column capture or frame; add one, so that captures can be separated"
         )
-    channels_of(
+    channel_columns(
         [str(column) for column in table], grid, label
     )  # refuses channels that are missing or extra
     check_columns([str(column) for column in table], channels, label)
@@ -161,7 +161,12 @@ def from_frame(
         table = table.assign(frame=table.groupby(run).cumcount())
     names = [*names, *({"frame"} - set(names)), *channels]
     return _unlabelled(
-        _cut(PandasTable(table[names], label).read(channels, full_scale), grid, rate_hz, full_scale)
+        _cut(
+            PandasTable(table[names], label).read_rows(channels, full_scale),
+            grid,
+            rate_hz,
+            full_scale,
+        )
     )
 
 
@@ -172,7 +177,7 @@ def _unlabelled(corpus: Corpus) -> Corpus:
     for name in ("subject", "gesture"):
         if name in captures:
             kept[name] = captures[name].astype(str).to_numpy()
-    return corpus.changed(captures=kept, name="unlabelled")
+    return corpus.with_fields(captures=kept, name="unlabelled")
 
 
 def _file(
@@ -185,12 +190,12 @@ def _file(
             path, size, rate_hz, full_scale, [name for name in required if name != "frame"]
         ), []
     if size is None:
-        raise InputError(f"{called(path)}: give the grid of the sensor, such as grid=8x8")
-    rows, warned = rows_of(path, size, full_scale, required, [*LABELS, *required])
+        raise InputError(f"{file_name(path)}: give the grid of the sensor, such as grid=8x8")
+    rows, warned = read_table_rows(path, size, full_scale, required, [*LABELS, *required])
     return _cut(rows, size, rate_hz, full_scale), warned
 
 
-def rows_of(
+def read_table_rows(
     path: Path,
     size: tuple[int, int],
     full_scale: float,
@@ -204,10 +209,10 @@ def rows_of(
     the column ``blank`` may be empty.
     """
     table: Table = (
-        ParquetTable(path) if path.suffix.lower() == ".parquet" else CsvTable(path, called(path))
+        ParquetTable(path) if path.suffix.lower() == ".parquet" else CsvTable(path, file_name(path))
     )
     check_columns(table.columns, required, table.header)
-    channels = channels_of(table.columns, size, table.header)
+    channels = channel_columns(table.columns, size, table.header)
     if len(table.columns) < len(channels) + len(required) or {*known} & set(channels):
         raise InputError(
             f"{table.header}: {len(table.columns)} columns cannot hold {', '.join(required)} and then {len(channels)} "
@@ -220,20 +225,22 @@ def rows_of(
         if moved
         else []
     )
-    return table.read(channels, full_scale, blank), warned
+    return table.read_rows(channels, full_scale, blank), warned
 
 
 def _cut(rows: Table, size: tuple[int, int], rate_hz: float, full_scale: float) -> Corpus:
     """Rows as captures, which begin where the frame number starts again."""
     rows.check_filled()
-    frame = rows.frame_numbers()
+    frame = rows.take_frame_numbers()
     if (origin := int(frame[0])) not in (0, 1):
-        rows.refuse(0, f"a capture starts at frame {origin} instead of 0 or 1; restore its frames")
-    captures, starts, lengths = rows.captures([*rows.labels], frame, origin)
+        rows.refuse_row(
+            0, f"a capture starts at frame {origin} instead of 0 or 1; restore its frames"
+        )
+    captures, starts, lengths = rows.split_captures([*rows.labels], frame, origin)
     return Corpus(rows.values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
 
 
-def channels_of(columns: list[str], grid: tuple[int, int], where: str) -> list[str]:
+def channel_columns(columns: list[str], grid: tuple[int, int], where: str) -> list[str]:
     """The columns of the channels, row by row.
 
     Channels whose names differ in one number at the end (ch1, ch2, ... or cell0, cell1, ...) are taken in the order of
@@ -260,14 +267,14 @@ def channels_of(columns: list[str], grid: tuple[int, int], where: str) -> list[s
         f"{stem}{number}" for number in range(first, first + count) if number not in by_number
     ]
     wrong = [
-        f"{what}: {listed(names)}"
+        f"{what}: {first_names(names)}"
         for what, names in (("missing", missing), ("extra", extra))
         if names
     ]
     if wrong:
         raise InputError(
-            f"{where}: a grid of {grid[0]}x{grid[1]} has {count} channels, {short(stem)}{first} to "
-            f"{short(stem)}{first + count - 1}; {', '.join(wrong)}; correct the columns or the grid"
+            f"{where}: a grid of {grid[0]}x{grid[1]} has {count} channels, {shorten(stem)}{first} to "
+            f"{shorten(stem)}{first + count - 1}; {', '.join(wrong)}; correct the columns or the grid"
         )
     return [by_number[number] for number in sorted(by_number)]
 
@@ -276,13 +283,13 @@ def _arrays(
     path: Path, size: tuple[int, int] | None, rate_hz: float, full_scale: float, required: list[str]
 ) -> Corpus:
     """Captures of a ``.npz`` file."""
-    name, arrays = called(path), _members(path)
+    name, arrays = file_name(path), _members(path)
     if missing := [n for n in ("frames", "offsets", *required) if n not in arrays]:
         raise InputError(f"{name}: no array {', '.join(missing)}; save it with np.savez")
     frames, offsets = arrays.pop("frames"), arrays.pop("offsets")
     if frames.ndim != 3 or 0 in frames.shape or frames.dtype.kind not in "iuf":
         raise InputError(
-            f"{name}: frames has shape {plain(frames.shape)} and type {plain(frames.dtype, 40)}; save numbers [total, "
+            f"{name}: frames has shape {one_line(frames.shape)} and type {one_line(frames.dtype, 40)}; save numbers [total, "
             "rows, cols]"
         )
     if size is not None and frames.shape[1:] != size:
@@ -301,34 +308,36 @@ def _arrays(
             f"{name}: offsets must rise from 0 to {len(frames)}, one more of them than captures"
         )
     if wrong := [n for n, a in arrays.items() if a.shape != (len(offsets) - 1,)]:
-        shape = plain(arrays[wrong[0]].shape)
+        shape = one_line(arrays[wrong[0]].shape)
         raise InputError(
-            f"{name}: {short(wrong[0])} has shape {shape}, captures are {len(offsets) - 1}"
+            f"{name}: {shorten(wrong[0])} has shape {shape}, captures are {len(offsets) - 1}"
         )
-    check_conditions(len(arrays), name)
-    captures = without_categories(_conditions(arrays, name))
-    values, starts = checked(frames, full_scale, name, "frame"), offsets.astype(np.int64)
+    check_condition_count(len(arrays), name)
+    captures = categories_as_text(_conditions(arrays, name))
+    values, starts = checked_values(frames, full_scale, name, "frame"), offsets.astype(np.int64)
     return Corpus(values, starts[:-1], np.diff(starts), captures, rate_hz, full_scale)
 
 
 def _members(path: Path) -> dict[str, np.ndarray]:
     """All arrays of a ``.npz`` file by name, in the byte order of this machine."""
     arrays = {}
-    with opened(path, _BROKEN) as (archive, members), warnings.catch_warnings():
+    with open_zip(path, _BROKEN) as (archive, members), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about headers that Python 2 wrote
         for member in members:
             if not member.filename.endswith(".npy"):
-                name = plain(member.filename, 60)
+                name = one_line(member.filename, 60)
                 raise InputError(
-                    f"{called(path)}: {name} is not an array; save the file with np.savez"
+                    f"{file_name(path)}: {name} is not an array; save the file with np.savez"
                 )
-        check_names([member.filename.removesuffix(".npy") for member in members], called(path))
+        check_column_names(
+            [member.filename.removesuffix(".npy") for member in members], file_name(path)
+        )
         for member in members:
             with archive.open(member) as file:
                 array = np.lib.format.read_array(file, allow_pickle=False)
                 if file.read(1) or not array.dtype.itemsize:
                     raise ValueError(
-                        f"{plain(member.filename, 40)} is not of the size that its header says"
+                        f"{one_line(member.filename, 40)} is not of the size that its header says"
                     )
             arrays[member.filename.removesuffix(".npy")] = array.astype(
                 array.dtype.newbyteorder("="), copy=False
@@ -346,9 +355,9 @@ def _conditions(arrays: dict[str, np.ndarray], name: str) -> pd.DataFrame:
         text = array.dtype.kind in "US"
         if array.dtype.kind not in allowed or (array.dtype.itemsize > 8 and not text):
             raise InputError(
-                f"{name}: {short(column)} is of type {plain(array.dtype, 40)}; save it as {wanted}"
+                f"{name}: {shorten(column)} is of type {one_line(array.dtype, 40)}; save it as {wanted}"
             )
         truth = array.dtype.kind == "b"  # a byte that is neither 0 nor 1 is no truth value
         # NumPy's own conversion ends a text at its first zero.
         columns[column] = array.tolist() if text else array.view(np.uint8) != 0 if truth else array
-    return PandasTable(pd.DataFrame(columns), name, "capture").words()
+    return PandasTable(pd.DataFrame(columns), name, "capture").label_columns()
