@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
     from bench.corpora.survey import Survey
     from bench.plan.plan import Plan
-    from bench.reading.choice import Chosen
+    from bench.reading.choice import Choice
     from bench.reading.compare import Compared
     from bench.running.fit import Fitted
 
@@ -41,9 +41,9 @@ def run(**values: object) -> pd.DataFrame:
     Returns:
         One row per run, as `bench.runs` has them; `bench.predictions` takes it and gives the labels.
     """
-    from bench.commands.run import made
+    from bench.commands.run import run_from_python
 
-    return made("run", values)
+    return run_from_python("run", values)
 
 
 def stress(**values: object) -> pd.DataFrame:
@@ -52,9 +52,9 @@ def stress(**values: object) -> pd.DataFrame:
     Args:
         values: keys of ``bench stress``, as `run` takes them.
     """
-    from bench.commands.run import made
+    from bench.commands.run import run_from_python
 
-    return made("stress", values)
+    return run_from_python("stress", values)
 
 
 def plans(**values: object) -> list[Plan]:
@@ -63,12 +63,12 @@ def plans(**values: object) -> list[Plan]:
     Returns:
         Plans with ``corpus``, ``folds`` (``name``, positions ``train`` and ``test``) and ``cell.estimator()``.
     """
-    from bench.grammar.options import KEYS, backend_of, values_of
-    from bench.plan.cells import cells
-    from bench.plan.plan import planned
+    from bench.grammar.options import RUN_KEYS, backend_of, values_from_keywords
+    from bench.plan.grid import make_cells
+    from bench.plan.plan import make_plans
 
-    typed = values_of(values, KEYS)
-    return planned(cells(typed), backend_of(typed).jobs)
+    typed = values_from_keywords(values, RUN_KEYS)
+    return make_plans(make_cells(typed), backend_of(typed).jobs)
 
 
 def tune(**values: object) -> pd.DataFrame:
@@ -77,11 +77,11 @@ def tune(**values: object) -> pd.DataFrame:
     Args:
         values: keys of ``bench tune``, such as ``trials``, as `run` takes them; a list of ``model__X`` is tried.
     """
-    from bench.commands.tune import searched
-    from bench.grammar.options import keys, values_of
+    from bench.commands.tune import run_searches
+    from bench.grammar.options import key_options, values_from_keywords
     from bench.reading.frame import frame
 
-    return frame(searched(values_of(values, keys("tune"))))
+    return frame(run_searches(values_from_keywords(values, key_options("tune"))))
 
 
 def fit(**values: object) -> Fitted:
@@ -90,10 +90,10 @@ def fit(**values: object) -> Fitted:
     Args:
         values: keys of ``bench fit``, as `run` takes them.
     """
-    from bench.commands.fit import trained
-    from bench.grammar.options import keys, values_of
+    from bench.commands.fit import fit_from_values
+    from bench.grammar.options import key_options, values_from_keywords
 
-    return trained(values_of(values, keys("fit")))
+    return fit_from_values(values_from_keywords(values, key_options("fit")))
 
 
 def audit(**values: object) -> pd.DataFrame:
@@ -107,12 +107,16 @@ def audit(**values: object) -> pd.DataFrame:
     """
     import pandas as pd
 
-    from bench.commands.audit import audited
-    from bench.grammar.options import keys, values_of
+    from bench.commands.audit import audit_systems
+    from bench.grammar.options import key_options, values_from_keywords
 
-    audits = audited(values_of(values, keys("audit")))
+    audits = audit_systems(values_from_keywords(values, key_options("audit")))
     return pd.DataFrame(
-        [{"system": cell.system(), **vars(each)} for cell, verdicts in audits for each in verdicts]
+        [
+            {"system": cell.system_name(), **vars(each)}
+            for cell, verdicts in audits
+            for each in verdicts
+        ]
     )
 
 
@@ -127,9 +131,9 @@ def corpus(
         target: columns of the class.
         parameters: parameters of ``synth``.
     """
-    from bench.commands.corpora import captures
+    from bench.commands.data_actions import load_selected_captures
 
-    return captures(data, parameters, where, target)
+    return load_selected_captures(data, parameters, where, target)
 
 
 def look(
@@ -151,9 +155,11 @@ def look(
     Returns:
         Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
     """
-    from bench.commands.corpora import looked
+    from bench.commands.data_actions import survey_captures
 
-    return looked(corpus(data, where, target, **parameters), None if out is None else Path(out))
+    return survey_captures(
+        corpus(data, where, target, **parameters), None if out is None else Path(out)
+    )
 
 
 def extract(**values: object) -> pd.DataFrame:
@@ -164,10 +170,12 @@ def extract(**values: object) -> pd.DataFrame:
     Args:
         values: ``data``, ``where``, ``target``, ``features`` and ``seed`` of `run`.
     """
-    from bench.commands.data import extracted
-    from bench.grammar.options import KEYS, values_of
+    from bench.commands.data import extract_features
+    from bench.grammar.options import RUN_KEYS, values_from_keywords
 
-    return extracted(values_of(values, KEYS.keys() - {"protocol", "model", "jobs"}))
+    return extract_features(
+        values_from_keywords(values, RUN_KEYS.keys() - {"protocol", "model", "jobs"})
+    )
 
 
 def runs(cases: bool = False, **values: object) -> pd.DataFrame:
@@ -201,9 +209,11 @@ def predictions(
     Returns:
         The rows of the table with the ``name`` and ``run_id`` of their run.
     """
-    from bench.reading.frame import tables
+    from bench.reading.frame import join_tables
 
-    return tables(_stored(values if runs is None else {**values, "run": [*runs["run_id"]]}), table)
+    return join_tables(
+        _stored(values if runs is None else {**values, "run": [*runs["run_id"]]}), table
+    )
 
 
 def compare(system: object, other: object, **values: object) -> Compared:
@@ -211,18 +221,18 @@ def compare(system: object, other: object, **values: object) -> Compared:
 
     Args:
         system: a table or the path of a CSV or parquet file with the columns ``id``, ``subject``, ``truth`` and
-            ``prediction`` (several rows of an id vote); or a stored system: its name as in tables, such as
-            ``"svm · jung54"``, its values as `run` takes them, or the id of a run. Seeds are averaged. The id of a
-            capture of a stored run is its place in the corpus (`corpus`, attribute ``index``).
+            ``prediction`` (several rows of an id vote); or a stored system: its name as ``bench runs`` prints it,
+            such as ``"svm · jung54"``, its values as `run` takes them, or a run id. Seeds are averaged. The id of
+            a capture of a stored run is its place in the corpus (`corpus`, attribute ``index``).
         other: what to compare it with, given in one of the same ways.
         values: the runs of stored systems, as `runs` selects them.
 
     Returns:
         The difference and its test, and tables of subjects, captures and gestures.
     """
-    from bench.commands.compare import paired
+    from bench.commands.compare import compare_systems
 
-    return paired((system, other), values)
+    return compare_systems((system, other), values)
 
 
 def ledger(**values: object) -> pd.DataFrame:
@@ -234,22 +244,22 @@ def ledger(**values: object) -> pd.DataFrame:
     Returns:
         A row per captures, system and protocol: `bench.reports.ledger.ledger`.
     """
-    from bench.reading.runs import of_captures
+    from bench.reading.runs import results_on_captures
     from bench.reports.ledger import ledger
 
-    return ledger(of_captures(_stored(values)))
+    return ledger(results_on_captures(_stored(values)))
 
 
-def choose(**values: object) -> Chosen:
+def choose(**values: object) -> Choice:
     """Choose the cheapest stored system within one standard error of the best.
 
     Args:
         values: keys of ``bench choose``, such as ``max_flash="64kB"``. The keys of `runs` select the candidates.
     """
-    from bench.commands.choose import chosen
-    from bench.grammar.options import keys, values_of
+    from bench.commands.choose import choose_from_values
+    from bench.grammar.options import key_options, values_from_keywords
 
-    return chosen(values_of(values, keys("choose")))
+    return choose_from_values(values_from_keywords(values, key_options("choose")))
 
 
 def groups(**values: object) -> pd.DataFrame:
@@ -259,12 +269,12 @@ def groups(**values: object) -> pd.DataFrame:
         values: the runs whose most accurate system is used, as `runs` selects them; ``batch`` of `choose`.
 
     Returns:
-        One row per number of groups, from one per gesture down to 2: `bench.reading.groups.groupings`.
+        One row per number of groups, from one per gesture down to 2: `bench.reading.groups.accuracy_by_grouping`.
     """
-    from bench.commands.groups import KEYS, grouped
-    from bench.grammar.options import values_of
+    from bench.commands.choose_groups import KEYS, find_groups
+    from bench.grammar.options import values_from_keywords
 
-    return grouped(values_of(values, KEYS))[0]
+    return find_groups(values_from_keywords(values, KEYS))[0]
 
 
 def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
@@ -280,24 +290,24 @@ def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
     Returns:
         Text for a document that loads booktabs and graphicx.
     """
-    from bench.reading.frame import grouped
-    from bench.reading.runs import of_captures
+    from bench.reading.frame import group_results
+    from bench.reading.runs import results_on_captures
     from bench.reports import latex
     from bench.reports.comparison import scored
     from bench.reports.latex import columns_of, papers, side_by_side
 
     if "run_id" not in runs:
         raise InputError("bench.latex: give the table of bench.runs()")
-    results = of_captures(_stored({"run": [*runs["run_id"]]}))
+    results = results_on_captures(_stored({"run": [*runs["run_id"]]}))
     if paper:
         return side_by_side(papers(results, columns_of(paper)))
-    return latex.latex(scored(grouped(results)))
+    return latex.latex(scored(group_results(results)))
 
 
 def _stored(values: Mapping[str, object]) -> list:
-    from bench.grammar.options import STORED, values_of
-    from bench.reading.runs import asked_of, every_result, wanted
+    from bench.grammar.options import STORED_OPTIONS, values_from_keywords
+    from bench.reading.runs import load_results, parse_selection, select_or_fail
     from bench.store.client import connect
 
-    asked = asked_of(values_of(values, {option.key for option in STORED}))
-    return wanted(every_result(connect(), asked), asked)
+    asked = parse_selection(values_from_keywords(values, {option.key for option in STORED_OPTIONS}))
+    return select_or_fail(load_results(connect(), asked), asked)

@@ -25,9 +25,9 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError, PredictionError, nearest
+from bench.errors import InputError, PredictionError, suggest_names
 from bench.features.base import FeatureSet
-from bench.ground.registry import required
+from bench.ground.registry import required_parameters
 from bench.models.space import Space
 
 SUM = 1e-3  # by which probabilities of a capture may miss a sum of 1: they may be float32, or printed and read
@@ -94,9 +94,9 @@ class Method(Generic[Value]):
 
     def __call__(self, part: object, *values: object) -> Value:
         """Its result for a part."""
-        return (self.of(part) or self.default)(*values)
+        return (self.find_method(part) or self.default)(*values)
 
-    def of(self, part: object) -> Callable[..., Value] | None:
+    def find_method(self, part: object) -> Callable[..., Value] | None:
         """The method of a part, None for a part without it."""
         method = getattr(part, self.name, None)
         if not callable(method):
@@ -169,9 +169,9 @@ LENGTH: Method[Any] = Method("length", ("rate_hz",), lambda rate_hz: None)
 DECIDE: Method[Any] = Method("decide", ("X",), lambda X: None)
 
 
-def window(estimator: System, rate_hz: float) -> int | None:
+def window_frames(estimator: System, rate_hz: float) -> int | None:
     """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows."""
-    if length := LENGTH.of(estimator):
+    if length := LENGTH.find_method(estimator):
         try:
             frames = length(rate_hz)
         except InputError:
@@ -198,7 +198,7 @@ def frames_at_once(estimator: System, frames: int) -> int:
     return min(frames, getattr(estimator, "window_", None) or frames)
 
 
-def features(estimator: System) -> dict[str, Features]:
+def feature_sets(estimator: System) -> dict[str, Features]:
     """The feature sets inside: a pipeline's step ``features`` or first built-in set, a search's ``features``."""
     if isinstance(estimator, Pipeline):
         first = estimator.steps[0][1]
@@ -210,7 +210,7 @@ def features(estimator: System) -> dict[str, Features]:
     return dict(sets) if isinstance(sets, dict) else {}
 
 
-def conditions(estimator: System) -> tuple[str, ...]:
+def required_conditions(estimator: System) -> tuple[str, ...]:
     """``conditions``: columns of the captures that it, or a part of it, needs to predict; none by default.
 
     Such as the substrate under the skin, where a robot knows it. Its runs are tagged and labelled with them.
@@ -228,7 +228,7 @@ def conditions(estimator: System) -> tuple[str, ...]:
 def check_conditions(estimator: System, corpus: Corpus) -> None:
     """Refuse conditions that a system cannot have when it predicts: they are not there, or tell class or subject."""
     secret = {"subject", "gesture", *corpus.target.split("+")}
-    for name in conditions(estimator):
+    for name in required_conditions(estimator):
         if name in secret:
             raise InputError(
                 f"conditions: the system declares {name!r}, which a prediction must not use; remove it"
@@ -236,7 +236,7 @@ def check_conditions(estimator: System, corpus: Corpus) -> None:
         if name not in corpus.captures:
             others = [str(c) for c in corpus.captures if c not in secret]
             raise InputError(
-                f"conditions: {corpus.name} has no column {name!r}; {nearest(name, others)}"
+                f"conditions: {corpus.name} has no column {name!r}; {suggest_names(name, others)}"
             )
         values = corpus.captures[name]
         for what, of in (("class", corpus.gestures), ("subject", corpus.subjects)):
@@ -249,9 +249,11 @@ def check_conditions(estimator: System, corpus: Corpus) -> None:
                 )
 
 
-def blinded(estimator: System, X: Part) -> Part:
+def blind_captures(estimator: System, X: Part) -> Part:
     """Captures as a system sees them in prediction (`Corpus.blind`); a table of features as it is."""
-    return X.blind(conditions(estimator)) if isinstance(X, Corpus) and not X.is_blind else X  # type: ignore[return-value]
+    return (
+        X.blind(required_conditions(estimator)) if isinstance(X, Corpus) and not X.is_blind else X
+    )  # type: ignore[return-value]
 
 
 # Decisions of a fitted system
@@ -259,21 +261,21 @@ def blinded(estimator: System, X: Part) -> Part:
 
 def decides_often(estimator: System) -> bool:
     """Return True if it has ``decide``, and so may decide more than once per capture."""
-    return DECIDE.of(estimator) is not None
+    return DECIDE.find_method(estimator) is not None
 
 
-def abstention(estimator: System) -> str | None:
+def abstention_label(estimator: System) -> str | None:
     """``abstains``: the label that it, or a part of it, predicts for a capture without a class; None if there is none.
 
     In place of its probabilities stands a row of NaN.
     """
-    parts = (part for system in (estimator, inside(estimator)) for part in parts_of(system))
+    parts = (part for system in (estimator, inner_system(estimator)) for part in parts_of(system))
     return next(
         (label for part in parts if isinstance(label := getattr(part, "abstains", None), str)), None
     )
 
 
-def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
+def predict_decisions(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
     """``decide(X)``: every decision that it makes; by default one per capture, on all of its frames.
 
     Returns:
@@ -283,13 +285,13 @@ def decide(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
     Raises:
         PredictionError: a label is no class, or probabilities are none.
     """
-    X = blinded(estimator, X)
-    if method := DECIDE.of(estimator):
+    X = blind_captures(estimator, X)
+    if method := DECIDE.find_method(estimator):
         table, proba = method(X)
-        return table, probable(estimator, proba, len(table), "decide")
+        return table, check_probabilities(estimator, proba, len(table), "decide")
     return pd.DataFrame(
         {"capture": np.arange(len(X)), "start": 0, "frames": X.lengths}
-    ), probabilities(estimator, X)
+    ), predict_probabilities(estimator, X)
 
 
 def has_probabilities(estimator: System) -> bool:
@@ -297,25 +299,25 @@ def has_probabilities(estimator: System) -> bool:
     return getattr(estimator, "predict_proba", None) is not None
 
 
-def probabilities(estimator: System, X: Corpus) -> np.ndarray:
+def predict_probabilities(estimator: System, X: Corpus) -> np.ndarray:
     """``predict_proba(X)`` [captures, classes], zeros where it abstains; a system without gets 1 for its label."""
-    X = blinded(estimator, X)
+    X = blind_captures(estimator, X)
     if has_probabilities(estimator):
-        return probable(estimator, estimator.predict_proba(X), len(X), "predict_proba")  # type: ignore[attr-defined]
-    return labels(estimator, X)[:, None] == np.asarray(estimator.classes_).astype(str)
+        return check_probabilities(estimator, estimator.predict_proba(X), len(X), "predict_proba")  # type: ignore[attr-defined]
+    return predict_labels(estimator, X)[:, None] == np.asarray(estimator.classes_).astype(str)
 
 
-def labels(estimator: System, X: Corpus) -> np.ndarray:
-    """``predict(X)``: the label of each capture as text, a class or its `abstention`; a `PredictionError` otherwise."""
+def predict_labels(estimator: System, X: Corpus) -> np.ndarray:
+    """``predict(X)``: the label of each capture as text, a class or its `abstention_label`; a `PredictionError` otherwise."""
     given = np.asarray(
-        estimator.predict(blinded(estimator, X)), dtype=object
+        estimator.predict(blind_captures(estimator, X)), dtype=object
     ).ravel()  # CatBoost gives a column
     if len(given) != len(X):
         raise PredictionError(
             f"predict gives {len(given)} labels for {len(X)} captures; give one each"
         )
     strange = ~np.isin(given, np.asarray(estimator.classes_, dtype=object))
-    if strange.any() and (label := abstention(estimator)) is not None:
+    if strange.any() and (label := abstention_label(estimator)) is not None:
         strange &= given != label
     if strange.any():
         raise PredictionError(
@@ -325,7 +327,7 @@ def labels(estimator: System, X: Corpus) -> np.ndarray:
     return given.astype(str)
 
 
-def probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarray:
+def check_probabilities(estimator: System, proba: Any, rows: int, method: str) -> np.ndarray:
     """Probabilities [rows, classes] that a method gives, zeros for a row of NaN of a system that abstains.
 
     Raises:
@@ -341,7 +343,7 @@ def probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarra
     if sound.all():
         return proba
     if (
-        abstention(estimator) is not None
+        abstention_label(estimator) is not None
     ):  # windows of a capture on which it abstains leave a sum below 1
         proba = np.where(np.isnan(proba).all(axis=1, keepdims=True), 0, proba)
         total = proba.sum(axis=1)
@@ -364,13 +366,13 @@ def probable(estimator: System, proba: Any, rows: int, method: str) -> np.ndarra
 # What happened while it was fitted
 
 
-def fit_seconds(estimator: System, wall: float, cpu: float) -> tuple[float, float]:
+def reported_fit_seconds(estimator: System, wall: float, cpu: float) -> tuple[float, float]:
     """``fit_seconds_``: (wall, CPU) seconds of the last fit, or of the wall alone; by default the measured ones."""
     seconds = getattr(estimator, "fit_seconds_", (wall, cpu))
     return (seconds, cpu) if isinstance(seconds, int | float) else seconds
 
 
-def inside(estimator: System) -> System:
+def inner_system(estimator: System) -> System:
     """``best_``: the fitted system inside a search."""
     return getattr(estimator, "best_", estimator)
 
@@ -378,15 +380,15 @@ def inside(estimator: System) -> System:
 # From a factory or an object to a system
 
 
-def build(factory: Callable, feature_set: Features | None, **parameters: object) -> System:
+def build_system(factory: Callable, feature_set: Features | None, **parameters: object) -> System:
     """A system from its factory, with the feature set where it takes one."""
-    names = required(factory)
+    names = required_parameters(factory)
     if names and feature_set is not None:
         return factory(**{names[0]: feature_set}, **parameters)
-    return behind(factory(**parameters), feature_set)
+    return as_pipeline(factory(**parameters), feature_set)
 
 
-def behind(estimator: System, feature_set: Features | None) -> System:
+def as_pipeline(estimator: System, feature_set: Features | None) -> System:
     """An estimator that learns from tables behind a feature set; any other one as it is."""
     if feature_set is None or not reads_tables(estimator):
         return estimator
@@ -400,7 +402,7 @@ def reads_tables(system: object) -> bool:
     searches. A class of one's own learns from tables if it is derived from one that does.
     """
     if inspect.isclass(system):
-        return not issubclass(system, Pipeline) and _of_tables(system)
+        return not issubclass(system, Pipeline) and _is_tabular(system)
     if not isinstance(system, BaseEstimator) and callable(system):
         try:
             system = system()
@@ -418,10 +420,10 @@ def reads_tables(system: object) -> bool:
         for part in values.get(key) or []
     ]
     inner = (part for part in (*parts, values.get("estimator")) if isinstance(part, BaseEstimator))
-    return _of_tables(type(system)) and all(map(reads_tables, inner))
+    return _is_tabular(type(system)) and all(map(reads_tables, inner))
 
 
-def _of_tables(kind: type) -> bool:
+def _is_tabular(kind: type) -> bool:
     """Whether a class, or one it is derived from, is of a package whose estimators learn from tables."""
     modules = [each.__module__ for each in kind.__mro__]
     return any(
@@ -430,7 +432,7 @@ def _of_tables(kind: type) -> bool:
     )
 
 
-def copied(part: Part) -> Part:
+def untrained_copy(part: Part) -> Part:
     """An untrained copy of a given estimator; a splitter is returned as it is."""
     return clone(part) if isinstance(part, BaseEstimator) else part
 

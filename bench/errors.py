@@ -41,7 +41,14 @@ class ClusterError(Exception):
     """The cluster failed in the middle of the work: one line; the same command goes on later."""
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
+def check_value(key: str, value: object, is_valid: bool, advice: str) -> None:
+    """Raise an `InputError` that names a key with its value and says what to give, unless the value is valid."""
+    if not is_valid:
+        shown = f"{value:g}" if isinstance(value, float) else value
+        raise InputError(f"{key}={shown}: give {advice}")
+
+
+def suggest_names(word: str, known: Iterable[str]) -> str:
     """The end of an error message: what to type instead of a name that is gone, or the likeliest names, then all."""
     if word in GONE:
         return f"it is gone: {GONE[word]}"
@@ -51,7 +58,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
     return f"{hint}known: {', '.join(known) or 'none'}"
 
 
-def short(text: str, most: int = 60) -> str:
+def shorten(text: str, most: int = 60) -> str:
     """The text, or its beginning and end with dots between them where it is longer than ``most`` characters."""
     if len(text) <= most:
         return text
@@ -59,7 +66,7 @@ def short(text: str, most: int = 60) -> str:
     return f"{text[:head]}...{text[-(most - 3 - head) :]}"
 
 
-def plain(value: object, most: int = 80) -> str:
+def one_line(value: object, most: int = 80) -> str:
     """A path or the message of another library, in one line."""
-    text = short(str(value) or type(value).__name__, 4 * most)
-    return short("".join(c if c.isprintable() else " " for c in text), most)
+    text = shorten(str(value) or type(value).__name__, 4 * most)
+    return shorten("".join(c if c.isprintable() else " " for c in text), most)

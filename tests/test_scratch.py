@@ -8,15 +8,15 @@ import pytest
 
 from bench.ground import scratch
 
-HOST = scratch.owner().split(f"-{os.getpid()}-")[0]
+HOST = scratch.owner_prefix().split(f"-{os.getpid()}-")[0]
 
 
 def test_temporary_files_lie_in_a_folder_that_goes_with_the_command():
     before = tempfile.gettempdir()
-    with scratch.scratch():
+    with scratch.use_scratch_folder():
         mine = Path(tempfile.mkdtemp())
-        assert mine.parent.parent == scratch.home() / "tmp"
-        assert mine.parent.name.startswith(scratch.owner())
+        assert mine.parent.parent == scratch.data_folder() / "tmp"
+        assert mine.parent.name.startswith(scratch.owner_prefix())
     assert tempfile.gettempdir() == before and not mine.parent.exists()
 
 
@@ -38,18 +38,18 @@ def test_only_what_dead_processes_of_this_machine_left_is_swept(tmp_path, dead):
         (path / "file").write_text("")
     gone[1].symlink_to(tmp_path / keep[0])
     gone[2].write_text("")
-    scratch.sweep(tmp_path)
+    scratch.remove_leftovers(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(keep)
     assert all((tmp_path / name / "file").exists() for name in keep)
 
 
 def test_the_next_command_removes_what_killed_ones_were_writing(dead):
     folders = ("tmp/", "features/.", "corpora/.", "corpora/synth/.", "corpora/mine/.")
-    left = [scratch.home() / f"{folder}{HOST}-{dead}-abcdefgh" for folder in folders]
+    left = [scratch.data_folder() / f"{folder}{HOST}-{dead}-abcdefgh" for folder in folders]
     for path in left:
         path.mkdir(parents=True)
         (path / "frames.npy").write_bytes(b"half")
-    with scratch.scratch():
+    with scratch.use_scratch_folder():
         assert not [path for path in left if path.exists()]
 
 
@@ -61,7 +61,7 @@ def test_semaphores_of_dead_processes_go_with_the_next_command(dead):
     try:
         left.touch()
         mine.touch()
-        with scratch.scratch():
+        with scratch.use_scratch_folder():
             assert not left.exists() and mine.exists()
     finally:
         left.unlink(missing_ok=True)

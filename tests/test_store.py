@@ -15,7 +15,7 @@ from mlflow.store import db_migrations
 import bench
 from bench.cli import main
 from bench.errors import StoreError
-from bench.ground.scratch import owner
+from bench.ground.scratch import owner_prefix
 from bench.store import client as store
 from bench.store import database
 from tests.conftest import SMALL
@@ -29,11 +29,11 @@ def dump():
 
 
 def test_what_a_killed_creation_left_is_removed_and_an_empty_file_is_no_store(tmp_path, dead):
-    left = tmp_path / f".mlflow.db.{owner().rsplit('-', 2)[0]}-{dead}-abc"
+    left = tmp_path / f".mlflow.db.{owner_prefix().rsplit('-', 2)[0]}-{dead}-abc"
     left.mkdir()
     (left / "mlflow.db").write_text("half")
     (tmp_path / "mlflow.db").touch()
-    assert store.connect().of_kind("cell") == [] and not left.exists()
+    assert store.connect().runs_of_kind("cell") == [] and not left.exists()
 
 
 @pytest.mark.real_store
@@ -70,23 +70,24 @@ def test_a_store_lies_in_its_folder_whatever_its_name_is_and_wherever_it_is_move
     monkeypatch.chdir(first)
     (tmp_path / "note.txt").write_text("kept")
     here = store.connect()
-    run = here.create("first", {"touchbench.kind": "cell"})
-    here.keep(run.info.artifact_uri, tmp_path / "note.txt")
+    run = here.create_run("first", {"touchbench.kind": "cell"})
+    here.log_artifact(run.info.artifact_uri, tmp_path / "note.txt")
     shutil.copytree(first, copy := tmp_path / "copy")
     before = sorted(first.rglob("*"))
     monkeypatch.chdir(copy)
     there = store.connect()
-    (again,) = there.of_kind("cell")
+    (again,) = there.runs_of_kind("cell")
     assert (
-        there.path(again.info.run_id, again.info.artifact_uri, "note.txt")
+        there.artifact_path(again.info.run_id, again.info.artifact_uri, "note.txt")
         .resolve()
         .is_relative_to(copy)
     )
     assert [
         file.path for file in MlflowClient(store.store_uri()).list_artifacts(run.info.run_id)
     ] == ["note.txt"]
-    there.keep(
-        there.create("second", {"touchbench.kind": "cell"}).info.artifact_uri, tmp_path / "note.txt"
+    there.log_artifact(
+        there.create_run("second", {"touchbench.kind": "cell"}).info.artifact_uri,
+        tmp_path / "note.txt",
     )
     assert (
         len([*copy.glob("mlruns/*/*/artifacts/note.txt")]) == 2
@@ -143,7 +144,7 @@ def test_a_store_that_can_only_be_read_is_read_and_left_alone(
     monkeypatch.setattr(database.tempfile, "TemporaryFile", refused)
     assert read() == before and len(bench.runs(data="people")) and files() == found
     with pytest.raises(StoreError, match="readonly"):
-        store.connect().create("x", {})
+        store.connect().create_run("x", {})
     assert main(RUN) == 2 and "mlflow.db cannot be written (Read-only" in capsys.readouterr().err
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/none.db")
     assert main(["choose"]) == 2 and "none.db cannot be read (Read-only" in capsys.readouterr().err
@@ -151,8 +152,8 @@ def test_a_store_that_can_only_be_read_is_read_and_left_alone(
 
 def test_an_artifact_that_is_not_there_is_none_and_a_server_that_is_gone_is_an_error(monkeypatch):
     connected = store.connect()
-    run_id = connected.create("x", {}).info.run_id
-    assert connected.path(run_id, "mlflow-artifacts:/x", "nothing.csv") is None
+    run_id = connected.create_run("x", {}).info.run_id
+    assert connected.artifact_path(run_id, "mlflow-artifacts:/x", "nothing.csv") is None
 
     def gone(*_):
         raise MlflowException(
@@ -161,7 +162,7 @@ def test_an_artifact_that_is_not_there_is_none_and_a_server_that_is_gone_is_an_e
 
     monkeypatch.setattr(MlflowClient, "download_artifacts", gone)
     with pytest.raises(StoreError, match="API request"):
-        connected.path(run_id, "mlflow-artifacts:/x", "nothing.csv")
+        connected.artifact_path(run_id, "mlflow-artifacts:/x", "nothing.csv")
 
 
 @pytest.mark.parametrize(
@@ -187,7 +188,7 @@ def test_an_address_that_cannot_be_opened_is_one_line_without_its_password(
 def test_what_stays_locked_is_one_line(capsys, monkeypatch):
     """MLflow waits for 20 seconds; here it is told to wait for none."""
     connected = store.connect()
-    run_id = connected.create("x", {}).info.run_id
+    run_id = connected.create_run("x", {}).info.run_id
     holder = sqlite3.connect("mlflow.db", isolation_level=None)
     holder.execute("begin exclusive")
     with monkeypatch.context() as patch:
@@ -196,48 +197,51 @@ def test_what_stays_locked_is_one_line(capsys, monkeypatch):
             lambda text, real=sqlalchemy.sql.text: real(text.replace("20000", "1")),
         )
         with pytest.raises(StoreError, match="database is locked.*stored results are kept"):
-            connected.log(run_id, {"accuracy": 0.5})
+            connected.log_values(run_id, {"accuracy": 0.5})
     holder.rollback()
-    connected.log(run_id, {"accuracy": 0.5})
+    connected.log_values(run_id, {"accuracy": 0.5})
 
 
 def test_runs_come_in_pages_newest_first_and_only_of_this_format_and_kind(monkeypatch):
     connected = store.connect()
     made = [
-        connected.create(str(i), {"touchbench.kind": "cell", "touchbench.cell": str(i)})
+        connected.create_run(str(i), {"touchbench.kind": "cell", "touchbench.cell": str(i)})
         for i in range(5)
     ]
     ids = [run.info.run_id for run in made]
     connected.client.set_tag(ids[0], "touchbench.format", "0")
-    connected.create("another", {"touchbench.kind": "fit"})
-    connected.delete(connected.create("gone", {"touchbench.kind": "cell"}).info.run_id)
+    connected.create_run("another", {"touchbench.kind": "fit"})
+    connected.delete_run(connected.create_run("gone", {"touchbench.kind": "cell"}).info.run_id)
     elsewhere = connected.client.create_experiment("another")
     connected.client.create_run(
         elsewhere, tags={"touchbench.kind": "cell", "touchbench.format": store.FORMAT}
     )
-    monkeypatch.setattr(store, "PAGE", 2)
+    monkeypatch.setattr(store, "RUNS_PER_REQUEST", 2)
     newest_first = sorted(ids[1:], key=lambda i: (-connected.client.get_run(i).info.start_time, i))
-    assert [run.info.run_id for run in connected.of_kind("cell")] == newest_first
-    assert connected.find("4", "cell").info.run_id == ids[4] and connected.find("0", "cell") is None
+    assert [run.info.run_id for run in connected.runs_of_kind("cell")] == newest_first
+    assert (
+        connected.find_run("4", "cell").info.run_id == ids[4]
+        and connected.find_run("0", "cell") is None
+    )
 
 
 def test_steps_and_files_of_runs_are_kept_and_dropped(tmp_path):
     """How a whole result is read back is in tests/reading/test_runs.py."""
     connected = store.connect()
-    run = connected.create("x", {"touchbench.kind": "cell"}).info
+    run = connected.create_run("x", {"touchbench.kind": "cell"}).info
     for step in range(3):
-        connected.log(
+        connected.log_values(
             run.run_id, {"fold/accuracy": 1 / (step + 1), "gone": float("nan")}, step=step
         )
     steps = connected.client.get_metric_history(run.run_id, "fold/accuracy")
     assert [(m.step, m.value) for m in steps] == [(0, 1), (1, 1 / 2), (2, 1 / 3)]
-    result = connected.result(connected.client.get_run(run.run_id))
+    result = connected.load_result(connected.client.get_run(run.run_id))
     assert result["gone"] != result["gone"] and "fold/accuracy" not in result
     (tmp_path / "a.csv").write_text("1")
-    connected.keep(run.artifact_uri, tmp_path / "a.csv", "folds")
-    assert connected.path(run.run_id, run.artifact_uri, "folds/a.csv").read_text() == "1"
-    assert connected.names(run.run_id, run.artifact_uri, "folds") == ["a.csv"]
-    connected.drop(run.artifact_uri, "folds")
-    assert connected.names(run.run_id, run.artifact_uri) == []
+    connected.log_artifact(run.artifact_uri, tmp_path / "a.csv", "folds")
+    assert connected.artifact_path(run.run_id, run.artifact_uri, "folds/a.csv").read_text() == "1"
+    assert connected.artifact_names(run.run_id, run.artifact_uri, "folds") == ["a.csv"]
+    connected.delete_artifact(run.artifact_uri, "folds")
+    assert connected.artifact_names(run.run_id, run.artifact_uri) == []
     with pytest.raises(store.StoreError, match="supplied: Names may only"):
-        connected.create("7", {}, {"#": 1})
+        connected.create_run("7", {}, {"#": 1})

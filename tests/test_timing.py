@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.ground import timing
-from bench.ground.scratch import home
+from bench.ground.scratch import data_folder
 
 
 class Clocks:
@@ -20,7 +20,7 @@ class Clocks:
         self.shared, self.waiting = 1.0, 1.0  # factors of processor time, and of wall time on top
         monkeypatch.setattr(timing.time, "process_time", lambda: self.cpu)
         monkeypatch.setattr(timing.time, "perf_counter", lambda: self.wall)
-        monkeypatch.setattr(timing, "reference", lambda: self.work(0.002))
+        monkeypatch.setattr(timing, "run_reference_workload", lambda: self.work(0.002))
 
     def work(self, cost):
         self.cpu += cost * self.shared
@@ -37,10 +37,10 @@ def clocks(monkeypatch, tmp_path):
 def test_a_busy_machine_changes_no_time_but_the_wall_clock(clocks):
     costs = [0.010, 0.030]
     works = [lambda cost=cost: clocks.work(cost) for cost in costs]
-    quiet = timing.timed(works)
+    quiet = timing.time_repeatedly(works)
     clocks.shared, clocks.waiting = 1.25, 3.0
-    busy = timing.timed(works)
-    (given, once, cpu_ms) = timing.timed_once(lambda: clocks.work(0.5) or "given")
+    busy = timing.time_repeatedly(works)
+    (given, once, cpu_ms) = timing.time_once(lambda: clocks.work(0.5) or "given")
     for times in (quiet, busy):
         assert times.ms == pytest.approx([10, 30]) and times.quiet_ms == pytest.approx(2)
     assert quiet.wall_ms == pytest.approx([10, 30]) and busy.wall_ms == pytest.approx([37.5, 112.5])
@@ -50,11 +50,13 @@ def test_a_busy_machine_changes_no_time_but_the_wall_clock(clocks):
 
 def test_an_interruption_of_one_repetition_does_not_count(clocks):
     costs = iter([0.010, 0.200, 0.150, 0.010])
-    assert timing.timed([lambda: clocks.work(next(costs))] * 2).ms == pytest.approx([10, 10])
+    assert timing.time_repeatedly([lambda: clocks.work(next(costs))] * 2).ms == pytest.approx(
+        [10, 10]
+    )
 
 
 def test_seconds_that_a_system_tells_count_in_place_of_the_measured_ones(clocks):
-    _, times, cpu_ms = timing.timed_once(
+    _, times, cpu_ms = timing.time_once(
         lambda: clocks.work(9.0), lambda wall, cpu: (wall / 3, cpu / 9)
     )
     assert (times.wall_ms[0], times.ms[0], cpu_ms) == pytest.approx((3000, 1000, 1000))
@@ -66,18 +68,20 @@ def test_the_quiet_machine_is_the_fastest_that_was_seen(clocks):
         (1.0, 10),
         (2.0, 10),
     ):  # at first nothing faster is known yet
-        assert timing.timed([lambda: clocks.work(0.01)]).ms == pytest.approx([ms])
-    (kept,) = json.loads((home() / timing.KEPT).read_text()).values()
+        assert timing.time_repeatedly([lambda: clocks.work(0.01)]).ms == pytest.approx([ms])
+    (kept,) = json.loads((data_folder() / timing.REFERENCE_FILE).read_text()).values()
     assert kept == pytest.approx(2)
-    (home() / timing.KEPT).write_text("{cut off")
-    assert timing.timed([lambda: clocks.work(0.01)]).quiet_ms == pytest.approx(4)
+    (data_folder() / timing.REFERENCE_FILE).write_text("{cut off")
+    assert timing.time_repeatedly([lambda: clocks.work(0.01)]).quiet_ms == pytest.approx(4)
 
 
 def test_a_clock_that_stands_still_is_an_error(clocks):
     clocks.shared = 0.0
     with pytest.raises(OSError, match="too coarse"):
-        timing.timed([lambda: clocks.work(0.01)])
+        timing.time_repeatedly([lambda: clocks.work(0.01)])
 
 
 def test_the_workload_does_the_same_each_time():
-    assert timing.reference() == timing.reference() and np.isfinite(timing.reference())
+    assert timing.run_reference_workload() == timing.run_reference_workload() and np.isfinite(
+        timing.run_reference_workload()
+    )

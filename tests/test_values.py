@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from bench.errors import InputError
-from bench.store.tables import file_of, read_table, uniform, write_table
+from bench.store.tables import as_stored, read_table, table_file, write_table
 from bench.values.columns import run_columns
 from bench.values.intervals import ratio_interval
 from bench.values.measures import (
@@ -18,14 +18,14 @@ from bench.values.measures import (
     Cost,
     Interval,
     Measure,
-    costs,
-    in_thousands,
-    percent,
-    text,
-    three,
+    all_costs,
+    format_three_digits,
+    percent_measure,
+    text_measure,
+    to_thousands,
 )
-from bench.values.result import SMALL, Failure, Result, Tables
-from bench.values.table import Table, of_text, write_sheet
+from bench.values.result import KEPT_ROWS, Failure, Result, RunTables
+from bench.values.table import Table, text_table, write_sheet
 
 ROW = {
     "share": 0.8125,
@@ -42,18 +42,22 @@ ROW = {
     ("measure", "cell", "words"),
     [
         (
-            percent("accuracy", read="share", ends="share"),
+            percent_measure("accuracy", source="share", ends="share"),
             Interval(81.25, 75.0, 90.0),
             "81.2 [75.0, 90.0]",
         ),
-        (percent("share", ends="bytes"), 81.25, "81.2"),  # no interval of this name
-        (Measure("kB", read="bytes", form=three, scale=in_thousands), 90.064, "90.1"),
-        (Measure("B", read="bytes", form=three), 90064, "90 064"),
-        (Measure("ms", read=("p50", "p95"), form=".2f"), (1.5, None), "1.50"),
-        (Measure("ms", read=("p95", "p50")), (None, 1.5), "- / 1.5"),
-        (text("name"), "a", "a"),
-        (Measure("nothing", read=lambda row: pd.NA), None, "-"),
-        (Measure("zero", read=lambda row: 0.0), 0.0, "0.0"),
+        (percent_measure("share", ends="bytes"), 81.25, "81.2"),  # no interval of this name
+        (
+            Measure("kB", source="bytes", form=format_three_digits, scale=to_thousands),
+            90.064,
+            "90.1",
+        ),
+        (Measure("B", source="bytes", form=format_three_digits), 90064, "90 064"),
+        (Measure("ms", source=("p50", "p95"), form=".2f"), (1.5, None), "1.50"),
+        (Measure("ms", source=("p95", "p50")), (None, 1.5), "- / 1.5"),
+        (text_measure("name"), "a", "a"),
+        (Measure("nothing", source=lambda row: pd.NA), None, "-"),
+        (Measure("zero", source=lambda row: 0.0), 0.0, "0.0"),
     ],
 )
 def test_a_measure_reads_and_writes_a_value(measure, cell, words):
@@ -61,10 +65,10 @@ def test_a_measure_reads_and_writes_a_value(measure, cell, words):
 
 
 def test_costs_have_their_budgets_units_and_lines():
-    every = costs()
+    every = all_costs()
     least = ["worst_person", "worst_tenth"]
     assert [*every] == ["flash", "ram", "predict", "decision", "fault_loss", "worst_fault", *least]
-    assert {c.budget for c in every.values()} == {
+    assert {c.budget_key for c in every.values()} == {
         f"{'min' if name in least else 'max'}_{name}" for name in every
     }
     run = {
@@ -75,20 +79,33 @@ def test_costs_have_their_budgets_units_and_lines():
         "capture_ms": 300,
     }
     amounts = {"flash": 2.5, "ram": 0.512, "predict": 1.5, "decision": 300}
-    assert {name: cost.cell(run) for name, cost in every.items() if cost.among is None} == amounts
+    assert {
+        name: cost.value_of_row(run) for name, cost in every.items() if cost.of_people is None
+    } == amounts
     flash = every["flash"]
-    assert flash.typed("1MiB") == pytest.approx(1048.576) and flash.argument(64) == "max_flash=64kB"
+    assert (
+        flash.parse_budget("1MiB") == pytest.approx(1048.576)
+        and flash.format_budget(64) == "max_flash=64kB"
+    )
     for name, typed, fact in (
         ("worst_person", "101", "min_worst_person=101: give a number from 0 to 100"),
         ("flash", "3ms", "max_flash="),
     ):
         with pytest.raises(InputError, match=fact):
-            every[name].typed(typed)
-    assert [flash.amount(number) for number in (64, 1234.5, np.nan)] == ["64 kB", "1234 kB", "-"]
-    assert flash.apart(64.001, 64.002) == ("64.001 kB", "64.002 kB")
+            every[name].parse_budget(typed)
+    assert [flash.format_amount(number) for number in (64, 1234.5, np.nan)] == [
+        "64 kB",
+        "1234 kB",
+        "-",
+    ]
+    assert flash.format_two_amounts(64.001, 64.002) == ("64.001 kB", "64.002 kB")
     last = Cost("battery_life", unit="h", better="high")
-    assert (last.budget, last.extreme, last.burden(3.0)) == ("min_battery_life", "highest", -3.0)
-    assert (last.noun, last.words, last.axis) == (
+    assert (last.budget_key, last.best_word, last.as_burden(3.0)) == (
+        "min_battery_life",
+        "highest",
+        -3.0,
+    )
+    assert (last.noun, last.phrase, last.axis) == (
         "battery life",
         "of battery life",
         "battery life (h)",
@@ -105,7 +122,7 @@ def test_columns_of_runs_by_hand():
     }
     columns = {measure.key: measure for measure in run_columns()}
     found = {
-        name: columns[name].of(run)
+        name: columns[name].as_text(run)
         for name in ("accuracy", "pooled_accuracy", "subject_sd", "fit_seconds")
     }
     assert found == {
@@ -115,10 +132,10 @@ def test_columns_of_runs_by_hand():
         "fit_seconds": "1.23",
     }
     assert (
-        columns["accuracy"].of(run | {"accuracy_low": 0.7, "accuracy_high": 0.8})
+        columns["accuracy"].as_text(run | {"accuracy_low": 0.7, "accuracy_high": 0.8})
         == "75.0 [70.0, 80.0]"
     )
-    assert columns["accuracy"].of({}) == "-"
+    assert columns["accuracy"].as_text({}) == "-"
 
 
 def test_the_interval_of_a_ratio_is_that_of_people_drawn_with_the_usual_seed():
@@ -134,8 +151,8 @@ def test_the_interval_of_a_ratio_is_that_of_people_drawn_with_the_usual_seed():
 
 def test_a_table_shows_what_fits_and_keeps_all_numbers(tmp_path):
     columns = [
-        text("name", "system"),
-        percent("share", "accuracy %", ends="share"),
+        text_measure("name", "system"),
+        percent_measure("share", "accuracy %", ends="share"),
         Measure("bytes", form=",.0f", spare=1),
         Measure("p95", "p95 ms", spare=3),
         Measure("code", form=CODE, spare=2),
@@ -144,8 +161,11 @@ def test_a_table_shows_what_fits_and_keeps_all_numbers(tmp_path):
     table = Table(columns, rows, "Title", [1], remarks=[["x", "y"], ["y"]], groups=["g", "g"])
     assert table.headings == ["system", "accuracy %", "bytes", "code"]  # nothing is known of p95
     assert table.texts[1] == {"system": "=b", "accuracy %": "50.0", "bytes": "-", "code": ""}
-    assert table.notes == ["x", "y"] and [line["marks"] for line in table.lines] == [[1, 2], [2]]
-    frame = table.frame()
+    assert table.footnotes == ["x", "y"] and [line["marks"] for line in table.template_rows] == [
+        [1, 2],
+        [2],
+    ]
+    frame = table.to_frame()
     assert [*frame] == ["name", "share", "share_low", "share_high", "bytes", "p95", "code"]
     assert frame["share"].tolist() == [81.25, 50] and frame["share_low"].isna().tolist() == [
         False,
@@ -162,15 +182,15 @@ def test_a_table_shows_what_fits_and_keeps_all_numbers(tmp_path):
     printed = out.export_text()
     assert "columns left out: code, bytes; a terminal of 51 columns" in " ".join(printed.split())
     assert "81.2 [75.0, 90.0]" in printed
-    assert of_text(pd.DataFrame({"a": ["1"]}), code=["a"]).code == {"a"}
+    assert text_table(pd.DataFrame({"a": ["1"]}), code=["a"]).code_headings == {"a"}
 
 
 def test_what_does_not_fit_follows_in_lines_under_its_row():
     """At every width: nothing is wider, names and numbers are whole, and only long text takes further lines."""
     columns = [
-        text("system"),
+        text_measure("system"),
         *(Measure(f"n{i}", f"number {i}", form=".4f") for i in range(9)),
-        text("verdict"),
+        text_measure("verdict"),
     ]
     rows = [
         {"system": f"system {j}", "verdict": "ruled out"}
@@ -216,12 +236,12 @@ def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
     def read(name, columns=()):
         asked.append(name)
         return (
-            pd.DataFrame({"n": range({"small": 3, "large": SMALL + 1}.get(name, 0))})
+            pd.DataFrame({"n": range({"small": 3, "large": KEPT_ROWS + 1}.get(name, 0))})
             if name != "none"
             else None
         )
 
-    tables = Tables(
+    tables = RunTables(
         {"kept": pd.DataFrame({"n": [1]})}, read, "s (run 7) is missing", lambda: ["small", "large"]
     )
     failed = {"f": Failure("ValueError: no", "traceback")}
@@ -229,8 +249,12 @@ def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
     assert (
         result["accuracy"] == dict(result)["accuracy"] == 0.5
     )  # a number before a text of the same name
-    assert (result.method, result.context[0], result.folds) == ("s, seed 1", "d (synthetic)", "2/3")
-    assert not result.complete and result.alone and result.scored
+    assert (result.system_with_seed, result.context[0], result.folds) == (
+        "s, seed 1",
+        "d (synthetic)",
+        "2/3",
+    )
+    assert not result.is_complete and result.predicts_alone and result.has_scores
     assert [*result.tables] == ["small", "large", "kept"] and not asked
     assert all(len(result.tables[name]) for name in ("kept", "small", "small", "large", "large"))
     assert asked == ["small", "large", "large"]  # large ones are not kept in memory
@@ -238,8 +262,8 @@ def test_a_result_is_a_mapping_and_reads_its_tables_when_asked():
         result.tables["none"]
     assert "none" not in result.tables and result.tables.get("none", 0) == 0
     assert (
-        result.tables.columns("small", ["n"])[0].tolist() == [0, 1, 2]
-        and result.tables.columns("none", []) is None
+        result.tables.read_columns("small", ["n"])[0].tolist() == [0, 1, 2]
+        and result.tables.read_columns("none", []) is None
     )
 
 
@@ -252,12 +276,12 @@ words = st.sampled_from(
 def test_stored_text_stays_text(tmp_path_factory, labels):
     folder = tmp_path_factory.mktemp("tables")
     table = pd.DataFrame({"true": labels, "label": labels[::-1], "share": 0.1 + 0.2})
-    write_table(table, folder / file_of("touches"))
-    assert file_of("touches") == "touches.parquet"
+    write_table(table, folder / table_file("touches"))
+    assert table_file("touches") == "touches.parquet"
     pd.testing.assert_frame_equal(
-        read_table(folder / file_of("touches"), "touches"), table, check_dtype=False
+        read_table(folder / table_file("touches"), "touches"), table, check_dtype=False
     )
-    columns = read_table(folder / file_of("touches"), "touches", columns=["share", "label"])
+    columns = read_table(folder / table_file("touches"), "touches", columns=["share", "label"])
     assert columns["share"].to_pylist() == [0.1 + 0.2] * len(labels)
     assert columns["label"].to_pylist() == labels[::-1]
 
@@ -280,12 +304,12 @@ def test_a_column_is_stored_as_numbers_or_as_text(values, read, kind):
     table = pd.DataFrame({"a": pd.Series(values, dtype=object)})
     write_table(table, Path("odd.parquet"))
     found = read_table(Path("odd.parquet"), "odd")
-    pd.testing.assert_frame_equal(found, uniform(table), check_dtype=False)
-    pd.testing.assert_frame_equal(uniform(found), found)
+    pd.testing.assert_frame_equal(found, as_stored(table), check_dtype=False)
+    pd.testing.assert_frame_equal(as_stored(found), found)
     assert found["a"].astype(object).where(found["a"].notna(), None).tolist() == read
     assert kind == "O" or found["a"].dtype.kind == kind
 
 
 def test_columns_of_one_name_are_told_apart():
-    twice = uniform(pd.DataFrame([[1, "a", 2, 3]], columns=["a", "a.1", "a", 4]))
+    twice = as_stored(pd.DataFrame([[1, "a", 2, 3]], columns=["a", "a.1", "a", 4]))
     assert [*twice] == ["a", "a.1", "a.2", "4"] and twice.iloc[0].tolist() == [1, "a", 2, 3]

@@ -8,10 +8,10 @@ import pytest
 from jinja2 import UndefinedError
 
 from bench.cli import main
-from bench.grammar.described import classifiers, described, help_of, overview
-from bench.grammar.options import commands, options
-from bench.ground.registry import names
-from bench.values.sentences import sentences, shortened
+from bench.grammar.help import classifier_names, command_help, describe_part, help_overview
+from bench.grammar.options import command_options, load_commands
+from bench.ground.registry import registered_parts
+from bench.values.sentences import render_sentences, shorten_list
 from tests.test_structure import modules
 
 ROOT = Path(__file__).parent.parent
@@ -63,8 +63,8 @@ def literals(path):
 
 def texts():
     """Place and text of everything that users read."""
-    yield "bench --help", overview()
-    yield from ((f"bench {name} --help", help_of(name)) for name in commands())
+    yield "bench --help", help_overview()
+    yield from ((f"bench {name} --help", command_help(name)) for name in load_commands())
     pages = [
         path for path in ROOT.glob("docs/*.md") if path.name != "architecture.md"
     ]  # which is for contributors
@@ -85,29 +85,31 @@ def test_no_word_of_the_code_reaches_users():
 def test_sentences_of_help_are_short():
     sentences = [
         s
-        for command in commands().values()
+        for command in load_commands().values()
         for s in re.split(r"[.:;] (?=[A-Za-z0-9])", command.text)
     ]
-    sentences += [option.help for name in commands() for option in options(name).values()]
+    sentences += [
+        option.help for name in load_commands() for option in command_options(name).values()
+    ]
     assert not [s for s in sentences if len(s.split()) > LONGEST]
 
 
 @pytest.mark.parametrize("room", ["features", "models", "protocols"])
 def test_every_parameter_of_every_part_has_a_meaning(room):
-    for name in names(room):
-        one = described(room, name)
+    for name in registered_parts(room):
+        one = describe_part(room, name)
         assert one.summary and [f"{name}.{p.name}" for p in one.parameters if not p.meaning] == []
 
 
 def test_every_default_of_a_classifier_has_an_origin():
-    assert {"bayes", "svm", "xgb"} <= {*classifiers()} and not {
+    assert {"bayes", "svm", "xgb"} <= {*classifier_names()} and not {
         "reflex",
         "cnn85",
         "jung2014_svm",
-    } & {*classifiers()}
-    for name in classifiers():
+    } & {*classifier_names()}
+    for name in classifier_names():
         assert [
-            f"{name}.{p.name}" for p in described("models", name).parameters if not p.source
+            f"{name}.{p.name}" for p in describe_part("models", name).parameters if not p.source
         ] in (
             [],
             [f"{name}.seed"],
@@ -130,8 +132,8 @@ def test_help_prints_the_parameters_of_the_parts_that_are_named(capsys):
 
 def test_a_forgotten_value_is_an_error():
     with pytest.raises(UndefinedError, match="mixed"):
-        sentences("bench.reading", "choice", "scope", chosen={}, few="")
-    assert shortened(["a", "b", "c"], 2) == "a; b; and 1 more" and shortened(["a"], 2) == "a"
+        render_sentences("bench.reading", "choice", "scope", chosen={}, few="")
+    assert shorten_list(["a", "b", "c"], 2) == "a; b; and 1 more" and shorten_list(["a"], 2) == "a"
 
 
 def test_every_block_of_a_template_is_used_and_every_used_one_exists():

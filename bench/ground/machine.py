@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 from bench.errors import InputError
 
+BUSY_SLOWDOWN = 1.3  # of the reference workload (`bench.ground.timing`), from which on a machine is busy
+
 
 class Machine(NamedTuple):
     """Properties of a machine that times and rounding depend on."""
@@ -22,7 +24,7 @@ class Machine(NamedTuple):
 @cache
 def this_machine() -> Machine:
     """The one that runs this."""
-    return Machine(cpu_model(), simd())
+    return Machine(cpu_model(), vector_instructions())
 
 
 def cpu_model() -> str:
@@ -30,7 +32,7 @@ def cpu_model() -> str:
     return _of_processor("model name") or platform.processor() or platform.machine()
 
 
-def simd() -> str:
+def vector_instructions() -> str:
     """The processor's vector instructions: libraries choose by them, and so does the rounding; empty if unknown."""
     flags = _of_processor("flags", "Features").split()
     return " ".join(sorted(f for f in flags if f.startswith(("avx", "fma", "amx", "asimd", "sve"))))
@@ -57,10 +59,10 @@ class Backend:
     address: str = ""  # the place where they are found
 
 
-HERE = Backend()
+LOCAL_BACKEND = Backend()
 
 
-def available() -> float:
+def available_memory() -> float:
     """Bytes available to this process: the machine's free memory, or the limit of its container."""
     import psutil
 
@@ -74,9 +76,9 @@ def available() -> float:
     return min(limits)
 
 
-def ensure(asked: str, needed: float) -> None:
+def check_memory(asked: str, needed: float) -> None:
     """Refuse a request, as it was typed, that needs more bytes of memory than are free."""
-    if needed > (free := available()):
+    if needed > (free := available_memory()):
         raise InputError(
             f"{asked}: needs at least {_size(needed)} of memory, {_size(free)} are free; ask for less"
         )

@@ -12,7 +12,7 @@ def warn(line: str) -> None:
     console.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
-def span(seconds: float) -> str:
+def format_seconds(seconds: float) -> str:
     """Seconds in words: 8 s, 3 min 20 s, 2 h 5 min."""
     minutes, rest = divmod(max(0, round(seconds)), 60)
     if not minutes:
@@ -20,7 +20,7 @@ def span(seconds: float) -> str:
     return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
 
 
-def about(seconds: float) -> str:
+def format_estimate(seconds: float) -> str:
     """An estimate of seconds in words, to no more digits than it deserves: about 8 s, about 90 s, about 3 min."""
     if seconds < 100:
         return f"about {max(1, round(seconds, -1) if seconds > 20 else round(seconds)):.0f} s"

@@ -15,7 +15,13 @@ from pathlib import Path
 from types import ModuleType
 
 from bench.errors import InputError
-from bench.ground.registry import APART, FILE_MODULE, is_library, is_own, place_of
+from bench.ground.registry import (
+    FILE_MODULE_PREFIX,
+    FOLDERS_BESIDE,
+    is_library,
+    is_user_code,
+    package_folder,
+)
 
 Code = ModuleType | Callable | str  # a module or its name, a class, a function
 
@@ -30,31 +36,38 @@ def source_digest(*parts: Code) -> str:
         InputError: such a file cannot be read.
     """
     code: dict[str, bytes] = {}
-    todo = [*dict.fromkeys(map(_module_of, parts))]
+    todo = [*dict.fromkeys(map(_module_name, parts))]
     while todo:
         name = todo.pop()
         if name in code:
             continue
-        path = getattr(sys.modules.get(name), "__file__", None) or path_of(name)
+        path = getattr(sys.modules.get(name), "__file__", None) or module_file(name)
         if path is None or Path(path).suffix != ".py":  # typed into a notebook
-            code[name] = _typed_in(parts, name)
+            code[name] = _source_without_file(parts, name)
             continue
-        code[name], imported = _read(str(path), Path(path).stat().st_mtime_ns)
-        code[name] += b"".join(_opened(path, getattr(sys.modules.get(name), "depends", ())))
+        code[name], imported = _parse_file(str(path), Path(path).stat().st_mtime_ns)
+        code[name] += b"".join(
+            _hash_data_files(path, getattr(sys.modules.get(name), "depends", ()))
+        )
         package = name if Path(path).stem == "__init__" else name.rpartition(".")[0]
         todo += {
-            found for module, names in imported for found in _modules(module, names, package)
+            found
+            for module, names in imported
+            for found in _imported_modules(module, names, package)
         } - code.keys()
     h = hashlib.sha256()
     for name in sorted(code):
         # The rest of the name of a file's module tells the path and every letter.
-        h.update((FILE_MODULE if name.startswith(FILE_MODULE) else name).encode() + code[name])
+        h.update(
+            (FILE_MODULE_PREFIX if name.startswith(FILE_MODULE_PREFIX) else name).encode()
+            + code[name]
+        )
     return h.hexdigest()
 
 
-def _opened(path: str | Path, names: object) -> Iterator[bytes]:
+def _hash_data_files(path: str | Path, names: object) -> Iterator[bytes]:
     """Hashes of the files that a file of the user's says that it reads."""
-    for name in names if is_own(str(path)) and isinstance(names, list | tuple) else ():
+    for name in names if is_user_code(str(path)) and isinstance(names, list | tuple) else ():
         try:
             yield hashlib.sha256(Path(path).with_name(str(name)).read_bytes()).digest()
         except (OSError, ValueError) as e:
@@ -63,7 +76,7 @@ def _opened(path: str | Path, names: object) -> Iterator[bytes]:
             ) from e
 
 
-def _module_of(part: Code) -> str:
+def _module_name(part: Code) -> str:
     return (
         part
         if isinstance(part, str)
@@ -74,7 +87,7 @@ def _module_of(part: Code) -> str:
 
 
 @lru_cache(maxsize=1024)
-def _read(path: str, changed: int) -> tuple[bytes, list[tuple[str, tuple[str, ...]]]]:
+def _parse_file(path: str, changed: int) -> tuple[bytes, list[tuple[str, tuple[str, ...]]]]:
     """The syntax tree of a file without docstrings, and its imports but those for types; read again once changed."""
     tree = ast.parse(Path(path).read_bytes())
     imported: list[tuple[str, tuple[str, ...]]] = []
@@ -92,29 +105,33 @@ def _read(path: str, changed: int) -> tuple[bytes, list[tuple[str, tuple[str, ..
     return ast.dump(tree).encode(), imported
 
 
-def _modules(module: str, names: tuple[str, ...], package: str) -> Iterator[str]:
+def _imported_modules(module: str, names: tuple[str, ...], package: str) -> Iterator[str]:
     """The modules with a file of ours that an import runs."""
     try:
         module = importlib.util.resolve_name(module, package)
     except ImportError:  # beyond the top of a package; it fails when it is run
         return
     own = [f"{module}.{name}" for name in names]
-    within = [name for name in own if path_of(name)]
+    within = [name for name in own if module_file(name)]
     yield from within
     if len(within) < len(own) or not own:
-        yield from (name for name in [module] if path_of(name))
+        yield from (name for name in [module] if module_file(name))
     if module.partition(".")[0] != "bench":  # packages of touchbench hold names alone
         parts = module.split(".")
         parents = (".".join(parts[:count]) for count in range(1, len(parts) + 1))
-        yield from (name for name in parents if path_of(name))
+        yield from (name for name in parents if module_file(name))
 
 
-def path_of(name: str) -> Path | None:
+def module_file(name: str) -> Path | None:
     """The Python file of a module that is no part of an installed package, found without importing it."""
     top, *rest = name.split(".")
     if top == "bench":
-        place = place_of(f"bench.{rest.pop(0)}") if rest and rest[0] in APART else place_of("bench")
-    elif (found := _found(top, tuple(sys.path))) is None:
+        place = (
+            package_folder(f"bench.{rest.pop(0)}")
+            if rest and rest[0] in FOLDERS_BESIDE
+            else package_folder("bench")
+        )
+    elif (found := _find_top_level(top, tuple(sys.path))) is None:
         return None
     else:
         place = found
@@ -127,7 +144,7 @@ def path_of(name: str) -> Path | None:
 
 
 @lru_cache(maxsize=1024)
-def _found(top: str, paths: tuple[str, ...]) -> Path | None:
+def _find_top_level(top: str, paths: tuple[str, ...]) -> Path | None:
     """The folder of a package, or the file of a module, of the user's; None for any other."""
     try:
         spec = importlib.util.find_spec(top)
@@ -140,7 +157,7 @@ def _found(top: str, paths: tuple[str, ...]) -> Path | None:
     )
 
 
-def _typed_in(parts: tuple[Code, ...], module: str) -> bytes:
+def _source_without_file(parts: tuple[Code, ...], module: str) -> bytes:
     """Source of the classes and functions themselves, where their module is no file."""
     text = []
     for part in parts:
@@ -152,7 +169,7 @@ def _typed_in(parts: tuple[Code, ...], module: str) -> bytes:
     return "\n".join(text).encode()
 
 
-def versions(also: Iterable[str] = ()) -> dict[str, str]:
+def package_versions(also: Iterable[str] = ()) -> dict[str, str]:
     """Versions of the packages that results depend on, and of those that one system needs besides."""
     installed = {"python": ".".join(map(str, sys.version_info[:3]))}
     names = (

@@ -22,13 +22,13 @@ from typing import TypeVar
 import numpy as np
 
 from bench.ground.machine import cpu_model
-from bench.ground.scratch import home, replacing
+from bench.ground.scratch import data_folder, write_then_rename
 
 REPEATS = 2  # of each piece of work; the shorter one counts
 NEAR = 3  # workloads before a piece of work, and after it, whose median counts
 AROUND = 8  # workloads before work that is done once, and again after it
 WARM_UP = 3
-KEPT = "reference.json"
+REFERENCE_FILE = "reference.json"
 
 Given = TypeVar("Given")
 
@@ -49,7 +49,7 @@ def _tables() -> tuple[np.ndarray, np.ndarray]:
     return np.linspace(-1, 1, 256 * 256).reshape(256, 256), np.empty((256, 256))
 
 
-def reference() -> float:
+def run_reference_workload() -> float:
     """The workload, of some milliseconds: arithmetic on arrays, a sort, a spectrum, and Python with small arrays.
 
     No BLAS: with several threads it waits actively, for a time that depends on other programs. No large array is made:
@@ -71,7 +71,7 @@ def reference() -> float:
     return total
 
 
-def spent(work: Callable[[], object]) -> tuple[float, float]:
+def measure_ms(work: Callable[[], object]) -> tuple[float, float]:
     """Milliseconds of the wall clock and of the processor."""
     wall, cpu = time.perf_counter(), time.process_time()
     work()
@@ -79,50 +79,51 @@ def spent(work: Callable[[], object]) -> tuple[float, float]:
     return (time.perf_counter() - wall) * 1000, cpu * 1000
 
 
-def timed(works: Iterable[Callable[[], object]]) -> Times:
+def time_repeatedly(works: Iterable[Callable[[], object]]) -> Times:
     """Do each piece of work twice, with the workload between all of them, and give the shorter times."""
-    references = [spent(reference) for _ in range(WARM_UP)][-1:]
+    references = [measure_ms(run_reference_workload) for _ in range(WARM_UP)][-1:]
     done = []
     for work in works:
         walls, cpus = [], []
         for _ in range(REPEATS):
-            wall, cpu = spent(work)
+            wall, cpu = measure_ms(work)
             walls.append(wall)
             cpus.append(cpu)
-            references.append(spent(reference))
+            references.append(measure_ms(run_reference_workload))
         done.append((min(cpus), min(walls), len(references)))
     ratios = [
-        cpu / _middle(references[max(0, end - NEAR - REPEATS) : end + NEAR]) for cpu, _, end in done
+        cpu / median_reference(references[max(0, end - NEAR - REPEATS) : end + NEAR])
+        for cpu, _, end in done
     ]
-    return _times(ratios, [wall for _, wall, _ in done], references)
+    return _make_times(ratios, [wall for _, wall, _ in done], references)
 
 
-def timed_once(
+def time_once(
     work: Callable[[], Given], counted: Callable[[float, float], tuple[float, float]] | None = None
 ) -> tuple[Given, Times, float]:
     """Do a longer piece of work, with workloads before and after it; what it gives, its times, processor milliseconds.
 
     ``counted`` selects the seconds that count, from the wall clock and the processor.
     """
-    references = [spent(reference) for _ in range(WARM_UP + AROUND)][WARM_UP:]
+    references = [measure_ms(run_reference_workload) for _ in range(WARM_UP + AROUND)][WARM_UP:]
     given: list[Given] = []
-    wall, cpu = spent(lambda: given.append(work()))
-    references += [spent(reference) for _ in range(AROUND)]
+    wall, cpu = measure_ms(lambda: given.append(work()))
+    references += [measure_ms(run_reference_workload) for _ in range(AROUND)]
     if counted:
         wall, cpu = (1000 * seconds for seconds in counted(wall / 1000, cpu / 1000))
-    return given[0], _times([cpu / _middle(references)], [wall], references), cpu
+    return given[0], _make_times([cpu / median_reference(references)], [wall], references), cpu
 
 
-def _times(
+def _make_times(
     ratios: Sequence[float], walls: Sequence[float], references: Sequence[tuple[float, float]]
 ) -> Times:
-    here = _middle(references)
-    quiet = quiet_ms(min(cpu for _, cpu in references))
+    here = median_reference(references)
+    quiet = update_quiet_ms(min(cpu for _, cpu in references))
     slowdown = float(np.median([wall for wall, _ in references])) / quiet
     return Times([ratio * quiet for ratio in ratios], [*walls], here, quiet, slowdown)
 
 
-def _middle(references: Sequence[tuple[float, float]]) -> float:
+def median_reference(references: Sequence[tuple[float, float]]) -> float:
     """Processor time of a workload: the median, which no interruption changes."""
     middle = float(np.median([cpu for _, cpu in references]))
     if middle <= 0:
@@ -130,9 +131,9 @@ def _middle(references: Sequence[tuple[float, float]]) -> float:
     return middle
 
 
-def quiet_ms(seen: float) -> float:
+def update_quiet_ms(seen: float) -> float:
     """Milliseconds of the workload on this machine when it is quiet; the time just measured, if it is the shortest."""
-    path, key = home() / KEPT, _key()
+    path, key = data_folder() / REFERENCE_FILE, _machine_key()
     known: dict[str, float] = {}
     with suppress(OSError, ValueError, AttributeError):
         known = {str(name): float(ms) for name, ms in json.loads(path.read_text()).items()}
@@ -140,14 +141,14 @@ def quiet_ms(seen: float) -> float:
         known[key] = seen
         with (
             suppress(OSError),
-            replacing(path) as beside,
+            write_then_rename(path) as beside,
         ):  # a folder that cannot be written knows no shorter time
             beside.write_text(json.dumps(known))
     return known[key]
 
 
 @cache
-def _key() -> str:
+def _machine_key() -> str:
     import platform
 
     return f"{cpu_model()}, Python {platform.python_version()}, numpy {np.__version__}"

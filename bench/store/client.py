@@ -21,20 +21,20 @@ from filelock import FileLock
 
 from bench.errors import InputError, StoreError
 from bench.ground.progress import warn
-from bench.ground.scratch import sweep
-from bench.ground.words import PARTS
+from bench.ground.scratch import remove_leftovers
+from bench.ground.registry import PART_GROUPS
 from bench.store.database import (
     BESIDE,
-    create,
-    is_writable,
+    check_writable,
+    create_database,
     lock_folder,
+    open_database,
     sqlite_file,
     store_uri,
-    tables_in,
-    upgrade,
+    upgrade_database,
 )
-from bench.store.tables import AGAIN, file_of, read_table
-from bench.values.result import Result, Tables
+from bench.store.tables import HOW_TO_RESTORE, read_table, table_file
+from bench.values.result import Result, RunTables
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -43,13 +43,13 @@ if TYPE_CHECKING:
 
 EXPERIMENT = "touchbench"
 FORMAT = "4"  # version of stored runs; others are left out
-PAGE = 5000  # runs of one request
-OF_FOLDS = "fold/"  # numbers of a run whose steps are its folds
+RUNS_PER_REQUEST = 5000  # runs of one request
+FOLD_PREFIX = "fold/"  # numbers of a run whose steps are its folds
 RETRIES = "5"  # of a request to a server: they wait 0, 4, 8, 16 and 32 seconds
 
 
 @contextmanager
-def reached() -> Iterator[None]:
+def report_store_errors() -> Iterator[None]:
     """Report a failure of MLflow, its file, its server or the disk in one line; MLflow waits for a locked file."""
     try:
         yield
@@ -61,7 +61,7 @@ def reached() -> Iterator[None]:
         if not isinstance(e, (MlflowException, RequestException, SQLAlchemyError, OSError)):
             raise
         raise StoreError(
-            f"the MLflow store {_shown()} failed: {_first_line(e)}; stored results are kept; repeat the command when "
+            f"the MLflow store {_printed_address()} failed: {_first_line(e)}; stored results are kept; repeat the command when "
             "the store works again"
         ) from e
 
@@ -72,24 +72,24 @@ def _first_line(error: BaseException) -> str:
         for line in str(error).splitlines()
         if line.strip() and "Query-invoked autoflush" not in line
     ]
-    line = _masked((lines or [type(error).__name__])[0].strip())
+    line = _mask_password((lines or [type(error).__name__])[0].strip())
     return (
         line if len(line) <= 250 else f"{line[:100]} ... {line[-150:]}"
     )  # what MLflow cites ends with the cause
 
 
-def _masked(text: str) -> str:
+def _mask_password(text: str) -> str:
     """A text without the password of an address, as messages end in logs."""
     return re.sub("(//[^/:@]*):[^/]*@", r"\1:***@", text)
 
 
-def _shown() -> str:
+def _printed_address() -> str:
     """Address of the store for people."""
     path = sqlite_file(store_uri())
-    return _masked(store_uri()) if path is None else f"sqlite:///{path.absolute()}"
+    return _mask_password(store_uri()) if path is None else f"sqlite:///{path.absolute()}"
 
 
-def _unusable(error: Exception) -> str:
+def _why_unusable(error: Exception) -> str:
     """Why a store cannot be opened."""
     if schemas := re.search(r"found version (\w+), but expected (\w+)", str(error)):
         return (
@@ -105,15 +105,15 @@ class Store:
     def __init__(self, client: MlflowClient, experiment_id: str) -> None:
         self.client, self.experiment_id = client, experiment_id
 
-    @reached()
-    def runs(self, condition: str = "") -> list[Run]:
+    @report_store_errors()
+    def search_runs(self, condition: str = "") -> list[Run]:
         """Every run that passes MLflow's filter, newest first; runs of another format are left out."""
         stored: list[Run] = []
         token, collects = None, gc.isenabled()
         gc.disable()  # MLflow makes a hundred objects for each run, and looking for cycles takes most of the time
         try:
             while page := self.client.search_runs(
-                [self.experiment_id], condition, max_results=PAGE, page_token=token
+                [self.experiment_id], condition, max_results=RUNS_PER_REQUEST, page_token=token
             ):
                 stored += page
                 if not (token := page.token):
@@ -128,22 +128,26 @@ class Store:
             )
         return kept
 
-    def of_kind(self, *kinds: str, data: str = "") -> list[Run]:
+    def runs_of_kind(self, *kinds: str, data: str = "") -> list[Run]:
         """The runs of some kinds, newest first: all, or those on one corpus, which take less time."""
         condition = f"tags.`data` = '{data}'" if data and "'" not in data else ""
-        return [run for run in self.runs(condition) if run.data.tags["touchbench.kind"] in kinds]
+        return [
+            run for run in self.search_runs(condition) if run.data.tags["touchbench.kind"] in kinds
+        ]
 
-    def find(self, key: str, kind: str) -> Run | None:
+    def find_run(self, key: str, kind: str) -> Run | None:
         """The run of a key and a kind, None where there is none."""
         return next(
             iter(
-                self.runs(f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'")
+                self.search_runs(
+                    f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'"
+                )
             ),
             None,
         )
 
-    @reached()
-    def newest(self, kind: str, most: int, **params: str) -> list[Run]:
+    @report_store_errors()
+    def newest_runs(self, kind: str, most: int, **params: str) -> list[Run]:
         """At most so many of the newest runs of a kind that have some parameters."""
         asked = [f"tags.`touchbench.format` = '{FORMAT}' and tags.`touchbench.kind` = '{kind}'"]
         asked += [
@@ -153,37 +157,41 @@ class Store:
             *self.client.search_runs([self.experiment_id], " and ".join(asked), max_results=most)
         ]
 
-    def result(self, run: Run) -> Result:
+    def load_result(self, run: Run) -> Result:
         """A run as a result; its tables are read when they are asked for."""
-        about = about_of(run.info, run.data.params, run.data.tags)
+        about = run_attributes(run.info, run.data.params, run.data.tags)
         numbers = {
-            name: value for name, value in run.data.metrics.items() if not name.startswith(OF_FOLDS)
+            name: value
+            for name, value in run.data.metrics.items()
+            if not name.startswith(FOLD_PREFIX)
         }
         system = about.get("system", "this system")
-        return Result(about, numbers, self.tables(run.info.run_id, run.info.artifact_uri, system))
+        return Result(
+            about, numbers, self.tables_of_run(run.info.run_id, run.info.artifact_uri, system)
+        )
 
-    def tables(
+    def tables_of_run(
         self, run_id: str, artifacts: str, system: str, names: Sequence[str] | None = None
-    ) -> Tables:
+    ) -> RunTables:
         """The tables of a run, of these names or of all that there are; each is read when it is asked for."""
         this = f"{system} (run {run_id})"
 
         def read(name: str, columns: Sequence[str] = ()) -> Any:
-            path = self.path(run_id, artifacts, file_of(name))
+            path = self.artifact_path(run_id, artifacts, table_file(name))
             return None if path is None else read_table(path, name, this, columns)
 
         def listed() -> Sequence[str]:
             if names is not None:
                 return names
-            files = map(PurePosixPath, self.names(run_id, artifacts))
-            return [file.stem for file in files if file.name == file_of(file.stem)]
+            files = map(PurePosixPath, self.artifact_names(run_id, artifacts))
+            return [file.stem for file in files if file.name == table_file(file.stem)]
 
-        return Tables({}, read, f"{this} is missing in the store; {AGAIN}", listed)
+        return RunTables({}, read, f"{this} is missing in the store; {HOW_TO_RESTORE}", listed)
 
-    @reached()
-    def path(self, run_id: str, artifacts: str, name: str) -> Path | None:
+    @report_store_errors()
+    def artifact_path(self, run_id: str, artifacts: str, name: str) -> Path | None:
         """A run's artifact as a local file, None if there is none: where it lies, or fetched from another machine."""
-        if (folder := _local(artifacts)) is not None:
+        if (folder := _local_folder(artifacts)) is not None:
             return folder / name if (folder / name).is_file() else None
         from mlflow.exceptions import MlflowException
         from requests.exceptions import ConnectionError as Unreachable
@@ -197,10 +205,10 @@ class Store:
                 raise
             return None
 
-    @reached()
-    def names(self, run_id: str, artifacts: str, where: str = "") -> list[str]:
+    @report_store_errors()
+    def artifact_names(self, run_id: str, artifacts: str, where: str = "") -> list[str]:
         """Names of a run's artifacts, or of those in one of its folders, sorted."""
-        if (folder := _local(artifacts)) is not None:
+        if (folder := _local_folder(artifacts)) is not None:
             return (
                 sorted(path.name for path in (folder / where).iterdir())
                 if (folder / where).is_dir()
@@ -211,28 +219,28 @@ class Store:
             for item in self.client.list_artifacts(run_id, where or None)
         )
 
-    def where(self, address: str, name: str) -> str:
+    def describe_artifact(self, address: str, name: str) -> str:
         """Location of an artifact for people: its path if it is on this machine, else in words."""
-        folder = _local(address)
+        folder = _local_folder(address)
         return (
             f"{name} of run {address.split('/')[-2]} in bench ui"
             if folder is None
             else str(folder / name)
         )
 
-    @reached()
-    def create(
+    @report_store_errors()
+    def create_run(
         self, name: str, tags: Mapping[str, str], params: Mapping[str, object] | None = None
     ) -> Run:
         """A new run."""
         tags = {**tags, "mlflow.runName": name, "touchbench.format": FORMAT}
         run = self.client.create_run(self.experiment_id, run_name=name, tags=tags)
         if params:
-            self.log(run.info.run_id, params=params)
+            self.log_values(run.info.run_id, params=params)
         return run
 
-    @reached()
-    def log(
+    @report_store_errors()
+    def log_values(
         self,
         run_id: str,
         metrics: Mapping[str, float] | None = None,
@@ -251,41 +259,43 @@ class Store:
             [RunTag(key, value) for key, value in (tags or {}).items()],
         )
 
-    @reached()
-    def keep(self, address: str, path: Path, where: str = "") -> None:
+    @report_store_errors()
+    def log_artifact(self, address: str, path: Path, where: str = "") -> None:
         """Store a file, or the files of a folder, with the artifacts of a run."""
-        place = self._place(address)
+        place = self._artifact_repository(address)
         (place.log_artifacts if path.is_dir() else place.log_artifact)(str(path), where or None)
 
-    @reached()
-    def drop(self, address: str, name: str) -> None:
+    @report_store_errors()
+    def delete_artifact(self, address: str, name: str) -> None:
         """Delete an artifact, or a folder of them, where the place that keeps it can."""
         with suppress(NotImplementedError):
-            self._place(address).delete_artifacts(name)
+            self._artifact_repository(address).delete_artifacts(name)
 
-    def _place(self, address: str) -> ArtifactRepository:
+    def _artifact_repository(self, address: str) -> ArtifactRepository:
         """Where artifacts of an address are kept; MLflow's client remembers where they were before a folder moved."""
         from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
 
         return get_artifact_repository(address, self.client.tracking_uri)
 
-    @reached()
-    def mark(self, run_id: str, status: str) -> None:
+    @report_store_errors()
+    def set_status(self, run_id: str, status: str) -> None:
         """Mark a run that goes on (RUNNING), or has ended: FINISHED, FAILED or KILLED."""
         if status == "RUNNING":
             self.client.update_run(run_id, status=status)
         else:
             self.client.set_terminated(run_id, status)
 
-    @reached()
-    def delete(self, run_id: str) -> None:
+    @report_store_errors()
+    def delete_run(self, run_id: str) -> None:
         """Take a run out of all lists."""
         self.client.delete_run(run_id)
 
 
-def about_of(info: RunInfo, params: Mapping[str, str], tags: Mapping[str, str]) -> dict[str, Any]:
+def run_attributes(
+    info: RunInfo, params: Mapping[str, str], tags: Mapping[str, str]
+) -> dict[str, Any]:
     """What a result of a run is of, by name."""
-    about = {**params, **tags} | {f"{part}_name": params.get(part, "") for part in PARTS}
+    about = {**params, **tags} | {f"{part}_name": params.get(part, "") for part in PART_GROUPS}
     about |= {"run_id": info.run_id, "status": info.status, "started": info.start_time}
     return about | {"artifacts": info.artifact_uri}
 
@@ -297,19 +307,19 @@ def artifacts_beside(
     from mlflow.store.artifact.local_artifact_repo import LocalArtifactRepository
 
     served = os.environ.get("_MLFLOW_SERVER_FILE_STORE")  # in MLflow's server
-    folder = _beside(artifact_uri, tracking_uri or served or store_uri())
+    folder = _path_beside_database(artifact_uri, tracking_uri or served or store_uri())
     return LocalArtifactRepository(folder.absolute().as_uri(), tracking_uri, registry_uri)
 
 
-def _beside(address: str, uri: str) -> Path:
+def _path_beside_database(address: str, uri: str) -> Path:
     return (sqlite_file(uri) or Path("mlflow.db")).parent / urlparse(address).path.lstrip("/")
 
 
-def _local(address: str) -> Path | None:
+def _local_folder(address: str) -> Path | None:
     """The folder of an address of artifacts, None if it is not on this machine."""
     uri = urlparse(address)
     if uri.scheme == BESIDE:
-        return _beside(address, store_uri())
+        return _path_beside_database(address, store_uri())
     if uri.scheme == "file":
         return Path(unquote(uri.path))
     return Path(address) if len(uri.scheme) <= 1 else None  # a drive letter is no scheme
@@ -324,7 +334,7 @@ def connect(writes: bool = False) -> Store:
     os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = (
         retries or "2"
     )  # a wrong address is no reason to wait long
-    if fixed := path is not None and not is_writable(path, writes):
+    if fixed := path is not None and not check_writable(path, writes):
         # SQLite leaves such a file and its folder alone; MLflow makes folders of a plain sqlite:///file:
         uri = f"sqlite+pysqlite:///{quote(path.absolute().as_uri())}?mode=ro&uri=true"
     from mlflow import MlflowClient
@@ -337,17 +347,17 @@ def connect(writes: bool = False) -> Store:
     with nullcontext() if fixed else FileLock(lock):
         logging.getLogger("mlflow.store.db").setLevel(
             logging.CRITICAL
-        )  # what fails is said by `reached`
+        )  # what fails is said by `report_store_errors`
         try:
             if path is not None and not fixed:
-                sweep(path.parent, f".{path.name}.")
+                remove_leftovers(path.parent, f".{path.name}.")
                 if not path.exists() or not path.stat().st_size:
-                    create(path)
-                upgrade(path)
+                    create_database(path)
+                upgrade_database(path)
             # The entry point is for MLflow's own programs, and may be that of an earlier installation.
             _artifact_repository_registry.register(BESIDE, artifacts_beside)
             client = MlflowClient(uri)
-            return Store(client, _experiment(client, None if fixed else path))
+            return Store(client, _find_or_create_experiment(client, None if fixed else path))
         except (
             MlflowException,
             SQLAlchemyError,
@@ -355,23 +365,25 @@ def connect(writes: bool = False) -> Store:
             ImportError,
             UnicodeError,
         ) as e:  # a driver, a name
-            raise InputError(f"MLflow store {_shown()} cannot be used: {_unusable(e)}") from e
+            raise InputError(
+                f"MLflow store {_printed_address()} cannot be used: {_why_unusable(e)}"
+            ) from e
         finally:
             os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or RETRIES
 
 
-@reached()
-def _experiment(client: MlflowClient, path: Path | None) -> str:
+@report_store_errors()
+def _find_or_create_experiment(client: MlflowClient, path: Path | None) -> str:
     """Id of touchbench's experiment, made where there is none; its artifacts lie beside a SQLite file."""
     experiment = client.get_experiment_by_name(EXPERIMENT)
     if experiment and experiment.lifecycle_stage == "deleted":
         raise InputError(
-            f"the experiment {EXPERIMENT} of {_shown()} was deleted in MLflow; restore it with: mlflow experiments "
+            f"the experiment {EXPERIMENT} of {_printed_address()} was deleted in MLflow; restore it with: mlflow experiments "
             f"restore -x {experiment.experiment_id}; or set MLFLOW_TRACKING_URI to another store"
         )
     if experiment:
         return experiment.experiment_id
     if path is None:
         return client.create_experiment(EXPERIMENT)
-    with tables_in(path) as tables:
+    with open_database(path) as tables:
         return tables.create_experiment(EXPERIMENT)

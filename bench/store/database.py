@@ -19,7 +19,7 @@ from filelock import FileLock, Timeout
 
 from bench.errors import InputError
 from bench.ground.progress import warn
-from bench.ground.scratch import home, owner, replacing
+from bench.ground.scratch import data_folder, owner_prefix, write_then_rename
 
 if TYPE_CHECKING:
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
@@ -30,10 +30,10 @@ BESIDE = "touchbench"  # scheme of the addresses of artifacts that lie beside ML
 
 def store_uri() -> str:
     """Address of the store: ``MLFLOW_TRACKING_URI``, or MLflow's SQLite file in the working folder."""
-    return os.environ.get("MLFLOW_TRACKING_URI") or address_of(Path.cwd() / "mlflow.db")
+    return os.environ.get("MLFLOW_TRACKING_URI") or sqlite_address(Path.cwd() / "mlflow.db")
 
 
-def address_of(path: Path) -> str:
+def sqlite_address(path: Path) -> str:
     """The address of SQLite's file; of a quoted one behind sqlite:, MLflow would make the folders."""
     place = quote(str(path.absolute()))
     return f"{SQLITE[place != str(path.absolute())]}{place}"
@@ -46,36 +46,41 @@ def sqlite_file(uri: str) -> Path | None:
 
 
 @contextmanager
-def tables_in(path: Path) -> Iterator[SqlAlchemyStore]:
+def open_database(path: Path) -> Iterator[SqlAlchemyStore]:
     """MLflow's SQLite file, made if it is not there; artifacts of its experiments lie beside it."""
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
-    tables = SqlAlchemyStore(address_of(path), f"{BESIDE}:/mlruns")
+    tables = SqlAlchemyStore(sqlite_address(path), f"{BESIDE}:/mlruns")
     try:
         yield tables
     finally:
         tables.engine.dispose()
 
 
-def create(path: Path) -> None:
+def create_database(path: Path) -> None:
     """Make MLflow's SQLite file with its tables, beside its name and renamed: a kill leaves none or a good one.
 
     MLflow takes seconds to make its tables, so that empty ones are kept in the data folder.
     """
-    empty = home() / f"mlflow-{version('mlflow')}.db"
-    with tempfile.TemporaryDirectory(prefix=f".{path.name}.{owner()}", dir=path.parent) as folder:
+    empty = data_folder() / f"mlflow-{version('mlflow')}.db"
+    with tempfile.TemporaryDirectory(
+        prefix=f".{path.name}.{owner_prefix()}", dir=path.parent
+    ) as folder:
         beside = Path(folder) / path.name
         if empty.is_file():
             shutil.copyfile(empty, beside)
         else:
-            with tables_in(beside):
+            with open_database(beside):
                 pass
-            with suppress(OSError), replacing(empty) as kept:  # a folder that cannot be written
+            with (
+                suppress(OSError),
+                write_then_rename(empty) as kept,
+            ):  # a folder that cannot be written
                 shutil.copyfile(beside, kept)
         beside.replace(path)
 
 
-def upgrade(path: Path) -> None:
+def upgrade_database(path: Path) -> None:
     """Upgrade a SQLite file of an older MLflow, which could not read it any more; a copy is kept beside it."""
     from mlflow.store import db_migrations
 
@@ -102,7 +107,7 @@ def upgrade(path: Path) -> None:
         )
 
 
-def is_writable(path: Path, must: bool) -> bool:
+def check_writable(path: Path, must: bool) -> bool:
     """Return True if SQLite can write a file and beside it; SQLite would try for minutes before it gave up."""
     head, refused = b"", None
     try:
@@ -126,7 +131,7 @@ def is_writable(path: Path, must: bool) -> bool:
 
 
 @contextmanager
-def only_one(key: str) -> Iterator[None]:
+def lock_run(key: str) -> Iterator[None]:
     """Hold a run against a second process that would run the same folds."""
     try:
         with FileLock(lock_folder() / f"{key}.lock", timeout=0):
@@ -139,7 +144,7 @@ def only_one(key: str) -> Iterator[None]:
 
 def lock_folder() -> Path:
     """Folder of the locks."""
-    folder = home() / "locks"
+    folder = data_folder() / "locks"
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as e:

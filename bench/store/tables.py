@@ -10,23 +10,25 @@ import pandas as pd
 
 from bench.errors import InputError
 
-FOR_PEOPLE = (
+CSV_TABLES = (
     "confusion",
     "per_class",
     "chosen",
     "trials",
 )  # as CSV, too: MLflow's page shows no parquet
-AGAIN = "restore it, or delete the run in bench ui and run it again"  # what to do without a table
+HOW_TO_RESTORE = (
+    "restore it, or delete the run in bench ui and run it again"  # what to do without a table
+)
 
 
-def file_of(name: str) -> str:
+def table_file(name: str) -> str:
     """The file of a table of a run."""
     return f"{name}.parquet"
 
 
 def write_table(table: pd.DataFrame, path: Path | BinaryIO) -> None:
     """Write a table as parquet."""
-    uniform(table).to_parquet(path, index=False)
+    as_stored(table).to_parquet(path, index=False)
 
 
 def read_table(
@@ -43,10 +45,12 @@ def read_table(
                 use_threads=False
             )
     except Exception as e:  # pandas and pyarrow raise a dozen types for damaged files
-        raise InputError(f"{name} of {of} cannot be read, {file} is damaged; {AGAIN}") from e
+        raise InputError(
+            f"{name} of {of} cannot be read, {file} is damaged; {HOW_TO_RESTORE}"
+        ) from e
 
 
-def uniform(table: pd.DataFrame) -> pd.DataFrame:
+def as_stored(table: pd.DataFrame) -> pd.DataFrame:
     """The same as parquet can hold it: numbers or text in each column, each name once.
 
     What is in memory and what is stored are the same if both went through this.
@@ -68,11 +72,11 @@ def uniform(table: pd.DataFrame) -> pd.DataFrame:
             )
         )
     return pd.DataFrame(
-        {name: _uniform(table.iloc[:, i]) for i, name in enumerate(names)}, index=table.index
+        {name: as_one_type(table.iloc[:, i]) for i, name in enumerate(names)}, index=table.index
     )
 
 
-def _uniform(column: pd.Series) -> pd.Series:
+def as_one_type(column: pd.Series) -> pd.Series:
     """The same as numbers, or as text where it holds anything else; what is missing stays so."""
     if column.dtype != object:
         return column

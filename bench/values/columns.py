@@ -4,8 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from bench.values.few import INTERVAL, too_few
-from bench.values.measures import OF_SYSTEMS, OUTPUTS, Measure, Row, p_value, percent, text, whole
+from bench.values.few import FEWEST_FOR_INTERVAL, too_few_sentence
+from bench.values.measures import (
+    OF_SYSTEMS,
+    OUTPUTS,
+    Measure,
+    Row,
+    format_p_value,
+    format_thousands,
+    percent_measure,
+    text_measure,
+)
 
 FIT = "training in a fold, mean over folds, without features and search, on the quiet machine"
 PREDICT = "one capture from raw frames to label, on one thread of the quiet machine: median; `_p95`, `_p99`: quantiles"
@@ -18,35 +27,35 @@ def run_columns(output: str = "") -> list[Measure]:
     pooled = "share of correctly classified captures of all subjects; `_low`, `_high`: 95 % bootstrap over subjects"
     wall = "the same by the wall clock, on the machine as it was"
     every_one = [
-        percent("accuracy", "accuracy %", ends="accuracy", shows=every, meaning=share),
-        percent(
+        percent_measure("accuracy", "accuracy %", ends="accuracy", shows=every, meaning=share),
+        percent_measure(
             "subject_sd", "SD", spare=11, shows=every, meaning="SD over subjects of their shares"
         ),
-        text("interval", read=interval_words, shows=csv),
+        text_measure("interval", source=interval_words, shows=csv),
         Measure("difference", form="+.1f", shows=csv, unit="points"),
-        Measure("p_holm", "p Holm", form=p_value, spare=1, shows=("page", "latex", "csv")),
-        text("against", shows=csv),
-        text("unit", shows=csv),
-        text("combined", "windows combined by", spare=1, shows=("page", "csv")),
-        text("seed", shows=csv),
-        percent("pooled_accuracy", shows=csv, meaning=pooled),
-        percent(
+        Measure("p_holm", "p Holm", form=format_p_value, spare=1, shows=("page", "latex", "csv")),
+        text_measure("against", shows=csv),
+        text_measure("unit", shows=csv),
+        text_measure("combined", "windows combined by", spare=1, shows=("page", "csv")),
+        text_measure("seed", shows=csv),
+        percent_measure("pooled_accuracy", shows=csv, meaning=pooled),
+        percent_measure(
             "macro_f1",
             "macro-F1 %",
             spare=12,
             shows=every,
             meaning="mean over gestures of F1, subjects pooled",
         ),
-        percent("macro_precision", shows=csv, meaning="the same of precision"),
-        percent("macro_recall", shows=(), meaning="the same of recall"),
-        percent(
+        percent_measure("macro_precision", shows=csv, meaning="the same of precision"),
+        percent_measure("macro_recall", shows=(), meaning="the same of recall"),
+        percent_measure(
             "abstained",
             "abstained %",
             spare=1,
             shows=every,
             meaning="captures without a label, if there are any",
         ),
-        percent("window_accuracy", "window accuracy %", spare=13, shows=("terminal",)),
+        percent_measure("window_accuracy", "window accuracy %", spare=13, shows=("terminal",)),
         Measure(
             "fit_seconds", "fit s", form=".2f", spare=1, shows=("page", "latex", "csv"), meaning=FIT
         ),
@@ -105,7 +114,13 @@ def run_columns(output: str = "") -> list[Measure]:
             shows=(),
             meaning="median touch of a window, or of a capture without windows",
         ),
-        Measure("parameters", form=whole, spare=1, shows=("page", "csv"), meaning="learnt numbers"),
+        Measure(
+            "parameters",
+            form=format_thousands,
+            spare=1,
+            shows=("page", "csv"),
+            meaning="learnt numbers",
+        ),
         Measure("peak_rss_bytes", shows=csv, meaning="most memory of the worker during a fold"),
         Measure(
             "captures",
@@ -114,11 +129,13 @@ def run_columns(output: str = "") -> list[Measure]:
             meaning="labelled captures, each in each of its test folds",
         ),
         Measure("windows", shows=(), meaning="labelled windows, if there are more than captures"),
-        Measure("subjects", form=whole, shows=("page", "csv"), meaning="tested subjects"),
-        text("published", "published %", spare=1, shows=("page", "csv"), unit="%"),
-        text("folds", shows=("page", "csv")),
+        Measure(
+            "subjects", form=format_thousands, shows=("page", "csv"), meaning="tested subjects"
+        ),
+        text_measure("published", "published %", spare=1, shows=("page", "csv"), unit="%"),
+        text_measure("folds", shows=("page", "csv")),
         *(
-            text(name, shows=csv)
+            text_measure(name, shows=csv)
             for name in ("run_id", "group", "note", "subset", "data", "protocol")
         ),
     ]
@@ -133,4 +150,8 @@ def unit_headings(measures: Iterable[Measure]) -> dict[str, str]:
 def interval_words(row: Row) -> str:
     """The kind of interval in a row of a run, or why there is none."""
     people = int(row["subjects"])
-    return too_few(people) if people < INTERVAL else "95 % t-interval over subjects"
+    return (
+        too_few_sentence(people)
+        if people < FEWEST_FOR_INTERVAL
+        else "95 % t-interval over subjects"
+    )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-INTERVAL = 5  # fewest people for an interval over people and a forecast for new people
-TEST = 6  # fewest people for a p value: with five, no two-sided sign or Wilcoxon test can reach p < 0.05
+FEWEST_FOR_INTERVAL = 5  # fewest people for an interval over people and a forecast for new people
+FEWEST_FOR_TEST = 6  # fewest people for a p value: with five, no two-sided sign or Wilcoxon test can reach p < 0.05
 
 
-def too_few(people: int) -> str:
+def too_few_sentence(people: int) -> str:
     """The sentence for a number of people, such as "3 subjects: too few for an interval"; empty if they are enough."""
-    if people >= TEST:
+    if people >= FEWEST_FOR_TEST:
         return ""
-    lacks = "an interval" if people < INTERVAL else "a p value"
+    lacks = "an interval" if people < FEWEST_FOR_INTERVAL else "a p value"
     return f"{people} subject{'s' * (people != 1)}: too few for {lacks}"

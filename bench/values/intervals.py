@@ -32,24 +32,24 @@ def within_one_standard_error(losses: np.ndarray) -> np.ndarray:
     return mean - error <= TOLERANCE * np.maximum(1, np.maximum(np.abs(mean), error))
 
 
-def shown_less(losses: np.ndarray, margin: float) -> np.ndarray:
+def loss_is_below_margin(losses: np.ndarray, margin: float) -> np.ndarray:
     """Whether a one-sided paired t-test shows the mean loss to be less than a margin (p < 0.05), bool [systems].
 
-    The losses are [systems, subjects]; fewer than `bench.values.few.TEST` people show nothing.
+    The losses are [systems, subjects]; fewer than `bench.values.few.FEWEST_FOR_TEST` people show nothing.
     """
     from scipy.special import stdtr  # not scipy.stats, which takes half a second
 
     people, mean = losses.shape[1], losses.mean(axis=1)
-    if people < few.TEST:
+    if people < few.FEWEST_FOR_TEST:
         return np.zeros(len(losses), bool)
     error = losses.std(axis=1, ddof=1) / np.sqrt(people)
     t = np.divide(mean - margin, error, out=np.full(mean.shape, np.inf), where=error > 0)
     return np.where(error > 0, stdtr(people - 1, t) < 0.05, mean < margin)
 
 
-def interval(values: np.ndarray) -> tuple[float, float]:
-    """95 % interval of a mean over people, by Student's t; NaN for fewer than `bench.values.few.INTERVAL` people."""
-    if len(values) < few.INTERVAL:
+def mean_interval(values: np.ndarray) -> tuple[float, float]:
+    """95 % interval of a mean over people, by Student's t; NaN for fewer than `bench.values.few.FEWEST_FOR_INTERVAL` people."""
+    if len(values) < few.FEWEST_FOR_INTERVAL:
         return np.nan, np.nan
     return t_interval(float(values.mean()), float(values.std(ddof=1)), len(values))
 
@@ -58,7 +58,7 @@ def t_interval(mean: float, sd: float, people: int) -> tuple[float, float]:
     """The same of a mean and an SD over people."""
     from scipy.special import stdtrit  # not scipy.stats, which takes half a second
 
-    if people < few.INTERVAL:
+    if people < few.FEWEST_FOR_INTERVAL:
         return np.nan, np.nan
     half = float(stdtrit(people - 1, 0.975)) * sd / np.sqrt(people)
     return float(mean - half), float(mean + half)
@@ -70,18 +70,18 @@ def share_interval(mean: float, sd: float, people: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def drawn(people: int) -> np.ndarray:
+def draw_people(people: int) -> np.ndarray:
     """Numbers of the people in each of `DRAWS` drawings, int [draws, people]; one may come several times."""
     return np.random.default_rng(0).integers(0, people, (DRAWS, people))
 
 
-def weights(sizes: Sequence[int], draws: int = DRAWS, seed: int = 0) -> list[np.ndarray]:
+def draw_weights(sizes: Sequence[int], draws: int = DRAWS, seed: int = 0) -> list[np.ndarray]:
     """How often each person of sets of these sizes is in each drawing, int [draws, people]; sets keep their size."""
     rng = np.random.default_rng(seed)
     return [rng.multinomial(size, np.full(size, 1 / size), draws) for size in sizes]
 
 
-def percentiles(values: np.ndarray, axis: int = 0) -> np.ndarray:
+def percentile_interval(values: np.ndarray, axis: int = 0) -> np.ndarray:
     """Ends of the 95 % percentile interval of what the drawings gave, [2, ...]."""
     return np.quantile(values, (0.025, 0.975), axis=axis)
 
@@ -89,11 +89,11 @@ def percentiles(values: np.ndarray, axis: int = 0) -> np.ndarray:
 def ratio_interval(counts: np.ndarray) -> tuple[float, float]:
     """95 % interval of a pooled ratio, of the numerator and denominator of each subject [subjects, 2].
 
-    Drawings whose denominators are all 0 are left out. NaN if fewer than `bench.values.few.INTERVAL` are above 0.
+    Drawings whose denominators are all 0 are left out. NaN if fewer than `bench.values.few.FEWEST_FOR_INTERVAL` are above 0.
     """
-    if np.count_nonzero(counts[:, 1]) < few.INTERVAL:
+    if np.count_nonzero(counts[:, 1]) < few.FEWEST_FOR_INTERVAL:
         return np.nan, np.nan
-    sums = counts[drawn(len(counts))].sum(axis=1)
+    sums = counts[draw_people(len(counts))].sum(axis=1)
     sums = sums[sums[:, 1] > 0]
-    low, high = percentiles(sums[:, 0] / sums[:, 1])
+    low, high = percentile_interval(sums[:, 0] / sums[:, 1])
     return float(low), float(high)

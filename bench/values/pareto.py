@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def front(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
+def is_on_front(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
     """Points on the Pareto front: no other one is at least as accurate and as cheap, and better in one; bool [points].
 
     A point without a cost (nan) is on no front.
@@ -19,11 +19,11 @@ def front(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
     return on
 
 
-def staircase(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
-    """Positions of the points of `front`, cheapest first, only the first of equal points; int [corners].
+def front_corners(accuracy: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    """Positions of the points of `is_on_front`, cheapest first, only the first of equal points; int [corners].
 
     A chart draws its line through them and names each once.
     """
-    on = np.flatnonzero(front(accuracy, cost))
+    on = np.flatnonzero(is_on_front(accuracy, cost))
     _, first = np.unique(cost[on], return_index=True)
     return on[first]

@@ -22,21 +22,21 @@ def classes_of(predictions: pd.DataFrame) -> list[str]:
     return [c.removeprefix(PREFIX) for c in predictions.columns if c.startswith(PREFIX)]
 
 
-def most_probable(proba: np.ndarray, classes: list[str]) -> np.ndarray:
+def most_probable_labels(proba: np.ndarray, classes: list[str]) -> np.ndarray:
     """The label of each row of probabilities [decisions, classes]: a class, or `ABSTAINED` where all are 0."""
     return np.where(
         proba.max(axis=1) > 0, np.asarray(classes, dtype=object)[proba.argmax(axis=1)], ABSTAINED
     )
 
 
-def windows(predictions: pd.DataFrame) -> pd.DataFrame:
+def label_windows(predictions: pd.DataFrame) -> pd.DataFrame:
     """The decisions themselves with their label in ``predicted``."""
     classes = classes_of(predictions)
     proba = predictions[[PREFIX + c for c in classes]].to_numpy()
-    return predictions.assign(predicted=most_probable(proba, classes))
+    return predictions.assign(predicted=most_probable_labels(proba, classes))
 
 
-def captures(predictions: pd.DataFrame, vote: bool = False) -> pd.DataFrame:
+def label_captures(predictions: pd.DataFrame, vote: bool = False) -> pd.DataFrame:
     """Score each tested capture: a row each, labelled by mean probability or by majority vote.
 
     A tied vote goes to the tied class with the highest mean probability.
@@ -54,16 +54,16 @@ def captures(predictions: pd.DataFrame, vote: bool = False) -> pd.DataFrame:
             score + ballots.groupby(keys, sort=False)[columns].sum().to_numpy() * 2
         )  # means are at most 1
     rows = predictions.drop(columns=columns).drop_duplicates(keys, ignore_index=True)
-    return rows.assign(predicted=most_probable(score.to_numpy(), classes))
+    return rows.assign(predicted=most_probable_labels(score.to_numpy(), classes))
 
 
-def per_subject(labelled: pd.DataFrame) -> pd.DataFrame:
+def accuracy_by_subject(labelled: pd.DataFrame) -> pd.DataFrame:
     """Accuracy and number of captures (or windows) of each subject."""
     hit = labelled["true"] == labelled["predicted"]
     return hit.groupby(labelled["subject"]).agg(accuracy="mean", n="size").reset_index()
 
 
-def per_class(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
+def scores_by_class(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
     """Precision, recall, F1 and support of each class; a class never predicted has precision 0."""
     from sklearn.metrics import precision_recall_fscore_support
 
@@ -74,7 +74,7 @@ def per_class(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
     return pd.DataFrame({"gesture": classes} | dict(zip(names, columns, strict=True)))
 
 
-def confusion(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
+def confusion_table(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
     """Counts, rows are the true classes, columns the predicted ones, and ``(abstained)`` where a system did."""
     true, predicted = (
         pd.Index(classes).get_indexer(pd.Index(labelled[name])) for name in ("true", "predicted")
@@ -89,8 +89,8 @@ def confusion(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
     return pd.concat([table, without.rename("(abstained)")], axis=1)
 
 
-def subject_interval(labelled: pd.DataFrame) -> tuple[float, float]:
-    """95 % bootstrap interval of pooled accuracy over subjects; NaN for fewer than `bench.values.few.INTERVAL` of them."""
+def pooled_accuracy_interval(labelled: pd.DataFrame) -> tuple[float, float]:
+    """95 % bootstrap interval of pooled accuracy over subjects; NaN for fewer than `bench.values.few.FEWEST_FOR_INTERVAL` of them."""
     hits = (
         (labelled["true"] == labelled["predicted"])
         .groupby(labelled["subject"])
@@ -100,31 +100,31 @@ def subject_interval(labelled: pd.DataFrame) -> tuple[float, float]:
     return ratio_interval(hits)
 
 
-def over_people(labelled: pd.DataFrame) -> dict[str, float]:
+def mean_over_subjects(labelled: pd.DataFrame) -> dict[str, float]:
     """Mean over subjects of their accuracies, its 95 % t-interval (``low``, ``high``) and SD (``subject_sd``)."""
-    each = per_subject(labelled)["accuracy"]
+    each = accuracy_by_subject(labelled)["accuracy"]
     mean, sd = float(each.mean()), float(each.std(ddof=1))
     low, high = share_interval(mean, sd, len(each))
     return {"accuracy": mean, "low": low, "high": high, "subject_sd": sd}
 
 
-def accuracies(predictions: pd.DataFrame) -> dict[str, float]:
+def fold_accuracies(predictions: pd.DataFrame) -> dict[str, float]:
     """Accuracy of captures, and of windows where there are more decisions than captures, in one fold."""
-    labelled = captures(predictions)
-    shares = {"accuracy": over_people(labelled)["accuracy"]}
+    labelled = label_captures(predictions)
+    shares = {"accuracy": mean_over_subjects(labelled)["accuracy"]}
     if len(predictions) > len(labelled):
-        shares["window_accuracy"] = over_people(windows(predictions))["accuracy"]
+        shares["window_accuracy"] = mean_over_subjects(label_windows(predictions))["accuracy"]
     return shares
 
 
-def summary(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
+def run_scores(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
     """The tracked scores of a run, from its predictions; one that is not defined (SD of one subject) is left out."""
     classes = classes_of(predictions)
-    capture = captures(predictions)
-    scores = _prefixed("", capture, classes)
+    capture = label_captures(predictions)
+    scores = _scores_with_prefix("", capture, classes)
     if (gone := capture["predicted"] == ABSTAINED).any():
         scores["abstained"] = gone.mean()
-    low, high = subject_interval(capture)
+    low, high = pooled_accuracy_interval(capture)
     ends = (predictions["start"] + predictions["frames"]).groupby(
         [predictions["fold"], predictions["capture"]]
     )
@@ -137,15 +137,17 @@ def summary(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
         "capture_ms": 1000 / rate_hz * ends.max().median(),
     }
     if len(predictions) > len(capture):
-        scores |= _prefixed("vote_", captures(predictions, vote=True), classes)
-        scores |= _prefixed("window_", windows(predictions), classes) | {
+        scores |= _scores_with_prefix("vote_", label_captures(predictions, vote=True), classes)
+        scores |= _scores_with_prefix("window_", label_windows(predictions), classes) | {
             "windows": len(predictions)
         }
     return {name: float(value) for name, value in scores.items() if np.isfinite(value)}
 
 
-def _prefixed(prefix: str, labelled: pd.DataFrame, classes: list[str]) -> dict[str, float]:
-    table, people = per_class(labelled, classes), over_people(labelled)
+def _scores_with_prefix(
+    prefix: str, labelled: pd.DataFrame, classes: list[str]
+) -> dict[str, float]:
+    table, people = scores_by_class(labelled, classes), mean_over_subjects(labelled)
     scores = dict(
         zip(
             ("accuracy", "accuracy_low", "accuracy_high", "subject_sd"),

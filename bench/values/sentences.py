@@ -10,7 +10,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.values.result import several
+from bench.values.result import format_count
 
 HIDDEN = {
     ord(space): 0xE000 + i for i, space in enumerate(" \t\n")
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 
-def environment(*folders: Traversable | Path, html: bool = False) -> Environment:
+def template_environment(*folders: Traversable | Path, html: bool = False) -> Environment:
     """The templates of folders; a name that has no value is an error."""
     from jinja2 import (  # commands without sentences need not wait for it
         Environment,
@@ -37,29 +37,29 @@ def environment(*folders: Traversable | Path, html: bool = False) -> Environment
         lstrip_blocks=True,
     )
     env.filters |= {
-        "several": several,
+        "several": format_count,
         "percent": lambda number: f"{number:.1f} %",
-        "shortened": shortened,
+        "shortened": shorten_list,
     }
     return env
 
 
 @cache
-def _kept(package: str) -> Environment:
-    env = environment(files(package) / "templates")
+def _package_templates(package: str) -> Environment:
+    env = template_environment(files(package) / "templates")
     env.finalize = lambda value: str(value).translate(HIDDEN)
     return env
 
 
-def shortened(texts: Sequence[str], count: int) -> str:
+def shorten_list(texts: Sequence[str], count: int) -> str:
     """The first texts, and how many more there are."""
     more = f"; and {len(texts) - count} more" if len(texts) > count else ""
     return "; ".join(texts[:count]) + more
 
 
-def sentences(package: str, template: str, block: str, **values: object) -> list[str]:
+def render_sentences(package: str, template: str, block: str, **values: object) -> list[str]:
     """The paragraphs of a block of a template, a line each: an empty line ends one."""
-    found = _kept(package).get_template(f"{template}.jinja")
+    found = _package_templates(package).get_template(f"{template}.jinja")
     text = "".join(found.blocks[block](found.new_context(values)))
     parts = (" ".join(part.split()) for part in re.split(r"\n\s*\n", text))
     return [part.translate(SHOWN) for part in parts if part]

@@ -10,20 +10,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
-from bench.errors import InputError, nearest
+from bench.errors import InputError, suggest_names
 
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
-PARTS = {
-    "protocol": "protocols",
-    "features": "features",
-    "model": "models",
-}  # rooms of parts by key
 WIDTH = 100  # columns of help
-FAULTS = "dead_taxels stuck_taxels dead_lines gain_drift offset_drift saturation noise fewer_bits dropped_frames "
-FAULTS += "lower_rate time_jitter late_start early_end shift rotation smaller_grid cover"  # faults, all of captures
-LOSSY = "dropped_frames late_start early_end"  # of these, faults that remove frames
-LATER = "vibration drift noisy_region"  # further faults
-SMALL = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"  # a small system, accurate on real touch
+SMALL_SYSTEM = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"  # a small system, accurate on real touch
 DEFAULTS = {  # of the keys of a run
     "data": "synth",
     "protocol": "loso",
@@ -33,12 +24,6 @@ DEFAULTS = {  # of the keys of a run
     "where": "",
     "target": "gesture",
 }
-LABELS = "labels"  # table with the labels of all circumstances that need no more
-CLEAN = "none"  # the fault of captures without one
-ALL = "all"  # names of all faults
-SEVERITIES = 5  # of each fault
-BUSY = 1.3  # wall time of the reference workload, by its time on the quiet machine, from which on a machine is busy
-SATURATED = 10  # one of so many taxels at full scale saturates a frame; not tuned
 UNITS = {  # typed units, by the unit in which an amount is kept
     "k": {"k": 1, "M": 1e3},
     "kB": {"B": 1e-3, "kB": 1, "KiB": 1.024, "MB": 1e3, "MiB": 1048.576},
@@ -61,7 +46,7 @@ READERS: dict[type, tuple[str, Callable[[str], object]]] = {
 }
 
 
-def items(key: str, value: object) -> list:
+def split_values(key: str, value: object) -> list:
     """The values between commas, or of a list."""
     if isinstance(value, str):
         if key == "where":  # a condition may hold commas
@@ -80,17 +65,17 @@ def items(key: str, value: object) -> list:
     return [*value] if several else [value]  # type: ignore[misc]
 
 
-def typed(command: str, arguments: Mapping[str, str]) -> str:
+def format_command(command: str, arguments: Mapping[str, str]) -> str:
     """A command as it is typed."""
-    return f"bench {command} {spelled(arguments)}".rstrip()
+    return f"bench {command} {format_arguments(arguments)}".rstrip()
 
 
-def spelled(arguments: Mapping[str, str]) -> str:
+def format_arguments(arguments: Mapping[str, str]) -> str:
     """Arguments as they are typed."""
-    return " ".join(f"{key}={quoted(value)}" for key, value in arguments.items())
+    return " ".join(f"{key}={quote_value(value)}" for key, value in arguments.items())
 
 
-def labelled(key: str, label: str) -> dict[str, str]:
+def arguments_of_label(key: str, label: str) -> dict[str, str]:
     """``personal[shots=3]``, as tables name a part, as it is typed."""
     name, _, rest = label.rstrip("]").partition("[")
     return {key: name} | {
@@ -98,13 +83,13 @@ def labelled(key: str, label: str) -> dict[str, str]:
     }
 
 
-def quoted(value: str) -> str:
+def quote_value(value: str) -> str:
     """A value as a shell takes it: in double quotes where it has single ones, as conditions have."""
     double = "'" in value and not set('"$`\\!') & set(value)
     return f'"{value}"' if double else shlex.quote(value)
 
 
-def quantity(
+def parse_amount(
     key: str, given: object, unit: str = "", zero: bool = False, prefix: str = ""
 ) -> float:
     """A typed amount above 0 in its unit: ms, kB (1000 bytes; KiB are 1024), thousands, MHz or a plain number."""
@@ -121,14 +106,14 @@ def quantity(
     return value
 
 
-def convert(key: str, given: object, default: object) -> Any:
+def parse_value(key: str, given: object, default: object) -> Any:
     """Text as a value of the type of the default; a default of None takes None or a whole number.
 
     What is no text (an API call) is taken as it is, if it is of that type.
     """
     if isinstance(given, tuple) and not given and isinstance(default, tuple):
         return given
-    text = given if isinstance(given, str) else text_of(given)
+    text = given if isinstance(given, str) else format_value(given)
     if text == "None" and default is None:
         return None
     if text == "None" and isinstance(default, tuple):
@@ -155,8 +140,8 @@ def convert(key: str, given: object, default: object) -> Any:
     return value
 
 
-def text_of(value: object) -> str:
-    """A value as it is typed; `convert` reads it again."""
+def format_value(value: object) -> str:
+    """A value as it is typed; `parse_value` reads it again."""
     if type(value).__name__ in ("bool", "bool_"):  # NumPy's own, too
         return str(value).lower()
     return "+".join(map(str, value)) if isinstance(value, tuple) else str(value)
@@ -177,7 +162,7 @@ class Option:
     uses: str = ""  # class that does what a key of a package asks, ``module:object``
 
     @property
-    def room(self) -> str:
+    def part_group(self) -> str:
         """The room whose parts it names, with their parameters behind a dot; empty for any other key."""
         found = ROOM.search(self.help)
         return found[1] if found else ""
@@ -198,7 +183,7 @@ class Options:
     """Fields made by `option`, which are read from typed values."""
 
     @classmethod
-    def fields(cls) -> dict[str, Option]:
+    def options_by_key(cls) -> dict[str, Option]:
         """Each option by its key."""
         every = dataclasses.fields(cls)
         return {
@@ -208,23 +193,29 @@ class Options:
         }
 
     @classmethod
-    def of(cls, values: Values) -> list[Self]:
+    def from_typed(cls, values: Values) -> list[Self]:
         """Every combination of the typed values."""
         choices: dict[str, list] = {}
-        for name, one in cls.fields().items():
+        for name, one in cls.options_by_key().items():
             if name in values:
-                given = list(dict.fromkeys(_read(one, each) for each in items(name, values[name])))
+                given = list(
+                    dict.fromkeys(_read(one, each) for each in split_values(name, values[name]))
+                )
                 choices[name] = [tuple(given)] if isinstance(one.default, tuple) else given
         return [
             cls(**dict(zip(choices, each, strict=True)))
             for each in itertools.product(*choices.values())
         ]
 
-    def arguments(self) -> dict[str, str]:
+    def typed_arguments(self) -> dict[str, str]:
         """The options as typed; defaults are left out."""
-        given = {name: (getattr(self, name), one.default) for name, one in self.fields().items()}
+        given = {
+            name: (getattr(self, name), one.default) for name, one in self.options_by_key().items()
+        }
         return {
-            name: typed_as(value) for name, (value, default) in given.items() if value != default
+            name: format_option(value)
+            for name, (value, default) in given.items()
+            if value != default
         }
 
 
@@ -233,32 +224,34 @@ def _read(one: Option, value: object) -> Any:
         one = dataclasses.replace(
             one, default=next(iter(one.default), False if one.type == "yes" else "")
         )
-    return value_of(one, value)
+    return parse_option(one, value)
 
 
-def value_of(one: Option, value: object) -> Any:
+def parse_option(one: Option, value: object) -> Any:
     """A typed value of an option."""
     key = one.key
     if one.type == "number":
-        return quantity(key, value)
+        return parse_amount(key, value)
     if one.type in UNITS:
-        return quantity(key, value, one.type)
+        return parse_amount(key, value, one.type)
     if one.type == "counts":
-        if (number := convert(key, value, 4)) < 1:
+        if (number := parse_value(key, value, 4)) < 1:
             raise InputError(f"{key}={number}: give whole numbers of at least 1")
         return number
-    if one.values and (text := text_of(value)) not in one.values:
+    if one.values and (text := format_value(value)) not in one.values:
         words = (
             f"give {' or '.join(one.values)}"
             if len(one.values) <= FEW
-            else nearest(text, one.values)
+            else suggest_names(text, one.values)
         )
         raise InputError(f"{key}={text}: {words}")
-    return convert(key, value, one.default or 0 if one.type == "count" else one.default)
+    return parse_value(key, value, one.default or 0 if one.type == "count" else one.default)
 
 
-def typed_as(value: object) -> str:
+def format_option(value: object) -> str:
     """A value as it is typed."""
     if isinstance(value, tuple):
-        return ",".join(map(typed_as, value))
-    return text_of(value).removesuffix(".0") if isinstance(value, float) else text_of(value)
+        return ",".join(map(format_option, value))
+    return (
+        format_value(value).removesuffix(".0") if isinstance(value, float) else format_value(value)
+    )
