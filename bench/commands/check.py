@@ -7,23 +7,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.commands.run import evaluated
+from bench.commands.run import run_cells
 from bench.errors import InputError
-from bench.grammar.options import KEYS as RUN_KEYS
 from bench.grammar.options import (
     MORE,
-    WORK,
+    RUN_OPTIONS,
     Command,
     Option,
     backend_keys,
     backend_of,
-    keys,
-    parse,
-    settings,
+    key_options,
+    parse_arguments,
+    typed_settings,
 )
-from bench.ground.scratch import replacing
-from bench.ground.words import PARTS
-from bench.values.result import several
+from bench.grammar.options import RUN_KEYS
+from bench.ground.scratch import write_then_rename
+from bench.ground.registry import PART_GROUPS
+from bench.values.result import format_count
 
 if TYPE_CHECKING:
     from bench.ground.machine import Backend
@@ -40,7 +40,7 @@ COMMAND = Command(
     "the labels may change, and sizes may grow by 10 %. Keys of bench run select systems of the baseline.",
     "bench check update=yes data=haart model=svm,rf features=jung54\nbench check junit=check.xml slower=3",
     options=(
-        *WORK,
+        *RUN_OPTIONS,
         Option("baseline", "text", "reports/baseline.json", "baseline file"),
         Option(
             "update", "yes", False, "yes: write the baseline again; keys of bench run add systems"
@@ -81,12 +81,12 @@ def command(arguments: list[str]) -> int:
 
 
 def _command(arguments: list[str]) -> int:
-    from bench.commands.printing import say
+    from bench.commands.printing import print_lines
     from bench.reading import gate
-    from bench.reading.runs import SELECTING, asked_of
+    from bench.reading.runs import SELECTING_KEYS, parse_selection
 
-    values = parse(arguments, keys("check"))
-    how = settings("check", values)
+    values = parse_arguments(arguments, key_options("check"))
+    how = typed_settings("check", values)
     limits = {k: float(how[k]) for k in LIMITS}
     if limits["error"] >= 100:
         raise InputError(f"error={limits['error']:g}: give a percentage below 100, such as error=1")
@@ -102,12 +102,12 @@ def _command(arguments: list[str]) -> int:
     if new := [
         f"{k}={v}"
         for k, v in of_runs.items()
-        if k not in SELECTING and not k.startswith("protocol.")
+        if k not in SELECTING_KEYS and not k.startswith("protocol.")
     ]:
         raise InputError(
             f"{new[0]} adds systems, which needs update=yes; leave it out to compare with the baseline"
         )
-    asked = asked_of(of_runs)
+    asked = parse_selection(of_runs)
     baseline = [then for then in gate.read(path) if not asked or _cells([then.run], asked, then)]
     if not baseline:
         raise InputError(f"baseline={path} holds no system with {' '.join(added)}; leave a key out")
@@ -117,12 +117,12 @@ def _command(arguments: list[str]) -> int:
     else:
         current, failed = _run([then.run for then in baseline], backend_of(values), asked)
     verdicts = gate.compare(baseline, current, limits["error"], limits["slower"], failed, _history)
-    say(*(verdict.line for verdict in verdicts))
+    print_lines(*(verdict.line for verdict in verdicts))
     if how["junit"]:
         _write(Path(how["junit"]), gate.junit(verdicts), "junit")
     alarms = [v for v in verdicts if v.wrong]
     accept = f"; to accept the changes: bench check baseline={path} update=yes" if alarms else ""
-    say(
+    print_lines(
         f"{len(verdicts) - len(alarms)} of {len(verdicts)} systems are the same as in {path} (error rate of all tests "
         f"together: {limits['error']:g} %){accept}"
     )
@@ -133,20 +133,20 @@ def _cells(
     runs: list[str], asked: Mapping[str, list], then: Measured | None = None
 ) -> list[tuple[Cell, str]]:
     """The selected cells of ``bench run`` arguments, with these; each once."""
-    from bench.plan.cells import cells
-    from bench.reading.runs import selected
+    from bench.plan.grid import make_cells
+    from bench.reading.runs import select_runs
 
     planned: dict[str, tuple[Cell, str]] = {}
     for run in dict.fromkeys(runs):
-        for cell in cells(parse(shlex.split(run), RUN_KEYS)):
+        for cell in make_cells(parse_arguments(shlex.split(run), RUN_KEYS)):
             row = {"data": cell.data, "subset": cell.where or "all", "target": cell.target}
-            row |= {"protocol": str(cell.protocol), "system": cell.system()}
-            parts = dict.fromkeys(PARTS.values(), "") | {
-                part.room: part.name for part in cell.parts
+            row |= {"protocol": str(cell.protocol), "system": cell.system_name()}
+            parts = dict.fromkeys(PART_GROUPS.values(), "") | {
+                part.group: part.name for part in cell.parts
             }
-            named = {f"{key}_name": parts[room] for key, room in PARTS.items()}
+            named = {f"{key}_name": parts[room] for key, room in PART_GROUPS.items()}
             named |= {f"protocol.{k}": str(v) for k, v in cell.protocol.parameters.items()}
-            if selected([row | named], asked) and (
+            if select_runs([row | named], asked) and (
                 then is None or row.items() <= then.names.items()
             ):
                 planned.setdefault(repr(cell), (cell, run))
@@ -157,15 +157,15 @@ def _run(
     runs: list[str], backend: Backend, asked: Mapping[str, list] | None = None
 ) -> tuple[list[Measured], dict[tuple, str]]:
     """Run what is not tracked yet; complete runs of the code, versions and threads as they are, and why others fail."""
-    from bench.commands.printing import failures
+    from bench.commands.printing import print_failures
     from bench.reading import gate
 
     planned = _cells(runs, asked or {})
-    results = evaluated([cell for cell, _ in planned], backend)
-    failures(results)
+    results = run_cells([cell for cell, _ in planned], backend)
+    print_failures(results)
     complete: dict[tuple[str, ...], Measured] = {}
     for result, (_, run) in zip(results, planned, strict=True):
-        if result.complete:
+        if result.is_complete:
             complete.setdefault(
                 tuple(str(result[k]) for k in gate.NAMES), gate.measured(result, run)
             )
@@ -180,12 +180,14 @@ def _run(
 def _stored(baseline: list[Measured]) -> list[Measured]:
     """The newest complete results of the store that may be held against the baseline, whatever code made them."""
     from bench.reading import gate
-    from bench.reading.runs import stored
+    from bench.reading.runs import load_results_on_captures
     from bench.store.client import connect
 
     same = {tuple(then.names[k] for k in gate.SAME) for then in baseline}
     complete = [
-        r for r in stored(connect()) if r.complete and tuple(r[k] for k in gate.SAME) in same
+        r
+        for r in load_results_on_captures(connect())
+        if r.is_complete and tuple(r[k] for k in gate.SAME) in same
     ]
     return [gate.measured(r, "") for r in complete]
 
@@ -193,12 +195,12 @@ def _stored(baseline: list[Measured]) -> list[Measured]:
 def _history(now: Measured) -> list[tuple[str, Measured]]:
     """The stored runs of a system up to a current one, oldest first, each with its revision."""
     from bench.reading import gate
-    from bench.reading.runs import every_run
+    from bench.reading.runs import load_clean_runs
     from bench.store.client import connect
 
     results = [
         r
-        for r in every_run(connect())
+        for r in load_clean_runs(connect())
         if all(str(r[name]) == value for name, value in now.names.items())
     ]
     runs = [(r.get("git") or "unknown", gate.measured(r, "")) for r in results]
@@ -210,7 +212,7 @@ def _history(now: Measured) -> list[tuple[str, Measured]]:
 
 def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, float]) -> int:
     """Run again what the baseline names, and what is added; write it if every run is complete."""
-    from bench.commands.printing import say
+    from bench.commands.printing import print_lines
     from bench.reading import gate
 
     before = gate.read(path) if path.exists() or not added else []
@@ -218,26 +220,28 @@ def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, fl
         [then.run for then in before] + ([shlex.join(added)] if added else []), backend
     )
     if failed:
-        say(f"a run failed; {path} is unchanged")
+        print_lines(f"a run failed; {path} is unchanged")
         return 1
     kept = [then for then in before if gate.counterpart(then, after)]
-    say(*(verdict.line for verdict in gate.compare(kept, after, limits["error"], limits["slower"])))
+    print_lines(
+        *(verdict.line for verdict in gate.compare(kept, after, limits["error"], limits["slower"]))
+    )
     for now in after:
         if not any(gate.counterpart(then, [now]) for then in before):
             hits = (now.labels["true"] == now.labels["predicted"]).mean()
-            say(f"{'new':8} {gate.named(now)}: pooled {100 * hits:.1f} %")
+            print_lines(f"{'new':8} {gate.named(now)}: pooled {100 * hits:.1f} %")
     for then in before:
         if then not in kept:
-            say(f"{'gone':8} {gate.named(then)}: bench run {then.run} no longer makes it")
+            print_lines(f"{'gone':8} {gate.named(then)}: bench run {then.run} no longer makes it")
     _write(path, gate.text(after), "baseline")
-    say(f"{path}: {several(len(after), 'system')}")
+    print_lines(f"{path}: {format_count(len(after), 'system')}")
     return 0
 
 
 def _write(path: Path, content: str, key: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as beside:
+        with write_then_rename(path) as beside:
             beside.write_text(content, encoding="utf-8")
     except OSError as e:
         raise InputError(

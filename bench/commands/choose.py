@@ -7,22 +7,22 @@ from typing import TYPE_CHECKING, Any
 
 from bench.grammar.options import (
     BATCH,
-    FITTED,
+    FIT_OPTIONS,
     START,
-    STORED,
+    STORED_OPTIONS,
     Command,
     Option,
-    keys,
-    limits_of,
-    makers,
-    parse,
-    settings,
+    cost_limits,
+    key_options,
+    parse_arguments,
+    run_commands,
+    typed_settings,
 )
-from bench.ground.words import Values, typed
-from bench.values.measures import Cost, Measure, Row, costs, costs_of, text
+from bench.ground.typed import Values, format_command
+from bench.values.measures import Cost, Measure, Row, all_costs, costs_of_study, text_measure
 
 if TYPE_CHECKING:
-    from bench.reading.choice import Chosen
+    from bench.reading.choice import Choice
     from bench.values.table import Table
 
 COMMAND = Command(
@@ -37,11 +37,11 @@ COMMAND = Command(
     "groups; those of each subject are chosen on the other subjects.",
     "bench choose data=haart protocol=loso max_flash=256kB max_ram=32kB",
     options=(
-        *STORED,
+        *STORED_OPTIONS,
         Option("scene", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
         Option(
             "by", "text", "flash", "cost to minimise"
-        ),  # its values: `bench.values.measures.costs`
+        ),  # its values: `bench.values.measures.all_costs`
         Option(
             "margin",
             "number",
@@ -66,109 +66,117 @@ COMMAND = Command(
 
 def command(arguments: list[str]) -> int:
     """Print the choice and its reason; exit code 1 if nothing fits the budgets."""
-    from bench.commands.printing import output, say, then
+    from bench.commands.printing import print_lines, print_next_commands, results_console
 
-    values = parse(arguments, keys("choose"))
-    if settings("choose", values)["groups"]:
-        from bench.commands.groups import printed
+    values = parse_arguments(arguments, key_options("choose"))
+    if typed_settings("choose", values)["groups"]:
+        from bench.commands.choose_groups import print_groups
 
-        return printed(values)
-    result = chosen(values)
-    table_of(result).print(output())
-    if 0 < result.choice.table["linked"].sum() < len(result.choice.table):
-        output().print("* as linked in C, with code; other sizes exclude code", style="dim")
-    say(*result.lines())
+        return print_groups(values)
+    result = choose_from_values(values)
+    table_of(result).print(results_console())
+    if 0 < result.table["linked"].sum() < len(result.table):
+        results_console().print(
+            "* as linked in C, with code; other sizes exclude code", style="dim"
+        )
+    print_lines(*result.lines())
     if result.system is None:
         return 1
-    then(_next(result))
+    print_next_commands(_next(result))
     return 0
 
 
-def chosen(values: Values) -> Chosen:
+def choose_from_values(values: Values) -> Choice:
     """The choice among tracked runs."""
-    from bench.reading import choice as choices
-    from bench.reading.runs import asked_of, every_result
+    from bench.reading.choice import choose_from_runs
+    from bench.reading.runs import load_results, parse_selection
     from bench.reading.scene import read_scene
     from bench.store.client import connect
 
     scene = read_scene(str(values["scene"])) if "scene" in values else None
     values = {**scene.values, **values} if scene else values
-    given = settings("choose", values)
+    given = typed_settings("choose", values)
     how: dict[str, Any] = {
         key: given.get(key) for key in ("margin", "clock", "unit", "batch", "why")
     }
     notes = scene.board.sentences(values) if scene and scene.board else []
-    asked = asked_of(values)
-    return choices.choose(
-        every_result(connect(), asked),
+    asked = parse_selection(values)
+    return choose_from_runs(
+        load_results(connect(), asked),
         asked,
         given["by"],
-        limits_of(given),
+        cost_limits(given),
         scene=scene,
         notes=notes,
         **how,
     )
 
 
-def _next(result: Chosen) -> str:
+def _next(result: Choice) -> str:
     """The command that trains the chosen system, if one does.
 
     A search is not trained again, and a system that needs conditions is not saved.
     """
-    one = result.choice.table.loc[result.choice.chosen]
-    fitted = {option.key for option in FITTED}
+    one = result.table.loc[result.chosen]
+    fitted = {option.key for option in FIT_OPTIONS}
     trained = {
         k: v for k, v in json.loads(one["arguments"] or "{}").items() if k.split(".")[0] in fitted
     }
     trained |= json.loads(str(one["shipped"])) if trained else {}
-    once = trained and one["command"] in makers() and not one["conditions"]
-    return typed("fit", trained | {"out": "chosen"}) if once else "bench report"
+    once = trained and one["command"] in run_commands() and not one["conditions"]
+    return format_command("fit", trained | {"out": "chosen"}) if once else "bench report"
 
 
-def table_of(result: Chosen) -> Table:
+def table_of(result: Choice) -> Table:
     """The candidates of a choice."""
-    from bench.reading.choice import points
-    from bench.values.table import Table, rows_of
+    from bench.reading.choice import format_points
+    from bench.values.table import Table, rows_of_frame
 
-    choice, by = result.choice, costs()[result.by]
+    by = all_costs()[result.by]
     words, limited = (
         {"low": "at most", "high": "at least"},
-        [(costs()[key], v) for key, v in result.budgets.items()],
+        [(all_costs()[key], v) for key, v in result.budgets.items()],
     )
-    limits = [f"{cost.title} {words[cost.better]} {cost.amount(value)}" for cost, value in limited]
+    limits = [
+        f"{cost.title} {words[cost.better]} {cost.format_amount(value)}" for cost, value in limited
+    ]
     score = "score" if result.scene.reactions.weighted else "accuracy"
     asked = {
         result.by,
         *result.budgets,
-        *(k for k, c in costs().items() if c.losses and result.scene.faults),
+        *(k for k, c in all_costs().items() if c.is_fault_loss and result.scene.faults),
     }
     shown = [
-        cost for cost in costs_of(result.study).values() if cost.line[0] not in ("faults", "people")
+        cost
+        for cost in costs_of_study(result.study).values()
+        if cost.scene_line[0] not in ("faults", "people")
     ]
-    shown.sort(key=lambda cost: "captures" in cost.on)
-    shown += [cost for cost in costs().values() if cost.key in asked and cost not in shown]
+    shown.sort(key=lambda cost: "captures" in cost.measured_on)
+    shown += [cost for cost in all_costs().values() if cost.key in asked and cost not in shown]
 
     def column(cost: Cost) -> Measure:
-        kept = cost.key in (result.by, *result.budgets) or cost.line[0] != "budget"
+        kept = cost.key in (result.by, *result.budgets) or cost.scene_line[0] != "budget"
 
         def amount(row: Row) -> str:
-            return cost.amount(row[cost.key]) + "*" * (
+            return cost.format_amount(row[cost.key]) + "*" * (
                 bool(row["linked"]) and cost.key in ("flash", "ram")
             )
 
         return Measure(cost.key, cost.title, amount, spare=0 if kept else cost.spare or 3)
 
     def loss(row: Row) -> str | None:
-        return points(row["loss"], row["error"]) if row["loss"] == row["loss"] else None
+        return format_points(row["loss"], row["error"]) if row["loss"] == row["loss"] else None
 
     columns = [
-        text("system"),
-        text("unit", "input"),
+        text_measure("system"),
+        text_measure("unit", "input"),
         Measure("accuracy", f"{score} %"),
         Measure("loss", "below best", loss),
         *map(column, shown),
-        text("verdict"),
+        text_measure("verdict"),
     ]
-    title = f"{result.among.context}; {', '.join(limits) or 'no budget'}; {by.extreme} {by.title} first; "
-    bold = [i for i, index in enumerate(choice.table.index) if index == choice.chosen]
-    return Table(columns, rows_of(choice.table), f"{title}{score} is the mean over subjects", bold)
+    title = f"{result.candidates.context}; {', '.join(limits) or 'no budget'}; {by.best_word} {by.title} first; "
+    bold = [i for i, index in enumerate(result.table.index) if index == result.chosen]
+    return Table(
+        columns, rows_of_frame(result.table), f"{title}{score} is the mean over subjects", bold
+    )

@@ -7,32 +7,41 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.grammar.options import COMPARE, STORED, Command, Option, keys, parse_words, values_of
-from bench.grammar.options import KEYS as RUN_KEYS
-from bench.ground.words import Values, items
-from bench.values.measures import Measure, text
+from bench.grammar.options import (
+    COMPARE,
+    STORED_OPTIONS,
+    Command,
+    Option,
+    key_options,
+    parse_words,
+    values_from_keywords,
+)
+from bench.grammar.options import RUN_KEYS
+from bench.ground.typed import Values, split_values
+from bench.values.measures import Measure, text_measure
 
 if TYPE_CHECKING:
     from bench.reading.compare import Compared, Side
+    from bench.values.result import Result
 
 COMMAND = Command(
     COMPARE,
     "compare two systems on the same captures: files of predictions or stored runs",
-    "A and B are each a CSV or parquet file, a stored system (its name as in tables) or the id of a stored run. A file "
+    "A and B are each a CSV or parquet file, or the run id or name of a stored system as bench runs prints it. A file "
     "has the columns id, subject, truth and prediction. Several rows of an id vote. Captures are matched by id. The id "
     "in stored runs is the place of the capture in the corpus, from 0. Prints the paired difference over subjects with "
     "its interval and test. It also prints the smallest difference that these subjects can show, each gesture, and the "
     "captures that only one system classifies correctly. The keys of bench run, run= and latest=yes select the stored "
     "runs.",
-    'bench compare mine.csv theirs.parquet\nbench compare mine.csv "svm touch" data=haart protocol=loso',
+    'bench compare mine.csv theirs.parquet\nbench compare 3f2a9c01 "svm · touch" data=haart protocol=loso',
     "A B [key=value ...]",
     options=(
-        *STORED,
+        *STORED_OPTIONS,
         Option("out", "text", "", "CSV file for all captures with the predictions of both systems"),
     ),
 )
 GESTURES = (
-    text("gesture"),
+    text_measure("gesture"),
     Measure("captures", form=".0f"),
     Measure("accuracy", "A %"),
     Measure("other_accuracy", "B %"),
@@ -40,93 +49,102 @@ GESTURES = (
     Measure("only", "only A right", form=".0f"),
     Measure("other_only", "only B right", form=".0f"),
 )
-GROUP = ("data", "where", "target", "protocol")  # keys that a system may come with
+CAPTURES = ("data", "where", "target", "protocol")  # keys that tell which captures were tested
 
 
 def command(arguments: list[str]) -> int:
     """Print how two systems differ, and write their captures."""
-    from bench.commands.printing import output, say, unwritable
-    from bench.ground.scratch import replacing
-    from bench.values.table import Table, rows_of, write_sheet
+    from bench.commands.printing import print_lines, refuse_unwritable, results_console
+    from bench.ground.scratch import write_then_rename
+    from bench.values.table import Table, rows_of_frame, write_sheet
 
-    words, values = parse_words(arguments, keys("compare"), 2)
+    words, values = parse_words(arguments, key_options("compare"), 2)
     if len(words) < 2:
         raise InputError(
             "give two files, systems or runs: bench compare A B; see bench compare --help"
         )
     out = values.pop("out", "")
-    result = paired(words, values)
-    say(*repr(result).splitlines())
-    rows = rows_of(
+    result = compare_systems(words, values)
+    print_lines(*repr(result).splitlines())
+    rows = rows_of_frame(
         result.gestures.rename(columns={"low": "difference_low", "high": "difference_high"})
     )
     title = f"A: {result.system}; B: {result.other}; means over subjects, not corrected for several gestures"
-    Table(GESTURES, rows, title).print(output())
+    Table(GESTURES, rows, title).print(results_console())
     if out:
-        with unwritable(Path(out)), replacing(Path(out)) as beside:
+        with refuse_unwritable(Path(out)), write_then_rename(Path(out)) as beside:
             write_sheet(result.captures, beside)
-        say(f"{out}: {len(result.captures)} captures")
+        print_lines(f"{out}: {len(result.captures)} captures")
     return 0
 
 
-def paired(given: Sequence[object], values: Values) -> Compared:
-    """Two systems, each a table, a file, the name of a stored system, its values, or the id of a run."""
-    from bench.reading.compare import compared, stored_sides
-    from bench.reading.frame import grouped
-    from bench.reading.runs import asked_of, selected, stored
+def compare_systems(systems: Sequence[object], values: Values) -> Compared:
+    """Compare two systems.
+
+    Args:
+        systems: a table, a file, keys of ``bench run``, or a name or run id of ``bench runs`` each.
+        values: keys that select stored runs.
+    """
+    from bench.reading.compare import compare_sides, sides_of_runs
+    from bench.reading.runs import load_all_runs, parse_selection, select_or_fail
     from bench.store.client import connect
 
-    typed = values_of(values, {option.key for option in STORED})
-    sides = _files(given)
-    if typed and all(sides):
-        raise InputError(
-            f"{next(iter(typed))}= selects stored runs, and both are files; leave it out"
-        )
-    named = []
-    if not all(sides):
-        every = selected(stored(connect()), asked_of(typed))
-        for one, side in zip(given, sides, strict=True):
-            if side is None:
-                about = values_of(one, RUN_KEYS) if isinstance(one, Mapping) else {}
-                on = {key: items(key, about.pop(key)) for key in GROUP if key in about}
-                groups = {group: selected(members, on) for group, members in grouped(every).items()}
-                named.append(
-                    (
-                        _system(about) if about else str(one),
-                        {k: held for k, held in groups.items() if held},
-                    )
-                )
-    from_store = iter(stored_sides(named) if named else ())
-    one, other = (side or next(from_store) for side in sides)
-    return compared(one, other)
+    typed = values_from_keywords(values, {option.key for option in STORED_OPTIONS})
+    sides = _read_files(systems)
+    if None not in sides:
+        if typed:
+            raise InputError(
+                f"{[*typed][0]}= selects stored runs, and both are files; leave it out"
+            )
+        return compare_sides(*sides)
+    results = select_or_fail(load_all_runs(connect()), parse_selection(typed))
+    found = {i: _find_runs(system, results) for i, system in enumerate(systems) if sides[i] is None}
+    stored = sides_of_runs(dict(found.values()), results)
+    first, second = (side or stored[found[i][0]] for i, side in enumerate(sides))
+    return compare_sides(first, second)
 
 
-def _files(given: Sequence[object]) -> list[Side | None]:
+def _read_files(systems: Sequence[object]) -> list[Side | None]:
     """The sides that are tables or files; None for stored systems."""
     import pandas as pd
 
-    from bench.reading.compare import of_file, of_frame
+    from bench.reading.compare import side_of_file, side_of_frame
 
     sides: list[Side | None] = []
-    names = [Path(one).name if isinstance(one, str | Path) else "" for one in given]
-    for one, name, title in zip(given, names, ("the first table", "the second table"), strict=True):
-        if isinstance(one, pd.DataFrame):
-            sides.append(of_frame(one, title))
-        elif isinstance(one, Path) or (
-            isinstance(one, str)
-            and (one.lower().endswith((".csv", ".parquet")) or Path(one).is_file())
-        ):
-            sides.append(of_file(Path(one), str(one) if names.count(name) > 1 else ""))
+    files = [Path(system).name if isinstance(system, str | Path) else "" for system in systems]
+    titles = ("the first table", "the second table")
+    for system, file, title in zip(systems, files, titles, strict=True):
+        if isinstance(system, pd.DataFrame):
+            sides.append(side_of_frame(system, title))
+        elif _is_file(system):
+            name = str(system) if files.count(file) > 1 else file
+            sides.append(side_of_file(Path(str(system)), name))
         else:
             sides.append(None)
     return sides
 
 
-def _system(values: dict[str, object]) -> str:
-    """The name of the one system that some values mean."""
-    from bench.plan.cells import cells
+def _is_file(system: object) -> bool:
+    """True for a path, and for text that ends like a file of predictions or names a file."""
+    if isinstance(system, Path):
+        return True
+    if not isinstance(system, str):
+        return False
+    return system.lower().endswith((".csv", ".parquet")) or Path(system).is_file()
 
-    systems = {cell.system() for cell in cells(values)}
-    if len(systems) > 1:
-        raise InputError(f"{values} describe {len(systems)} systems; give one")
-    return systems.pop()
+
+def _find_runs(system: object, results: Sequence[Result]) -> tuple[str, list[Result]]:
+    """The name and the stored runs of one system, given by keys of ``bench run``, name or id."""
+    from bench.plan.grid import make_cells
+    from bench.reading.compare import find_runs
+    from bench.reading.runs import select_runs
+
+    if not isinstance(system, Mapping):
+        return str(system), find_runs(str(system), results)
+    values = values_from_keywords(system, RUN_KEYS)
+    captures = {key: split_values(key, values.pop(key)) for key in CAPTURES if key in values}
+    names = {cell.system_name() for cell in make_cells(values)}
+    if len(names) > 1:
+        raise InputError(f"{system} describes {len(names)} systems; give one")
+    (name,) = names
+    return name, find_runs(name, select_runs(results, captures))

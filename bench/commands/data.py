@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.errors import InputError, nearest
-from bench.grammar.options import START, Command, Option, parse, settings
-from bench.ground.words import DEFAULTS, Values
+from bench.errors import InputError, suggest_names
+from bench.grammar.options import START, Command, Option, parse_arguments, typed_settings
+from bench.ground.typed import DEFAULTS, Values
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,20 +55,20 @@ COMMAND = Command(
 )
 
 
-def extracted(values: Values) -> pd.DataFrame:
+def extract_features(values: Values) -> pd.DataFrame:
     """The features of all captures, beside their subject, gesture and conditions."""
     import pandas as pd
 
     from bench import contract
-    from bench.corpora.library import left_out
+    from bench.corpora.library import left_out_message
     from bench.ground.progress import warn
-    from bench.plan.cells import cells
-    from bench.plan.plan import captures_of
+    from bench.plan.grid import make_cells
+    from bench.plan.plan import load_captures
 
-    cell, *more = cells({**values, "model": DEFAULTS["model"]})
+    cell, *more = make_cells({**values, "model": DEFAULTS["model"]})
     if more:
         raise InputError("bench.extract makes one table; give one value of each key")
-    captures = captures_of(cell.data, cell.data_parameters, cell.where, cell.target)
+    captures = load_captures(cell.data, cell.data_parameters, cell.where, cell.target)
     (features,) = cell.feature_sets().values()
     contract.check(features)
     columns = features.fit(captures, captures.gestures).transform(captures)
@@ -76,40 +76,44 @@ def extracted(values: Values) -> pd.DataFrame:
         raise InputError(
             f"{captures.name} has a column {both[0]!r}, also a feature; rename it and import again"
         )
-    if line := left_out(captures):
+    if line := left_out_message(captures):
         warn(line)
     return pd.concat([captures.captures, columns], axis=1)
 
 
 def command(arguments: list[str]) -> int:
     """List the corpora, or import, show, verify or export one."""
-    from bench.commands import corpora
-    from bench.corpora.library import imported
+    from bench.commands import data_actions
+    from bench.corpora.library import imported_names
 
     match arguments:
         case []:
-            return corpora.listed()
+            return data_actions.list_corpora()
         case ["import", kind, source, *rest]:
-            return corpora.read(
-                kind, Path(source), parse(rest, None)
+            return data_actions.import_and_print(
+                kind, Path(source), parse_arguments(rest, None)
             )  # the reader knows its options
         case ["show", name, *rest] if "=" not in name:
-            return corpora.show(name, values := parse(rest, None), settings("data", values, SHOW))
+            return data_actions.show_corpus(
+                name, values := parse_arguments(rest, None), typed_settings("data", values, SHOW)
+            )
         case ["verify", name]:
-            return corpora.check(name)
+            return data_actions.verify_corpus(name)
         case ["export", name, target, *rest]:
-            settings("data", values := parse(rest, None), EXPORT)
-            return corpora.export(name, Path(target), values)
+            typed_settings("data", values := parse_arguments(rest, None), EXPORT)
+            return data_actions.export_corpus(name, Path(target), values)
         case ["show", *_]:
             raise InputError(
-                f"bench data show: give the name of a corpus: {', '.join(['synth', *imported()])}"
+                f"bench data show: give the name of a corpus: {', '.join(['synth', *imported_names()])}"
             )
-        case [name, *_] if name in ("synth", *imported()):
+        case [name, *_] if name in ("synth", *imported_names()):
             raise InputError(
                 f"bench data {name}: an action is missing; give for example bench data show {name}"
             )
         case [word, *_] if word not in ACTIONS:
-            raise InputError(f"bench data {word}: {nearest(word, ACTIONS)}; see bench data --help")
+            raise InputError(
+                f"bench data {word}: {suggest_names(word, ACTIONS)}; see bench data --help"
+            )
     raise InputError(
         f"bench data {' '.join(arguments)}: not an action with its arguments; see bench data --help"
     )

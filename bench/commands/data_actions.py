@@ -11,25 +11,25 @@ from typing import Any
 
 import numpy as np
 
-from bench.commands.printing import print_lines, print_next_commands, refuse_unwritable, writable
+from bench.commands.printing import print_lines, print_next_commands, refuse_unwritable
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import (
     ASIDE,
+    find_corpus_damage,
     first_warnings,
     import_corpus,
     imported_names,
     left_out_message,
     open_corpus,
     open_imported,
-    find_corpus_damage,
 )
 from bench.corpora.read.cost import write_cost
 from bench.corpora.read.table import write_table
 from bench.corpora.survey import Survey
 from bench.errors import InputError
 from bench.ground.scratch import data_folder
-from bench.ground.words import SMALL_SYSTEM
-from bench.plan.cells import expand_corpus_parameters
+from bench.ground.typed import SMALL_SYSTEM
+from bench.plan.grid import expand_corpus_parameters
 from bench.plan.plan import load_captures
 from bench.protocols.captures import CaptureKFold
 from bench.values.result import format_count
@@ -115,7 +115,7 @@ def load_selected_captures(
 
 def survey_captures(corpus: Corpus, out: Path | None) -> Survey:
     """Survey captures, and draw them if a folder is given."""
-    from bench.reports.corpus_page import write as draw
+    from bench.reports.corpus_page import write_page as draw
 
     found = Survey(corpus)
     if out is not None:

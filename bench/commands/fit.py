@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 from bench.errors import InputError
 from bench.grammar.options import (
-    FITTED,
+    FIT_OPTIONS,
     START,
     Command,
     Option,
-    following,
-    keys,
-    parse,
-    settings,
-    used,
+    key_options,
+    next_of_packages,
+    parse_arguments,
+    typed_settings,
+    workers_of_packages,
 )
-from bench.ground.words import Values, quoted
+from bench.ground.typed import Values, quote_value
 
 if TYPE_CHECKING:
     from bench.running.fit import Fitted
@@ -29,7 +29,7 @@ COMMAND = Command(
     "predict and all commands that take MODEL. Each key has one value.",
     "bench fit data=haart model=svm features=jung54 out=svm\nmlflow models serve -m svm --env-manager local",
     options=(
-        *FITTED,
+        *FIT_OPTIONS,
         Option(
             "stopping", "yes", True, "no: skip three extra fits for calibration and early decisions"
         ),
@@ -40,37 +40,37 @@ COMMAND = Command(
 
 def command(arguments: list[str]) -> int:
     """Train one system on all captures and save it."""
-    from bench.commands.printing import then
+    from bench.commands.printing import print_next_commands
     from bench.values.stopping import NO_SAVING
 
-    values = parse(arguments, keys("fit"))
-    fitted, out = trained(values), values.get("out")
+    values = parse_arguments(arguments, key_options("fit"))
+    fitted, out = fit_from_values(values), values.get("out")
     print(fitted, *([out] if out else []), sep="\n")
     stopping = fitted.recogniser.stopping
     if stopping is not None and not stopping.saves:
         print(f"{NO_SAVING}: the model classifies whole captures")
-    address = quoted(str(out or fitted.uri))
+    address = quote_value(str(out or fitted.uri))
     if fitted.told:
         print(fitted.told)
-    lines, reasons = following("fit", address, fitted.recogniser)
+    lines, reasons = next_of_packages("fit", address, fitted.recogniser)
     if reasons:
         print(*reasons, sep="\n")
-    then(f"bench predict {address} new.csv", *lines)
+    print_next_commands(f"bench predict {address} new.csv", *lines)
     return 0
 
 
-def trained(values: Values) -> Fitted:
+def fit_from_values(values: Values) -> Fitted:
     """Fit and save the system of some values."""
-    from bench.plan.cells import cells
+    from bench.plan.grid import make_cells
     from bench.running.fit import fit
 
-    given, learner = settings("fit", values), None
-    for key, one in used("fit").items():
+    given, learner = typed_settings("fit", values), None
+    for key, one in workers_of_packages("fit").items():
         if given[key]:
             learner = one(values)
         elif unused := [other for other in values if other.partition(".")[0] in one.keys]:
             raise InputError(f"{key}=no: {unused[0]}= has no effect without; remove one of them")
-    cell, *more = cells({k: v for k, v in values.items() if k.partition(".")[0] not in given})
+    cell, *more = make_cells({k: v for k, v in values.items() if k.partition(".")[0] not in given})
     if more:
         raise InputError("bench fit saves one system; give one value of each key")
     return fit(cell, Path(given["out"]) if given["out"] else None, given["stopping"], learner)

@@ -1,4 +1,4 @@
-"""Printed results of runs, and exit codes."""
+"""Printing for commands: lines, next commands, tables of runs, and failures with the exit code."""
 
 from __future__ import annotations
 
@@ -13,33 +13,35 @@ from rich.console import Console
 
 from bench.errors import InputError
 from bench.ground.progress import console
-from bench.ground.registry import names as registered
-from bench.ground.words import BUSY
-from bench.reading.frame import grouped, names
-from bench.running.bar import named
-from bench.values.few import INTERVAL, too_few
-from bench.values.measures import Interval, Measure, known, text
-from bench.values.result import Result, notes_on
-from bench.values.table import Table, rows_of
+from bench.ground.registry import registered_parts
+from bench.ground.machine import BUSY_SLOWDOWN
+from bench.reading.frame import group_results, name_rows
+from bench.running.bar import fold_title
+from bench.values.few import FEWEST_FOR_INTERVAL, too_few_sentence
+from bench.values.measures import Interval, Measure, text_measure, value_or_none
+from bench.values.result import Result, footnotes_of_system
+from bench.values.table import Table, rows_of_frame
 
 if TYPE_CHECKING:
     from bench.reports.views.base import View
 
 COMMAND = re.compile(r"\bbench ([a-z]+)")  # in a line to type
-NAMED = 3  # folds or systems that a line names
+MOST_NAMES = 3  # of folds or systems in a line
 WIDTH = 100  # columns of a file or a log, which has no width of its own
-CONTEXT = (  # columns of tables of runs
-    text("data", read=lambda r: r["data"] + "*" * (r["synthetic"] == "true")),
-    text(
+CONTEXT_COLUMNS = (  # columns of tables of runs
+    text_measure("data", source=lambda r: r["data"] + "*" * (r["synthetic"] == "true")),
+    text_measure(
         "subset",
-        read=lambda r: r["subset"] + f", {r['target']}" * (r["target"] != "gesture"),
+        source=lambda r: r["subset"] + f", {r['target']}" * (r["target"] != "gesture"),
         spare=3,
     ),
-    text("protocol", read=lambda r: r["protocol"] + ", subjects mixed" * r.mixed),
+    text_measure(
+        "protocol", source=lambda r: r["protocol"] + ", subjects mixed" * r.mixes_subjects
+    ),
 )
 
 
-def output() -> Console:
+def results_console() -> Console:
     """The console for results."""
     out = Console()
     if not out.is_terminal:
@@ -47,129 +49,138 @@ def output() -> Console:
     return out
 
 
-def say(*lines: str) -> None:
-    """Print lines unwrapped, long ones too, so that they can be pasted."""
-    out = output()
+def print_lines(*lines: str) -> None:
+    """Print lines unwrapped, so that long ones can be pasted too."""
+    out = results_console()
     for line in lines:
         out.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
-def then(*commands: str) -> None:
-    """Print the next commands to type, those that are here."""
-    here = [
-        line
-        for line in commands
-        if not (found := COMMAND.search(line)) or found[1] in registered("commands")
-    ]
-    if here:
-        say(*(f"{'      ' if i else 'next: '}{command}" for i, command in enumerate(here)))
-
-
-def writable(folder: Path) -> Path:
-    """Make the folder of ``out=`` before anything is run."""
-    with unwritable(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder
+def print_next_commands(*lines: str) -> None:
+    """Print the next commands to type; those of packages that are missing are left out."""
+    commands = registered_parts("commands")
+    prefix = "next: "
+    for line in lines:
+        match = COMMAND.search(line)
+        if not match or match[1] in commands:
+            print_lines(prefix + line)
+            prefix = "      "
 
 
 @contextmanager
-def unwritable(out: Path) -> Iterator[None]:
-    """Refuse an unwritable destination, in one line; existing files stay."""
+def refuse_unwritable(out: Path) -> Iterator[None]:
+    """Turn the error of an unwritable destination into one line; existing files stay."""
     try:
         yield
     except OSError as e:
-        if e.errno == errno.ENAMETOOLONG:  # which has a line of its own
+        if e.errno == errno.ENAMETOOLONG:  # `bench.cli` has a line for it
             raise
         raise InputError(
             f"out={out}: {e.filename or out} cannot be written ({e.strerror or e}); choose another"
         ) from e
 
 
-def show(results: Sequence[Result], views: Sequence[tuple[View, Sequence[Result]]]) -> int:
-    """Print the chosen values of each fold, a row for each run in each view that shows it, and failures; exit code."""
-    out = output()
+def print_tables(results: Sequence[Result], views: Sequence[tuple[View, Sequence[Result]]]) -> int:
+    """Print tables of runs in several views, notes and failures; return the exit code.
+
+    Args:
+        results: all runs.
+        views: each view, with the runs that it shows.
+    """
+    out = results_console()
     for view, members in views:
         for result in members:
-            if view.searches and "chosen" in result.tables:
-                choices_table(result).print(out)
-        runs_table(members, view).print(out)
+            if view.key == "run" and "chosen" in result.tables:
+                table_of_choices(result).print(out)
+        table_of_runs(members, view).print(out)
     if any(r["synthetic"] == "true" for r in results):
         out.print("* synthetic: generated captures, not people; compare systems on a real corpus")
-    if slower := {r.system: r["slowdown"] for r in results if r.get("slowdown", 0) > BUSY}:
-        line = f"other programs made this machine up to {max(slower.values()):.1f} times slower during "
-        line += f"{_first([*slower], 'more')}; times are converted to those of the quiet machine"
+    if slower := {r.system: r["slowdown"] for r in results if r.get("slowdown", 0) > BUSY_SLOWDOWN}:
+        line = (
+            f"other programs made this machine up to {max(slower.values()):.1f} times slower "
+            f"during {_first_names([*slower])}; times are converted to those of the quiet machine"
+        )
         out.print(line, markup=False, highlight=False)
-    for note in dict.fromkeys(note for r in results for note in notes_on(r.system, str(r["data"]))):
-        out.print(note, markup=False, highlight=False, soft_wrap=True)
-    return failures(results)
+    footnotes = [note for r in results for note in footnotes_of_system(r.system, str(r["data"]))]
+    print_lines(*dict.fromkeys(footnotes))
+    return print_failures(results)
 
 
-def failures(results: Sequence[Result]) -> int:
-    """Print which folds failed, the first exception and where its traceback is; the exit code."""
-    failed = {
-        f"{_title(r)}: {named(name)}": failure
+def print_failures(results: Sequence[Result]) -> int:
+    """Print the failed folds and where the first traceback is; return the exit code."""
+    failures = {
+        f"{_title_of_run(r)}: {fold_title(name)}": failure
         for r in results
         for name, failure in r.errors.items()
     }
-    if failed:
-        reason, where = next(iter(failed.values()))
-        line = f"{len(failed)} failed: {_first([*failed], 'more')}; {reason}; traceback of the first: {where}"
-        console.print(line, style="bold red", markup=False, highlight=False, soft_wrap=True)
-    return int(bool(failed))
+    if not failures:
+        return 0
+    reason, place = next(iter(failures.values()))
+    line = f"{len(failures)} failed: {_first_names([*failures])}; {reason}; "
+    line += f"traceback of the first: {place}"
+    console.print(line, style="bold red", markup=False, highlight=False, soft_wrap=True)
+    return 1
 
 
-def _first(names: Sequence[str], rest: str) -> str:
-    """The first names, and how many more there are."""
-    return "; ".join(names[:NAMED]) + (
-        f" and {len(names) - NAMED} {rest}" if len(names) > NAMED else ""
-    )
+def _first_names(names: Sequence[str]) -> str:
+    """The first names, and the number of the others."""
+    rest = len(names) - MOST_NAMES
+    return "; ".join(names[:MOST_NAMES]) + f" and {rest} more" * (rest > 0)
 
 
-def _title(result: Result) -> str:
+def _title_of_run(result: Result) -> str:
     return ", ".join(str(result[name]) for name in ("system", "data", "protocol"))
 
 
-def runs_table(results: Sequence[Result], view: View) -> Table:
-    """A table of results, the most accurate first: what they share stands above it, what differs in columns."""
-    ordered: list[Result] = []
-    marked: list[
-        Result
-    ] = []  # the most accurate complete ones of each group in which there is something to compare
-    for group in grouped(results, view.alike).values():
-        scores = {r: known(r.get(view.score)) for r in group}
-        ordered += sorted(group, key=lambda r: float("inf") if scores[r] is None else -scores[r])
-        whole = {
-            r: score
-            for r, score in scores.items()
-            if score is not None and r.scored and r.complete and r.alone
-        }
-        if view.ranked and len(whole) > 1:
-            marked += [r for r, score in whole.items() if score == max(whole.values())]
-    results, called = ordered, dict(zip(ordered, names(ordered), strict=True))
-    differing = [measure for measure in CONTEXT if len({measure.of(r) for r in results}) > 1]
-    system = text("system", read=lambda r: called[r] + " (best)" * (r in marked))
-    folds = Measure("folds", read=lambda r: r.folds)
-    measures = view.shows(results)
-    title = view.title(results)
-    if not differing:
-        data, captures_of, protocol = results[0].context
-        title = f"{data}, {'all captures' if captures_of == 'all' else captures_of}, {protocol}\n{title}"
-    if view.ranked and any(isinstance(m.cell(r), Interval) for m in measures for r in results):
+def table_of_runs(results: Sequence[Result], view: View) -> Table:
+    """Table of results, the most accurate first; the title has what they share."""
+    results, best = _rank_results(results, view)
+    names = dict(zip(results, name_rows(results), strict=True))
+    system = text_measure("system", source=lambda r: names[r] + " (best)" * (r in best))
+    context = [m for m in CONTEXT_COLUMNS if len({m.as_text(r) for r in results}) > 1]
+    measures, title = view.table_columns(results), view.table_title(results)
+    if not context:
+        data, subset, protocol = results[0].context
+        title = f"{data}, {'all captures' if subset == 'all' else subset}, {protocol}\n{title}"
+    values = (measure.value_of_row(r) for measure in measures for r in results)
+    if view.marks_best and any(isinstance(value, Interval) for value in values):
         title += "; in brackets 95 % t-intervals over subjects"
     if any(measure.ends for measure in measures):
-        few = sorted(
-            {int(r["subjects"]) for r in results if r.get("subjects", INTERVAL) < INTERVAL}
-        )
-        title += "".join(f"; {too_few(people)}" for people in few)
-    bold = [i for i, r in enumerate(results) if r in marked]
-    return Table([system, *differing, *measures, folds], results, title, bold)
+        people = {int(r.get("subjects", FEWEST_FOR_INTERVAL)) for r in results}
+        few = sorted(number for number in people if number < FEWEST_FOR_INTERVAL)
+        title += "".join(f"; {too_few_sentence(number)}" for number in few)
+    columns = [system, *context, *measures, Measure("folds", source=lambda r: r.folds)]
+    return Table(columns, results, title, [i for i, r in enumerate(results) if r in best])
 
 
-def choices_table(result: Result) -> Table:
-    """What a search has chosen on the training part of each fold."""
-    chosen = result.tables["chosen"].rename(columns=str)
-    words = chosen.map(
-        lambda v: "" if known(v) is None else f"{v:.4g}" if isinstance(v, float) else str(v)
-    )
-    columns = [text(str(name), spare=i) for i, name in enumerate(words)]
-    return Table(columns, rows_of(words), f"Chosen in each training part: {_title(result)}")
+def _rank_results(results: Sequence[Result], view: View) -> tuple[list[Result], list[Result]]:
+    """Results, the most accurate of each comparable group first, and the best ones to mark.
+
+    A group has a best one if at least two of its runs are complete.
+    """
+    ranked: list[Result] = []
+    best: list[Result] = []
+    for group in group_results(results, view.shared_parameters).values():
+        scores = {r: value_or_none(r.get(view.score)) for r in group}
+        ranked += sorted(group, key=lambda r: float("inf") if scores[r] is None else -scores[r])
+        complete = [r for r in group if r.has_scores and r.is_complete and r.predicts_alone]
+        complete = [r for r in complete if scores[r] is not None]
+        if view.marks_best and len(complete) > 1:
+            highest = max(scores[r] for r in complete)
+            best += [r for r in complete if scores[r] == highest]
+    return ranked, best
+
+
+def table_of_choices(result: Result) -> Table:
+    """Table of what a search has chosen in the training part of each fold."""
+    texts = result.tables["chosen"].rename(columns=str).map(_format_choice)
+    columns = [text_measure(str(name), spare=i) for i, name in enumerate(texts)]
+    title = f"Chosen in each training part: {_title_of_run(result)}"
+    return Table(columns, rows_of_frame(texts), title)
+
+
+def _format_choice(value: object) -> str:
+    """A chosen value: floats with four digits, "" for an unknown one."""
+    if value_or_none(value) is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -4,8 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.grammar.options import START, STORED, Command, Option, keys, limits_of, parse, settings
-from bench.values.result import several
+from bench.grammar.options import (
+    START,
+    STORED_OPTIONS,
+    Command,
+    Option,
+    cost_limits,
+    key_options,
+    parse_arguments,
+    typed_settings,
+)
+from bench.values.result import format_count
 
 COMMAND = Command(
     START,
@@ -22,7 +31,7 @@ COMMAND = Command(
     "bench report data=haart bundle=paper.zip\n"
     "bench report from=paper.zip",
     options=(
-        *STORED,
+        *STORED_OPTIONS,
         Option("out", "text", "report", "folder for the page"),
         Option(
             "paper",
@@ -55,44 +64,46 @@ PLACES = ("out", "bundle", "from")  # keys of files and folders, which a bundle 
 
 def command(arguments: list[str]) -> int:
     """Write the verdict on the tracked runs as a page, with its tables and figures."""
-    from bench.commands.printing import then
-    from bench.reading.runs import asked_of, every_result, every_run, wanted
-    from bench.reports.bundle import Bundle, writing
-    from bench.reports.latex import columns_of
+    from bench.commands.printing import print_next_commands
+    from bench.reading.runs import load_clean_runs, load_results, parse_selection, select_or_fail
+    from bench.reports.bundle import Bundle, write_bundle
+    from bench.reports.latex import parse_columns
     from bench.store.client import connect
 
-    values = parse(arguments, keys("report"))
+    values = parse_arguments(arguments, key_options("report"))
     source = Bundle(Path(values["from"])) if "from" in values else None
     values = {**(source.options if source else {}), **values}
-    given = settings("report", values)
-    asked = asked_of(values)
-    paper = columns_of(given["paper"])
+    given = typed_settings("report", values)
+    asked = parse_selection(values)
+    paper = parse_columns(given["paper"])
     from bench.reports.page import (
         write_report,  # loads all plotting: wrong arguments need not wait for it
     )
 
     out, store = Path(given["out"]), source or connect()
-    how = (limits_of(given), given["against"])
+    how = (cost_limits(given), given["against"])
     if given["bundle"]:
-        kept = wanted(every_result(store, asked), asked)
-        older = every_run(store, asked) if given["history"] else []
+        kept = select_or_fail(load_results(store, asked), asked)
+        older = load_clean_runs(store, asked) if given["history"] else []
         options = {key: value for key, value in values.items() if key not in (*asked, *PLACES)}
-        with writing(
+        with write_bundle(
             Path(given["bundle"]), {r["run_id"]: r for r in [*older, *kept]}.values(), options
         ) as made:
             paths = write_report(made, out, *how, {}, paper, given["history"])
-            made.add(out, paths)
+            made.add_report(out, paths)
     else:
         paths = write_report(store, out, *how, asked, paper, given["history"])
     counts = {end: sum(path.suffix == end for path in paths) for end in (".csv", ".svg")}
     page = out / "index.html"
     what = "the selected runs" if asked else "all runs"
-    beside = f"{several(counts['.csv'], 'CSV file')} and {several(counts['.svg'], 'figure')}"
+    beside = (
+        f"{format_count(counts['.csv'], 'CSV file')} and {format_count(counts['.svg'], 'figure')}"
+    )
     print(f"{page}: {what}; in the same folder .md, .tex, {beside}")
     print(f"open: {page.resolve().as_uri()}")
     if given["bundle"]:
         print(
             f"{given['bundle']}: the report, its runs and predictions; bench report from=FILE makes the page again"
         )
-    then("bench ui")
+    print_next_commands("bench ui")
     return 0

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bench.errors import InputError
 from bench.grammar.options import (
     COMPARE,
     DRY,
-    KEYS,
+    RUN_KEYS,
     START,
     Command,
     Option,
     backend_keys,
     backend_of,
-    keys,
-    parse,
-    value_of,
-    values_of,
+    key_options,
+    parse_arguments,
+    parse_option,
+    values_from_keywords,
 )
-from bench.ground.registry import load, loaded, view
-from bench.ground.words import ALL, CLEAN, FAULTS, LATER, SMALL, Values
+from bench.ground.registry import load_part, load_parts, load_view
+from bench.corpora.fault_names import ALL_FAULTS, FAULT_NAMES, MORE_FAULT_NAMES, NO_FAULT
+from bench.ground.typed import SMALL_SYSTEM, Values
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,10 +38,7 @@ if TYPE_CHECKING:
 
 STEPS = (
     Option(
-        "model.window",
-        "number",
-        None,
-        "seconds per window; a model of whole captures then uses windows",
+        "model.window", "number", None, "seconds per window, also for a model of whole captures"
     ),
     Option(
         "model.repair", "text", "", "sensor damage to correct", ("stuck", "dead", "offset"), "+"
@@ -58,8 +55,7 @@ STEPS = (
         "text",
         "",
         "also train on damaged copies: all, or faults of bench stress",
-        (),
-        "+",
+        joint="+",
     ),
     Option(
         "model.turns", "count", 0, "number of mirrored or rotated copies of each training capture"
@@ -71,11 +67,12 @@ RUN = Command(
     "evaluate systems under a protocol and store the runs",
     "Evaluates every combination of the given values; commas separate values. A dotted key sets a "
     "parameter of that part. Each combination is one MLflow run. under=, after= and "
-    "train_subjects= let each fitted system label the test captures again: under faults, after some of the touch, or "
-    "fitted on fewer subjects. An interrupted command continues where it stopped. A TOML file names several grids: "
-    "each table has keys of the command line, and lists for several values. Keys above the first table hold for all.",
+    "train_subjects= test each fitted system again: under faults, after some of the touch, or "
+    "fitted on fewer subjects. An interrupted command continues where it stopped. A TOML file "
+    "names several grids: each table has keys of the command line, and lists for several values. "
+    "Keys above the first table hold for all.",
     "bench run protocol=loso model=cnn85\n"
-    f"bench run data=haart {SMALL}\n"
+    f"bench run data=haart {SMALL_SYSTEM}\n"
     "bench run data=haart protocol=challenge,loso model=bayes,svm,rf,xgb features=jung28,jung54\n"
     "bench run data=cost model=svm model.C=8,32,128 model.gamma=0.125\n"
     "bench run data=haart model=lda features=touch under=noise,dead_taxels after=250ms,1s\n"
@@ -88,156 +85,143 @@ RUN = Command(
 STRESS = Command(
     COMPARE,
     "find faults, subjects and conditions under which systems fail",
-    "Trains every fold once and tests it on clean captures and under every fault at five severities. Lists "
-    "subjects, classes, conditions and faults whose accuracy is significantly below that of the system. "
-    "With several seeds, it also counts captures whose label changes. It is bench run with under= and "
-    "train_subjects=. An interrupted command continues where it stopped.",
+    "Trains every fold once and tests it on clean captures and under every fault at five "
+    "severities. Then bench report lists subjects, classes, conditions and faults whose accuracy is "
+    "significantly below that of the system. With several seeds, it also counts captures whose "
+    "label changes. bench stress is bench run with under= and train_subjects=. An interrupted "
+    "command continues where it stopped.",
     "bench stress data=haart protocol=loso model=svm,rf features=jung54\n"
-    "bench stress data=haart protocol=loso model=rf seed=0,1,2 faults=noise,shift train_subjects=2,4,8",
+    "bench stress data=haart protocol=loso model=rf seed=0,1,2 faults=noise,shift "
+    "train_subjects=2,4,8",
     makes="under",
     options=(
         Option(
             "faults",
             "text",
-            ALL,
+            ALL_FAULTS,
             "faults that damage the test captures, or all",
-            (*FAULTS.split(), *LATER.split(), CLEAN),
+            (*FAULT_NAMES, *MORE_FAULT_NAMES, NO_FAULT),
         ),
         Option("train_subjects", "text", "", "numbers of training subjects for a learning curve"),
-        Option("out", "text", "stress", "folder for tables and figures"),
     ),
 )
 
 
-def made(name: str, values: Values) -> pd.DataFrame:
-    """The runs of a command that makes runs, by its name."""
+def run_from_python(name: str, values: Values) -> pd.DataFrame:
+    """Make the runs of a command by keyword arguments; return a row per run."""
     from bench.reading.frame import frame
-    from bench.running.loop import execute
+    from bench.running.loop import run_plans
 
-    typed = values_of(
-        values, keys(name, [key.replace("__", ".") for key in values]).keys() - {DRY.key}
-    )
+    known = key_options(name, [key.replace("__", ".") for key in values]).keys() - {DRY.key}
+    typed = values_from_keywords(values, known)
     backend = backend_of(typed)
-    return frame(execute(planned(name, {"": typed}, backend), backend))
+    return frame(run_plans(plan_grids(name, {"": typed}, backend), backend))
 
 
 def command(name: str, arguments: list[str]) -> int:
-    """Make the runs that the arguments name, print and write them; exit code 1 if a fold failed."""
-    from bench.commands.printing import writable
-    from bench.running.loop import execute
+    """Make the runs that the arguments name, and print them; exit code 1 if a fold failed."""
+    from bench.running.loop import run_plans
 
-    file = arguments[0] if name == "run" and arguments and arguments[0].endswith(".toml") else ""
-    values = parse(arguments[bool(file) :], keys(name, arguments[bool(file) :]))
-    backend, digest = backend_of(values), ""
+    file, digest = "", ""
+    if name == "run" and arguments and arguments[0].endswith(".toml"):
+        file, *arguments = arguments
+    values = parse_arguments(arguments, key_options(name, arguments))
     grids: Mapping[str, Values] = {"": values}
-    dry = is_dry(values)
     if file:
-        from bench.commands.grid import read
+        from bench.commands.run_grids import read_grids
 
-        aside = {DRY.key, *backend_keys()}
-        if extra := [key for key in values if key not in aside]:
-            raise InputError(
-                f"{extra[0]}= stands beside {file}, which names what is run; write it in the file"
-            )
-        digest, grids = read(file, aside)
-    plans = planned(name, grids, backend)
-    if dry:
-        if backend.workers:
-            raise InputError(
-                "dry=yes looks up runs of this machine's workers; leave out the key of other workers"
-            )
-        from bench.commands.grid import foreseen
+        digest, grids = read_grids(file, values)
+    backend = backend_of(values)
+    plans = plan_grids(name, grids, backend)
+    if is_dry(values):
+        from bench.commands.run_grids import print_missing_runs
 
-        return foreseen(plans)
-    folder = writable(Path(out)) if (out := given_to(name, values).get("out")) else None
-    circumstances = dict.fromkeys(one.key for plan in plans for one in plan.cell.circumstances)
-    return printed(name, execute(plans, backend, digest), [*circumstances], folder)
+        return print_missing_runs(plans, backend)
+    circumstances = dict.fromkeys(each.key for plan in plans for each in plan.cell.circumstances)
+    return print_results(name, run_plans(plans, backend, digest), [*circumstances])
 
 
 def is_dry(values: Values) -> bool:
-    """Whether typed values ask what would be run, and for no run."""
-    return bool(value_of(DRY, values.get(DRY.key, DRY.default)))
+    """True if typed values ask for a list of the missing runs, and for no run."""
+    return bool(parse_option(DRY, values.get(DRY.key, DRY.default)))
 
 
-def given_to(name: str, values: Values) -> dict[str, Any]:
-    """What a command that makes runs is given besides keys of its cells and workers; its own keys with defaults."""
-    usual = {
-        one.key: one.default
-        for one in load("commands", name).options
-        if one.default and "." not in one.key
-    }
-    of_runs = {*KEYS, *backend_keys(), DRY.key}
-    return usual | {
-        key: value for key, value in values.items() if key.partition(".")[0] not in of_runs
-    }
+def plan_grids(name: str, grids: Mapping[str, Values], backend: Backend) -> list[Plan]:
+    """Plan the runs of all grids of a command, each run once.
 
+    Args:
+        name: the command.
+        grids: typed values, by the place in a file that an error names; "" for a command line.
+        backend: the workers.
+    """
+    from bench.plan.plan import make_plans
 
-def planned(name: str, grids: Mapping[str, Values], backend: Backend) -> list[Plan]:
-    """What a command is to run of each grid, by its place in words; every run once."""
-    from bench.running.loop import prepared
-
-    todo: list[Cell] = []
+    cells: list[Cell] = []
     for place, values in grids.items():
         try:
-            todo += _wanted(name, values)
+            cells += _make_cells_of_grid(name, values)
         except InputError as e:
             raise InputError(f"{place}: {e}" if place else str(e)) from e
-    return [*{plan.key: plan for plan in prepared(todo, backend.jobs)}.values()]
+    return [*{plan.key: plan for plan in make_plans(cells, backend.jobs)}.values()]
 
 
-def _wanted(name: str, values: Values) -> list[Cell]:
-    """The cells of a grid, each with what is measured of it."""
-    from bench.plan.cells import cells
+def _make_cells_of_grid(name: str, values: Values) -> list[Cell]:
+    """Make the cells of a grid, each with the circumstances, or the study, that it names."""
+    from bench.plan.grid import make_cells
 
-    makes, given = load("commands", name).makes, given_to(name, values)
-    made = cells({key: value for key, value in values.items() if key not in given})
-    given.pop("out", "")
-    if "faults" in given:  # what bench stress calls under=
-        given["under"] = given["faults"]
-    if makes != "run" and (study := load("circumstances", makes)).study:
-        return [replace(cell, study=each) for cell in made for each in study.of(given)]
-    several = circumstances(given) if given else [()]
-    return [replace(cell, circumstances=each) for cell in made for each in several]
-
-
-def circumstances(values: Values) -> list[tuple[Circumstance, ...]]:
-    """Every combination of the circumstances that typed values ask for, by their first option."""
-    asked = []
-    for one in (c for c in loaded("circumstances").values() if not c.study):
-        if one.key in values:
-            asked.append(one)
-        elif alone := one.fields().keys() & values.keys():
-            raise InputError(f"{min(alone)}= needs {one.key}=; add it or leave {min(alone)}= out")
-    return [*itertools.product(*(one.of(values) for one in asked))]
+    shared = {*RUN_KEYS, *backend_keys(), DRY.key}
+    options = {key: value for key, value in values.items() if key.partition(".")[0] not in shared}
+    cells = make_cells({key: value for key, value in values.items() if key not in options})
+    if name == "stress":
+        options["under"] = options.pop("faults", ALL_FAULTS)
+    makes = load_part("commands", name).makes
+    if makes != "run" and (study := load_part("circumstances", makes)).is_run_kind:
+        return [replace(cell, study=each) for cell in cells for each in study.from_typed(options)]
+    combinations = combine_circumstances(options) if options else [()]
+    return [replace(cell, circumstances=each) for cell in cells for each in combinations]
 
 
-def printed(
-    name: str, results: list[Result], keys: Sequence[str] = (), folder: Path | None = None
-) -> int:
-    """Print runs as a command shows them, and write what it writes; the exit code."""
-    from bench.commands.printing import output, say, show, then
+def combine_circumstances(values: Values) -> list[tuple[Circumstance, ...]]:
+    """Return every combination of the circumstances whose first option has typed values."""
+    chosen = []
+    for circumstance in load_parts("circumstances").values():
+        if circumstance.is_run_kind:
+            continue
+        key = circumstance.key
+        if key in values:
+            chosen.append(circumstance.from_typed(values))
+        elif alone := circumstance.options_by_key().keys() & values.keys():
+            raise InputError(f"{min(alone)}= needs {key}=; add it or leave {min(alone)}= out")
+    return [*itertools.product(*chosen)]
+
+
+def print_results(name: str, results: list[Result], circumstances: Iterable[str] = ()) -> int:
+    """Print runs, and their circumstances, as a command shows them; return the exit code."""
+    from bench.commands.printing import (
+        print_lines,
+        print_next_commands,
+        print_tables,
+        results_console,
+    )
     from bench.values.table import Table
 
-    main = view(load("commands", name).makes)
-    shown: list[tuple[View, Sequence[Result]]] = [(main, results)]
-    if name == "run":
-        held = ((view(key), [r for r in results if view(key).holds(r)]) for key in keys)
-        shown += [
-            (one, members) for one, members in held if members
-        ]  # a circumstance may have failed
-    code = show(results, shown)
-    if folder is not None:
-        say(*main.write([r for r in results if r.scored and main.holds(r)], folder))
-    for one, members in shown:
-        for part in one.printed(members):
-            part.print(output()) if isinstance(part, Table) else say(part)
-    if whole := [r for r in results if r.scored and r.complete]:
-        then(main.then(whole))
-    return code
+    main_view = load_view(load_part("commands", name).makes)
+    views: list[tuple[View, Sequence[Result]]] = [(main_view, results)]
+    for view in map(load_view, circumstances if name == "run" else ()):
+        if members := [r for r in results if view.holds(r)]:  # none if all of them failed
+            views.append((view, members))
+    exit_code = print_tables(results, views)
+    for view, members in views:
+        for part in view.printed(members):
+            part.print(results_console()) if isinstance(part, Table) else print_lines(part)
+    if complete := [r for r in results if r.has_scores and r.is_complete]:
+        print_next_commands(main_view.then(complete))
+    return exit_code
 
 
-def evaluated(todo: list[Cell], backend: Backend) -> list[Result]:
-    """Cells of captures, evaluated as ``bench run`` does."""
-    from bench.running.loop import execute, prepared
+def run_cells(cells: list[Cell], backend: Backend) -> list[Result]:
+    """Run cells of captures as ``bench run`` does; return a result for each."""
+    from bench.plan.plan import make_plans
+    from bench.running.loop import run_plans
 
-    return execute(prepared(todo, backend.jobs), backend)
+    return run_plans(make_plans(cells, backend.jobs), backend)

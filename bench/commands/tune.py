@@ -1,25 +1,25 @@
-"""The command ``bench tune``: like ``bench run``, with the parameters of each model searched in every training part."""
+"""The command ``bench tune``: run systems with their parameters searched in every training part."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bench.commands.run import evaluated, is_dry, printed
-from bench.errors import InputError, nearest
+from bench.commands.run import is_dry, print_results, run_cells
+from bench.errors import InputError, suggest_names
 from bench.grammar.options import (
     COMPARE,
     DRY,
-    WORK,
+    RUN_OPTIONS,
     Command,
     Option,
     backend_of,
-    keys,
-    parse,
-    settings,
+    key_options,
+    parse_arguments,
+    typed_settings,
 )
-from bench.ground.registry import parameters
-from bench.ground.words import DEFAULTS, Values, convert, items, text_of
+from bench.ground.registry import parameter_defaults
+from bench.ground.typed import DEFAULTS, Values, format_value, parse_value, split_values
 
 if TYPE_CHECKING:
     from bench.models.space import Space, Tuning
@@ -30,17 +30,18 @@ SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where smallest= ha
 COMMAND = Command(
     COMPARE,
     "search the parameters of systems inside each training part",
-    "Like bench run, but searches the parameters of each model in every training part, on inner folds of whole "
-    "subjects. model.C=8,32,128 lists values; without lists, it searches the ranges that the model declares. "
-    "Prints and stores the chosen values of each fold and every combination. smallest=X chooses the smallest value "
-    "of the parameter X within one standard error of the best one, and runs the unchanged system beside it. It "
-    "tries the values of model.X=, or an eighth, a quarter, a half and all of the default. An interrupted search "
+    "Like bench run, but searches the parameters of each model in every training part, on inner "
+    "folds of whole subjects. model.C=8,32,128 lists values; without lists, it searches the ranges "
+    "that the model declares. Prints and stores the chosen values of each fold and every "
+    "combination. smallest=X chooses the smallest value of the parameter X within one standard "
+    "error of the best one, and runs the unchanged system beside it. It tries the values of "
+    "model.X=, or an eighth, a quarter, a half and all of the default. An interrupted search "
     "continues where it stopped.",
     "bench tune data=haart protocol=loso model=svm features=jung54 trials=50\n"
     "bench tune data=haart protocol=challenge model=rf,xgb features=ta273\n"
     "bench tune data=haart protocol=loso model=cnn85 smallest=frames",
     options=(
-        *WORK,
+        *RUN_OPTIONS,
         DRY,
         Option(
             "trials",
@@ -58,160 +59,152 @@ COMMAND = Command(
 
 
 def command(arguments: list[str]) -> int:
-    """Search, fit and score; exit code as of ``bench run``."""
-    values = parse(arguments, keys("tune"))
+    """Search, fit and test systems; the exit code is that of ``bench run``."""
+    values = parse_arguments(arguments, key_options("tune"))
     if is_dry(values):
-        from bench.commands.grid import foreseen
-        from bench.running.loop import prepared
+        from bench.commands.run_grids import print_missing_runs
+        from bench.plan.plan import make_plans
 
-        return foreseen(prepared(_cells(values), backend_of(values).jobs))
-    return printed("run", searched(values))
-
-
-def searched(values: Values) -> list[Result]:
-    """The cells of some values, each a search."""
-    return evaluated(_cells(values), backend_of(values))
+        backend = backend_of(values)
+        return print_missing_runs(make_plans(_make_searches(values), backend.jobs), backend)
+    return print_results("run", run_searches(values))
 
 
-def _cells(values: Values) -> list[Cell]:
-    """The systems of some values, each to be searched."""
-    return _smallest(values) if "smallest" in values else _tuned(values)
+def run_searches(values: Values) -> list[Result]:
+    """Run the searches of typed values; return a result for each."""
+    return run_cells(_make_searches(values), backend_of(values))
 
 
-def _tuned(values: Values) -> list[Cell]:
-    """A cell for each system and seed."""
-    given = settings("tune", values)
-    how = {k: given[k] for k in ("trials", "inner", "seconds") if k in values}
-    params = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
-    if "seed" in params:
+def _make_searches(values: Values) -> list[Cell]:
+    """Make the cells of typed values, each with its search."""
+    return _search_smallest(values) if "smallest" in values else _search_best(values)
+
+
+def _search_best(values: Values) -> list[Cell]:
+    """Make a search of the best values of parameters, for each system and seed."""
+    from bench.plan.grid import accepted_parameters, refuse_unknown
+
+    settings = typed_settings("tune", values)
+    limits = {key: settings[key] for key in ("trials", "inner", "seconds") if key in values}
+    listed = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
+    if "seed" in listed:
         raise InputError(
-            f"model.seed={params['seed']}: give seed= instead, which also sets the seed of the search"
+            f"model.seed={listed['seed']}: give seed= instead, which also sets the seed of the "
+            "search"
         )
-    untuned = _searchable(
-        {
-            k: v
-            for k, v in values.items()
-            if not k.startswith("model.") and k not in {*given, "seed"}
-        }
-    )
-    names = {name for cell in untuned for name in _parameters(cell)}
-    if unknown := [name for name in params if name not in names]:
-        model = values.get("model", DEFAULTS["model"])
-        raise InputError(
-            f"model={model} has no parameter {unknown[0]!r}; {nearest(unknown[0], names)}"
-        )
-    seeds = [
-        convert("seed", text, 0) for text in items("seed", values.get("seed", DEFAULTS["seed"]))
-    ]
-    tunings = [(cell, _tuning(cell, params, how, given["trials"])) for cell in untuned]
+    searched = {*settings, "seed", *(f"model.{name}" for name in listed)}
+    cells = _make_searchable_cells({k: v for k, v in values.items() if k not in searched})
+    factories = [cell.model.factory for cell in cells]
+    accepted = {name for each in factories for name in accepted_parameters("model", each)}
+    refuse_unknown(f"model={values.get('model', DEFAULTS['model'])}", listed, accepted)
+    seeds = split_values("seed", values.get("seed", DEFAULTS["seed"]))
+    seeds = [parse_value("seed", text, 0) for text in seeds]
+    searches = [_search_of_best(cell, listed, limits, settings["trials"]) for cell in cells]
     return [
-        replace(cell, tuning=tuning | {"seed": seed}) for cell, tuning in tunings for seed in seeds
+        replace(cell, tuning=search | {"seed": seed})
+        for cell, search in zip(cells, searches, strict=True)
+        for seed in seeds
     ]
 
 
-def _smallest(values: Values) -> list[Cell]:
-    """Each system with the smallest value that suffices, chosen in every fold, and beside it the unchanged system."""
-    if wrong := [key for key in ("trials", "seconds") if key in values]:
+def _search_smallest(values: Values) -> list[Cell]:
+    """Make a search of the smallest value that suffices, for each system, and the system itself."""
+    if limits := [key for key in ("trials", "seconds") if key in values]:
         raise InputError(
-            f"{wrong[0]}= ends a search, and smallest= tries every value; leave one of them out"
+            f"{limits[0]}= ends a search, and smallest= tries every value; leave one of them out"
         )
-    given = settings("tune", values)
-    over, inner = given["smallest"], given["inner"]
-    found = _searchable({k: v for k, v in values.items() if k not in (*given, f"model.{over}")})
-    sizes = [_sizes(cell, over, values.get(f"model.{over}"), inner) for cell in found]
-    return [
-        each
-        for cell, how in zip(found, sizes, strict=True)
-        for each in (replace(cell, tuning=how), cell)
-    ]
+    settings = typed_settings("tune", values)
+    name = settings["smallest"]
+    searched = (*settings, f"model.{name}")
+    cells = []
+    for cell in _make_searchable_cells({k: v for k, v in values.items() if k not in searched}):
+        search = _search_of_smallest(cell, name, values.get(f"model.{name}"), settings["inner"])
+        cells += [replace(cell, tuning=search), cell]
+    return cells
 
 
-def _searchable(values: Values) -> list[Cell]:
-    """The cells of some values, if a search can be around each."""
+def _make_searchable_cells(values: Values) -> list[Cell]:
+    """Make the cells of typed values; refuse systems whose parameters cannot be searched."""
     from bench import contract
-    from bench.plan.cells import cells
+    from bench.plan.grid import make_cells
 
-    found = cells(values)
-    for cell in found:
-        name = cell.model.short
+    cells = make_cells(values)
+    for cell in cells:
+        name = cell.model.short_name
         if cell.model.instance is not None:
             raise InputError(
-                f"model={name}: an object has fixed parameters; give the name of its class or factory"
+                f"model={name}: an object has fixed parameters; give the name of its class or "
+                "factory"
             )
-        if contract.searches(cell.untrained):
+        if contract.searches(cell.untrained_system):
             raise InputError(f"model={name} searches by itself; use bench run model={name}")
-    return found
+    return cells
 
 
-def _parameters(cell: Cell) -> dict[str, object]:
-    """What a model takes, its own parameters first."""
-    from bench.models.recipe import besides
+def _parse_list(name: str, listed: object, default: object) -> list[object]:
+    """Parse listed values of a parameter, each of the type of the default.
 
-    return parameters(cell.model.factory) | besides(cell.model.factory)
-
-
-def _values(name: str, listed: object, default: object) -> list[object]:
-    """The values of a list, each of the type of the default; several names together stay joined by +."""
-    typed = [convert(f"model.{name}", value, default) for value in items(f"model.{name}", listed)]
-    values = [text_of(value) if isinstance(value, tuple) else value for value in typed]
-    if twice := [value for value in dict.fromkeys(values) if values.count(value) > 1]:
+    Several names together stay joined by +.
+    """
+    key = f"model.{name}"
+    values = [parse_value(key, value, default) for value in split_values(key, listed)]
+    values = [format_value(value) if isinstance(value, tuple) else value for value in values]
+    if repeated := [value for value in values if values.count(value) > 1]:
         raise InputError(
-            f"model.{name}: the value {twice[0]} stands twice; give different ones, or one to fix it"
+            f"{key}: the value {repeated[0]} stands twice; give different ones, or one to fix it"
         )
     return values
 
 
-def _tuning(cell: Cell, params: dict[str, object], how: dict[str, object], trials: int) -> Tuning:
-    """How a search picks the best values: of lists where a parameter has several, else of the declared ranges."""
+def _search_of_best(
+    cell: Cell, listed: dict[str, object], limits: dict[str, object], trials: int
+) -> Tuning:
+    """Search the lists of parameters that have several values, else the declared ranges."""
     from bench import contract
+    from bench.plan.grid import accepted_parameters
 
-    name, defaults = cell.model.short, _parameters(cell)
-    space: Space = {
-        k: _values(k, values, defaults[k]) for k, values in params.items() if k in defaults
-    }
-    if all(len(values) == 1 for values in space.values()):  # single values are kept
-        if (declared := contract.space(cell.model.factory)) is None:
-            first = next(
-                (key for key in defaults if key not in ("seed", "device", "batch")), "parameter"
-            )
+    defaults = accepted_parameters("model", cell.model.factory)
+    space: Space = {k: _parse_list(k, v, defaults[k]) for k, v in listed.items() if k in defaults}
+    if all(len(values) == 1 for values in space.values()):  # single values are fixed
+        declared = contract.space(cell.model.factory)
+        if declared is None:
+            names = [key for key in defaults if key not in ("seed", "device", "batch")]
             raise InputError(
-                f"model={name} declares no ranges to search; list values such as model.{first}=1,2, or give the model "
-                "an attribute space"
+                f"model={cell.model.short_name} declares no ranges to search; list values such as "
+                f"model.{[*names, 'parameter'][0]}=1,2, or give the model an attribute space"
             )
         space = {**declared, **space}
     is_grid = all(isinstance(values, list) for values in space.values())
-    return {"space": space, **how} if is_grid else {"space": space, "trials": trials, **how}
+    return {"space": space, **limits} if is_grid else {"space": space, "trials": trials, **limits}
 
 
-def _sizes(cell: Cell, over: str, listed: object, inner: str) -> Tuning:
-    """How a search picks the smallest value; all parameters but that one stay as they are."""
-    model, usual = cell.model.short, parameters(cell.model.factory)
-    space: Space = {
-        k: [v] for k, v in cell.model.parameters.items() if v != usual[k] and k != "seed"
-    }
-    seed = cell.seed if "seed" in cell.model.parameters else 0
-    how = {"inner": inner, "objective": "smallest", "smallest": over, "seed": seed}
-    if over == "features":
+def _search_of_smallest(cell: Cell, name: str, listed: object, inner: str) -> Tuning:
+    """Search the smallest value of a parameter, or the fewest features; others stay as they are."""
+    model, defaults = cell.model, parameter_defaults(cell.model.factory)
+    fixed = {k: [v] for k, v in model.parameters.items() if v != defaults[k] and k != "seed"}
+    seed = cell.seed if "seed" in model.parameters else 0
+    how = {"inner": inner, "objective": "smallest", "smallest": name, "seed": seed}
+    if name == "features":
         if not cell.features:
             raise InputError(
-                f"smallest=features: model={model} uses no feature set; give one of its parameters"
+                f"smallest=features: model={model.short_name} uses no feature set; give one of its "
+                "parameters"
             )
-        return {"space": space, **how}
-    default = usual.get(over)
-    if over == "seed" or over not in usual:
-        raise InputError(
-            f"smallest={over}: {nearest(over, [*(set(usual) - {'seed'}), 'features'])}"
-        )
+        return {"space": fixed, **how}
+    if name == "seed" or name not in defaults:
+        advice = suggest_names(name, [*(set(defaults) - {"seed"}), "features"])
+        raise InputError(f"smallest={name}: {advice}")
+    default = defaults[name]
     if isinstance(default, bool) or not isinstance(default, int | float):
         raise InputError(
-            f"smallest={over}: not a number, so it has no sizes; give a numeric parameter"
+            f"smallest={name}: not a number, so it has no sizes; give a numeric parameter"
         )
     if listed is None:
         sizes = {type(default)(default * share) for share in SHARES} - {0}
     else:
-        sizes = {convert(f"model.{over}", text, default) for text in items(f"model.{over}", listed)}
+        sizes = {*_parse_list(name, listed, default)}
     if not sizes:
         raise InputError(
-            f"smallest={over}: its default is {default}; give values, such as model.{over}=1,2"
+            f"smallest={name}: its default is {default}; give values, such as model.{name}=1,2"
         )
-    return {"space": space | {over: sorted(sizes)}, **how}
+    return {"space": {**fixed, name: sorted(sizes)}, **how}

@@ -12,8 +12,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.grammar.options import COMPARE, Command, Option, keys, parse, settings
-from bench.ground.registry import run_views
+from bench.grammar.options import (
+    COMPARE,
+    Command,
+    Option,
+    key_options,
+    parse_arguments,
+    typed_settings,
+)
+from bench.ground.registry import views_of_runs
 
 if TYPE_CHECKING:
     from bench.store.client import Store
@@ -55,7 +62,7 @@ def command(arguments: list[str]) -> int:
     from bench.store.client import connect
     from bench.store.database import store_uri
 
-    port = settings("ui", parse(arguments, keys("ui")))["port"]
+    port = typed_settings("ui", parse_arguments(arguments, key_options("ui")))["port"]
     if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
         raise InputError(f"port={port[:60]}: give a number from 1 to 65535")
     if _answers(port):
@@ -92,7 +99,7 @@ def command(arguments: list[str]) -> int:
                 f"{page}\nopen this page in a browser: accuracy (mean over subjects), SD and sizes of all runs",
                 flush=True,
             )
-        for _ in drawn(store):
+        for _ in draw_missing_figures(store):
             if server.poll() is not None:
                 break
         return server.wait()
@@ -102,28 +109,28 @@ def command(arguments: list[str]) -> int:
         server.wait()
 
 
-def drawn(store: Store) -> Iterator[str]:
+def draw_missing_figures(store: Store) -> Iterator[str]:
     """Draw the figures of runs that have none, newest first; the id of each run."""
     import tempfile
 
     from bench.ground.progress import warn
 
-    kinds = run_views()
-    for run in sorted(store.of_kind(*kinds), key=lambda run: -run.info.start_time):
+    kinds = views_of_runs()
+    for run in sorted(store.runs_of_kind(*kinds), key=lambda run: -run.info.start_time):
         run_id, artifacts = run.info.run_id, run.info.artifact_uri
         yield run_id
         if not run.data.metrics or any(
-            name.endswith((".svg", ".png")) for name in store.names(run_id, artifacts)
+            name.endswith((".svg", ".png")) for name in store.artifact_names(run_id, artifacts)
         ):
             continue
-        result = store.result(run)
+        result = store.load_result(run)
         with tempfile.TemporaryDirectory() as folder:
             try:
-                kinds[result.kind].figure(result, Path(folder))
+                kinds[result.kind].draw_run(result, Path(folder))
             except InputError as e:  # such as a table that was deleted: the others go on
                 warn(f"warning: no figure of run {run_id}: {e}")
                 continue
-            store.keep(artifacts, Path(folder))
+            store.log_artifact(artifacts, Path(folder))
 
 
 def _answers(port: str) -> bool:

@@ -18,11 +18,11 @@ import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.corpora.corpus import Corpus, reserved, untrained
-from bench.corpora.duplicates import repeated, seen_before, without
+from bench.corpora.corpus import Corpus, reserved_names, untrained_classes
+from bench.corpora.duplicates import excluding_condition, leaked_captures, repeated_groups
 from bench.corpora.library import UNTAUGHT, open_corpus
 from bench.errors import InputError
-from bench.ground.words import quote_value
+from bench.ground.typed import quote_value
 from bench.plan.cells import Cell
 
 
@@ -63,7 +63,7 @@ class Plan:
     def repeated_captures(self) -> list[tuple[int, int]]:
         """Pairs of a tested capture and a training capture of its fold with the same frames."""
         sides = [side for fold in self.folds for side in ((fold.train, fold.test), *fold.pairs)]
-        return seen_before(repeated(self.corpus), sides, len(self.corpus))
+        return leaked_captures(repeated_groups(self.corpus), sides, len(self.corpus))
 
     @cached_property
     def label(self) -> str:
@@ -82,7 +82,7 @@ class Plan:
         """Properties of the protocol for statistics and tables; ``""`` for missing ones."""
         published = getattr(self.cell.splitter, "official_split", None)
         official = published(self.corpus) if published else None
-        ratio = test_over_train(self.folds)
+        ratio = ratio_of_test_to_training(self.folds)
         return {
             "mixes_subjects": str(self.mixes_subjects).lower(),
             "test_over_train": "" if ratio is None else repr(ratio),
@@ -152,7 +152,7 @@ def make_plans(cells: Iterable[Cell], jobs: int | None) -> list[Plan]:
             first_plans[group] = Plan(cell, corpus, folds, *share_cores(jobs, len(folds)))
             _refuse_repeated_captures(first_plans[group])
         plan = first_plans[group].with_cell(cell)
-        if contract.check_training.of(estimator):
+        if contract.check_training.find_method(estimator):
             gestures = corpus.gestures
             for fold in plan.folds:
                 contract.check_training(estimator, corpus[fold.train], gestures[fold.train])
@@ -168,7 +168,7 @@ def _refuse_repeated_captures(plan: Plan) -> None:
     if not pairs or plan.mixes_subjects:
         return
     tested, trained = pairs[0]
-    where = without(corpus, tested)
+    where = excluding_condition(corpus, tested)
     if cell.where:
         where = f"({cell.where}) and ({where})"
     names = [f"{corpus.index[i]} (subject {corpus.subjects[i]})" for i in (tested, trained)]
@@ -187,7 +187,7 @@ def _check_measurements(plan: Plan) -> None:
 
         columns = COLUMNS if cell.circumstances else columns
     columns = columns.union(*(each.columns for each in cell.measurements))
-    if taken := reserved(map(str, plan.corpus.captures), columns):
+    if taken := reserved_names(map(str, plan.corpus.captures), columns):
         raise InputError(
             f"{plan.corpus.name} has a column {min(taken)!r}, a name that tables of results use; "
             "rename the column and import again"
@@ -198,14 +198,14 @@ def _check_measurements(plan: Plan) -> None:
             f"{cell.circumstances[0].key}= tests one; leave one of them out"
         )
     for measurement in cell.measurements:
-        measurement.refuse(plan)
+        measurement.refuse_plan(plan)
 
 
 def check_system(cell: Cell) -> contract.System:
     """Check the parameters of a system and of its feature sets; return it untrained, not to fit."""
-    for part in (cell.untrained, *cell.feature_sets().values()):
+    for part in (cell.untrained_system, *cell.feature_sets().values()):
         contract.check(part)
-    return cell.untrained
+    return cell.untrained_system
 
 
 def captures_of_cell(cell: Cell) -> Corpus:
@@ -214,7 +214,7 @@ def captures_of_cell(cell: Cell) -> Corpus:
     Raises:
         InputError: they have fewer than two classes.
     """
-    if cell.study and (own := cell.study.captures(cell)) is not None:
+    if cell.run_kind and (own := cell.run_kind.open_captures(cell)) is not None:
         return own
     corpus = load_captures(cell.data, cell.data_parameters, cell.where, cell.target)
     joined = getattr(cell.splitter, "joined", None)
@@ -263,7 +263,7 @@ def make_folds(cell: Cell, corpus: Corpus) -> list[Fold]:
     taught = ~np.isin(gestures, untaught)
     for fold, name in zip(folds, names, strict=True):
         fold.name, fold.train = name, fold.train[taught[fold.train]]
-        unknown = untrained(gestures, fold.train, fold.test)
+        unknown = untrained_classes(gestures, fold.train, fold.test)
         if lacking := [label for label in unknown if label not in untaught]:
             leave_out = f"leave it out with where=\"{corpus.target} != '{lacking[0]}'\" or "
             raise InputError(
@@ -286,7 +286,7 @@ def mixes_subjects(corpus: Corpus, folds: Iterable[Fold]) -> bool:
     return any(np.isin(codes[fold.test], codes[fold.train]).any() for fold in folds)
 
 
-def test_over_train(folds: Sequence[Fold]) -> float | None:
+def ratio_of_test_to_training(folds: Sequence[Fold]) -> float | None:
     """Tested by training captures over all folds; None if no two folds share training captures."""
     positions = [np.zeros(0, int), *(np.unique(fold.train) for fold in folds)]
     if np.bincount(np.concatenate(positions)).max(initial=0) <= 1:

@@ -5,13 +5,13 @@ import resource
 import pytest
 
 from bench.errors import InputError
-from bench.grammar.options import KEYS, backend_of, parse
-from bench.plan.cells import make_cells
+from bench.grammar.options import RUN_KEYS, backend_of, parse_arguments
+from bench.plan.grid import make_cells
 from bench.plan.plan import make_plans
 
 
 def cells_of(line):
-    return make_cells(parse(line.split(), KEYS))
+    return make_cells(parse_arguments(line.split(), RUN_KEYS))
 
 
 def titles(line):
@@ -85,7 +85,7 @@ def test_a_mistake_is_refused_with_its_key_its_value_and_what_is_right(line, fac
     """Before any memory is asked for."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(InputError) as refusal:
-        values = parse(line.split(), KEYS)
+        values = parse_arguments(line.split(), RUN_KEYS)
         make_plans(make_cells(values), backend_of(values).jobs)
     message = str(refusal.value)
     assert all(fact in message for fact in facts) and "\n" not in message, message

@@ -13,7 +13,7 @@ import pytest
 from bench.errors import InputError
 from bench.ground import source
 from bench.ground.registry import forget, load_part
-from bench.plan.cells import make_cells
+from bench.plan.grid import make_cells
 from bench.plan.plan import Plan, captures_of_cell, make_folds
 from bench.running.circumstances.faults import Faults
 from bench.running.circumstances.instants import Instants
@@ -126,7 +126,7 @@ def test_everything_else_that_numbers_depend_on_is_in_the_key(monkeypatch):
         key(Faults(("noise",)), Subjects((1,))),
     ]
     assert len(set(keys)) == len(keys) and keys[0] == key()
-    monkeypatch.setattr("bench.plan.cells.versions", lambda also: {"numpy": "0"})
+    monkeypatch.setattr("bench.plan.cells.package_versions", lambda also: {"numpy": "0"})
     assert key() not in keys
 
 

@@ -17,7 +17,7 @@ from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.jung54 import Jung54
 from bench.plan import objects
-from bench.plan.cells import make_cells
+from bench.plan.grid import make_cells
 from bench.plan.plan import make_plans
 from bench.running import loop
 from tests.running.fakes import Memory
@@ -77,12 +77,12 @@ def test_searches_and_unions_over_captures_run(monkeypatch):
     monkeypatch.setattr(loop, "connect", lambda writes: Memory())
     union = make_pipeline(FeatureUnion([("a", Jung28()), ("b", Jung28())]), SVC())
     search = GridSearchCV(make_pipeline(Jung28(), SVC()), {"svc__C": [1, 2]}, cv=2)
-    for outcome in loop.execute(
+    for outcome in loop.run_plans(
         make_plans(make_cells(SMALL | {"data.repetitions": 1, "model": [union, search]}), 1)
     ):
         assert outcome.folds == "3/3" and outcome["features"] == "raw frames"
         assert "touchbench.arguments" not in outcome  # an object cannot be typed
-    assert list(contract.features(make_pipeline(Jung28(), SVC()))) == ["jung28"]
+    assert list(contract.feature_sets(make_pipeline(Jung28(), SVC()))) == ["jung28"]
 
 
 def test_settings_are_told_in_full_and_code_by_its_name():

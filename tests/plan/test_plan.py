@@ -10,17 +10,18 @@ from sklearn.model_selection import GroupKFold, KFold, PredefinedSplit
 
 from bench.commands import tune
 from bench.errors import InputError
-from bench.grammar.options import KEYS, keys, parse
+from bench.grammar.options import RUN_KEYS, key_options, parse_arguments
 from bench.ground.registry import (
+    PART_GROUPS,
     load_part,
     parameter_defaults,
     registered_parts,
     required_parameters,
 )
-from bench.ground.words import PART_GROUPS
-from bench.plan.cells import Part, make_cells
-from bench.plan.plan import Fold, Plan, make_folds, make_plans, mixes_subjects, test_over_train
-from bench.running.loop import warnings
+from bench.plan.cells import Part
+from bench.plan.grid import make_cells
+from bench.plan.plan import Fold, Plan, make_folds, make_plans, mixes_subjects, ratio_of_test_to_training
+from bench.running.loop import warnings_of_plan
 from tests.conftest import random_corpus
 from tests.corpora.made import copied
 
@@ -69,9 +70,11 @@ def test_a_plain_splitter_is_a_protocol_and_says_whom_it_mixes(corpus):
 def test_the_arguments_of_a_cell_make_it_again():
     line = """data=synth data.subjects=12 data.variants=rough+gentle where="variant == 'rough'" target=gesture+variant
     protocol=kfold protocol.folds=5 model=svm model.C=8.0 features=jung28 features.area=capture"""
-    (cell,) = make_cells(parse(shlex.split(line), KEYS))
+    (cell,) = make_cells(parse_arguments(shlex.split(line), RUN_KEYS))
     again = [f"{k}={v}" for k, v in cell.arguments().items()]
-    assert make_cells(parse(again, KEYS)) == [cell] and {*again} == {*shlex.split(line)}
+    assert make_cells(parse_arguments(again, RUN_KEYS)) == [cell] and {*again} == {
+        *shlex.split(line)
+    }
 
 
 def with_seed(room):
@@ -109,9 +112,12 @@ def test_the_arguments_of_a_cell_repeat_every_seed(protocol, model, features, se
     else:
         values.pop("features.seed", None)
     (cell,) = make_cells(values)
-    again = parse([f"{k}={v}" for k, v in cell.arguments().items()], KEYS)
+    again = parse_arguments([f"{k}={v}" for k, v in cell.arguments().items()], RUN_KEYS)
     assert make_cells(again) == [cell] and make_cells(again)[0].arguments() == cell.arguments()
-    assert (make_cells(again)[0].system(), make_cells(again)[0].seed) == (cell.system(), cell.seed)
+    assert (make_cells(again)[0].system_name(), make_cells(again)[0].seed) == (
+        cell.system_name(),
+        cell.seed,
+    )
 
 
 def test_commands_that_search_make_the_same_search_again(monkeypatch):
@@ -121,9 +127,11 @@ def test_commands_that_search_make_the_same_search_again(monkeypatch):
         "model=svm features=gaus model.C=1.0,2.0 model.gamma=0.5 trials=9 seconds=60 seed=1",
         "model=rf features=hughes36 smallest=trees model.trees=5,10 seed=2 protocol=kfold protocol.seed=3",
     ):
-        tune.searched(parse(line.split(), keys("tune")))
+        tune.run_searches(parse_arguments(line.split(), key_options("tune")))
         (cell, *_) = made[-1]
-        tune.searched(parse([f"{k}={v}" for k, v in cell.arguments().items()], keys("tune")))
+        tune.run_searches(
+            parse_arguments([f"{k}={v}" for k, v in cell.arguments().items()], key_options("tune"))
+        )
         assert cell.command == "tune" and made[-1][0] == cell
 
 
@@ -187,7 +195,7 @@ def test_the_same_capture_is_a_warning_where_subjects_are_mixed_or_the_same(monk
     assert {tested for tested, _ in mixed.repeated_captures} == expected and expected
     assert any(
         f"{len(expected)} test captures have the same frames as a training" in line
-        for line in warnings(mixed)
+        for line in warnings_of_plan(mixed)
     )
 
 
@@ -195,8 +203,8 @@ def test_cells_on_the_same_captures_and_protocol_share_their_plan(monkeypatch):
     asked, computed, corpus = [], [], random_corpus(longest=20)
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *given: asked.append(given) or corpus)
     monkeypatch.setattr(
-        "bench.plan.plan.test_over_train",
-        lambda folds: computed.append(folds) or test_over_train(folds),
+        "bench.plan.plan.ratio_of_test_to_training",
+        lambda folds: computed.append(folds) or ratio_of_test_to_training(folds),
     )
     every = {
         "data": "mine",
@@ -231,7 +239,7 @@ def test_facts_are_those_of_sets(data):
     assert mixes_subjects(corpus, folds) == mixed
     shared = any(a & b for i, a in enumerate(train) for b in train[:i])
     tested = sum(len(f.test) for f in folds) / sum(len(f.train) for f in folds) if shared else None
-    assert test_over_train(folds) == tested
+    assert ratio_of_test_to_training(folds) == tested
 
 
 def test_a_splitter_may_give_masks():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.ground.words import Values, items
+from bench.ground.typed import Values, split_values
 from touchbench_streams import DETECTOR
 
 if TYPE_CHECKING:
@@ -19,18 +19,18 @@ PARTS = {
 
 def detectors(values: Values) -> list[Part]:
     """The detectors that ``detector=`` names, the usual one without it, with every combination of their parameters."""
-    from bench.plan.cells import variants
+    from bench.plan.grid import expand_parameters
 
-    siblings = items("detector", values.get("detector", DETECTOR))
+    siblings = split_values("detector", values.get("detector", DETECTOR))
     if not all(isinstance(name, str) for name in siblings):
         raise InputError("detector= takes names; give one of them, or my.py:Mine")
     parts = [
         part
         for name in siblings
-        for part in variants(
-            values, "detector", name, siblings, room="touchbench_streams.detectors"
+        for part in expand_parameters(
+            values, "detector", name, siblings, group="touchbench_streams.detectors"
         )
     ]
     for part in parts:
-        part.make()  # which refuses values
+        part.make_object()  # which refuses values
     return parts

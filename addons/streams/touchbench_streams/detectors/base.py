@@ -58,7 +58,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class InC:
+class DetectorC:
     """What the C of a watcher needs; `bench export` writes it behind the C of the system.
 
     Attributes:

@@ -12,9 +12,9 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.models.search.inner_folds import inner_folds
-from bench.values.few import INTERVAL
-from touchbench_streams.detectors.base import InC, Rules, Signals
+from bench.models.search.inner_folds import split_subjects
+from bench.values.few import FEWEST_FOR_INTERVAL
+from touchbench_streams.detectors.base import DetectorC, Rules, Signals
 from touchbench_streams.detectors.spans import means
 from touchbench_streams.events import DOUBTFUL, FALSE_ALARM, touches_of
 from touchbench_streams.recordings import Recordings
@@ -103,7 +103,7 @@ class Detector:
             np.flatnonzero(signs_of(self.rules(float(level)), evidence)[:, 2]) for level in levels
         ]
 
-    def in_c(self) -> InC | None:
+    def in_c(self) -> DetectorC | None:
         """What the C of a fitted detector needs; None where it has none. Classes do not inherit it.
 
         It defines ``static sign_t sensed(touch_watch_t *w, const float *tick)``: the sign of a tick, from the readings
@@ -116,7 +116,7 @@ class Detector:
     ) -> tuple[list[Self], list[np.ndarray]]:
         """The detector that is fitted without each recording, and its evidence of it."""
         detectors, evidence = [self] * len(signals), [np.zeros(0)] * len(signals)
-        for train, judged in inner_folds(left_out(ticks), folds):
+        for train, judged in split_subjects(left_out(ticks), folds):
             fitted = copy(self).fit([signals[i] for i in train], ticks[train])
             for i in judged:
                 detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
@@ -224,7 +224,7 @@ def left_out(recordings: Recordings) -> np.ndarray:
     stay together (`touchbench_streams.recordings.recorded`).
     """
     subjects = recordings.subjects.astype(str)
-    if len(set(subjects)) >= INTERVAL:
+    if len(set(subjects)) >= FEWEST_FOR_INTERVAL:
         return subjects
     numbers = recordings.corpus.captures.get("recording", pd.Series(np.arange(len(recordings))))
     return pd.factorize(numbers)[0].astype(str)

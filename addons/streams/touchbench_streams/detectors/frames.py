@@ -11,9 +11,9 @@ from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 from threadpoolctl import threadpool_limits
 
-from bench.corpora.faults import seeded
+from bench.corpora.faults import seeded_generator
 from bench.errors import InputError
-from touchbench_streams.detectors.base import InC, Sign
+from touchbench_streams.detectors.base import DetectorC, Sign
 from touchbench_streams.detectors.detector import (
     Detector,
     frames_of_tick,
@@ -219,7 +219,7 @@ class Frames(Detector):
         parts = [np.arange(len(recordings))] * len(KINDS)
         if len(set(left_out(recordings))) >= MANY:
             parts = np.array_split(
-                seeded("disturbed recordings").permutation(len(recordings)), len(KINDS)
+                seeded_generator("disturbed recordings").permutation(len(recordings)), len(KINDS)
             )
         count = frames_of_tick(self.tick, recordings.corpus.rate_hz)
         for kind, (change, part) in enumerate(zip(KINDS, parts, strict=True)):
@@ -298,7 +298,7 @@ class Frames(Detector):
         """As of `Detector`; learned."""
         return self.times_.wait + self.times_.hold
 
-    def in_c(self) -> InC:
+    def in_c(self) -> DetectorC:
         """As `touchbench_streams.detectors.detector.Detector.in_c`."""
         models = [self, *(other for _, other, _ in self.disturbed_)]
         classes = max(len(one.prior_) for one in models)
@@ -370,7 +370,7 @@ class Frames(Detector):
             "float calm[2][{CALM}], shared;  /* rings: changes of what taxels share, movement; last tick */",
             "int calmed;  /* place in these rings */",
         )
-        return InC(
+        return DetectorC(
             of_file(__file__),
             state,
             constants,

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.corpora.corpus import Corpus, storage
-from bench.models.recipe import behind
+from bench.corpora.corpus import Corpus, shared_frames
+from bench.models.recipe import split_causal_steps
 from touchbench_streams.disturbed import NAMING_KINDS, disturbed
 from touchbench_streams.recordings import Recordings
 
@@ -32,8 +32,8 @@ def touches(recordings: Recordings, seconds: Sequence[float], shifts: Sequence[f
     count = np.maximum(np.minimum(start + length, end) - begin, 1)
     event = np.tile(np.arange(len(events)), len(begin))
     table = corpus.captures.iloc[recording[event]].reset_index(drop=True)
-    return corpus.changed(
-        starts=storage(corpus)[1][recording[event]] + begin.ravel(),
+    return corpus.with_fields(
+        starts=shared_frames(corpus)[1][recording[event]] + begin.ravel(),
         lengths=count.ravel(),
         captures=table.assign(gesture=events["gesture"].to_numpy()[event]),
         index=np.arange(len(event)),
@@ -55,16 +55,18 @@ def learned_names(
 
     It also learns from every second recording as each kind of disturbed sensor shows it, with a shift for each kind.
     """
-    corpus = recordings.corpus.changed(frames=recordings.corpus.frames)  # these recordings alone
+    corpus = recordings.corpus.with_fields(
+        frames=recordings.corpus.frames
+    )  # these recordings alone
     parts = [touches(Recordings(corpus, recordings.events), BEGUN_S, SHIFTS_S)]
     for k, (kind, shift) in enumerate(zip(NAMING_KINDS, SHIFTS_S, strict=True)):
         if len(half := np.arange(k % 2, len(corpus), 2)):
             copy = Recordings(disturbed(corpus, kind, half), recordings[half].events)
             parts.append(touches(copy, BEGUN_S, (shift,)))
-    frames, starts = zip(*map(storage, parts), strict=True)
+    frames, starts = zip(*map(shared_frames, parts), strict=True)
     before = np.cumsum([0, *map(len, frames)])
     count = sum(map(len, parts))
-    both = corpus.changed(
+    both = corpus.with_fields(
         frames=np.concatenate(frames),
         starts=np.concatenate(
             [first + each for first, each in zip(before[:-1], starts, strict=True)]
@@ -86,6 +88,6 @@ def probabilities(
     spans = (
         recording if len(begin) == 1 else recording[np.zeros(len(begin), np.int64)]
     )  # which copies the table
-    starts = storage(recording)[1][0] + begin
-    spans = spans.changed(starts=starts, lengths=end - begin, digest="", path=None)
-    return contract.probabilities(behind(system)[1], spans).astype(np.float32)
+    starts = shared_frames(recording)[1][0] + begin
+    spans = spans.with_fields(starts=starts, lengths=end - begin, digest="", path=None)
+    return contract.predict_probabilities(split_causal_steps(system)[1], spans).astype(np.float32)

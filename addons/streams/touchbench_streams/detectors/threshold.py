@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from touchbench_streams.detectors.base import InC, Sign
+from touchbench_streams.detectors.base import DetectorC, Sign
 from touchbench_streams.detectors.detector import Detector, of_file
 from touchbench_streams.recordings import Recordings
 
@@ -98,7 +98,7 @@ class Threshold(Detector):
             known = (since > 0) & (known | report)
         return [np.flatnonzero(each) for each in reports]
 
-    def in_c(self) -> InC:
+    def in_c(self) -> DetectorC:
         """As `touchbench_streams.detectors.detector.Detector.in_c`."""
         constants = (
             "The baseline; the excess of training touches, learned; where a touch is over.",
@@ -114,4 +114,4 @@ class Threshold(Detector):
             "int felt, since, is_known;  /* ticks; whether the touch was reported */",
         )
         pretended = "w->level = touched ? -1 : 1e30f;"
-        return InC(of_file(__file__), state, (constants,), pretended=pretended)
+        return DetectorC(of_file(__file__), state, (constants,), pretended=pretended)

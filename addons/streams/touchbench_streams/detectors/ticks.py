@@ -12,9 +12,9 @@ import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.models.recipe import behind, taken
-from bench.models.sizes import parameter_count
-from touchbench_streams.detectors.base import UNKNOWN, Event, InC
+from bench.models.recipe import apply_steps, split_causal_steps
+from bench.models.sizes import count_parameters
+from touchbench_streams.detectors.base import UNKNOWN, Event, DetectorC
 from touchbench_streams.detectors.detector import (
     Detector,
     frames_of_tick,
@@ -46,7 +46,9 @@ def learn(
     Each subject is left out for the choice of the threshold, for so many accepted false alarms per hour of background.
     The system is fitted to captures of the same subjects. Also returns the thresholds that were tried (`sweep`).
     """
-    seen = replace(recordings, corpus=taken(recordings.corpus, behind(system)[0])[0])
+    seen = replace(
+        recordings, corpus=apply_steps(recordings.corpus, split_causal_steps(system)[0])[0]
+    )
     count = frames_of_tick(detector.tick, seen.corpus.rate_hz)
     ticks = ticked(seen, count)
     signals = [detector.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
@@ -89,7 +91,7 @@ class TickWatcher:
     @property
     def numbers(self) -> int:
         """Learned numbers: of the detector, and of the system that names in place of the one fitted to captures."""
-        return self.detector.numbers + parameter_count(self.names) - parameter_count(self.system)
+        return self.detector.numbers + count_parameters(self.names) - count_parameters(self.system)
 
     @property
     def chosen(self) -> dict[str, object]:
@@ -106,7 +108,7 @@ class TickWatcher:
         """The same on frames that come one by one."""
         return TickStream(self, grid, rate_hz, full_scale)
 
-    def in_c(self, classes: list[str], rate_hz: float) -> InC | None:
+    def in_c(self, classes: list[str], rate_hz: float) -> DetectorC | None:
         """What its C needs: that of the detector, and of the names."""
         derived = "in_c" not in vars(
             type(self.detector)
@@ -114,7 +116,7 @@ class TickWatcher:
         inner = None if derived else self.detector.in_c()
         if inner is None:
             return None
-        longest, named = longest_part(rate_hz, self.count), behind(self.names)[1]
+        longest, named = longest_part(rate_hz, self.count), split_causal_steps(self.names)[1]
         times = {"TICK": self.count, "PART_TICKS": longest, "NAMED": len(named.classes_)}
         constants = ("Frames of a tick, ticks of a part of a touch, gestures.", times)
         again = {"GROWTH": GROWTH, "REJECT": self.reject}
@@ -154,7 +156,9 @@ class TickWatcher:
 
     def prepared(self, recordings: Corpus) -> Corpus:
         """Recordings without their labels, after the steps that are done frame by frame."""
-        return taken(contract.blinded(self.system, recordings), behind(self.system)[0])[0]
+        return apply_steps(
+            contract.blind_captures(self.system, recordings), split_causal_steps(self.system)[0]
+        )[0]
 
     def evidence(self, recordings: Corpus) -> list[np.ndarray]:
         """The evidence of each recording, tick by tick."""
