@@ -1,24 +1,9 @@
-"""The errors that a user is meant to see; apart so that raising them imports nothing heavy."""
+"""Errors for the user, and helpers for their messages. Nothing heavy is imported."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-
-GONE = {  # commands and keys that are gone: what to type instead
-    "groups": "bench choose groups=yes",
-    "stream": "bench run after=each stopping=yes",
-    "chip": "bench run form=c",
-    "capture": "bench.corpus(...).plot(i) in Python",
-    "demo": "see README.md for the commands of a comparison",
-    "extract": "bench.extract(data=..., features=...) in Python",
-    "papers": "bench report lists published numbers",
-    "completion": "bench COMMAND --help lists the keys",
-    "submit": "bench report writes comparison.csv, which others can compare with theirs",
-    "shots": "protocol=personal protocol.shots=N",
-    "person": "model=adaptable model.classifier=NAME model.ways=centre+scale+pool",
-    "leaderboard": "bench report writes comparison.csv, which others can compare with theirs",
-}
 
 
 class InputError(Exception):
@@ -26,19 +11,19 @@ class InputError(Exception):
 
 
 class StoreError(Exception):
-    """The store, or the disk under it, failed in the middle of the work: one line; the same command goes on later."""
+    """The store or its disk failed during a run, in one line; the same command continues later."""
 
 
 class HiddenError(Exception):
-    """Access of a system to a forbidden part of a corpus, such as labels in prediction; one line."""
+    """A system accessed a hidden part of a corpus, such as labels during prediction; one line."""
 
 
 class PredictionError(ValueError):
-    """A system predicts what cannot be counted, such as a label that is no class; one line that says what to do."""
+    """A system gave an invalid prediction, such as an unknown label; one line with advice."""
 
 
 class ClusterError(Exception):
-    """The cluster failed in the middle of the work: one line; the same command goes on later."""
+    """The cluster failed during a run, in one line; the same command continues later."""
 
 
 def check_value(key: str, value: object, is_valid: bool, advice: str) -> None:
@@ -49,9 +34,7 @@ def check_value(key: str, value: object, is_valid: bool, advice: str) -> None:
 
 
 def suggest_names(word: str, known: Iterable[str]) -> str:
-    """The end of an error message: what to type instead of a name that is gone, or the likeliest names, then all."""
-    if word in GONE:
-        return f"it is gone: {GONE[word]}"
+    """End an error message about an unknown name: the most similar names, then all known ones."""
     known = sorted(known)
     close = difflib.get_close_matches(word, known, n=3, cutoff=0.6)
     hint = f"did you mean {' or '.join(close)}? " if close else ""
@@ -59,7 +42,7 @@ def suggest_names(word: str, known: Iterable[str]) -> str:
 
 
 def shorten(text: str, most: int = 60) -> str:
-    """The text, or its beginning and end with dots between them where it is longer than ``most`` characters."""
+    """Replace the middle of a text by dots if it has more than ``most`` characters."""
     if len(text) <= most:
         return text
     head = (most - 3) // 2
@@ -67,6 +50,6 @@ def shorten(text: str, most: int = 60) -> str:
 
 
 def one_line(value: object, most: int = 80) -> str:
-    """A path or the message of another library, in one line."""
+    """Print a path, or the message of another library, as one line."""
     text = shorten(str(value) or type(value).__name__, 4 * most)
     return shorten("".join(c if c.isprintable() else " " for c in text), most)

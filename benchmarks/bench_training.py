@@ -29,9 +29,9 @@ from bench.models.nets.hughes2017 import (
     Hughes2017CNNRNN,
 )
 from bench.models.nets.ren2023 import Ren2023Transformer
-from bench.models.nets.taxel_major import taxel_major
+from bench.models.nets.taxel_major import run_taxel_major
 from bench.models.nets.time_blocks import TimeConv3d
-from bench.models.nets.training import Optimiser, Schedule, Sequences, train
+from bench.models.nets.training import Optimiser, Schedule, Sequences, train_network
 from bench.models.nets.window import WindowNet
 from bench.models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 
@@ -86,8 +86,8 @@ def tensors(samples: object, target: np.ndarray) -> TensorDataset:
     """All samples as one tensor, sequences and their labels padded."""
     labels = torch.from_numpy(target)
     if not isinstance(samples, Sequences):
-        return TensorDataset(samples.batch(np.arange(len(samples))).contiguous(), labels)
-    windows, steps = samples.batch(np.arange(len(samples)))
+        return TensorDataset(samples.make_batch(np.arange(len(samples))).contiguous(), labels)
+    windows, steps = samples.make_batch(np.arange(len(samples)))
     here = torch.arange(int(steps.max())) < steps[:, None]
     x = torch.zeros(*here.shape, *windows.shape[1:])
     x[here] = windows
@@ -125,11 +125,13 @@ def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
     classes, target = np.unique(corpus.gestures, return_inverse=True)
     target = target[samples.capture]
     net = model.network(*corpus.grid, len(classes))
-    first = samples.batch(np.arange(2))
+    first = samples.make_batch(np.arange(2))
     net.eval()(first)
     theirs = ordinary(net)
     data = tensors(samples, target)
-    forward = partial(taxel_major if name == "cnn85" and not precision else model.logits, net)
+    forward = partial(
+        run_taxel_major if name == "cnn85" and not precision else model.compute_logits, net
+    )
     with torch.inference_mode():
         expected = theirs.eval()(data.tensors[0][:2])
         if isinstance(samples, Sequences):
@@ -144,7 +146,9 @@ def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
     sgd.before_epoch = lambda *_: None  # the others do not search their rate
     epochs = {
         "plain": partial(plain, theirs, optimiser(theirs.parameters()), loader),
-        "ours": partial(train, net, samples, target, sgd, Schedule(1, batch, seed=0), forward),
+        "ours": partial(
+            train_network, net, samples, target, sgd, Schedule(1, batch, seed=0), forward
+        ),
     }
     count = len(samples) // batch * batch
     print(

@@ -1,4 +1,4 @@
-"""The system of Balli Altuglu and Altun 2015 (ICMI challenge): statistics of 16 signals, selected, and a forest."""
+"""The system of Balli Altuglu and Altun 2015 (ICMI challenge): selected statistics and a forest."""
 
 from sklearn.pipeline import Pipeline
 

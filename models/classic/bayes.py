@@ -1,4 +1,4 @@
-"""Gaussian Bayes with one full covariance per class (Jung et al. 2014; Jung et al. 2017, section 4.2)."""
+"""Gaussian Bayes with a full covariance per class (Jung et al. 2014; 2017, section 4.2)."""
 
 from __future__ import annotations
 
@@ -7,25 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, solve_triangular
 from scipy.special import softmax
-from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 
-from bench.errors import InputError
+from bench.errors import check_value
 from bench.models.classic.scaling import ZScaler
+from bench.models.most_probable import MostProbable
 from bench.models.space import Range
 
 
 @dataclass(eq=False, repr=False)
-class GaussianBayes(ClassifierMixin, BaseEstimator):
-    """Maximum posterior under a multivariate normal per class, priors as in the training captures.
+class GaussianBayes(MostProbable):
+    """Maximum posterior under a multivariate normal per class; priors are shares of training.
 
-    scikit-learn's `QuadraticDiscriminantAnalysis` refuses the nearly singular covariances that these features have.
+    scikit-learn's `QuadraticDiscriminantAnalysis` refuses the nearly singular covariances that
+    these features have.
     """
 
     ridge: float = 1e-2
 
     def fit(self, X: np.ndarray, y: np.ndarray) -> GaussianBayes:
-        """Estimate means, covariances and priors from features [captures, n_features] and class names [captures]."""
+        """Estimate means, covariances and priors from features [captures, n_features]."""
         X = np.asarray(X, dtype=np.float64)
         self.n_features_in_ = X.shape[1]
         self.classes_, codes = np.unique(y, return_inverse=True)
@@ -34,9 +36,8 @@ class GaussianBayes(ClassifierMixin, BaseEstimator):
         self.factors_ = []
         for c, mean in enumerate(self.means_):
             centred = X[codes == c] - mean
-            covariance = centred.T @ centred / max(len(centred) - 1, 1) + self.ridge * np.eye(
-                X.shape[1]
-            )
+            covariance = centred.T @ centred / max(len(centred) - 1, 1)
+            covariance += self.ridge * np.eye(X.shape[1])
             self.factors_.append(cho_factor(covariance, lower=True)[0])
         return self
 
@@ -46,47 +47,40 @@ class GaussianBayes(ClassifierMixin, BaseEstimator):
         scores = []
         for prior, mean, factor in zip(self.priors_, self.means_, self.factors_, strict=True):
             whitened = solve_triangular(factor, (X - mean).T, lower=True)
-            scores.append(
-                np.log(prior) - 0.5 * (whitened**2).sum(axis=0) - np.log(np.diag(factor)).sum()
-            )
+            distance = 0.5 * (whitened**2).sum(axis=0)
+            scores.append(np.log(prior) - distance - np.log(np.diag(factor)).sum())
         return np.stack(scores, axis=1)
 
     def predict_proba(self, X: np.ndarray) -> np.ndarray:
         """Posterior [captures, classes]."""
         return softmax(self.predict_log_proba(X), axis=1)
 
-    def predict(self, X: np.ndarray) -> np.ndarray:
-        """Class names [captures]."""
-        return self.classes_[self.predict_log_proba(X).argmax(axis=1)]
-
     @property
     def parameters_(self) -> int:
-        """Learnt numbers: means, the triangle of each covariance, priors."""
+        """Number of learnt values: means, the triangle of each covariance, priors."""
         classes, features = self.means_.shape
         return classes * (features + features * (features + 1) // 2 + 1)
 
     @property
     def activations_(self) -> int:
-        """The features whitened for one class."""
+        """Number of whitened features, which are kept for one class at a time."""
         return self.n_features_in_
 
 
 def bayes(features: TransformerMixin, ridge: float = 1e-2) -> Pipeline:
-    """Gaussian with a full covariance and prior for each class, on features standardised on the training captures.
+    """Gaussian with a full covariance and prior for each class, on standardised features.
 
-    Several of the 54 features of Jung et al. 2017 are linear combinations of others, so a class covariance is singular.
-    The papers do not say how they dealt with this; a ridge is our reading.
+    Several of the 54 features of Jung et al. 2017 are linear combinations of others, so a class
+    covariance is singular. The papers do not say how they dealt with this; a ridge is our reading.
 
     Args:
         features: transformer from captures to a table.
-        ridge: number added to the diagonal of every class covariance. Default: chosen on generated captures, without
-            test subjects.
+        ridge: number added to the diagonal of every class covariance. Default: chosen on generated
+            captures, without test subjects.
     """
-    if not ridge > 0:
-        raise InputError(f"model.ridge={ridge:g}: give a value above 0, such as 0.01")
-    return Pipeline(
-        [("features", features), ("scaler", ZScaler()), ("classifier", GaussianBayes(ridge))]
-    )
+    check_value("model.ridge", ridge, ridge > 0, "a value above 0, such as 0.01")
+    classifier = GaussianBayes(ridge)
+    return Pipeline([("features", features), ("scaler", ZScaler()), ("classifier", classifier)])
 
 
 bayes.space = {"ridge": Range(1e-6, 1.0, log=True)}

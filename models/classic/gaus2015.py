@@ -1,4 +1,4 @@
-"""The systems of Gaus et al. 2015 (ICMI challenge): five families of features, a forest or boosting."""
+"""The systems of Gaus et al. 2015 (ICMI challenge): five feature families, a forest or boosting."""
 
 from sklearn.pipeline import Pipeline
 

@@ -1,4 +1,4 @@
-"""The system of Hughes et al. 2015 (ICMI challenge): likelihoods of hidden Markov models and softmax regression."""
+"""The system of Hughes et al. 2015 (ICMI challenge): likelihoods of HMMs and softmax regression."""
 
 from sklearn.pipeline import Pipeline
 
@@ -7,5 +7,5 @@ from bench.models.classic.softmax import softmax
 
 
 def hughes2015_softmax(seed: int = 0) -> Pipeline:
-    """Softmax regression on standardised features; ``seed`` is that of the autoencoder and the models."""
+    """Softmax regression on standardised features; ``seed`` is that of the autoencoder and HMMs."""
     return softmax(Hughes36(seed=seed))

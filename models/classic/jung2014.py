@@ -1,4 +1,4 @@
-"""The two systems of Jung 2014 (ICMI doctoral consortium) and Jung et al. 2014 (ICMI), 28 features."""
+"""The systems of Jung 2014 (ICMI doctoral consortium) and Jung et al. 2014 (ICMI), 28 features."""
 
 from sklearn.pipeline import Pipeline
 
@@ -9,7 +9,7 @@ from bench.models.search.tuning import Search
 
 
 def jung2014_bayes(ridge: float = 1e-2) -> Pipeline:
-    """Gaussian Bayes with full covariances; the ridge is ours (see `bench.models.classic.bayes.bayes`).
+    """Gaussian Bayes with full covariances; the ridge is ours (`bench.models.classic.bayes.bayes`).
 
     Args:
         ridge: number added to the diagonal of every class covariance. Default: that of bayes.

@@ -1,8 +1,9 @@
-"""The five systems of Jung, Poel, Poppe and Heylen 2017 (J Multimodal User Interfaces 11:81-96), 54 features.
+"""The five systems of Jung et al. 2017 (J Multimodal User Interfaces 11:81-96), 54 features.
 
-Penalties, widths and pruning levels are the paper's grids. It chooses by leaving one of the 30 training subjects out,
-which is ``inner=loso`` here; three groups of subjects choose as well in a fraction of the time
-(docs/notes/systems.md), so ``inner``, the number of groups of training subjects that choose, is 3 in each.
+Penalties, widths and pruning levels are the paper's grids. It chooses by leaving one of the 30
+training subjects out, which is ``inner=loso`` here; three groups of subjects choose as well in a
+fraction of the time (docs/notes/systems.md), so ``inner``, the number of groups of training
+subjects that choose, is 3 in each.
 """
 
 from sklearn.pipeline import Pipeline
@@ -18,7 +19,7 @@ WIDTHS = [2.0**k for k in range(-15, 4, 2)]
 
 
 def jung2017_bayes(ridge: float = 1e-2) -> Pipeline:
-    """Gaussian Bayes with full covariances; the ridge is ours (see `bench.models.classic.bayes.bayes`).
+    """Gaussian Bayes with full covariances; the ridge is ours (`bench.models.classic.bayes.bayes`).
 
     Args:
         ridge: number added to the diagonal of every class covariance. Default: that of bayes.
@@ -59,7 +60,9 @@ def jung2017_svm_rbf(inner: str = "3") -> Search:
 
 
 def jung2017_nn(seed: int = 0) -> Pipeline:
-    """Network of 54 and 27 units on features scaled to -1..1, the best of five runs, stopped by 30 % of the captures.
+    """Network of 54 and 27 units on features scaled to -1..1, the best of five runs.
+
+    Early stopping holds out 30 % of the training captures.
 
     Adam stands in for the paper's Levenberg-Marquardt.
     """

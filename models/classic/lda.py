@@ -8,72 +8,76 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from scipy.special import softmax
-from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 
-from bench.errors import InputError
+from bench.errors import check_value
 from bench.features.base import capture_of_rows, is_constant, undamaged_rows
 from bench.models.by_person import PerPersonPipeline
+from bench.models.most_probable import MostProbable
 from bench.models.space import Range
 
 
 @dataclass(frozen=True)
 class TrainingStatistics:
-    """Statistics of the training rows of `Discriminants`, which further rows can update.
+    """Statistics of all training rows of `Discriminants`, which the people add-on updates.
 
     Attributes:
-        mean, sd: mean and SD of the features [features]; all that follows is in these units.
-        centres: means of the classes [classes, features].
-        heavy: weight of the rows of each class [classes].
+        mean, sd: mean and SD of the features [features]; the following ones are of standardised
+            features.
+        class_means: means of the classes [classes, features].
+        weights: total weight of the rows of each class [classes].
         scatter: scatter of the rows about the means of their classes [features, features].
     """
 
     mean: np.ndarray
     sd: np.ndarray
-    centres: np.ndarray
-    heavy: np.ndarray
+    class_means: np.ndarray
+    weights: np.ndarray
     scatter: np.ndarray
 
 
 @dataclass(frozen=True)
 class RowSummary:
-    """Statistics of some training rows of `Discriminants`, in units of the features; those of several parts add up.
+    """Statistics of some training rows of `Discriminants`, in the units of the features.
 
     Attributes:
         classes: names of their classes [classes].
-        heavy: weight of the rows of each class [classes].
-        centres: means of the classes [classes, features].
+        weights: total weight of the rows of each class [classes].
+        class_means: means of the classes [classes, features].
         scatter: scatter of the rows about the means of their classes [features, features].
         squares: sums of squares about the means of the classes [features].
-        low, high: least and largest values [features].
+        minimum, maximum: extreme values [features].
     """
 
     classes: np.ndarray
-    heavy: np.ndarray
-    centres: np.ndarray
+    weights: np.ndarray
+    class_means: np.ndarray
     scatter: np.ndarray
     squares: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+    minimum: np.ndarray
+    maximum: np.ndarray
 
 
 @dataclass(eq=False, repr=False)
-class Discriminants(ClassifierMixin, BaseEstimator):
-    """Gaussian classes with one covariance, shrunk towards a multiple of the identity after standardisation.
+class Discriminants(MostProbable):
+    """Gaussian classes with one covariance, shrunk towards a multiple of the identity.
 
-    Rows that come from one capture (``capture`` of the index of a `pandas.DataFrame`) share what is particular to it. A
-    label that is taken from n of them sees a mean whose covariance is that between captures plus one n-th of that
-    within them; ``windows`` is this n, as far as windows that overlap are independent. With 1, or one row per capture,
-    these are the usual linear discriminants. Classes count alike, however many captures they have.
+    Rows of one capture (``capture`` of the index of a `pandas.DataFrame`) are not independent. The
+    mean of n of them has the covariance between captures plus one n-th of the covariance within
+    captures; ``windows`` is this n, which is smaller than the number of overlapping windows. With
+    1, or with one row per capture, these are the usual linear discriminants. All classes have the
+    same prior.
 
     Args:
         shrinkage: shrinkage of the covariance, 0 to 1.
         windows: number of windows that decide on a label together.
-        damaged: weight of a row of a damaged copy (``copy`` of the index is above 0); others count 1.
+        damaged: weight of a row of a damaged copy (``copy`` of the index is above 0); others count
+            1.
 
     Attributes:
         classes_: class names.
-        coef_: [classes, features], of the features as they are given.
+        coef_: [classes, features], of features that are not standardised.
         intercept_: [classes].
         learnt_: statistics of the training rows.
     """
@@ -87,90 +91,79 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         self.classes_, codes = np.unique(y, return_inverse=True)
         Z = np.asarray(X, dtype=np.float64)
         self.n_features_in_ = Z.shape[1]
-        captures, weight = capture_of_rows(X), np.where(undamaged_rows(X), 1.0, self.damaged)
-        mean = weight @ Z / weight.sum()
-        sd = np.sqrt(weight @ (Z - mean) ** 2 / weight.sum())
+        row_weights = np.where(undamaged_rows(X), 1.0, self.damaged)
+        mean = row_weights @ Z / row_weights.sum()
+        sd = np.sqrt(row_weights @ (Z - mean) ** 2 / row_weights.sum())
         sd[is_constant(Z)] = np.inf
         Z = (Z - mean) / sd
-        centres, heavy = mean_by_code(Z, codes, weight)
-        Z -= centres[codes]
-        self.learnt_ = TrainingStatistics(
-            mean, sd, centres, heavy, self.weighted_scatter(Z, captures, weight)
-        )
-        self.solve_coefficients(weight.sum())
+        class_means, weights = mean_by_code(Z, codes, row_weights)
+        Z -= class_means[codes]
+        scatter = self.weighted_scatter(Z, capture_of_rows(X), row_weights)
+        self.learnt_ = TrainingStatistics(mean, sd, class_means, weights, scatter)
+        self.solve_coefficients(row_weights.sum())
         return self
 
     def summarise_rows(self, X: pd.DataFrame, y: np.ndarray) -> RowSummary:
-        """What `fit_summaries` needs of some rows of training."""
+        """Summarise some training rows for `fit_summaries`."""
         classes, codes = np.unique(y, return_inverse=True)
         Z = np.asarray(X, dtype=np.float64)
-        captures, weight = capture_of_rows(X), np.where(undamaged_rows(X), 1.0, self.damaged)
-        low, high = Z.min(axis=0), Z.max(axis=0)
-        centres, heavy = mean_by_code(Z, codes, weight)
-        Z = Z - centres[codes]
+        row_weights = np.where(undamaged_rows(X), 1.0, self.damaged)
+        class_means, weights = mean_by_code(Z, codes, row_weights)
+        centred = Z - class_means[codes]
+        scatter = self.weighted_scatter(centred, capture_of_rows(X), row_weights)
+        squares = row_weights @ centred**2
         return RowSummary(
-            classes,
-            heavy,
-            centres,
-            self.weighted_scatter(Z, captures, weight),
-            weight @ Z**2,
-            low,
-            high,
+            classes, weights, class_means, scatter, squares, Z.min(axis=0), Z.max(axis=0)
         )
 
-    def fit_summaries(self, parts: Sequence[RowSummary]) -> Discriminants:
-        """`fit` to the rows of several parts, which share no capture: equal but for rounding."""
-        self.classes_, codes = np.unique(
-            np.concatenate([part.classes for part in parts]), return_inverse=True
-        )
-        every, weight = (
-            np.concatenate([part.centres for part in parts]),
-            np.concatenate([part.heavy for part in parts]),
-        )
-        self.n_features_in_ = every.shape[1]
-        centres, heavy = mean_by_code(every, codes, weight)
-        apart = every - centres[codes]
-        mean = heavy @ centres / heavy.sum()
-        squares = (
-            sum(part.squares for part in parts) + weight @ apart**2 + heavy @ (centres - mean) ** 2
-        )
-        sd = np.sqrt(squares / heavy.sum())
-        sd[
-            is_constant(np.stack([*(part.low for part in parts), *(part.high for part in parts)]))
-        ] = np.inf
-        scatter = self.windows * (apart.T * weight) @ apart
-        for part in parts:
-            scatter += part.scatter
-        self.learnt_ = TrainingStatistics(
-            mean, sd, (centres - mean) / sd, heavy, scatter / sd[:, None] / sd
-        )
-        self.solve_coefficients(heavy.sum())
+    def fit_summaries(self, summaries: Sequence[RowSummary]) -> Discriminants:
+        """Fit to parts that share no capture; equals `fit` to all rows but for rounding."""
+        part_classes = np.concatenate([summary.classes for summary in summaries])
+        part_means = np.concatenate([summary.class_means for summary in summaries])
+        part_weights = np.concatenate([summary.weights for summary in summaries])
+        self.classes_, codes = np.unique(part_classes, return_inverse=True)
+        self.n_features_in_ = part_means.shape[1]
+        class_means, weights = mean_by_code(part_means, codes, part_weights)
+        deviations = part_means - class_means[codes]
+        mean = weights @ class_means / weights.sum()
+        squares = sum(summary.squares for summary in summaries)
+        squares = squares + part_weights @ deviations**2 + weights @ (class_means - mean) ** 2
+        sd = np.sqrt(squares / weights.sum())
+        extremes = [summary.minimum for summary in summaries]
+        extremes += [summary.maximum for summary in summaries]
+        sd[is_constant(np.stack(extremes))] = np.inf
+        scatter = self.windows * (deviations.T * part_weights) @ deviations
+        for summary in summaries:
+            scatter += summary.scatter
+        scaled_means, scaled_scatter = (class_means - mean) / sd, scatter / sd[:, None] / sd
+        self.learnt_ = TrainingStatistics(mean, sd, scaled_means, weights, scaled_scatter)
+        self.solve_coefficients(weights.sum())
         return self
 
     def weighted_scatter(
-        self, Z: np.ndarray, captures: np.ndarray, weight: np.ndarray
+        self, centred: np.ndarray, captures: np.ndarray, row_weights: np.ndarray
     ) -> np.ndarray:
-        """Of rows about the centres of their classes, what is particular to a capture counting more by ``windows``."""
-        scatter = (Z.T * weight) @ Z
+        """Scatter about class means, that between captures weighted by ``windows``."""
+        scatter = (centred.T * row_weights) @ centred
         if self.windows == 1:
             return scatter
-        means, heavy = mean_by_code(Z, captures, weight)
-        return scatter + (self.windows - 1) * (means.T * heavy) @ means
+        means, weights = mean_by_code(centred, captures, row_weights)
+        return scatter + (self.windows - 1) * (means.T * weights) @ means
 
-    def solve_coefficients(self, total: float) -> None:
-        """Coefficients from what was learnt of rows with a total weight."""
+    def solve_coefficients(self, total_weight: float) -> None:
+        """Compute the coefficients from the statistics of training rows of a total weight."""
         learnt = self.learnt_
-        scatter = learnt.scatter / total
-        size = np.trace(scatter) / len(scatter)
+        scatter = learnt.scatter / total_weight
+        mean_variance = np.trace(scatter) / len(scatter)
         scatter *= 1 - self.shrinkage
-        scatter[np.diag_indices(len(scatter))] += self.shrinkage * size + 1e-9
-        coef = np.linalg.solve(scatter, learnt.centres.T).T
+        scatter[np.diag_indices(len(scatter))] += self.shrinkage * mean_variance + 1e-9
+        coef = np.linalg.solve(scatter, learnt.class_means.T).T
         self.coef_ = coef / learnt.sd
-        self.intercept_ = -0.5 * (coef * learnt.centres).sum(axis=1) - self.coef_ @ learnt.mean
+        self.intercept_ = -0.5 * (coef * learnt.class_means).sum(axis=1) - self.coef_ @ learnt.mean
 
     @property
     def constants_(self) -> int:
-        """Mean and SD of the features: in single precision they must be measured from these before they are weighed."""
+        """Number of means and SDs, as single precision needs features to be standardised first."""
         return 2 * self.n_features_in_
 
     def decision_function(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
@@ -181,48 +174,43 @@ class Discriminants(ClassifierMixin, BaseEstimator):
         """Class probabilities [rows, classes]."""
         return softmax(self.decision_function(X), axis=1)
 
-    def predict(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
-        """Class names [rows]."""
-        return self.classes_[self.decision_function(X).argmax(axis=1)]
-
 
 def mean_by_code(
-    values: np.ndarray, codes: np.ndarray, weight: np.ndarray
+    values: np.ndarray, codes: np.ndarray, row_weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted mean of the rows of each code [codes, n], and the sum of their weights."""
+    """Weighted mean of the rows of each code [codes, n], and the sum of their weights [codes]."""
     order = np.argsort(codes, kind="stable")
     first = np.flatnonzero(np.diff(codes[order], prepend=-1))
-    heavy = np.add.reduceat(weight[order], first)
-    return np.add.reduceat(values[order] * weight[order][:, None], first) / heavy[:, None], heavy
+    weights = np.add.reduceat(row_weights[order], first)
+    sums = np.add.reduceat(values[order] * row_weights[order][:, None], first)
+    return sums / weights[:, None], weights
 
 
 def lda(
     features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0
 ) -> Pipeline:
-    """Linear discriminants: a Gaussian for each class with one covariance, shrunk towards a multiple of the identity.
+    """Linear discriminants: Gaussian classes with one covariance, shrunk towards the identity.
 
     Features are standardised on the training captures. All classes have the same prior.
 
     Args:
         features: transformer from captures to a table.
-        shrinkage: shrinkage of the covariance, 0 to 1. Default: ours, from the design of reflex on seven of HAART's
-            people.
-        windows: number of windows that decide on a label together; the covariance between captures counts so many
-            times more than that within them. Default: linear discriminants as usual.
-        damaged: weight of a damaged copy of a capture (model.faults=). Default: each copy counts as its capture.
+        shrinkage: shrinkage of the covariance, 0 to 1. Default: ours, from the design of reflex on
+            seven of HAART's people.
+        windows: number of windows that decide on a label together; the covariance between captures
+            counts this many times more than that within them. Default: the usual linear
+            discriminants.
+        damaged: weight of a damaged copy of a capture (model.faults=). Default: each copy counts as
+            its capture.
 
     Raises:
-        InputError: a shrinkage, a number of windows or a weight that cannot be.
+        InputError: a parameter is out of its range.
     """
-    if not 0 <= shrinkage <= 1:
-        raise InputError(f"model.shrinkage={shrinkage:g}: give 0 to 1")
-    if not 1 <= windows < float("inf"):
-        raise InputError(f"model.windows={windows:g}: give 1 or more")
-    if not 0 < damaged < float("inf"):
-        raise InputError(f"model.damaged={damaged:g}: give a number above 0")
-    return PerPersonPipeline(
-        [("features", features), ("classifier", Discriminants(shrinkage, windows, damaged))]
-    )
+    check_value("model.shrinkage", shrinkage, 0 <= shrinkage <= 1, "0 to 1")
+    check_value("model.windows", windows, 1 <= windows < float("inf"), "1 or more")
+    check_value("model.damaged", damaged, 0 < damaged < float("inf"), "a number above 0")
+    classifier = Discriminants(shrinkage, windows, damaged)
+    return PerPersonPipeline([("features", features), ("classifier", classifier)])
 
 
 lda.space = {"shrinkage": Range(1e-3, 1, log=True), "windows": Range(1, 8, log=True)}

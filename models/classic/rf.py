@@ -1,10 +1,10 @@
-"""Forests: random ones, as in the 2015 challenge by Ta, Balli Altuglu and Gaus, and extremely randomised ones."""
+"""Random forests, as Ta, Balli Altuglu and Gaus used in 2015, and extremely randomised trees."""
 
 from sklearn.base import ClassifierMixin, TransformerMixin
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from sklearn.pipeline import Pipeline
 
-from bench.errors import InputError
+from bench.errors import check_value
 from bench.models.space import Range
 
 
@@ -15,10 +15,11 @@ def rf(
 
     Args:
         features: transformer from captures to a table.
-        trees: number of trees. Default: our reading of the systems of 2015, most of which do not state it.
+        trees: number of trees. Default: our reading of the systems of 2015, most of which do not
+            state it.
         leaf: fewest captures in a leaf. Default: that of scikit-learn.
-        tried: share of the features that is tried at each split; 0 for the square root of their number. Default: that
-            of scikit-learn.
+        tried: share of the features that is tried at each split; 0 for the square root of their
+            number. Default: that of scikit-learn.
         seed: random seed of the bootstrap and the tried features.
     """
     return _make_pipeline(RandomForestClassifier, features, trees, leaf, tried, seed)
@@ -35,8 +36,8 @@ def et(
         features: transformer from captures to a table.
         trees: number of trees. Default: that of rf.
         leaf: fewest captures in a leaf. Default: that of scikit-learn.
-        tried: share of the features that is tried at each split; 0 for the square root of their number. Default: that
-            of scikit-learn.
+        tried: share of the features that is tried at each split; 0 for the square root of their
+            number. Default: that of scikit-learn.
         seed: random seed of the tried features and splits.
     """
     return _make_pipeline(ExtraTreesClassifier, features, trees, leaf, tried, seed)
@@ -50,10 +51,9 @@ def _make_pipeline(
     tried: float,
     seed: int,
 ) -> Pipeline:
-    if trees < 1 or leaf < 1:
-        raise InputError(f"model.trees={trees} model.leaf={leaf}: give at least 1")
-    if not 0 <= tried <= 1:
-        raise InputError(f"model.tried={tried:g}: give a share from 0 to 1")
+    check_value("model.trees", trees, trees >= 1, "at least 1")
+    check_value("model.leaf", leaf, leaf >= 1, "at least 1")
+    check_value("model.tried", tried, 0 <= tried <= 1, "a share from 0 to 1")
     forest = kind(trees, min_samples_leaf=leaf, max_features=tried or "sqrt", random_state=seed)
     return Pipeline([("features", features), ("classifier", forest)])
 

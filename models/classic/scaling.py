@@ -1,8 +1,9 @@
-"""Scaling of features that stays calm where training showed nothing.
+"""Scalers under which a feature that is constant in training stays constant.
 
-A feature that never varies in training has no range to be scaled by. scikit-learn's scalers then pass its differences
-on as they are: where all training captures are equally long, a shorter one would move its duration by hundreds of
-training ranges, and a kernel would see nothing else. Here such a feature keeps its training value, whatever comes.
+A feature that never varies in training has no range to be scaled by. scikit-learn's scalers then
+pass its differences on unscaled. If all training captures are equally long, a shorter one would
+move its duration by hundreds of training ranges, which would dominate any kernel. Here such a
+feature always has its training value.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ class RangeScaler(MinMaxScaler):
     def fit(self, X: pd.DataFrame | np.ndarray, y: object = None) -> RangeScaler:
         """Learn the range of each feature [captures, n_features]."""
         super().fit(X, y)
-        still = is_constant(X)
-        self.scale_[still] = 0
-        self.min_[still] = self.feature_range[0]
+        constant = is_constant(X)
+        self.scale_[constant] = 0
+        self.min_[constant] = self.feature_range[0]
         return self
 
 

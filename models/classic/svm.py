@@ -1,4 +1,4 @@
-"""Support vector machine, LIBSVM one against one (Jung et al. 2014, linear; Jung et al. 2017, linear and RBF)."""
+"""Support vector machine, LIBSVM one against one (Jung et al. 2014 and 2017)."""
 
 import numpy as np
 from scipy.special import softmax
@@ -6,7 +6,7 @@ from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 from sklearn.svm import SVC
 
-from bench.errors import InputError
+from bench.errors import check_value
 from bench.models.classic.scaling import RangeScaler, ZScaler
 from bench.models.space import Range
 
@@ -14,10 +14,10 @@ PENALTIES = [2.0**k for k in range(-5, 16, 2)]  # of the published grids
 
 
 class RankedSVC(SVC):
-    """An SVC whose probabilities rank the classes as its decision values do.
+    """An SVC whose probabilities are a softmax of its decision values.
 
-    They are a softmax of the decision values: their order is right, their size is not calibrated. scikit-learn's own
-    probabilities come from inner folds that mix subjects.
+    They are not calibrated. scikit-learn's own probabilities come from inner folds that mix
+    subjects.
     """
 
     def predict_proba(self, X: np.ndarray) -> np.ndarray:
@@ -37,23 +37,24 @@ def svm(
 ) -> Pipeline:
     """Support vector machine on scaled features, LIBSVM, one against one.
 
-    Probabilities are a softmax of the decision values: their order is right, their size is not calibrated.
+    Probabilities are a softmax of the decision values: their order is right, their size is not
+        calibrated.
 
     Args:
         features: transformer from captures to a table.
-        C: penalty. Default: a point of the grid 2^-5, 2^-3, ..., 2^15 of Jung et al. 2017, chosen on generated
-            captures, without test subjects.
-        gamma: width of the RBF kernel; unused by ``kernel=linear``. Default: a point of the grid 2^-15, 2^-13, ..., 2^3
-            of Jung et al. 2017, chosen on generated captures, without test subjects.
+        C: penalty. Default: a point of the grid 2^-5, 2^-3, ..., 2^15 of Jung et al. 2017, chosen
+            on generated captures, without test subjects.
+        gamma: width of the RBF kernel; unused by ``kernel=linear``. Default: a point of the grid
+            2^-15, 2^-13, ..., 2^3 of Jung et al. 2017, chosen on generated captures, without test
+            subjects.
         kernel: ``rbf`` or ``linear``. Default: one of the two of Jung et al. 2017.
-        scaling: ``range`` to 0..1, or ``z`` to mean 0 and SD 1, of the training captures. Default: Jung et al. 2017.
+        scaling: ``range`` to 0..1, or ``z`` to mean 0 and SD 1, of the training captures. Default:
+            Jung et al. 2017.
     """
-    if kernel not in ("rbf", "linear"):
-        raise InputError(f"model.kernel={kernel}: give rbf or linear")
-    if scaling not in ("range", "z"):
-        raise InputError(f"model.scaling={scaling}: give range or z")
-    if not C > 0 or not gamma > 0:
-        raise InputError(f"model.C={C:g} model.gamma={gamma:g}: both must be above 0")
+    check_value("model.kernel", kernel, kernel in ("rbf", "linear"), "rbf or linear")
+    check_value("model.scaling", scaling, scaling in ("range", "z"), "range or z")
+    check_value("model.C", C, C > 0, "a value above 0")
+    check_value("model.gamma", gamma, gamma > 0, "a value above 0")
     machine = RankedSVC(C=C, gamma=gamma, kernel=kernel, break_ties=True)
     scaler = RangeScaler() if scaling == "range" else ZScaler()
     return Pipeline([("features", features), ("scaler", scaler), ("classifier", machine)])

@@ -1,4 +1,4 @@
-"""The system of van Wingerden, Uebbing, Jung and Poel 2014: 45 features and a network of 46 units."""
+"""The system of van Wingerden et al. 2014: 45 features and a network of 46 units."""
 
 from sklearn.pipeline import Pipeline
 
@@ -7,5 +7,5 @@ from bench.models.classic.mlp import mlp
 
 
 def wingerden2014_mlp(seed: int = 0) -> Pipeline:
-    """One hidden layer on standardised features, stopped by 15 % of the captures; training is our reading."""
+    """One hidden layer on standardised features, early stopping on 15 %; training is ours."""
     return mlp(Wingerden45(), "46", held=0.15, runs=1, scaling="z", seed=seed)

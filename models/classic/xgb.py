@@ -1,4 +1,4 @@
-"""Boosted trees (XGBoost) on a feature set; no paper's system, the usual strong baseline on tables."""
+"""Boosted trees (XGBoost) on a feature set: the usual strong baseline on tables."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import pandas as pd
 from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 
-from bench.errors import InputError
+from bench.errors import check_value
 from bench.models.most_probable import MostProbable
 from bench.models.space import Range
 
 
 @dataclass(eq=False, repr=False)
 class BoostedTrees(MostProbable):
-    """`xgboost.XGBClassifier` with class names, which it does not take itself."""
+    """`xgboost.XGBClassifier` for class names, which xgboost does not accept."""
 
     trees: int = 300
     depth: int = 4
@@ -50,7 +50,8 @@ def xgb(
 ) -> Pipeline:
     """Boosted trees (XGBoost) on the raw features.
 
-    They are no paper's system. Each tree sees 80 % of the captures and 80 % of the features; splits are of histograms.
+    They are no paper's system. Each tree uses 80 % of the captures and 80 % of the features; splits
+    use histograms.
 
     Args:
         features: transformer from captures to a table.
@@ -59,13 +60,11 @@ def xgb(
         rate: learning rate. Default: ours.
         seed: random seed of the samples of captures and features.
     """
-    if trees < 1 or depth < 1 or not rate > 0:
-        raise InputError(
-            f"model.trees={trees} model.depth={depth} model.rate={rate:g}: all must be above 0"
-        )
-    return Pipeline(
-        [("features", features), ("classifier", BoostedTrees(trees, depth, rate, seed))]
-    )
+    check_value("model.trees", trees, trees >= 1, "at least 1")
+    check_value("model.depth", depth, depth >= 1, "at least 1")
+    check_value("model.rate", rate, rate > 0, "a value above 0")
+    boosted = BoostedTrees(trees, depth, rate, seed)
+    return Pipeline([("features", features), ("classifier", boosted)])
 
 
 xgb.space = {"trees": Range(100, 600), "depth": Range(1, 6), "rate": Range(0.02, 0.3, log=True)}

@@ -15,7 +15,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.faults import usual_faults
 from bench.errors import InputError
 from bench.ground.timing import time_repeatedly
-from bench.ground.words import parse_amount
+from bench.ground.typed import parse_amount
 from bench.models.most_probable import MostProbable
 from bench.models.search import portfolio
 from bench.models.search.ensemble import (

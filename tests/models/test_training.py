@@ -37,7 +37,7 @@ def trained(net, windows, schedule, target=0, rate=0.0, judge=None):
 
 
 def test_an_epoch_is_a_new_order_of_whole_batches_in_training_mode(windows, monkeypatch):
-    seen, batch, net = [], windows.batch, linear()
+    seen, batch, net = [], windows.make_batch, linear()
     monkeypatch.setattr(
         windows, "make_batch", lambda rows: seen.append([net.training, *rows]) or batch(rows)
     )

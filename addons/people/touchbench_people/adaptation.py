@@ -20,15 +20,15 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench import contract
 from bench.errors import InputError
-from bench.features.base import captures_of
-from bench.models.recipe import Recipe, taken
+from bench.features.base import capture_of_rows
+from bench.models.recipe import Recipe, apply_steps
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
-    from bench.models.classic.lda import Discriminants, Learnt
+    from bench.models.classic.lda import Discriminants, TrainingStatistics
     from bench.models.classic.perceptron import Perceptron
     from bench.models.nets.window import WindowNet
-    from bench.models.out_of_distribution import Guarded
+    from bench.models.out_of_distribution import GuardedDiscriminants
     from bench.models.reflex import Reflex
 
 WEIGHT = 10  # of a row of the person beside one of training; docs/notes/numbers.md
@@ -40,7 +40,7 @@ OWN = contract.Method("adapt", ("X", "y"), lambda X, y: None)
 
 def adapts(system: Any) -> bool:
     """Whether a system, fitted or not, adapts to a person; one with weights in few bits does not."""
-    if OWN.of(system):
+    if OWN.find_method(system):
         return True
     if isinstance(system, Pipeline):
         return adapts(system.steps[-1][1])
@@ -57,8 +57,8 @@ def adapted(system: Any, X: Corpus | pd.DataFrame, y: np.ndarray | None) -> Any:
         X: captures of the person, or their features.
         y: class names; None if unlabelled.
     """
-    X = contract.blinded(system, X) if y is None else X
-    if OWN.of(system):
+    X = contract.blind_captures(system, X) if y is None else X
+    if OWN.find_method(system):
         return deepcopy(system).adapt(
             X, y
         )  # one that changes itself would carry the captures into other tests
@@ -74,7 +74,7 @@ def adapted(system: Any, X: Corpus | pd.DataFrame, y: np.ndarray | None) -> Any:
 
 def behind_steps(recipe: Recipe, X: Corpus, y: np.ndarray | None) -> Recipe:
     """The system inside adapts to captures after the steps."""
-    seen, row = taken(X, recipe.steps())
+    seen, row = apply_steps(X, recipe.steps())
     mine = copy(recipe)
     mine.system_ = adapted(recipe.system_, seen, None if y is None else np.asarray(y)[row])
     return mine
@@ -108,16 +108,16 @@ def discriminants(
     mine = copy(general)
     old = general.learnt_
     Z = (np.asarray(X, dtype=np.float64) - old.mean) / old.sd
-    captures = captures_of(X)
+    captures = capture_of_rows(X)
     codes = None if y is None else codes_of(y, general.classes_)
     believed, apart = share(captures, codes, len(general.classes_))
-    shift = believed * (Z - old.centres[codes] if apart else Z).mean(axis=0)
-    total = old.heavy.sum()
+    shift = believed * (Z - old.class_means[codes] if apart else Z).mean(axis=0)
+    total = old.weights.sum()
     mine.learnt_ = replace(old, mean=old.mean + np.where(np.isfinite(old.sd), old.sd, 0) * shift)
     if codes is not None:
         mine.learnt_ = _joined(mine, Z - shift, codes, captures, np.full(len(Z), weight))
         total += weight * len(Z)
-    mine.solve(total)
+    mine.solve_coefficients(total)
     return mine
 
 
@@ -127,23 +127,29 @@ def _joined(
     codes: np.ndarray,
     captures: np.ndarray,
     weight: np.ndarray,
-) -> Learnt:
+) -> TrainingStatistics:
     """What was learnt, and more rows."""
     old = linear.learnt_
     heavy = np.bincount(codes, weight, len(linear.classes_))
-    centres = np.zeros_like(old.centres)
+    centres = np.zeros_like(old.class_means)
     np.add.at(centres, codes, Z * weight[:, None])
     centres /= np.where(heavy > 0, heavy, 1)[:, None]
-    both = old.heavy + heavy
-    apart = np.sqrt(linear.windows * old.heavy * heavy / both)[:, None] * (centres - old.centres)
-    scatter = (
-        old.scatter + linear.scatter_of(Z - centres[codes], captures, weight) + apart.T @ apart
+    both = old.weights + heavy
+    apart = np.sqrt(linear.windows * old.weights * heavy / both)[:, None] * (
+        centres - old.class_means
     )
-    mixed = (old.heavy[:, None] * old.centres + heavy[:, None] * centres) / both[:, None]
-    return replace(old, centres=mixed, heavy=both, scatter=scatter)
+    scatter = (
+        old.scatter
+        + linear.weighted_scatter(Z - centres[codes], captures, weight)
+        + apart.T @ apart
+    )
+    mixed = (old.weights[:, None] * old.class_means + heavy[:, None] * centres) / both[:, None]
+    return replace(old, class_means=mixed, weights=both, scatter=scatter)
 
 
-def guarded(general: Guarded, X: pd.DataFrame, y: np.ndarray | None) -> Guarded:
+def guarded(
+    general: GuardedDiscriminants, X: pd.DataFrame, y: np.ndarray | None
+) -> GuardedDiscriminants:
     """As `discriminants`; the usual range moves with their mean, and so does the network, whose last layer learns."""
     mine = copy(general)
     mine.linear_ = discriminants(general.linear_, X, y)
@@ -163,9 +169,9 @@ def perceptron(
         return general
     mine = copy(general)
     old = np.column_stack([general.coefs_[1].T, general.intercepts_[1]])
-    new = relearnt(old, general.hidden(X), codes_of(y, general.classes_), captures_of(X)).astype(
-        np.float32
-    )
+    new = relearnt(
+        old, general.hidden_activations(X), codes_of(y, general.classes_), capture_of_rows(X)
+    ).astype(np.float32)
     mine.coefs_ = [general.coefs_[0], new[:, :-1].T.copy()]
     mine.intercepts_ = [general.intercepts_[0], new[:, -1]]
     return mine
@@ -180,7 +186,9 @@ def network(general: WindowNet, X: Corpus, y: np.ndarray | None) -> WindowNet:
         return general
     mine = copy(general)
     codes = codes_of(np.asarray(y), general.classes_)
-    mine.net_ = in_network(general.net_, general.samples(X), codes, general.batch, general.logits)
+    mine.net_ = in_network(
+        general.net_, general.samples(X), codes, general.batch, general.compute_logits
+    )
     return mine
 
 
@@ -191,7 +199,7 @@ WAYS: dict[
     "bench.models.classic.lda.Discriminants": discriminants,
     "bench.models.classic.perceptron.Perceptron": perceptron,
     "bench.models.nets.window.WindowNet": network,
-    "bench.models.out_of_distribution.Guarded": guarded,
+    "bench.models.out_of_distribution.GuardedDiscriminants": guarded,
     "bench.models.recipe.Recipe": behind_steps,
     "bench.models.reflex.Reflex": both_windows,
 }
