@@ -52,11 +52,19 @@ class WithoutAddons:
         return [e for e in found if e.dist is None or not e.dist.name.startswith("touchbench-")]
 
 
+def forget_parts():
+    """Look for installed packages, and load parts, again."""
+    for module in (registry, measures):
+        for value in [*vars(module).values()]:
+            if hasattr(value, "cache_clear"):
+                value.cache_clear()
+
+
 def pytest_configure(config):
     """Hide add-ons that are installed: what they print and test is in their own tests."""
     every = registry._entry_points.__wrapped__
     registry._entry_points = cache(lambda: WithoutAddons(every()))
-    registry.forget()
+    forget_parts()
     without_numba(config)
 
 
@@ -127,7 +135,7 @@ def prepared_store(request, monkeypatch):
 def folds_here(request, monkeypatch):
     """Folds are done in this process, but for tests that are marked ``pool``: starting workers takes seconds."""
     if not request.node.get_closest_marker("pool"):
-        monkeypatch.setattr("bench.running.loop.ProcessExecutor", FoldExecutor)
+        monkeypatch.setattr("bench.running.workers.ProcessExecutor", FoldExecutor)
 
 
 @pytest.fixture(autouse=True)
@@ -140,7 +148,7 @@ def brief_measurements(request, monkeypatch):
 
 def never_busy(patch):
     """No output says that this machine was busy."""
-    for printed in ("bench.commands.printing", "bench.reports.contexts"):
+    for printed in ("bench.commands.printing", "bench.reports.notes"):
         patch.setattr(f"{printed}.BUSY_SLOWDOWN", float("inf"))
 
 
@@ -266,8 +274,7 @@ def plug(tmp_path, monkeypatch):
     info, installed = site / "watts-1.0.dist-info", []
 
     def forget():
-        measures.all_costs.cache_clear()
-        registry.forget()
+        forget_parts()
         for name in installed:
             sys.modules.pop(name, None)
 

@@ -24,8 +24,9 @@ from bench.ground.registry import (
     registered_parts,
     required_parameters,
 )
-from bench.ground.typed import WIDTH, Option, format_value, split_values
+from bench.ground.typed import Option, format_value, split_values
 
+WIDTH = 100  # columns of help
 SECTION = re.compile(r"^(Args|Attributes|Raises|Returns):$", re.MULTILINE)
 ENTRY = re.compile(r"^ {4}(\w[\w, ]*):\s+(.*(?:\n {8}.*)*)", re.MULTILINE)
 SOURCE = " Default: "  # in the docstring of a parameter, before the origin of its default

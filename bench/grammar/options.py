@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.errors import InputError, suggest_names
-from bench.ground.machine import Backend
 from bench.ground.registry import import_object, load_part, load_parts, registered_parts
 from bench.ground.typed import DEFAULTS, Values, parse_option, parse_value
 from bench.ground.typed import Option as Option
 from bench.values.measures import all_costs, costs_by_budget
 
+LOCAL_EXECUTOR = "bench.running.workers:local_executor"  # by name: this room lies below it
 START, COMPARE, SHIP, MORE = "start here", "compare", "ship", "more"  # groups of the overview
 
 
@@ -267,18 +267,19 @@ def cost_limits(given: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-def backend_of(values: Values) -> Backend:
-    """The requested workers."""
+def make_executor(values: Values) -> Any:
+    """Make the executor of folds, a `bench.running.workers.FoldExecutor`, that the keys ask for."""
     for key, one in options_of_packages("makers", values).items():
         if address := str(values.get(key, "")):
             if "jobs" in values:
                 raise InputError(
                     f"jobs={values['jobs']}: {key}= sets the number of workers; leave jobs= out"
                 )
-            return Backend(workers=one.uses, address=address)
-    return Backend(parse_value("jobs", values["jobs"], 0) if "jobs" in values else None)
+            return import_object(one.uses)(address)
+    jobs = parse_value("jobs", values["jobs"], 0) if "jobs" in values else None
+    return import_object(LOCAL_EXECUTOR)(jobs)
 
 
-def backend_keys() -> set[str]:
+def executor_keys() -> set[str]:
     """Keys that say where folds are done, which changes no result."""
     return {"jobs", *_keys_of_packages("makers")}

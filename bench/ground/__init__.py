@@ -1,1 +1,1 @@
-"""What every other room stands on: the machine, files, the user's folder, names of parts, typed values."""
+"""What all rooms use: registry of parts, typed values, files and folders, the machine, timing."""

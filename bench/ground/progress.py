@@ -1,4 +1,4 @@
-"""What a user sees on the side while a command works: the console, warnings, durations in words."""
+"""Messages beside the results of a command: the console, warnings, durations in words."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ console = Console(stderr=True)
 
 
 def warn(line: str) -> None:
-    """A line that a user should see."""
+    """Print a warning for the user."""
     console.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
 def format_seconds(seconds: float) -> str:
-    """Seconds in words: 8 s, 3 min 20 s, 2 h 5 min."""
+    """Write a duration: 8 s, 3 min 20 s, 2 h 5 min."""
     minutes, rest = divmod(max(0, round(seconds)), 60)
     if not minutes:
         return f"{rest} s"
@@ -21,8 +21,9 @@ def format_seconds(seconds: float) -> str:
 
 
 def format_estimate(seconds: float) -> str:
-    """An estimate of seconds in words, to no more digits than it deserves: about 8 s, about 90 s, about 3 min."""
+    """Write an estimated duration, rounded: about 8 s, about 90 s, about 3 min."""
     if seconds < 100:
-        return f"about {max(1, round(seconds, -1) if seconds > 20 else round(seconds)):.0f} s"
+        rounded = round(seconds, -1) if seconds > 20 else round(seconds)
+        return f"about {max(1, rounded):.0f} s"
     minutes = round(seconds / 60)
     return f"about {minutes} min" if minutes < 100 else f"about {round(minutes / 60)} h"

@@ -1,4 +1,8 @@
-"""The user's data folder, and temporary folders there that the next command clears away if this one is killed."""
+"""The user's data folder, and files that a killed command cannot leave half-written.
+
+Temporary files have the number of their process in their names; later commands remove those of dead
+processes.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from bench.errors import InputError
 
 
 def data_folder() -> Path:
-    """The user's data folder: imported corpora and cached features (``TOUCHBENCH_HOME`` overrides)."""
+    """The folder of imported corpora and cached features: ``TOUCHBENCH_HOME``, or the user's."""
     if override := os.environ.get("TOUCHBENCH_HOME"):
         return Path(override)
     from platformdirs import user_data_path
@@ -25,21 +29,18 @@ def data_folder() -> Path:
 
 @contextmanager
 def use_scratch_folder() -> Iterator[None]:
-    """Put all that Python's ``tempfile`` makes into a folder of this process; it and those of dead processes go.
+    """Make ``tempfile`` use a folder of this process, which is removed at the end.
 
-    Where the data folder cannot be written, temporary files lie where they always do.
+    Also removes what dead processes left. If the data folder cannot be written, temporary files lie
+    in their usual place.
     """
     folder, before, mine = data_folder() / "tmp", tempfile.tempdir, None
-    with suppress(OSError):  # nothing was asked of the folder yet; what needs it says so itself
+    with suppress(OSError):  # a command that needs the folder reports it
         folder.mkdir(parents=True, exist_ok=True)
         remove_leftovers(folder)
-        for stored in (
-            data_folder(),
-            data_folder() / "features",
-            data_folder() / "corpora",
-            *(data_folder() / "corpora").glob("*"),
-        ):
-            remove_leftovers(stored, ".")  # written beside their names
+        corpora = data_folder() / "corpora"
+        for parent in (data_folder(), data_folder() / "features", corpora, *corpora.glob("*")):
+            remove_leftovers(parent, ".")  # of `write_then_rename`
         # Linux keeps the semaphores of workers whose whole group was killed.
         _remove_dead(Path("/dev/shm"), r"sem\.loky-(\d{1,9})-.*")
         mine = tempfile.tempdir = tempfile.mkdtemp(prefix=owner_prefix(), dir=folder)
@@ -55,7 +56,7 @@ def use_scratch_folder() -> Iterator[None]:
 def write_then_rename(path: Path) -> Iterator[Path]:
     """Yield a path to write, which then replaces ``path``; the old file stays if that fails.
 
-    What is there and no plain file, such as ``/dev/stdout``, is written to as it is.
+    An existing path that is no plain file, such as ``/dev/stdout``, is yielded itself.
     """
     if path.exists() and not path.is_file():
         yield path
@@ -71,7 +72,7 @@ def write_then_rename(path: Path) -> Iterator[Path]:
 
 
 def check_empty_folder(out: Path) -> Path:
-    """A folder that is new or empty."""
+    """Return a folder that is new or empty; an `InputError` for any other."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"out={out}: this place is not empty; name a new or empty folder")
     return out
@@ -79,7 +80,7 @@ def check_empty_folder(out: Path) -> Path:
 
 @contextmanager
 def fill_then_rename(out: Path) -> Iterator[Path]:
-    """Yield a folder to fill, which then takes its name: a kill leaves none or a whole one."""
+    """Yield a folder to fill, which then gets the name ``out``; a kill leaves no part of it."""
     out = out.absolute()
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -88,31 +89,30 @@ def fill_then_rename(out: Path) -> Iterator[Path]:
         yield beside
         beside.rename(out)
     except OSError as e:
-        raise InputError(
-            f"out={out}: cannot be written ({e.strerror or e}); choose another folder"
-        ) from e
+        reason = f"cannot be written ({e.strerror or e})"
+        raise InputError(f"out={out}: {reason}; choose another folder") from e
 
 
 def owner_prefix() -> str:
-    """Name prefix of this process's files in a folder shared with other machines."""
+    """First part of the names of this process's files, in folders that machines may share."""
     return f"{socket.gethostname()}-{os.getpid()}-"
 
 
-def remove_leftovers(folder: Path, before: str = "") -> None:
-    """Remove what dead processes of this machine left: entries named as `owner_prefix` does, behind some text."""
-    _remove_dead(folder, rf"{re.escape(before + socket.gethostname())}-(\d{{1,9}})-[^-]*")
+def remove_leftovers(folder: Path, prefix: str = "") -> None:
+    """Remove files that dead processes of this machine left: ``prefix``, then `owner_prefix`."""
+    _remove_dead(folder, rf"{re.escape(prefix + socket.gethostname())}-(\d{{1,9}})-[^-]*")
 
 
-def _remove_dead(folder: Path, name: str) -> None:
-    """Remove the entries whose names fit a pattern with the number of a dead process as its group."""
+def _remove_dead(folder: Path, pattern: str) -> None:
+    """Remove entries whose name matches; the group of the pattern is the number of a process."""
     for path in folder.glob("*"):
-        if (process := re.fullmatch(name, path.name)) and not _is_alive(int(process[1])):
-            with suppress(OSError):  # it is gone already, or somebody else's
+        if (process := re.fullmatch(pattern, path.name)) and not _is_alive(int(process[1])):
+            with suppress(OSError):  # removed already, or of another user
                 remove_path(path)
 
 
 def remove_path(path: Path) -> None:
-    """Remove a file, a link, or a folder with all that is in it."""
+    """Remove a file, a link, or a folder with its content."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -120,6 +120,6 @@ def remove_path(path: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    import psutil  # not before there is something to remove: `bench --help` is to be fast
+    import psutil  # only if there is something to remove, as `bench --help` must be fast
 
     return psutil.pid_exists(process)

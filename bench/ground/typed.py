@@ -1,4 +1,4 @@
-"""Options and their values: text between commas or objects of Python, amounts with units; commands as typed."""
+"""Typed values: options and their types, text between commas, amounts with units, commands."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from typing import Any, Self
 from bench.errors import InputError, suggest_names
 
 Values = Mapping[str, object]  # text; from Python also numbers, objects, and lists of these
-WIDTH = 100  # columns of help
-SMALL_SYSTEM = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"  # a small system, accurate on real touch
 DEFAULTS = {  # of the keys of a run
     "data": "synth",
     "protocol": "loso",
@@ -24,18 +22,18 @@ DEFAULTS = {  # of the keys of a run
     "where": "",
     "target": "gesture",
 }
-UNITS = {  # typed units, by the unit in which an amount is kept
+# A small system that is accurate on real touch, for examples and hints
+SMALL_SYSTEM = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"
+UNITS = {  # units that can be typed, by the unit in which an amount is stored
     "k": {"k": 1, "M": 1e3},
     "kB": {"B": 1e-3, "kB": 1, "KiB": 1.024, "MB": 1e3, "MiB": 1048.576},
     "ms": {"ms": 1, "s": 1e3},
     "MHz": {"kHz": 1e-3, "MHz": 1, "GHz": 1e3},
 }
-LARGEST, LARGEST_SEED = (
-    10**6,
-    2**32 - 1,
-)  # of a whole number, of a seed, which NumPy and scikit-learn bound
-ROOM = re.compile(r"{([\w.]+)}")  # in the help of an option
-FEW = 3  # values that a refusal lists
+LARGEST_INTEGER = 10**6
+LARGEST_SEED = 2**32 - 1  # of NumPy and scikit-learn
+LISTED_VALUES = 3  # at most, in the refusal of a value
+GROUP_IN_HELP = re.compile(r"{([\w.]+)}")
 BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
 READERS: dict[type, tuple[str, Callable[[str], object]]] = {
     bool: ("yes or no", lambda text: BOOLEANS[text.lower()]),
@@ -47,102 +45,109 @@ READERS: dict[type, tuple[str, Callable[[str], object]]] = {
 
 
 def split_values(key: str, value: object) -> list:
-    """The values between commas, or of a list."""
+    """List the values of a key: the texts between commas, or the members of a list."""
     if isinstance(value, str):
         if key == "where":  # a condition may hold commas
             return [value]
         values = value.split(",")
         if not all(values):
-            raise InputError(
-                f"{key}={value}: a value is missing beside a comma; add it or remove the comma"
-            )
+            advice = "a value is missing beside a comma; add it or remove the comma"
+            raise InputError(f"{key}={value}: {advice}")
         return values
-    several = isinstance(value, list) or (
-        isinstance(value, tuple) and "." not in key
-    )  # a parameter may be a tuple
-    if several and not value:
+    is_parameter = "." in key  # which may be a tuple
+    if not isinstance(value, list) and (is_parameter or not isinstance(value, tuple)):
+        return [value]
+    if not value:
         raise InputError(f"{key}=[]: give at least one value")
-    return [*value] if several else [value]  # type: ignore[misc]
+    return [*value]
 
 
 def format_command(command: str, arguments: Mapping[str, str]) -> str:
-    """A command as it is typed."""
+    """Write a command as it is typed."""
     return f"bench {command} {format_arguments(arguments)}".rstrip()
 
 
 def format_arguments(arguments: Mapping[str, str]) -> str:
-    """Arguments as they are typed."""
+    """Write arguments as they are typed."""
     return " ".join(f"{key}={quote_value(value)}" for key, value in arguments.items())
 
 
 def arguments_of_label(key: str, label: str) -> dict[str, str]:
-    """``personal[shots=3]``, as tables name a part, as it is typed."""
-    name, _, rest = label.rstrip("]").partition("[")
-    return {key: name} | {
-        f"{key}.{k}": v for k, _, v in (part.partition("=") for part in rest.split(", ") if part)
-    }
+    """Arguments for a part that tables label ``personal[shots=3]``."""
+    name, _, parameters = label.rstrip("]").partition("[")
+    pairs = (text.partition("=") for text in parameters.split(", ") if text)
+    return {key: name} | {f"{key}.{parameter}": value for parameter, _, value in pairs}
 
 
 def quote_value(value: str) -> str:
-    """A value as a shell takes it: in double quotes where it has single ones, as conditions have."""
+    """Quote a value for a shell; in double quotes if it has single ones, as conditions have."""
     double = "'" in value and not set('"$`\\!') & set(value)
     return f'"{value}"' if double else shlex.quote(value)
 
 
 def parse_amount(
-    key: str, given: object, unit: str = "", zero: bool = False, prefix: str = ""
+    key: str, value: object, unit: str = "", allow_zero: bool = False, prefix: str = ""
 ) -> float:
-    """A typed amount above 0 in its unit: ms, kB (1000 bytes; KiB are 1024), thousands, MHz or a plain number."""
-    text = str(given)
+    """Read an amount above 0 in ms, kB (1000 bytes; KiB are 1024), thousands (k), MHz or no unit.
+
+    Raises:
+        InputError: it is no such amount; the message begins with ``prefix`` and the key.
+    """
+    text = str(value)
     number = text.rstrip("BkKiMmsGHz ")
     units = UNITS.get(unit, {"": 1.0})
     try:
-        value = float(number) * units[text[len(number) :].strip()]
-        if not (0 < value < float("inf") or (zero and value == 0)):
+        amount = float(number) * units[text[len(number) :].strip()]
+        if not (0 < amount < float("inf") or (allow_zero and amount == 0)):
             raise ValueError(text)
     except (ValueError, KeyError) as e:
-        words = f" and {' or '.join(units)}" if "" not in units else ""
-        raise InputError(f"{prefix}{key}={text}: give a number above 0{words}") from e
-    return value
+        choice = f" and {' or '.join(units)}" if "" not in units else ""
+        raise InputError(f"{prefix}{key}={text}: give a number above 0{choice}") from e
+    return amount
 
 
-def parse_value(key: str, given: object, default: object) -> Any:
-    """Text as a value of the type of the default; a default of None takes None or a whole number.
+def parse_value(key: str, value: object, default: object) -> Any:
+    """Read a value of the type of the default; a default of None takes None or a whole number.
 
-    What is no text (an API call) is taken as it is, if it is of that type.
+    A value from Python that is no text must have this type.
+
+    Raises:
+        InputError: it has another type, or is too large.
     """
-    if isinstance(given, tuple) and not given and isinstance(default, tuple):
-        return given
-    text = given if isinstance(given, str) else format_value(given)
+    if isinstance(value, tuple) and not value and isinstance(default, tuple):
+        return value
+    text = value if isinstance(value, str) else format_value(value)
     if text == "None" and default is None:
         return None
     if text == "None" and isinstance(default, tuple):
         raise InputError(f"{key}=None: give a value such as {default!r}")
-    usual, seed = 0 if default is None else default, key.endswith("seed")
-    words, read = next(
-        (reader for kind, reader in READERS.items() if isinstance(usual, kind)), READERS[str]
-    )
+    example = 0 if default is None else default
+    is_seed = key.endswith("seed")
+    fitting = (reader for kind, reader in READERS.items() if isinstance(example, kind))
+    kind_words, read = next(fitting, READERS[str])
     try:
-        value = read(text)
-        if seed and isinstance(value, int | float) and value < 0:
+        result = read(text)
+        if is_seed and isinstance(result, int | float) and result < 0:
             raise ValueError(key)
     except (ValueError, KeyError) as e:
-        words += " or None" if default is None else " from 0 on" if seed else ""
-        example = (
-            ""
-            if isinstance(usual, bool)
-            else f", such as {2 if default in (None, 0) and not seed else default}"
-        )
-        raise InputError(f"{key}={text[:60]}: give {words}{example}") from e
-    most = LARGEST_SEED if seed else LARGEST
-    if isinstance(value, int) and abs(value) > most:
-        raise InputError(f"{key}={text[:60]}: give {most} at most")
-    return value
+        advice = kind_words
+        if default is None:
+            advice += " or None"
+        elif is_seed:
+            advice += " from 0 on"
+        if not isinstance(example, bool):
+            shown = 2 if default in (None, 0) and not is_seed else default
+            advice += f", such as {shown}"
+        raise InputError(f"{key}={text[:60]}: give {advice}") from e
+    largest = LARGEST_SEED if is_seed else LARGEST_INTEGER
+    if isinstance(result, int) and abs(result) > largest:
+        raise InputError(f"{key}={text[:60]}: give {largest} at most")
+    return result
 
 
 def format_value(value: object) -> str:
-    """A value as it is typed; `parse_value` reads it again."""
-    if type(value).__name__ in ("bool", "bool_"):  # NumPy's own, too
+    """Write a value so that `parse_value` reads it again."""
+    if type(value).__name__ in ("bool", "bool_"):  # of NumPy, too
         return str(value).lower()
     return "+".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
@@ -151,107 +156,92 @@ def format_value(value: object) -> str:
 class Option:
     """A key of some commands."""
 
-    key: str  # key before the ``=``; one with a dot is a parameter that many models take
-    # ``text``, ``number`` (above 0), ``count`` (a whole number), ``counts`` (at least 1), ``yes`` (or no), ``amount``
-    # (of a cost), or the unit of an amount, such as ``ms``
+    key: str  # before the ``=``; one with a dot is a parameter that many models take
+    # ``text``, ``number`` (above 0), ``count`` (a whole number), ``counts`` (at least 1), ``yes``
+    # (or no), ``amount`` (of a cost), or the unit of an amount, such as ``ms``
     type: str
     default: object  # value if it is not given
-    help: str  # text of the help; ``{models}`` stands for the names of a room, whose parts the key names
+    help: str  # ``{models}`` in it stands for the names of a group of parts; the key names one
     values: tuple[str, ...] = ()  # allowed values, if they can be listed
     joint: str = ","  # separator of several values
-    uses: str = ""  # class that does what a key of a package asks, ``module:object``
+    uses: str = ""  # class that implements the key of a package, ``module:object``
 
     @property
     def part_group(self) -> str:
-        """The room whose parts it names, with their parameters behind a dot; empty for any other key."""
-        found = ROOM.search(self.help)
-        return found[1] if found else ""
+        """Group of parts that it names, whose parameters follow a dot; empty for any other key."""
+        group = GROUP_IN_HELP.search(self.help)
+        return group[1] if group else ""
 
 
 def option(default: Any, help: str, values: tuple[str, ...] = (), type: str = "text") -> Any:
-    """A field that is an option: a key of the command with its only default.
+    """Declare a field of `Options`: a key of the command, with its default.
 
-    A tuple takes all values between commas; of any other, several values are several runs.
+    If the default is a tuple, all values between commas are one. Otherwise each is a run.
     """
-    return dataclasses.field(
-        default=default, metadata={"option": Option("", type, default, help, values)}
-    )
+    declared = Option("", type, default, help, values)
+    return dataclasses.field(default=default, metadata={"option": declared})
 
 
 @dataclass(frozen=True)
 class Options:
-    """Fields made by `option`, which are read from typed values."""
+    """Base of dataclasses whose fields made by `option` are read from typed values."""
 
     @classmethod
     def options_by_key(cls) -> dict[str, Option]:
         """Each option by its key."""
-        every = dataclasses.fields(cls)
-        return {
-            f.name: dataclasses.replace(f.metadata["option"], key=f.name)
-            for f in every
-            if "option" in f.metadata
-        }
+        declared = (f for f in dataclasses.fields(cls) if "option" in f.metadata)
+        return {f.name: dataclasses.replace(f.metadata["option"], key=f.name) for f in declared}
 
     @classmethod
     def from_typed(cls, values: Values) -> list[Self]:
-        """Every combination of the typed values."""
+        """Make one for every combination of the typed values."""
         choices: dict[str, list] = {}
-        for name, one in cls.options_by_key().items():
-            if name in values:
-                given = list(
-                    dict.fromkeys(_read(one, each) for each in split_values(name, values[name]))
-                )
-                choices[name] = [tuple(given)] if isinstance(one.default, tuple) else given
-        return [
-            cls(**dict(zip(choices, each, strict=True)))
-            for each in itertools.product(*choices.values())
-        ]
+        for key, declared in cls.options_by_key().items():
+            if key in values:
+                read = [_parse_member(declared, text) for text in split_values(key, values[key])]
+                read = list(dict.fromkeys(read))
+                choices[key] = [tuple(read)] if isinstance(declared.default, tuple) else read
+        combinations = itertools.product(*choices.values())
+        return [cls(**dict(zip(choices, each, strict=True))) for each in combinations]
 
     def typed_arguments(self) -> dict[str, str]:
-        """The options as typed; defaults are left out."""
-        given = {
-            name: (getattr(self, name), one.default) for name, one in self.options_by_key().items()
-        }
-        return {
-            name: format_option(value)
-            for name, (value, default) in given.items()
-            if value != default
-        }
+        """Write the options as typed; those with their default are left out."""
+        values = {key: getattr(self, key) for key in self.options_by_key()}
+        defaults = {key: declared.default for key, declared in self.options_by_key().items()}
+        return {k: format_option(value) for k, value in values.items() if value != defaults[k]}
 
 
-def _read(one: Option, value: object) -> Any:
-    if isinstance(one.default, tuple):
-        one = dataclasses.replace(
-            one, default=next(iter(one.default), False if one.type == "yes" else "")
-        )
-    return parse_option(one, value)
+def _parse_member(declared: Option, value: object) -> Any:
+    """Read one of several values of an option."""
+    if isinstance(declared.default, tuple):
+        empty = False if declared.type == "yes" else ""
+        declared = dataclasses.replace(declared, default=next(iter(declared.default), empty))
+    return parse_option(declared, value)
 
 
-def parse_option(one: Option, value: object) -> Any:
-    """A typed value of an option."""
-    key = one.key
-    if one.type == "number":
+def parse_option(option: Option, value: object) -> Any:
+    """Read the value of an option; an `InputError` for one that it cannot have."""
+    key = option.key
+    if option.type == "number":
         return parse_amount(key, value)
-    if one.type in UNITS:
-        return parse_amount(key, value, one.type)
-    if one.type == "counts":
+    if option.type in UNITS:
+        return parse_amount(key, value, option.type)
+    if option.type == "counts":
         if (number := parse_value(key, value, 4)) < 1:
             raise InputError(f"{key}={number}: give whole numbers of at least 1")
         return number
-    if one.values and (text := format_value(value)) not in one.values:
-        words = (
-            f"give {' or '.join(one.values)}"
-            if len(one.values) <= FEW
-            else suggest_names(text, one.values)
-        )
-        raise InputError(f"{key}={text}: {words}")
-    return parse_value(key, value, one.default or 0 if one.type == "count" else one.default)
+    if option.values and (text := format_value(value)) not in option.values:
+        advice = suggest_names(text, option.values)
+        if len(option.values) <= LISTED_VALUES:
+            advice = f"give {' or '.join(option.values)}"
+        raise InputError(f"{key}={text}: {advice}")
+    default = option.default or 0 if option.type == "count" else option.default
+    return parse_value(key, value, default)
 
 
 def format_option(value: object) -> str:
-    """A value as it is typed."""
+    """Write the value of an option as it is typed."""
     if isinstance(value, tuple):
         return ",".join(map(format_option, value))
-    return (
-        format_value(value).removesuffix(".0") if isinstance(value, float) else format_value(value)
-    )
+    text = format_value(value)
+    return text.removesuffix(".0") if isinstance(value, float) else text

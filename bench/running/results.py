@@ -1,4 +1,4 @@
-"""The result of a fold, and the costs of its run."""
+"""The result of a fold, and how folds combine to a run."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import numpy as np
 import pandas as pd
 
 from bench.ground.machine import Machine
-from bench.ground.registry import is_own
-from bench.store.tables import uniform
+from bench.ground.source import is_user_code
+from bench.store.tables import as_stored
 from bench.values import scores
 
 Combine = Callable[[list[float]], SupportsFloat]
-# How numbers of folds combine; of seconds the mean counts, of any other, such as a size, the largest.
+# How metrics of folds combine: seconds by their mean, any other, such as a size, by the largest.
 COMBINED: dict[str, Combine] = dict.fromkeys(
     ("reference_ms", "quiet_ms", "slowdown", "predict_relative"), np.median
 )
@@ -29,44 +29,28 @@ class FoldResult:
     """The result of a fold."""
 
     name: str
-    predictions: pd.DataFrame | None = (
-        None  # one row per decision, with the columns that its kind of run describes
-    )
+    predictions: pd.DataFrame | None = None  # a row per decision; columns as of its kind of run
     metrics: dict[str, float] = field(default_factory=dict)
-    predict_ms: list[float] = field(
-        default_factory=list
-    )  # from raw frames to the label, one per timed capture
-    decide_ms: list[float] = field(
-        default_factory=list
-    )  # the same for no more of a capture than one decision needs
+    predict_ms: list[float] = field(default_factory=list)  # raw frames to label; timed captures
+    decide_ms: list[float] = field(default_factory=list)  # the same of the frames of one decision
     history: list[dict[str, float]] = field(default_factory=list)  # numbers by epoch
-    chosen: dict[str, object] = field(
-        default_factory=dict
-    )  # values chosen on the training part, by name
-    trials: pd.DataFrame | None = None  # that were compared, a row each
-    batch_effects: list[str] = field(
-        default_factory=list
-    )  # captures whose prediction depends on others, in sentences
+    chosen: dict[str, object] = field(default_factory=dict)  # values chosen in training, by name
+    trials: pd.DataFrame | None = None  # compared in training, a row each
+    batch_effects: list[str] = field(default_factory=list)  # sentences of `find_batch_effects`
     error: str = ""  # traceback of a fold that failed
-    failed: dict[str, str] = field(
-        default_factory=dict
-    )  # traceback of each circumstance that failed, by its key
-    tables: dict[str, pd.DataFrame] = field(
-        default_factory=dict
-    )  # further ones, such as the labels in circumstances
+    failed: dict[str, str] = field(default_factory=dict)  # traceback of each failed circumstance
+    tables: dict[str, pd.DataFrame] = field(default_factory=dict)  # further ones, such as labels
     times: dict[str, list[float]] = field(
         default_factory=dict
-    )  # further milliseconds, one per timed decision
-    scored: dict[str, float] = field(
-        default_factory=dict
-    )  # tracked values, as its kind of run measures them
+    )  # further ms, one per timed decision
+    tracked_metrics: dict[str, float] = field(default_factory=dict)  # as its kind of run measures
     seconds: float = 0.0  # of the whole fold
-    machine: Machine | None = None  # that did it; None if that is unknown
+    machine: Machine | None = None  # None if unknown
 
     @property
     def reason(self) -> str:
-        """The exception of a fold that failed, or of the first circumstance that did, in one line."""
-        return reason_of(self.error or next(iter(self.failed.values())))
+        """The exception of a failed fold, or of its first failed circumstance, in one line."""
+        return one_line_reason(self.error or next(iter(self.failed.values())))
 
     @property
     def table(self) -> pd.DataFrame:
@@ -76,74 +60,86 @@ class FoldResult:
         return self.predictions
 
 
-def failure() -> str:
-    """The traceback of the exception that is handled, as text that every file takes."""
+def format_traceback() -> str:
+    """Return the traceback of the handled exception, as text that every file takes."""
     return traceback.format_exc().encode(errors="backslashreplace").decode()
 
 
-def reason_of(error: str) -> str:
-    """The exception of a traceback in one line, with the last place in the user's own code."""
+def one_line_reason(error: str) -> str:
+    """Return the exception of a traceback, with the last line of the user's own code."""
     lines = error.strip().splitlines()
     last = max((i for i, line in enumerate(lines) if line.startswith('  File "')), default=-1)
     line = next((line for line in lines[last + 1 :] if line and not line[0].isspace()), lines[-1])
+    line = line.removeprefix("bench.errors.")
     places = re.findall(r'^  File "(.+)", line ([0-9]+)', error, flags=re.MULTILINE)
-    own = [f" ({Path(file).name}, line {number})" for file, number in places if is_own(file)]
-    return line.removeprefix("bench.errors.") + (own[-1] if own else "")
+    for file, number in reversed(places):
+        if is_user_code(file):
+            return f"{line} ({Path(file).name}, line {number})"
+    return line
 
 
-def table_of(results: list[FoldResult]) -> pd.DataFrame:
-    """The tables of all folds, one behind the other."""
-    return pd.concat([r.table for r in results], ignore_index=True)
+def join_predictions(folds: Sequence[FoldResult]) -> pd.DataFrame:
+    """Concatenate the predictions of folds."""
+    return pd.concat([fold.table for fold in folds], ignore_index=True)
 
 
-def tables_of(results: Sequence[FoldResult]) -> dict[str, pd.DataFrame]:
-    """The further tables of all folds, one behind the other, by name."""
-    names = dict.fromkeys(name for r in results for name in r.tables)
-    return {
-        n: pd.concat([r.tables[n] for r in results if n in r.tables], ignore_index=True)
-        for n in names
-    }
+def join_tables(folds: Sequence[FoldResult]) -> dict[str, pd.DataFrame]:
+    """Concatenate the further tables of folds, by name."""
+    parts: dict[str, list[pd.DataFrame]] = {}
+    for fold in folds:
+        for name, table in fold.tables.items():
+            parts.setdefault(name, []).append(table)
+    return {name: pd.concat(tables, ignore_index=True) for name, tables in parts.items()}
 
 
-def measured(
-    folds: list[FoldResult], rate_hz: float, spent: Iterable[str] = ()
+def score_run(
+    folds: Sequence[FoldResult], rate_hz: float, mean_metrics: Iterable[str] = ()
 ) -> tuple[dict[str, float], dict[str, pd.DataFrame], str]:
-    """Scores and costs of a run; its predictions, confusions, subjects and classes; the unit of its decisions.
+    """Score a run.
 
-    ``decision_ms`` is the touch that the label of a whole capture sees plus its computing time, ``window_decision_ms``
-    the same of a single window where there are windows; both are medians.
+    ``decision_ms`` is the touch that the label of a whole capture sees plus its computing time,
+    ``window_decision_ms`` the same of a single window where there are windows; both are medians.
+
+    Returns:
+        Scores and costs; tables of predictions, confusions, subjects and classes; the unit of
+        decisions: window or capture.
     """
-    predictions = table_of(folds)
-    labelled, classes = scores.captures(predictions), scores.classes_of(predictions)
-    counts = scores.confusion(labelled, classes)
+    predictions = join_predictions(folds)
+    labelled, classes = scores.label_captures(predictions), scores.classes_of(predictions)
+    confusion = scores.confusion_table(labelled, classes).rename_axis("true")
     tables = {
         "predictions": predictions,
-        "confusion": uniform(
-            counts.rename_axis("true").reset_index(allow_duplicates=True)
-        ),  # a class may be "true"
-        "per_subject": scores.per_subject(labelled),
-        "per_class": scores.per_class(labelled, classes),
+        "confusion": as_stored(confusion.reset_index(allow_duplicates=True)),  # of a class "true"
+        "per_subject": scores.accuracy_by_subject(labelled),
+        "per_class": scores.scores_by_class(labelled, classes),
     }
-    numbers = scores.summary(predictions, rate_hz) | costs(folds, spent)
+    numbers = scores.run_scores(predictions, rate_hz) | combine_costs(folds, mean_metrics)
     return numbers, tables, "window" if "windows" in numbers else "capture"
 
 
-def costs(results: list[FoldResult], spent: Iterable[str] = ()) -> dict[str, float]:
-    """Numbers of a run from those of its folds (`COMBINED`); milliseconds are quantiles over all timed captures.
+def combine_costs(
+    folds: Sequence[FoldResult], mean_metrics: Iterable[str] = ()
+) -> dict[str, float]:
+    """Combine the metrics of folds, and their milliseconds as quantiles over timed captures.
 
-    All times but those with wall in their name are of the quiet machine (`bench.ground.timing`). ``spent`` names seconds in
-    circumstances: the run has their mean.
+    All times but those with wall in their name are of the quiet machine (`bench.ground.timing`).
+
+    Args:
+        folds: results of folds; a fold may lack a number of another.
+        mean_metrics: names of seconds in circumstances, of which the run has the mean.
     """
-    every: dict[str, list[float]] = {}  # a fold may have one that another has not
+    values: dict[str, list[float]] = {}
     times: dict[str, list[float]] = {}
-    for r in results:
-        for name, value in r.metrics.items():
-            every.setdefault(name, []).append(value)
-        for name, ms in {"predict_ms": r.predict_ms, "decide_ms": r.decide_ms, **r.times}.items():
+    for fold in folds:
+        for name, value in fold.metrics.items():
+            values.setdefault(name, []).append(value)
+        fold_times = {"predict_ms": fold.predict_ms, "decide_ms": fold.decide_ms, **fold.times}
+        for name, ms in fold_times.items():
             times.setdefault(name, []).extend(ms)
-    seconds = {name for name in every if name.endswith("_seconds")}
-    combined = COMBINED | dict.fromkeys({*spent, *seconds}, np.mean)
-    numbers = {name: float(combined.get(name, max)(values)) for name, values in every.items()}
+    seconds = {name for name in values if name.endswith("_seconds")}
+    combine = COMBINED | dict.fromkeys({*mean_metrics, *seconds}, np.mean)
+    numbers = {name: float(combine.get(name, max)(each)) for name, each in values.items()}
     for name, ms in times.items():
-        numbers |= {f"{name}_p{p}": float(np.quantile(ms, p / 100)) for p in (50, 95, 99) if ms}
+        for percent in (50, 95, 99) if ms else ():
+            numbers[f"{name}_p{percent}"] = float(np.quantile(ms, percent / 100))
     return numbers

@@ -29,14 +29,15 @@ from mlflow.pyfunc import PythonModel
 from mlflow.types import ColSpec, DataType, ParamSchema, ParamSpec, Schema
 from mlflow.types.schema import AnyType
 
-from bench.corpora.corpus import Corpus, storage
-from bench.corpora.read.table import from_frame
+from bench.corpora.corpus import Corpus, shared_frames
+from bench.corpora.read.table import corpus_from_table
 from bench.errors import InputError
-from bench.ground.registry import FILE_MODULE, lies_beside, place_of
-from bench.running.fold import decisions
-from bench.running.unlike import unlike, usual
+from bench.ground.registry import FILE_MODULE_PREFIX
+from bench.ground.source import lies_in, package_folder
+from bench.running.fold import predictions_table
+from bench.running.unlike import is_unlike_training, usual_range
 from bench.store.database import store_uri
-from bench.values.scores import PREFIX, classes_of, most_probable
+from bench.values.scores import PREFIX, classes_of, most_probable_labels
 
 if TYPE_CHECKING:
     from mlflow.types import TensorSpec
@@ -87,8 +88,8 @@ class Recogniser(PythonModel):
         self.full_scale = float(corpus.full_scale)  # largest value of a channel
         self.longest = int(corpus.lengths.max())  # frames of the longest training capture
         self.synthetic = corpus.synthetic
-        self.step = step_of(corpus)
-        self.usual = usual(corpus)
+        self.step = reading_step(corpus)
+        self.usual = usual_range(corpus)
 
     @property
     def channels(self) -> list[str]:
@@ -103,7 +104,7 @@ class Recogniser(PythonModel):
                 "or train a model on captures of that rate"
             )
 
-    def label(self, corpus: Corpus) -> pd.DataFrame:
+    def label_captures(self, corpus: Corpus) -> pd.DataFrame:
         """Classify captures, a row each: label, confidence (probability of the label), unlike, p_<class> of each class.
 
         A system that decides per window has the mean probability of its windows. Probabilities are calibrated, where
@@ -111,13 +112,17 @@ class Recogniser(PythonModel):
         ``unlike`` is True for captures that look unlike all training captures.
         """
         proba = self._calibrated(self._mean(corpus), corpus.lengths)
-        label = most_probable(proba.to_numpy(), self.classes)
+        label = most_probable_labels(proba.to_numpy(), self.classes)
         whole = pd.DataFrame(
-            {"label": label, "confidence": proba.max(axis=1), "unlike": unlike(corpus, self.usual)}
+            {
+                "label": label,
+                "confidence": proba.max(axis=1),
+                "unlike": is_unlike_training(corpus, self.usual),
+            }
         )
         return pd.concat([whole, proba], axis=1)
 
-    def decision(self, corpus: Corpus, before: str | None) -> tuple[str, float, float | None]:
+    def decide_on(self, corpus: Corpus, before: str | None) -> tuple[str, float, float | None]:
         """Label, confidence, and settledness of the label, 0 to 1, of the frames of one capture so far.
 
         ``before`` is the label that stood when 1/1.41 as much had been seen, if any. Without a stopping rule that saves
@@ -134,7 +139,7 @@ class Recogniser(PythonModel):
             rows = pd.concat([*earlier, raw], ignore_index=True)
             state = rows.assign(fold="", capture=0, frames=int(corpus.lengths[0]))
             settled = float(np.clip(1 - self.stopping.waiting(state, self.rate_hz)[-1], 0, 1))
-        return str(most_probable(proba, self.classes)[0]), float(proba.max()), settled
+        return str(most_probable_labels(proba, self.classes)[0]), float(proba.max()), settled
 
     def is_settled(self, settled: float | None) -> bool:
         """Return True if a label is settled enough to act on, by the rule from training subjects."""
@@ -155,9 +160,11 @@ class Recogniser(PythonModel):
         """Mean probability of the decisions on each capture, a column p_<class> per class."""
         captures = pd.DataFrame({"subject": "", "gesture": ""}, index=range(len(corpus)))
         anonymous = Corpus(
-            *storage(corpus), corpus.lengths, captures, corpus.rate_hz, corpus.full_scale
+            *shared_frames(corpus), corpus.lengths, captures, corpus.rate_hz, corpus.full_scale
         )
-        table = decisions(self.estimator, anonymous, "", np.arange(len(corpus)), self.classes)
+        table = predictions_table(
+            self.estimator, anonymous, "", np.arange(len(corpus)), self.classes
+        )
         columns = [PREFIX + c for c in classes_of(table)]
         return table.groupby("capture", sort=True)[columns].mean().reset_index(drop=True)
 
@@ -176,12 +183,12 @@ class Recogniser(PythonModel):
         """
         try:
             self.check_rate((params or {}).get("rate_hz", self.rate_hz))
-            corpus = from_frame(
+            corpus = corpus_from_table(
                 model_input, self.channels, self.rate_hz, self.grid, self.full_scale, "input"
             )
         except InputError as e:
             raise MlflowException(str(e), error_code=INVALID_PARAMETER_VALUE) from e
-        return pd.concat([corpus.captures[["capture"]], self.label(corpus)], axis=1)
+        return pd.concat([corpus.captures[["capture"]], self.label_captures(corpus)], axis=1)
 
     def signature(self) -> ModelSignature:
         """MLflow signature of `predict`; channels take whole numbers and decimals."""
@@ -197,26 +204,26 @@ class Recogniser(PythonModel):
         rate = ParamSchema([ParamSpec("rate_hz", DataType.double, self.rate_hz)])
         return ModelSignature(Schema(inputs), Schema(outputs), rate)
 
-    def model(
+    def mlflow_arguments(
         self, plugins: list[str], frames: np.ndarray, packages: tuple[str, ...] = ()
     ) -> dict[str, Any]:
-        """Arguments for MLflow's ``log_model`` and ``save_model``, besides the code (`own_code`)."""
+        """Arguments for MLflow's ``log_model`` and ``save_model``, besides the code (`copy_own_code`)."""
         example = pd.DataFrame(frames.reshape(len(frames), -1), columns=self.channels)
         example.insert(0, "frame", np.arange(len(frames)))
         example.insert(0, "capture", "1")
         sensor = {"grid": list(self.grid), "rate_hz": self.rate_hz, "full_scale": self.full_scale}
         return {
             "python_model": self,
-            "pip_requirements": requirements(plugins, packages),
+            "pip_requirements": pip_requirements(plugins, packages),
             "signature": self.signature(),
             "input_example": example,
             "metadata": sensor | {"classes": self.classes, "synthetic": self.synthetic},
         }
 
 
-def step_of(corpus: Corpus) -> float:
+def reading_step(corpus: Corpus) -> float:
     """The number that all readings of some captures are multiples of, such as 1; 0 if there is none."""
-    if storage(corpus)[0].dtype.kind in "iu":
+    if shared_frames(corpus)[0].dtype.kind in "iu":
         return 1.0
     values = np.zeros(0)
     for frames in corpus:  # those of other captures, which may be tested, lie beside them
@@ -229,20 +236,23 @@ def step_of(corpus: Corpus) -> float:
 
 
 @contextmanager
-def own_code() -> Iterator[str]:
+def copy_own_code() -> Iterator[str]:
     """The package ``bench`` as an installation has it, in a temporary folder: what MLflow stores as ``code_paths``."""
     left_out = shutil.ignore_patterns("__pycache__", "reports", "reference")
     with tempfile.TemporaryDirectory(prefix="touchbench-code-") as folder:
         own = Path(folder) / "bench"
-        shutil.copytree(place_of("bench"), own, ignore=left_out)
+        shutil.copytree(package_folder("bench"), own, ignore=left_out)
         for package in PACKAGES:
             shutil.copytree(
-                place_of(f"bench.{package}"), own / package, ignore=left_out, dirs_exist_ok=True
+                package_folder(f"bench.{package}"),
+                own / package,
+                ignore=left_out,
+                dirs_exist_ok=True,
             )
         yield str(own)
 
 
-def requirements(plugins: list[str], packages: tuple[str, ...] = ()) -> list[str]:
+def pip_requirements(plugins: list[str], packages: tuple[str, ...] = ()) -> list[str]:
     """Requirements of a model at their installed versions, besides touchbench's own code, which is saved with it."""
     names = list(packages)
     for line in requires("touchbench") or []:
@@ -266,24 +276,26 @@ def requirements(plugins: list[str], packages: tuple[str, ...] = ()) -> list[str
     return [f"{name}=={number}" for name, number in versions.items()]
 
 
-def by_value() -> None:
+def pickle_user_code() -> None:
     """Save the code of a user's file, and of what it imports from beside it, inside the model; others lack it."""
     import cloudpickle
 
     every = {name: module for name, module in sys.modules.items() if isinstance(module, ModuleType)}
     modules = {name: module for name, module in every.items() if getattr(module, "__file__", None)}
     folders = {
-        Path(m.__file__ or "").parent for name, m in modules.items() if name.startswith(FILE_MODULE)
+        Path(m.__file__ or "").parent
+        for name, m in modules.items()
+        if name.startswith(FILE_MODULE_PREFIX)
     }
     for name, module in modules.items():
-        if lies_beside(module.__file__, folders) and name.split(".")[0] not in (
+        if lies_in(module.__file__, folders) and name.split(".")[0] not in (
             "bench",
             "__main__",
         ):
             cloudpickle.register_pickle_by_value(module)
 
 
-def load(model: str) -> Recogniser:
+def load_recogniser(model: str) -> Recogniser:
     """A saved system, by its address in the user's store or a folder."""
     if re.match(r"(models|runs):/", model):
         mlflow.set_tracking_uri(store_uri())
@@ -298,7 +310,7 @@ def load(model: str) -> Recogniser:
         importlib.import_module(f"bench.{package}")
     path = list(sys.path)
     try:
-        with quiet():
+        with silence_mlflow():
             recogniser = mlflow.pyfunc.load_model(model).unwrap_python_model()
     except (
         Exception
@@ -321,7 +333,7 @@ def load(model: str) -> Recogniser:
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def silence_mlflow() -> Iterator[None]:
     """Without MLflow's notes on pickled code and hints, which the help page has."""
     logging.disable(logging.WARNING)
     try:

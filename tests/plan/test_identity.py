@@ -12,12 +12,13 @@ import pytest
 
 from bench.errors import InputError
 from bench.ground import source
-from bench.ground.registry import forget, load_part
+from bench.ground.registry import load_part
 from bench.plan.grid import make_cells
 from bench.plan.plan import Plan, captures_of_cell, make_folds
 from bench.running.circumstances.faults import Faults
 from bench.running.circumstances.instants import Instants
 from bench.running.circumstances.subjects import Subjects
+from tests.conftest import forget_parts
 
 RUNS = {
     "run": (),
@@ -172,7 +173,7 @@ def test_files_that_a_system_names_are_part_of_its_key():
     keys = []
     for text in ("1", "2", "1"):
         Path("table.txt").write_text(text)
-        forget()
+        forget_parts()
         keys.append(source.source_digest(load_part("models", "my.py:tree")))
     assert keys[0] == keys[2] != keys[1]
     Path("table.txt").unlink()
