@@ -99,7 +99,7 @@ def choose_from_values(values: Values) -> Choice:
     how: dict[str, Any] = {
         key: given.get(key) for key in ("margin", "clock", "unit", "batch", "why")
     }
-    notes = scene.board.sentences(values) if scene and scene.board else []
+    notes = scene.board.budget_sentences(values) if scene and scene.board else []
     asked = parse_selection(values)
     return choose_from_runs(
         load_results(connect(), asked),
@@ -140,7 +140,7 @@ def table_of(result: Choice) -> Table:
     limits = [
         f"{cost.title} {words[cost.better]} {cost.format_amount(value)}" for cost, value in limited
     ]
-    score = "score" if result.scene.reactions.weighted else "accuracy"
+    score = "score" if result.scene.reactions.is_weighted else "accuracy"
     asked = {
         result.by,
         *result.budgets,

@@ -10,24 +10,25 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bench.corpora.fault_names import SEVERITIES
 from bench.errors import InputError
-from bench.ground.registry import circumstance_views, run_views
-from bench.ground.words import spelled, typed
-from bench.reading.frame import selecting
+from bench.ground.registry import views_of_circumstances, views_of_runs
+from bench.ground.typed import format_arguments, format_command
+from bench.reading.frame import selecting_arguments
 from bench.reading.reactions import Reactions
-from bench.reading.runs import COLUMNS, NothingTracked, plain, selected
-from bench.values.candidate import Candidate, Losses, Wish
-from bench.values.measures import Interval, costs, costs_of
-from bench.values.result import CONDITIONS, Result, alike, seed_number, several
-from bench.values.sentences import sentences
+from bench.reading.runs import COLUMN_OF_KEY, NothingTracked, one_run_per_system, select_runs
+from bench.values.candidate import Candidate
+from bench.values.measures import Cost, Interval, all_costs, costs_of_study
+from bench.values.result import CONDITIONS_TAG, Result, format_count, seed_number, values_to_agree
+from bench.values.sentences import render_sentences
 
 TAGS = {  # columns of a candidate that repeat a tag of its last run
     "command": "touchbench.command",
     "arguments": "touchbench.arguments",
-    "conditions": CONDITIONS,
+    "conditions": CONDITIONS_TAG,
 }
-PLAIN = Reactions()
-TAKEN = (
+EACH_GESTURE = Reactions()
+REPEATED_KEYS = (
     "data",
     "where",
     "target",
@@ -44,7 +45,7 @@ class Candidates:
     """The candidates of a store, on the same captures under the same protocol."""
 
     # a row per candidate: ``system``, ``unit``, ``accuracy`` (the score in percent as a mean over subjects), every cost
-    # of `bench.values.measures.costs_of` in its unit, NaN where it is unknown, ``linked`` (True for linked bytes, with code),
+    # of `bench.values.measures.costs_of_study` in its unit, NaN where it is unknown, ``linked`` (True for linked bytes, with code),
     # ``cpu`` and the keys of `TAGS`
     table: pd.DataFrame
     subjects: pd.DataFrame  # scores in percent [candidates, subjects]
@@ -61,29 +62,33 @@ class Candidates:
         return ", ".join(self.first.context)
 
     @property
-    def mixed(self) -> bool:
+    def mixes_subjects(self) -> bool:
         """True if training and test captures share subjects."""
-        return self.first.mixed
+        return self.first.mixes_subjects
 
-    def without(self, person: int, names: Iterable[str]) -> Candidates:
+    def without_person(self, person: int, names: Iterable[str]) -> Candidates:
         """The candidates without one person. Costs of these ``names`` that depend on people are computed again."""
         kept = self.subjects.drop(columns=self.subjects.columns[person])
         lost, counts = (np.delete(part, person, axis=-1) for part in (self.losses, self.counts))
-        return replace(self, subjects=kept, losses=lost, counts=counts).with_costs(names)
+        return replace(self, subjects=kept, losses=lost, counts=counts).with_people_costs(names)
 
-    def with_costs(self, names: Iterable[str]) -> Candidates:
+    def with_people_costs(self, names: Iterable[str]) -> Candidates:
         """The candidates with the costs of these ``names`` that depend on which people are counted."""
-        among = {name: among(self) for name in names if (among := costs()[name].among) is not None}
+        among = {
+            name: among(self)
+            for name in names
+            if (among := all_costs()[name].of_people) is not None
+        }
         return replace(self, table=self.table.assign(**among))
 
-    def lowest(self, count: int) -> np.ndarray:
+    def mean_of_lowest(self, count: int) -> np.ndarray:
         """Mean of the lowest scores [candidates]; NaN where a person has none."""
         scores = self.subjects.to_numpy(float)
         return np.where(
             np.isnan(scores).any(axis=1), np.nan, np.sort(scores)[:, :count].mean(axis=1)
         )
 
-    def loss(self) -> np.ndarray:
+    def mean_losses(self) -> np.ndarray:
         """Mean points lost in each case [candidates, cases]."""
         return (
             self.losses.mean(axis=2)
@@ -91,7 +96,7 @@ class Candidates:
             else np.full((len(self.table), 1), np.nan)
         )
 
-    def rate(self) -> np.ndarray:
+    def events_per_hour(self) -> np.ndarray:
         """Events per hour [candidates]."""
         events, hours = (
             self.counts.sum(axis=2) if len(self.counts) else np.full((2, len(self.table)), np.nan)
@@ -99,221 +104,277 @@ class Candidates:
         return np.divide(events, hours, out=np.full(len(hours), np.nan), where=hours > 0)
 
 
-def candidates(
+def find_candidates(
     results: Sequence[Result],
-    asked: Mapping[str, list[str]],
-    wish: Wish | None = None,
+    selection: Mapping[str, list[str]],
     *,
+    reactions: Reactions = EACH_GESTURE,
+    latest_ms: float | None = None,
+    windows: bool = False,
     clock: float | None = None,
     batch: bool = False,
     study: str = "",
-    losses: Losses | None = None,
+    faults: Sequence[str] = (),
+    severity: int = SEVERITIES,
 ) -> Candidates:
-    """Every way in which a system labels, as the kinds of run give them; the seeds of a system are averaged."""
-    wish = wish or Wish(PLAIN)
-    kinds = {tag: view for tag, view in run_views().items() if (tag if view.apart else "") == study}
-    every = [r for r in results if r.kind in kinds and kinds[r.kind].offers(r, wish)]
-    command = next(iter(kinds.values())).key
-    chosen, notes = eligible(every, asked, batch, command)
-    lent: dict[str, dict[str, float]] = {}
-    for r in chosen:
-        lent.setdefault(str(r["system"]), {}).update(kinds[r.kind].lends(r))
-    ways = _ways(chosen, wish, kinds)
+    """Find every way in which a stored system labels captures; its seeds are averaged.
+
+    Args:
+        results: stored runs.
+        selection: values of the keys that select among them.
+        reactions: reactions that are scored.
+        latest_ms: latest decision in ms of touch that is soon enough. ``inf`` gives a candidate for
+            each time of decision, None whole captures only.
+        windows: score single windows instead of captures.
+        clock: clock of the target in MHz, which turns instruction counts into times.
+        batch: include systems whose predictions depend on other test captures.
+        study: key of the kind of run that is compared; empty for runs on captures.
+        faults: faults over which losses are taken.
+        severity: their highest severity; lower ones count, too.
+
+    Raises:
+        NothingTracked: no run is left.
+    """
+    every = views_of_runs()
+    views = {tag: view for tag, view in every.items() if (tag if view.is_study else "") == study}
+    offered = [r for r in results if r.kind in views and views[r.kind].has_candidate(r)]
+    if windows:
+        offered = [r for r in offered if r.metrics.get("windows", 0) > 0]
+    command = next(iter(views.values())).key
+    runs, notes = comparable_runs(offered, selection, batch, command)
+    ways = _ways_of_systems(runs, views, reactions, latest_ms, windows)
     if not ways:
-        raise _nothing(command, asked, notes)
-    number = np.repeat(range(len(ways)), [*map(len, ways)])  # of the candidate of each seed
-    each = [(way, r, lent[str(r["system"])]) for seeds in ways for way, r in seeds]
+        raise _no_run_error(command, selection, notes)
+    system_costs: dict[str, dict[str, float]] = {}
+    for r in runs:
+        system_costs.setdefault(str(r["system"]), {}).update(views[r.kind].shared_costs(r))
+    seeds = [seed for way in ways for seed in way]
+    numbers = [number for number, way in enumerate(ways) for _ in way]
 
-    def over_seeds(numbers: Iterable[Mapping[str, Any] | pd.Series]) -> pd.DataFrame:
-        return (
-            pd.DataFrame([dict(one.items()) for one in numbers], dtype=float).groupby(number).mean()
-        )
+    def mean_over_seeds(rows: Iterable[Mapping[str, Any] | pd.Series]) -> pd.DataFrame:
+        table = pd.DataFrame([dict(row.items()) for row in rows], dtype=float)
+        return table.groupby(numbers).mean()
 
-    table = pd.DataFrame([_about(seeds, lent[str(seeds[0][1]["system"])]) for seeds in ways])
+    table = pd.DataFrame([_describe_way(way, system_costs) for way in ways])
     same = table.duplicated(["system", "unit"], keep=False)  # such as early decisions with two hops
-    apart = pd.Series([", ".join(seeds[0][0].apart) for seeds in ways])
+    apart = pd.Series([", ".join(way[0][0].apart) for way in ways])
     table.loc[same & (apart != ""), "unit"] += ", " + apart
-    subjects = over_seeds(way.scores for way, *_ in each)
-    amounts = over_seeds(_amounts(r.metrics | others, way, study) for way, r, others in each)
+    subjects = mean_over_seeds(candidate.scores for candidate, _ in seeds)
+    amounts = mean_over_seeds(
+        _amounts(candidate, r.metrics | system_costs[str(r["system"])], study)
+        for candidate, r in seeds
+    )
     table = pd.concat([table.assign(accuracy=subjects.mean(axis=1)), amounts], axis=1)
     for name in map(str, amounts):
-        if clock is not None and (slower := costs()[name].at_clock) in table:
+        slower = all_costs()[name].at_clock
+        if clock is not None and slower in table:
             table[slower] += (table[name] / clock).fillna(0)  # thousands by MHz: ms
-    lost = np.empty((len(table), 0, subjects.shape[1]))
-    if losses is not None:
-        lost = _losses(results, chosen[0], table, [*subjects], losses, wish.reactions)
-    counts = [over_seeds(kind) for kind in zip(*(way.counts for way, *_ in each), strict=True)]
-    order = [*subjects, *sorted({str(name) for part in counts for name in part} - {*subjects})]
-    counted = np.array([part.reindex(columns=order) for part in counts]).reshape(
-        -1, len(ways), len(order)
-    )
-    return Candidates(table, subjects, lost, counted, chosen[0], notes).with_costs(costs_of(study))
+    lost = _points_lost(results, runs[0], table, [*subjects], faults, severity, reactions)
+    kinds = zip(*(candidate.counts for candidate, _ in seeds), strict=True)
+    counts = [mean_over_seeds(kind) for kind in kinds]
+    unscored = {str(name) for part in counts for name in part} - {*subjects}
+    people = [*subjects, *sorted(unscored)]
+    counted = np.array([part.reindex(columns=people) for part in counts])
+    counted = counted.reshape(-1, len(ways), len(people))
+    found = Candidates(table, subjects, lost, counted, runs[0], notes)
+    return found.with_people_costs(costs_of_study(study))
 
 
-def _ways(results: Sequence[Result], wish: Wish, kinds: Mapping[str, Any]) -> list[Way]:
-    """The ways in which systems label, by system; of one way and seed, the last run counts."""
-    as_they_are = {id(r) for r in plain(results)}
+def _ways_of_systems(
+    runs: Sequence[Result],
+    views: Mapping[str, Any],
+    reactions: Reactions,
+    latest_ms: float | None,
+    windows: bool,
+) -> list[Way]:
+    """The ways in which systems label, by system; the last run of each way and seed counts."""
+    clean = {id(r) for r in one_run_per_system(runs)}
     ways: dict[tuple, dict[str, tuple[Candidate, Result]]] = {}
-    for r in results:
-        for way in kinds[r.kind].candidates(r, replace(wish, plain=id(r) in as_they_are)):
-            ways.setdefault((str(r["system"]), way.mark, way.apart, way.unit), {})[r["seed"]] = (
-                way,
-                r,
-            )
+    for r in runs:
+        view = views[r.kind]
+        candidates: list[Candidate] = []
+        if id(r) in clean:
+            candidates += view.clean_candidates(r, reactions, windows)
+        if not windows:
+            candidates += view.candidates(r, reactions, latest_ms)
+        for each in candidates:
+            key = (str(r["system"]), each.mark, each.apart, each.unit)
+            ways.setdefault(key, {})[r["seed"]] = (each, r)
     order = sorted(ways, key=lambda key: key[:3])
     return [[ways[key][seed] for seed in sorted(ways[key], key=seed_number)] for key in order]
 
 
-def _about(seeds: Way, lent: Mapping[str, float]) -> dict[str, Any]:
-    """A candidate, without its numbers."""
-    way, runs = seeds[0][0], [r for _, r in seeds]
+def _describe_way(way: Way, system_costs: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+    """The row of a candidate, without its numbers."""
+    candidate, runs = way[0][0], [r for _, r in way]
     last = max(runs, key=lambda r: r["started"])
-    changed = any(r.metrics.get(name, value) != value for r in runs for name, value in lent.items())
-    return {
-        **{"system": last.system, "unit": way.unit, "mark": way.mark, "whole": way.whole},
-        **{column: str(last.get(name, "")) for column, name in TAGS.items()},
-        **{"linked": way.linked or changed, "shipped": json.dumps(dict(way.shipped))},
-        "cpu": ", ".join(sorted({r["cpu"] for r in runs})),
-    }
+    shared = system_costs[str(last["system"])].items()
+    linked = any(r.metrics.get(name, value) != value for r in runs for name, value in shared)
+    row = {"system": last.system, "unit": candidate.unit}
+    row |= {"mark": candidate.mark, "whole": candidate.whole}
+    row |= {column: str(last.get(name, "")) for column, name in TAGS.items()}
+    row["linked"] = linked or "flash" in candidate.stored
+    row["shipped"] = json.dumps(dict(candidate.fit_keys))
+    row["cpu"] = ", ".join(sorted({r["cpu"] for r in runs}))
+    return row
 
 
-def _amounts(numbers: Mapping[str, float], way: Candidate, study: str) -> dict[str, Any]:
-    """The costs of one way in which a run labels that do not depend on people, by name.
+def _amounts(
+    candidate: Candidate, metrics: Mapping[str, float], study: str
+) -> dict[str, float | None]:
+    """Costs of a candidate that do not depend on people, by name.
 
     The time of a decision is the touch that it needs: computing time on this machine is another cost.
     """
-    fixed = {name: cost for name, cost in costs_of(study).items() if cost.among is None}
-    own = {
-        **numbers,
-        **{fixed[name].source: numbers.get(at) for name, at in way.stored.items() if name in fixed},
-    }
-    cells = {name: cost.cell(own) for name, cost in fixed.items()}
-    return {name: c.value if isinstance(c, Interval) else c for name, c in cells.items()} | dict(
-        way.costs
-    )
+    fixed = {name: cost for name, cost in costs_of_study(study).items() if cost.of_people is None}
+    numbers = dict(metrics)
+    for name, stored in candidate.stored.items():
+        if name in fixed:
+            numbers[fixed[name].source_name] = metrics.get(stored)
+    amounts = {}
+    for name, cost in fixed.items():
+        value = cost.value_of_row(numbers)
+        amounts[name] = value.value if isinstance(value, Interval) else value
+    return amounts | dict(candidate.costs)
 
 
-def _losses(
+def _points_lost(
     results: Sequence[Result],
-    context: Result,
+    first: Result,
     table: pd.DataFrame,
     subjects: list[str],
-    losses: Losses,
+    faults: Sequence[str],
+    severity: int,
     reactions: Reactions,
 ) -> np.ndarray:
-    """Points that each candidate loses under each fault at each severity, float [candidates, cases, subjects].
+    """Points that each candidate loses under each fault at each severity [candidates, cases, subjects].
 
-    NaN where no complete result is of all faults, and for windows and early decisions. Seeds are averaged.
+    NaN where no complete result is of all faults, and for windows and early decisions. Seeds are
+    averaged.
     """
-    lost = np.full((len(table), len(losses.circumstances), len(subjects)), np.nan)
-    whole = table[table["whole"]].groupby("system").groups
-    for circumstance in circumstance_views():
-        by_seed: dict[str, dict[str, list[Result]]] = {str(system): {} for system in whole}
-        for r in results:
-            if (
-                circumstance.holds(r)
-                and r.complete
-                and r.comparable == context.comparable
-                and r.system in by_seed
-            ):
-                by_seed[r.system].setdefault(r["seed"], []).append(r)
-        for system, seeds in by_seed.items():
-            parts = [circumstance.lost(each, losses, reactions) for each in seeds.values()]
-            if known := [
-                part.reindex(columns=subjects).to_numpy() for part in parts if part is not None
-            ]:
-                lost[whole[system].to_numpy()] = np.mean(known, axis=0)
+    lost = np.full((len(table), len(faults) * severity, len(subjects)), np.nan)
+    if not faults:
+        return lost
+    runs: dict[str, list[Result]] = {}
+    for r in results:
+        if r.is_complete and r.values_to_agree == first.values_to_agree:
+            runs.setdefault(r.system, []).append(r)
+    rows = table[table["whole"]].groupby("system").groups
+    for view in views_of_circumstances():
+        for system, numbers in rows.items():
+            seeds: dict[str, list[Result]] = {}
+            for r in runs.get(str(system), ()):
+                if view.applies_to(r):
+                    seeds.setdefault(r["seed"], []).append(r)
+            parts = [
+                view.losses_by_subject(each, faults, severity, reactions) for each in seeds.values()
+            ]
+            points = [part.reindex(columns=subjects) for part in parts if part is not None]
+            if points:
+                lost[numbers.to_numpy()] = np.mean([part.to_numpy() for part in points], axis=0)
     return lost
 
 
-def missing(
-    table: pd.DataFrame, asked: Iterable[str], losses: Losses | None
+def measuring_commands(
+    table: pd.DataFrame, names: Iterable[str], faults: Sequence[str]
 ) -> dict[str, list[str]]:
-    """Commands that measure costs which are asked for and not stored, by what they measure, in words."""
-    lossy = [name for name, cost in costs().items() if cost.losses and losses is not None]
-    wanted = {
-        cost.command: cost
-        for cost in reversed([costs()[name] for name in (*asked, *lossy)])
-        if cost.command
-    }
+    """Commands that measure those of the named costs that are not stored, by what they measure."""
+    wanted: dict[str, Cost] = {}
+    losses = [name for name, cost in all_costs().items() if cost.is_fault_loss and faults]
+    for name in (*names, *losses):
+        cost = all_costs()[name]
+        if cost.command:
+            wanted.setdefault(cost.command, cost)
     commands: dict[str, list[str]] = {}
-    for cost in reversed(wanted.values()):  # the first of those that one command measures
-        command, *more = cost.command.format(
-            faults=",".join(losses.names if losses else ())
-        ).split()
-        given = dict(word.split("=", 1) for word in more)
-        lacking = table["arguments"][
-            table[cost.key].isna() & table["whole"] & (table["mark"] == "")
-        ]
-        lines = dict.fromkeys(typed(command, repeated(text) | given) for text in lacking if text)
+    plain = table[table["whole"] & (table["mark"] == "")]
+    for cost in wanted.values():
+        command, *words = cost.command.format(faults=",".join(faults)).split()
+        keys = dict(word.split("=", 1) for word in words)
+        typed = plain["arguments"][plain[cost.key].isna() & (plain["arguments"] != "")]
+        lines = [format_command(command, repeated_arguments(text) | keys) for text in typed]
+        lines = [*dict.fromkeys(lines)]
         if lines:
-            commands[f"The {cost.noun} of {several(len(lines), 'system')}"] = [*lines]
+            commands[f"The {cost.noun} of {format_count(len(lines), 'system')}"] = lines
     return commands
 
 
-def repeated(text: str) -> dict[str, str]:
-    """Arguments of a run that another command repeats."""
-    return {k: v for k, v in json.loads(text or "{}").items() if k.split(".")[0] in TAKEN}
+def repeated_arguments(text: str) -> dict[str, str]:
+    """Arguments of a run, stored as JSON, that another command repeats."""
+    arguments = json.loads(text or "{}")
+    return {key: value for key, value in arguments.items() if key.split(".")[0] in REPEATED_KEYS}
 
 
-def eligible(
+def comparable_runs(
     results: Sequence[Result],
-    asked: Mapping[str, list[str]],
+    selection: Mapping[str, list[str]],
     batch: bool = False,
     command: str = "run",
 ) -> tuple[list[Result], list[str]]:
-    """The complete results among which can be chosen, and which others are left out, in sentences."""
-    for key in asked:
-        if (name := COLUMNS.get(key, key)).startswith("protocol.") and not any(
-            name in r for r in results
-        ):
+    """The selected complete results that may be compared, and sentences on those left out."""
+    for key in selection:
+        column = COLUMN_OF_KEY.get(key, key)
+        if column.startswith("protocol.") and not any(column in r for r in results):
             raise InputError(
                 f"{key}: no stored run has this parameter; leave it out or run that protocol"
             )
-    kept = selected(results, {"target": ["gesture"], **asked})
-    complete = [r for r in kept if r.complete]
+    selected = select_runs(results, {"target": ["gesture"], **selection})
+    complete = [r for r in selected if r.is_complete]
     notes: list[str] = []
-    if complete and "protocol_label" not in asked:
-        complete, notes = _newest(complete)
-    same = {r.comparable for r in complete}
-    here = [r for r in kept if not r.complete and (r.comparable in same or not complete)]
-    if failed := {r["system"] for r in here} - {r["system"] for r in complete}:
-        notes += sentences("bench.reading", "choice", "failed", names=sorted(failed))
-    if not batch and (names := sorted({r["system"] for r in complete if not r.alone})):
-        complete = [r for r in complete if r["system"] not in names]
-        notes += sentences("bench.reading", "choice", "batch", names=names)
+    if complete and "protocol_label" not in selection:
+        complete, notes = _newest_comparable(complete)
+    contexts = {r.values_to_agree for r in complete}
+    failed = [
+        r for r in selected if not r.is_complete and (r.values_to_agree in contexts or not complete)
+    ]
+    lacking = {r["system"] for r in failed} - {r["system"] for r in complete}
+    if lacking:
+        notes += render_sentences("bench.reading", "choice", "failed", names=sorted(lacking))
+    dependent = sorted({r["system"] for r in complete if not r.predicts_alone})
+    if dependent and not batch:
+        complete = [r for r in complete if r["system"] not in dependent]
+        notes += render_sentences("bench.reading", "choice", "batch", names=dependent)
     if not complete:
-        raise _nothing(command, asked, notes)
+        raise _no_run_error(command, selection, notes)
     return complete, notes
 
 
-def _nothing(command: str, asked: Collection[str], notes: Sequence[str]) -> NothingTracked:
-    why = "".join(f". {note.removesuffix('.')}" for note in notes)
-    values = " for these values" if asked else ""
+def _no_run_error(command: str, selection: Collection[str], notes: Sequence[str]) -> NothingTracked:
+    reasons = "".join(f". {note.removesuffix('.')}" for note in notes)
+    values = " for these values" if selection else ""
     return NothingTracked(
-        f"no complete run is stored{values}; make one with bench {command}, then choose{why}"
+        f"no complete run is stored{values}; make one with bench {command}, then choose{reasons}"
     )
 
 
-def _newest(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
-    """The results on the captures and under the protocol of the newest, and how many others are left out.
+def _newest_comparable(results: Sequence[Result]) -> tuple[list[Result], list[str]]:
+    """The results on the captures and under the protocol of the newest, and notes on the others.
 
-    Parameters that results of a kind share are those of the newest of this kind.
+    Parameters that results of a kind must share are those of the newest of this kind.
     """
-    apart = [*{r.comparable: r for r in results}.values()]
-    arguments = [*dict.fromkeys(spelled(selecting(r, apart)) for r in apart)]
+    settings = [*{r.values_to_agree: r for r in results}.values()]
+    arguments = [format_arguments(selecting_arguments(r, settings)) for r in settings]
+    arguments = [*dict.fromkeys(arguments)]
     if len(arguments) > 1:
         raise InputError(
-            f"runs on different captures or protocols cannot be compared; name one of: {'; '.join(arguments[:4])}"
+            "runs on different captures or protocols cannot be compared; "
+            f"name one of: {'; '.join(arguments[:4])}"
         )
-    kinds, by_age = run_views(), sorted(results, key=lambda r: r["started"])
-    newest = alike(by_age[-1], ["protocol"])
-    same = [r for r in by_age if alike(r, ["protocol"]) == newest]
-    last = {r.kind: alike(r, kinds[r.kind].alike) for r in same}
-    kept = {r for r in same if alike(r, kinds[r.kind].alike) == last[r.kind]}
+    views, by_age = views_of_runs(), sorted(results, key=lambda r: r["started"])
+    newest = values_to_agree(by_age[-1], ["protocol"])
+    same = [r for r in by_age if values_to_agree(r, ["protocol"]) == newest]
+    last = {r.kind: r for r in same}
+    kept, different = set(), {}  # names of shared parameters that differ
+    for r in same:
+        names = [*views[r.kind].shared_parameters]
+        changed = [name for name in names if r.get(name) != last[r.kind].get(name)]
+        different |= {name.rpartition(".")[2]: None for name in changed}
+        if values_to_agree(r, names) == values_to_agree(last[r.kind], names):
+            kept.add(r)
     others = [r for r in results if r not in kept]
-    told = {"others": len(others), "data": by_age[-1]["data"]}
-    told |= {"apart": [*dict.fromkeys(filter(None, (kinds[r.kind].other for r in others)))]}
-    told |= {"versions": [*dict.fromkeys(str(r["corpus_digest"])[:8] for r in others)]}
-    notes = sentences("bench.reading", "choice", "older", **told) if others else []
+    if not others:
+        return [*results], []
+    values: dict[str, Any] = {"others": len(others), "data": by_age[-1]["data"]}
+    values["apart"] = [f"with another {name}" for name in different]
+    values["versions"] = [*dict.fromkeys(str(r["corpus_digest"])[:8] for r in others)]
+    notes = render_sentences("bench.reading", "choice", "older", **values)
     return [r for r in results if r in kept], notes

@@ -10,20 +10,20 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from bench.corpora.read.limits import called, check_columns
-from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Table, words_of
-from bench.errors import InputError, nearest, plain
+from bench.corpora.read.limits import check_columns, file_name
+from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Table, text_categories
+from bench.errors import InputError, one_line
 from bench.reading import statistics
-from bench.reading.frame import names
+from bench.reading.frame import group_results, name_rows
+from bench.reading.runs import results_on_captures
 from bench.values import few, scores
-from bench.values.measures import Measure, p_value
-from bench.values.result import MARK, Result, notes_on, several
-from bench.values.sentences import sentences
+from bench.values.measures import Measure, format_p_value
+from bench.values.result import Result, footnotes_of_system, format_count
+from bench.values.sentences import render_sentences
 
 COLUMNS = ["id", "subject", "truth", "prediction"]  # of a file
 SHOWN = 8  # captures that a sentence names
-SHORTEST = 8  # letters of the id of a run that name it
-P = Measure("p", form=p_value)
+P = Measure("p", form=format_p_value)
 
 
 @dataclass(frozen=True)
@@ -90,22 +90,26 @@ class Compared:
 
     def only(self) -> tuple[list[str], list[str]]:
         """Ids of the captures that only the first, and only the second system classifies correctly."""
-        one, other = _only(self.captures)
+        one, other = _right_only(self.captures)
         return [*self.captures["id"][one]], [*self.captures["id"][other]]
 
     def __repr__(self) -> str:
         notes = [
             note
             for name in (self.system, self.other)
-            for note in notes_on(name, self.on.split(",")[0])
+            for note in footnotes_of_system(name, self.on.split(",")[0])
         ]
-        words = {"p": P.of({"p": self.p}), "few": few.too_few(self.subjects), "listed": _listed}
+        words = {
+            "p": P.as_text({"p": self.p}),
+            "few": few.too_few_sentence(self.subjects),
+            "listed": _list_ids,
+        }
         words["only"] = [*zip((self.system, self.other), self.only(), strict=True)]
         words["notes"] = [f"{note.rstrip('.')}." for note in dict.fromkeys([*self.notes, *notes])]
-        return "\n".join(sentences("bench.reading", "compare", "pair", pair=self, **words))
+        return "\n".join(render_sentences("bench.reading", "compare", "pair", pair=self, **words))
 
 
-def compared(one: Side, other: Side) -> Compared:
+def compare_sides(one: Side, other: Side) -> Compared:
     """Two systems on the captures that both predicted, matched by id."""
     if one.name == other.name:
         raise InputError(f"both are {one.name}; give two systems")
@@ -121,7 +125,7 @@ def compared(one: Side, other: Side) -> Compared:
             f"no capture is in both; the first id is {one_id}, {other_id}; give captures equal ids"
         )
     notes = [
-        f"Only {side.name} has {several(len(ids), 'capture')} ({_listed(ids)}); the comparison leaves them out."
+        f"Only {side.name} has {format_count(len(ids), 'capture')} ({_list_ids(ids)}); the comparison leaves them out."
         for side, table in zip(sides, (first, second), strict=True)
         if len(ids := table.index.difference(both, sort=False))
     ]
@@ -136,7 +140,7 @@ def compared(one: Side, other: Side) -> Compared:
         if len(wrong := both[(first[column] != second[column]).to_numpy()]):
             here, there = (table.at[wrong[0], column] for table in (first, second))
             more = (
-                f" ({len(wrong)} of {several(len(both), 'capture')} differ)"
+                f" ({len(wrong)} of {format_count(len(both), 'capture')} differ)"
                 if len(wrong) > 1
                 else ""
             )
@@ -151,7 +155,7 @@ def compared(one: Side, other: Side) -> Compared:
         }
     )
     columns = accuracy[one.name], accuracy[other.name]
-    numbers, gained = statistics.paired(*columns), statistics.gains(*columns)
+    numbers, gained = statistics.paired_test(*columns), statistics.subject_differences(*columns)
     captures = (
         first.join(second[["prediction", "right"]].add_prefix("other_"))
         .rename_axis("id")
@@ -170,24 +174,26 @@ def compared(one: Side, other: Side) -> Compared:
         gain=[*accuracy.index[gained > 0]],
         lose=[*accuracy.index[gained < 0]],
         captures=captures,
-        gestures=_gestures(captures, *rows),
+        gestures=_compare_gestures(captures, *rows),
         notes=[*notes, *one.notes, *other.notes],
     )
 
 
-def _only(captures: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
+def _right_only(captures: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
     """Which captures only the first and only the second system gets right, by most of its seeds."""
     one, other = (captures[column] > 0.5 for column in ("right", "other_right"))
     return one & ~other, other & ~one
 
 
-def _gestures(captures: pd.DataFrame, one: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
+def _compare_gestures(
+    captures: pd.DataFrame, one: pd.DataFrame, other: pd.DataFrame
+) -> pd.DataFrame:
     """The comparison of each gesture."""
     people = [100 * rows.groupby(["truth", "subject"])["right"].mean() for rows in (one, other)]
     rows = []
     for gesture, each in captures.groupby("truth"):
         first, second = (accuracy[gesture] for accuracy in people)
-        numbers = statistics.paired(first, second)
+        numbers = statistics.paired_test(first, second)
         row = {
             "gesture": gesture,
             "captures": len(each),
@@ -195,11 +201,13 @@ def _gestures(captures: pd.DataFrame, one: pd.DataFrame, other: pd.DataFrame) ->
             "other_accuracy": second.mean(),
         }
         row |= {name: numbers[name] for name in ("difference", "low", "high")}
-        rows.append(row | dict(zip(("only", "other_only"), map(sum, _only(each)), strict=True)))
+        rows.append(
+            row | dict(zip(("only", "other_only"), map(sum, _right_only(each)), strict=True))
+        )
     return pd.DataFrame(rows)
 
 
-def _listed(ids: list[str] | pd.Index) -> str:
+def _list_ids(ids: list[str] | pd.Index) -> str:
     """The first ids of captures, and how many more there are."""
     more = f" and {len(ids) - SHOWN} more" if len(ids) > SHOWN else ""
     return ", ".join(ids[:SHOWN]) + more
@@ -208,28 +216,30 @@ def _listed(ids: list[str] | pd.Index) -> str:
 # Predictions of other tools
 
 
-def of_file(path: Path, name: str = "") -> Side:
+def side_of_file(path: Path, name: str = "") -> Side:
     """The predictions of a CSV or parquet file; the file's name stands for the system unless ``name`` does."""
-    name = name or called(path)
+    name = name or file_name(path)
     if path.suffix.lower() != ".parquet":
-        return of_table(CsvTable(path, name, counts=()), name)
+        return side_of_table(CsvTable(path, name, counts=()), name)
     try:
-        return of_table(ParquetTable(path), name)
+        return side_of_table(ParquetTable(path), name)
     except InputError:
         raise
     except Exception as e:  # pyarrow raises a dozen types for damaged bytes
-        raise InputError(f"{name}: not a readable parquet file ({plain(e)}); save it again") from e
+        raise InputError(
+            f"{name}: not a readable parquet file ({one_line(e)}); save it again"
+        ) from e
 
 
-def of_frame(frame: pd.DataFrame, name: str) -> Side:
+def side_of_frame(frame: pd.DataFrame, name: str) -> Side:
     """The same of a table in memory."""
     check_columns([*map(str, frame)], COLUMNS, name)
-    return of_table(PandasTable(frame[COLUMNS], name), name)
+    return side_of_table(PandasTable(frame[COLUMNS], name), name)
 
 
-def of_table(table: Table, name: str) -> Side:
+def side_of_table(table: Table, name: str) -> Side:
     """The label of each capture: that of its row, or the majority vote of its rows."""
-    rows = _rows(table)
+    rows = _read_rows(table)
     by = rows.groupby("id", sort=False)
     for column in ("truth", "subject"):
         counts = by[column].nunique()
@@ -263,7 +273,7 @@ def of_table(table: Table, name: str) -> Side:
         "no prediction, which counts as wrong": silent,
     }
     found = {
-        end: f"{several(len(ids), 'capture')} ({_listed(ids)})"
+        end: f"{format_count(len(ids), 'capture')} ({_list_ids(ids)})"
         for end, ids in notes.items()
         if len(ids)
     }
@@ -274,16 +284,17 @@ def of_table(table: Table, name: str) -> Side:
     )
 
 
-def _rows(table: Table) -> pd.DataFrame:
+def _read_rows(table: Table) -> pd.DataFrame:
     """The columns `COLUMNS` as text; only the prediction may be missing."""
     check_columns(table.columns, COLUMNS, table.header)
     blocks, first = [], table.first
-    for batch in table.batches([]):
+    for batch in table.read_batches([]):
         cells = {
             name: batch.column(table.columns.index(name)).cast(pa.string()) for name in COLUMNS
         }
         words = {
-            n: words_of(cell, n, table.where, first, n == "prediction") for n, cell in cells.items()
+            n: text_categories(cell, n, table.where, first, n == "prediction")
+            for n, cell in cells.items()
         }
         blocks.append(pd.DataFrame({name: np.asarray(column) for name, column in words.items()}))
         first += len(batch)
@@ -297,69 +308,83 @@ def _rows(table: Table) -> pd.DataFrame:
 # Stored runs
 
 
-def of_runs(results: Sequence[Result], name: str, on: str) -> Side:
-    """The labels of stored runs of one system on whole captures."""
-    parts = [scores.captures(r.tables["predictions"]) for r in results]
-    rows = (
-        pd.concat(parts)
-        .sort_values("capture", kind="stable")
-        .astype({"capture": str, "subject": str})
-    )
+def side_of_runs(results: Sequence[Result], name: str, on: str) -> Side:
+    """Labels of whole captures that the runs of one system predicted."""
+    parts = [scores.label_captures(r.tables["predictions"]) for r in results]
+    rows = pd.concat(parts).sort_values("capture", kind="stable")
+    rows = rows.astype({"capture": str, "subject": str})
     rows = rows.rename(columns={"capture": "id", "true": "truth", "predicted": "prediction"})
-    return Side(
-        name, rows[COLUMNS].assign(right=(rows["truth"] == rows["prediction"]).astype(float)), on
+    right = (rows["truth"] == rows["prediction"]).astype(float)
+    return Side(name, rows[COLUMNS].assign(right=right), on)
+
+
+def find_runs(name: str, results: Sequence[Result]) -> list[Result]:
+    """The runs that a name of ``bench runs`` or an id, or its unique beginning, stands for.
+
+    Raises:
+        InputError: nothing has this name or id, or several ids begin like this.
+    """
+    labels = name_rows(results)
+    named = [r for r, label in zip(results, labels, strict=True) if name in (label, r.system)]
+    if named:
+        return named
+    begun = [r for r in results if str(r["run_id"]).startswith(name)]
+    if len(begun) == 1:
+        return begun
+    if begun:
+        raise InputError(f"{name}: {len(begun)} run ids begin like this; give more letters")
+    raise InputError(
+        f"no file, run or system is called {name!r}; give a CSV or parquet file, or a run id or "
+        "system as bench runs prints it"
     )
 
 
-def stored_sides(named: Sequence[tuple[str, Mapping[str, Sequence[Result]]]]) -> list[Side]:
-    """One or two systems, each by its name or the id of a run with results by group, on the one group they share."""
-    groups = [_groups(name, runs) for name, runs in named]
-    both = [group for group in groups[0] if group in groups[-1]]
-    words = " and ".join(name for name, _ in named)
-    if not both:
-        on = "; ".join(
-            f"{name} on {', '.join(each)}" for (name, _), each in zip(named, groups, strict=True)
-        )
+def sides_of_runs(
+    found: Mapping[str, Sequence[Result]], results: Sequence[Result]
+) -> dict[str, Side]:
+    """The sides of one or two systems by name, on the captures and under the protocol they share.
+
+    Args:
+        found: runs of each name.
+        results: all runs among which they were found.
+
+    Raises:
+        InputError: they share no captures and protocol, or several, or tested other subjects.
+    """
+    complete = {name: _complete_runs(name, runs) for name, runs in found.items()}
+    by_group: dict[str, list[list[Result]]] = {}
+    for group, members in group_results([r for r in results if r.is_complete]).items():
+        by_group[group] = [[r for r in runs if r in members] for runs in complete.values()]
+    shared = [group for group, sides in by_group.items() if all(sides)]
+    words = " and ".join(found)
+    if not shared:
+        groups = [[g for g, sides in by_group.items() if sides[i]] for i in range(len(found))]
+        each = [f"{name} on {', '.join(on)}" for name, on in zip(found, groups, strict=True)]
         raise InputError(
-            f"{words} share no data, subset and protocol: {on}; run one of them where the other was run"
+            f"{words} share no data, subset and protocol: {'; '.join(each)}; "
+            "run one of them where the other was run"
         )
-    if len(both) > 1:
-        have = "both have" if len(named) > 1 else f"{words} has"
+    if len(shared) > 1:
+        have = "both have" if len(found) > 1 else f"{words} has"
         raise InputError(
-            f"{have} runs on {'; '.join(both)}; name one with data=, where=, target= or protocol="
+            f"{have} runs on {'; '.join(shared)}; name one with data=, where=, target= or protocol="
         )
-    found = [each[both[0]] for each in groups]
-    if len(found) > 1 and found[0][0] is found[1][0]:
-        raise InputError(f"both are {found[0][0].system}; give two systems")
-    labels = names([results[0] for results in found])
-    sides = [of_runs(results, label, both[0]) for results, label in zip(found, labels, strict=True)]
-    if len({frozenset(side.rows["subject"]) for side in sides}) > 1:
+    (group,) = shared
+    labels = name_rows([runs[0] for runs in by_group[group]])
+    sides = {
+        name: side_of_runs(runs, label, group)
+        for name, runs, label in zip(found, by_group[group], labels, strict=True)
+    }
+    if len({frozenset(side.rows["subject"]) for side in sides.values()}) > 1:
         raise InputError(
-            f"{words} were tested on different subjects of {both[0]}; run the one that lacks some again"
+            f"{words} were tested on different subjects of {group}; run the one that lacks some again"
         )
     return sides
 
 
-def _groups(name: str, runs: Mapping[str, Sequence[Result]]) -> dict[str, list[Result]]:
-    """Groups in which a system has complete runs, with these."""
-    groups, systems = {}, set()
-    for group, results in runs.items():
-        complete = [r for r in results if r.complete]
-        systems |= {r.system for r in complete}
-        if matching := [r for r in complete if _is(name, r)]:
-            groups[group] = [r for r in matching if r.system == matching[0].system]
-    if not groups:
-        raise InputError(f"no complete run of {name!r} is tracked; {nearest(name, systems)}")
-    return groups
-
-
-def _is(name: str, result: Result) -> bool:
-    """Whether a name means a run: its id, or its system with or without the dot and the marks that tables add."""
-    unmarked = result.system.removesuffix(f" {MARK}")
-    by_name = _words(name) in map(_words, (result.system, unmarked, unmarked.split(" (uses ")[0]))
-    return by_name or (len(name) >= SHORTEST and str(result["run_id"]).startswith(name))
-
-
-def _words(name: str) -> list[str]:
-    """The words of a name without the dot between model and features, which few keyboards have."""
-    return name.replace("\N{MIDDLE DOT}", " ").split()
+def _complete_runs(name: str, results: Sequence[Result]) -> list[Result]:
+    """The newest complete run on captures of each seed of the first system."""
+    complete = [r for r in results_on_captures(results) if r.is_complete]
+    if not complete:
+        raise InputError(f"no run of {name} on captures is complete; run it again")
+    return [r for r in complete if r.system == complete[0].system]

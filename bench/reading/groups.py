@@ -16,12 +16,12 @@ import pandas as pd
 
 from bench.errors import InputError
 from bench.values import scores
-from bench.values.intervals import interval
+from bench.values.intervals import mean_interval
 
 Grouping = tuple[tuple[str, ...], ...]  # names of the gestures of each group
 
 
-def groupings(predictions: pd.DataFrame) -> pd.DataFrame:
+def accuracy_by_grouping(predictions: pd.DataFrame) -> pd.DataFrame:
     """Accuracy against the number of groups, each person's groups chosen on the predictions for the others.
 
     Returns:
@@ -42,16 +42,16 @@ def groupings(predictions: pd.DataFrame) -> pd.DataFrame:
         raise InputError(
             "groups are chosen on the other subjects, and only one subject was tested; run protocol=loso"
         )
-    chosen = merges(proba, true)
-    own = [merges(proba[person != i], true[person != i]) for i in range(len(people))]
+    chosen = merge_groups(proba, true)
+    own = [merge_groups(proba[person != i], true[person != i]) for i in range(len(people))]
     table = []
     for k, group in enumerate(chosen[:-1]):
         correct, largest = [], []
         for i, chain in enumerate(own):
             tested, actual = person == i, chain[k][true]
-            correct.append(100 * (labels(proba[tested], chain[k]) == actual[tested]).mean())
+            correct.append(100 * (predict_groups(proba[tested], chain[k]) == actual[tested]).mean())
             largest.append(100 * (np.bincount(actual[~tested]).argmax() == actual[tested]).mean())
-        low, high = np.clip(interval(np.array(correct)), 0, 100)
+        low, high = np.clip(mean_interval(np.array(correct)), 0, 100)
         names = tuple(
             tuple(np.array(classes, dtype=object)[group == number]) for number in np.unique(group)
         )
@@ -70,14 +70,14 @@ def groupings(predictions: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def merges(proba: np.ndarray, true: np.ndarray) -> list[np.ndarray]:
+def merge_groups(proba: np.ndarray, true: np.ndarray) -> list[np.ndarray]:
     """The group of each class, from every class alone to one group; a group is numbered by its first class."""
     given = np.array([proba[true == c].sum(axis=0) for c in range(proba.shape[1])])
     captures = np.bincount(true, minlength=len(given))
     group = np.arange(len(given))
     chain = [group]
     while group.any():
-        counts, label = np.zeros_like(given), labels(proba, group)
+        counts, label = np.zeros_like(given), predict_groups(proba, group)
         np.add.at(counts, (true[label >= 0], label[label >= 0]), 1)
         numbers = np.unique(group)
         member = (group[:, None] == numbers).astype(float)
@@ -95,14 +95,14 @@ def merges(proba: np.ndarray, true: np.ndarray) -> list[np.ndarray]:
     return chain
 
 
-def labels(proba: np.ndarray, group: np.ndarray) -> np.ndarray:
+def predict_groups(proba: np.ndarray, group: np.ndarray) -> np.ndarray:
     """The group of each capture with the highest summed probability, -1 where a system abstains."""
     numbers = np.unique(group)
     best = numbers[np.argmax(proba @ (group[:, None] == numbers).astype(float), axis=1)]
     return np.where(proba.any(axis=1), best, -1)
 
 
-def reactions(grouping: Grouping) -> str:
+def reactions_table(grouping: Grouping) -> str:
     """The groups of several gestures as the table ``[reactions]`` of a scene file."""
     quoted = lambda text: json.dumps(text, ensure_ascii=False)  # noqa: E731 (TOML's basic strings have these escapes)
     lines = ["[reactions]"]

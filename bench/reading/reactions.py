@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from bench.errors import InputError, nearest
-from bench.ground.words import CLEAN
-from bench.values.candidate import EARLY, Candidate, Losses, Wish
+from bench.corpora.fault_names import NO_FAULT
+from bench.errors import InputError, suggest_names
+from bench.values.candidate import EARLY, Candidate
 from bench.values.intervals import TOLERANCE
 from bench.values.result import Result
 from bench.values.scores import PREFIX, classes_of
-from bench.values.stability import unharmed
-from bench.values.stopping import standing
+from bench.values.stability import clean_labels
+from bench.values.stopping import standing_decisions
 
 WINDOW = {
     "predict": "decide_ms_p50",
@@ -43,25 +43,25 @@ class Reactions:
     silence: float = 1.0  # cost of doing nothing where a reaction was meant
 
     @property
-    def plain(self) -> bool:
+    def is_default(self) -> bool:
         """True if the score is the accuracy of gestures."""
         return not (self.groups or self.ignored or self.costs) and self.silence == 1
 
     @property
-    def weighted(self) -> bool:
+    def is_weighted(self) -> bool:
         """True if some mistakes cost more or less than others."""
         return bool(self.costs) or self.silence != 1
 
-    def of(self, gestures: Collection[str]) -> dict[str, str]:
+    def reaction_by_gesture(self, gestures: Collection[str]) -> dict[str, str]:
         """The reaction to each gesture."""
         gestures = {*gestures}
         meant = {gesture: name for name, members in self.groups.items() for gesture in members}
         for gesture, name in meant.items():
             if gesture not in gestures:
                 raise InputError(
-                    f"[reactions] {name}: there is no gesture {gesture}; {nearest(gesture, gestures)}"
+                    f"[reactions] {name}: there is no gesture {gesture}; {suggest_names(gesture, gestures)}"
                 )
-        for name in () if self.plain else (*self.groups, NOTHING):
+        for name in () if self.is_default else (*self.groups, NOTHING):
             if name in gestures and name not in meant and not self.ignored:
                 raise InputError(
                     f"[reactions] {name}: this is also a gesture that is not listed; list it or rename {name}"
@@ -72,13 +72,16 @@ class Reactions:
             for name in (true, *row):
                 if name not in known:
                     raise InputError(
-                        f"[costs] {true}: there is no reaction {name}; {nearest(name, known)}"
+                        f"[costs] {true}: there is no reaction {name}; {suggest_names(name, known)}"
                     )
         return reactions
 
     def cost_table(self, gestures: Collection[str]) -> pd.DataFrame:
         """Cost of each reaction that is taken (column) for each that was meant (row); ``nothing`` is the last."""
-        names = [*dict.fromkeys(r for r in self.of(gestures).values() if r != NOTHING), NOTHING]
+        names = [
+            *dict.fromkeys(r for r in self.reaction_by_gesture(gestures).values() if r != NOTHING),
+            NOTHING,
+        ]
         table = pd.DataFrame(1.0, index=names, columns=names)
         table[NOTHING] = self.silence
         for true, row in self.costs.items():
@@ -86,9 +89,12 @@ class Reactions:
                 table.loc[true, taken] = cost
         return table.mask(np.eye(len(names), dtype=bool), 0.0)
 
-    def decided(self, probabilities: pd.DataFrame) -> np.ndarray:
+    def cheapest_reactions(self, probabilities: pd.DataFrame) -> np.ndarray:
         """The reactions with the lowest expected cost [decisions]; equal ones go to the first."""
-        table, reactions = self.cost_table(probabilities.columns), self.of(probabilities.columns)
+        table, reactions = (
+            self.cost_table(probabilities.columns),
+            self.reaction_by_gesture(probabilities.columns),
+        )
         member = np.array(
             [[reactions[str(g)] == name for name in table.index] for g in probabilities],
             dtype=float,
@@ -99,10 +105,10 @@ class Reactions:
         ]  # equal sums differ by rounding
         return np.where(probabilities.to_numpy().any(axis=1), taken, NOTHING)
 
-    def mistakes(self, labelled: pd.DataFrame) -> np.ndarray:
+    def mistake_costs(self, labelled: pd.DataFrame) -> np.ndarray:
         """The cost of each label, 0 for the right reaction, float [rows]."""
         every = {*labelled["true"], *(g for members in self.groups.values() for g in members)}
-        table, reactions = self.cost_table(every), self.of(every)
+        table, reactions = self.cost_table(every), self.reaction_by_gesture(every)
         true = labelled["true"].astype(object).map(reactions)
         taken = (
             labelled["taken"]
@@ -114,92 +120,99 @@ class Reactions:
         )
         return table.to_numpy()[row, column]
 
-    def scores(self, labelled: pd.DataFrame) -> pd.Series:
+    def score_by_subject(self, labelled: pd.DataFrame) -> pd.Series:
         """The score of each subject: 100 less 100 times the mean cost of a label; with default costs its accuracy."""
-        costs = pd.Series(self.mistakes(labelled), labelled.index)
+        costs = pd.Series(self.mistake_costs(labelled), labelled.index)
         return (100 * (1 - costs.groupby(labelled["subject"].astype(str)).mean())).rename_axis(
             "subject"
         )
 
 
-def by_capture(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
+def react_to_captures(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
     """``subject``, ``true`` and the reaction ``taken`` for each tested capture, by mean probability."""
     captures = predictions.groupby(["fold", "capture"], sort=False)
     mean = captures[[PREFIX + c for c in classes_of(predictions)]].mean()
-    return by_decision(captures[["subject", "true"]].first().join(mean), reactions).reset_index()
+    return react_to_decisions(
+        captures[["subject", "true"]].first().join(mean), reactions
+    ).reset_index()
 
 
-def by_decision(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
+def react_to_decisions(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
     """The same for each row of the table: each window, or each capture at an instant."""
     classes = classes_of(predictions)
     proba = predictions[[PREFIX + c for c in classes]].set_axis(classes, axis=1)
-    return predictions[["subject", "true"]].assign(taken=reactions.decided(proba))
+    return predictions[["subject", "true"]].assign(taken=reactions.cheapest_reactions(proba))
 
 
-def plain_candidates(result: Result, wish: Wish) -> Candidate:
-    """The system in Python on whole captures, or on windows if these are wished."""
-    reactions = wish.reactions
-    if wish.windows:
-        return Candidate(
-            "window", reactions.scores(by_decision(result.tables["predictions"], reactions)), WINDOW
+def clean_candidate(result: Result, reactions: Reactions, windows: bool) -> Candidate:
+    """The system in Python on whole captures, or on single windows."""
+    if windows:
+        decisions = react_to_decisions(result.tables["predictions"], reactions)
+        return Candidate("window", reactions.score_by_subject(decisions), WINDOW)
+    # The accuracy that the run stored is the same: reading predictions of 1000 runs takes a minute.
+    scores = result.accuracy_by_subject if reactions.is_default else {}
+    if not scores:
+        scores = reactions.score_by_subject(
+            react_to_captures(result.tables["predictions"], reactions)
         )
-    # What the run stored is the same and quick: reading the predictions of 1000 runs takes a minute.
-    stored = result.people if reactions.plain else {}
-    scores = stored or reactions.scores(by_capture(result.tables["predictions"], reactions))
     return Candidate("capture", scores, whole=True)
 
 
-def early_candidates(result: Result, wish: Wish) -> Iterator[Candidate]:
-    """A replayed system after the last time that is soon enough, or after each; none where no time was asked for."""
-    if wish.most is None:
+def early_candidates(
+    result: Result, reactions: Reactions, latest_ms: float | None
+) -> Iterator[Candidate]:
+    """A replayed system after the last time that is soon enough.
+
+    If no time is soon enough, the earliest one is taken. With ``latest_ms`` of ``inf``, each time is
+    a candidate; with None, none is.
+    """
+    if latest_ms is None:
         return
     table, instants = result.tables["replay"], result.tables["instants"]["ms"].tolist()
-    decided = [*zip(instants, np.sort(table["instant"].unique()), strict=True)]  # ms, frames
-    if np.isfinite(wish.most):  # the last that is soon enough, else the first
-        decided = [one for one in decided if one[0] <= wish.most * (1 + TOLERANCE)][-1:] or decided[
-            :1
-        ]
-    apart = (
-        ()
-        if result["stream.hop_ms"] in (None, "None")
-        else (f"every {result['stream.hop_ms']} ms",)
-    )
-    for ms, frames in decided:
-        scores = wish.reactions.scores(by_decision(standing(table, frames), wish.reactions))
-        yield Candidate(
-            f"first {ms:.0f} ms",
-            scores,
-            {"predict": "replay_ms_p50"},
-            {"decision": ms},
-            apart,
-            mark=EARLY,
-        )
+    times = [*zip(instants, np.sort(table["instant"].unique()), strict=True)]  # ms, frames
+    if np.isfinite(latest_ms):
+        soon = [time for time in times if time[0] <= latest_ms * (1 + TOLERANCE)]
+        times = soon[-1:] or times[:1]
+    hop = result["stream.hop_ms"]
+    apart = () if hop in (None, "None") else (f"every {hop} ms",)
+    for ms, frames in times:
+        decisions = react_to_decisions(standing_decisions(table, frames), reactions)
+        stored, costs = {"predict": "replay_ms_p50"}, {"decision": ms}
+        scores = reactions.score_by_subject(decisions)
+        yield Candidate(f"first {ms:.0f} ms", scores, stored, costs, apart, mark=EARLY)
+
+
+def fault_levels(faults: Sequence[str], severity: int) -> list[tuple[str, int]]:
+    """Each fault at each severity up to this one."""
+    return [(name, level) for name in faults for level in range(1, severity + 1)]
 
 
 def points_lost(
-    results: Sequence[Result], asked: Losses, reactions: Reactions, key: str
+    results: Sequence[Result],
+    faults: Sequence[str],
+    severity: int,
+    reactions: Reactions,
+    key: str,
 ) -> pd.DataFrame | None:
-    """Points lost [circumstances, subjects] in some runs of one system; None if a fault is not in any of them.
+    """Points lost [fault_levels, subjects] in some runs of one system; None if they lack a fault.
 
-    These runs store labels, so the reaction is that to the most probable gesture, also of clean captures.
+    These runs store labels, so the reaction is that to the most probable gesture, also of clean
+    captures. ``key`` is that of the circumstance of faults.
     """
-    tested = [(r, {*str(r.get("faults", "")).split(", ")} & {*asked.names}) for r in results]
-    if {*asked.names} != {name for _, names in tested for name in names}:
+    tested = {r: {*str(r.get("faults", "")).split(", ")} & {*faults} for r in results}
+    if {*faults} != {name for names in tested.values() for name in names}:
         return None  # without reading any table
+    cases = fault_levels(faults, severity)
     lost: dict[tuple[str, int], pd.Series] = {}
-    for result in sorted((r for r, names in tested if names), key=lambda r: r["started"]):
+    for result in sorted((r for r in results if tested[r]), key=lambda r: r["started"]):
         table = result.tables["labels"]
-        under = (
-            (table["circumstance"] == key)
-            & table["case"].isin(asked.names)
-            & (table["level"] <= asked.severity)
-        )
-        rows = pd.concat([unharmed(table), table[under]], ignore_index=True)
+        faulty = table[(table["circumstance"] == key) & table["case"].isin(faults)]
+        faulty = faulty[faulty["level"] <= severity]
+        rows = pd.concat([clean_labels(table), faulty], ignore_index=True)
         keys = [rows["case"], rows["level"], rows["subject"].astype(str)]
-        mean = 100 * pd.Series(reactions.mistakes(rows)).groupby(keys).mean().unstack()
-        lost |= {
-            case: mean.loc[case] - mean.loc[(CLEAN, 0)]
-            for case in {*mean.index} & {*asked.circumstances}
-        }
-    known = {*asked.circumstances} <= {*lost}
-    return pd.DataFrame({case: lost[case] for case in asked.circumstances}).T if known else None
+        mean = 100 * pd.Series(reactions.mistake_costs(rows)).groupby(keys).mean().unstack()
+        for case in {*mean.index} & {*cases}:
+            lost[case] = mean.loc[case] - mean.loc[(NO_FAULT, 0)]
+    if not {*cases} <= {*lost}:
+        return None
+    return pd.DataFrame({case: lost[case] for case in cases}).T

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 
-from bench.errors import InputError, nearest
-from bench.ground.words import FAULTS, quantity
+from bench.corpora.fault_names import FAULT_NAMES, SEVERITIES
+from bench.errors import InputError, suggest_names
+from bench.ground.typed import parse_amount
 from bench.reading.reactions import Reactions
-from bench.values.candidate import Losses
-from bench.values.measures import Cost, costs
-from bench.values.sentences import sentences
+from bench.values.measures import Cost, all_costs
+from bench.values.sentences import render_sentences
 
 KEYS = ("by", "margin", "unit")  # of a scene and of `bench choose`
 OTHER = {  # lines of each section that are no budgets: a key, and that of `bench choose`, empty for those read here
@@ -24,7 +24,6 @@ OTHER = {  # lines of each section that are no budgets: a key, and that of `benc
     "faults": {"names": "", "severity": ""},
     "people": {},
 }
-EVERY = tuple(FAULTS.split())
 NESTED = "it is nested more deeply than any line of a scene; see docs/scenes.md"
 COSTLIEST = 1e6  # of one mistake, so that sums of costs and scores stay finite
 
@@ -41,7 +40,7 @@ class Board:
     source: str
     share: float = 1.0  # of flash and RAM that touch may use
 
-    def budgets(self, timed: bool) -> dict[str, str]:
+    def as_budgets(self, timed: bool) -> dict[str, str]:
         """Budgets as keys of ``bench choose``; with the clock, if there is a budget of time and an FPU."""
         values = {
             "max_flash": f"{self.share * self.flash_kb:.6g}kB",
@@ -49,19 +48,22 @@ class Board:
         }
         return values | ({"clock": f"{self.clock_mhz:g}MHz"} if timed and self.fpu else {})
 
-    def sentences(self, values: Mapping[str, object]) -> list[str]:
+    def budget_sentences(self, values: Mapping[str, object]) -> list[str]:
         """What its budgets are, as far as no other line sets them, and how far counted instructions hold for it."""
-        own = self.budgets(timed=False)
+        own = self.as_budgets(timed=False)
         names = [
             name
             for name in ("flash", "RAM")
             if values.get(f"max_{name.lower()}") == own[f"max_{name.lower()}"]
         ]
         timed = {
-            name for cost in costs().values() if cost.at_clock for name in (cost.key, cost.at_clock)
+            name
+            for cost in all_costs().values()
+            if cost.at_clock
+            for name in (cost.key, cost.at_clock)
         }
-        limited = {costs()[name].budget for name in timed} & {*values}
-        return sentences(
+        limited = {all_costs()[name].budget_key for name in timed} & {*values}
+        return render_sentences(
             "bench.reading", "choice", "board", board=self, names=names, timed=bool(limited)
         )
 
@@ -72,11 +74,12 @@ class Scene:
 
     values: Mapping[str, str] = field(default_factory=dict)  # its lines as keys of ``bench choose``
     reactions: Reactions = field(default_factory=Reactions)
-    faults: Losses | None = None  # over which losses are taken; None if the scene names none
+    faults: tuple[str, ...] = ()  # over which losses are taken
+    severity: int = SEVERITIES  # their highest severity; lower ones count, too
     board: Board | None = None
 
 
-def boards() -> dict[str, Board]:
+def load_boards() -> dict[str, Board]:
     """The boards of ``bench/boards.csv`` by name; KiB of their makers are turned into kB."""
     every = {}
     with files("bench").joinpath("boards.csv").open(encoding="utf-8") as f:
@@ -88,11 +91,11 @@ def boards() -> dict[str, Board]:
     return every
 
 
-def lines() -> dict[str, dict[str, Cost]]:
+def budgets_by_section() -> dict[str, dict[str, Cost]]:
     """The budgets that each section can have, by their keys there."""
     sections: dict[str, dict[str, Cost]] = {name: {} for name in OTHER}
-    for cost in costs().values():
-        section, key = cost.line
+    for cost in all_costs().values():
+        section, key = cost.scene_line
         sections.setdefault(section, {})[key] = cost
     return sections
 
@@ -104,7 +107,7 @@ def read_scene(name: str) -> Scene:
         file = Path(str(shipped[name])) if name in shipped else Path(name)
         if file.exists() and not (file.is_file() or file.is_dir()):  # a device may have no end
             raise OSError(errno.EINVAL, "not a plain file")
-        return scene_of(tomllib.loads(file.read_text(encoding="utf-8")))
+        return scene_from_table(tomllib.loads(file.read_text(encoding="utf-8")))
     except (OSError, UnicodeError) as e:
         why = getattr(e, "strerror", None) or "not UTF-8 text"
         raise InputError(
@@ -118,45 +121,45 @@ def read_scene(name: str) -> Scene:
         raise InputError(f"scene={name}: {e}") from e
 
 
-def scene_of(table: Mapping[str, object]) -> Scene:
+def scene_from_table(table: Mapping[str, object]) -> Scene:
     """A scene from the content of its file."""
-    limits = lines()
-    _check("", table, {*KEYS, *limits, "unlisted", "reactions", "costs"})
-    sections = {name: _section(table, name) for name in limits}
-    values = {key: _text(key, table[key]) for key in KEYS if key in table}
+    limits = budgets_by_section()
+    _check_names("", table, {*KEYS, *limits, "unlisted", "reactions", "costs"})
+    sections = {name: _read_section(table, name) for name in limits}
+    values = {key: _read_text(key, table[key]) for key in KEYS if key in table}
     for name, given in sections.items():
         others = OTHER.get(name, {})
-        _check(f"[{name}] ", given, {*limits[name], *others})
+        _check_names(f"[{name}] ", given, {*limits[name], *others})
         for key, value in given.items():
-            if typed := others[key] if key in others else limits[name][key].budget:
-                values[typed] = _text(f"[{name}] {key}", value)
+            if typed := others[key] if key in others else limits[name][key].budget_key:
+                values[typed] = _read_text(f"[{name}] {key}", value)
                 _check_amount(
                     f"[{name}] {key} = {value}", limits[name].get(key), typed, values[typed]
                 )
     if apart := [
         name for name in limits if name not in OTHER and sections[name]
     ]:  # budgets of a study
-        unmeasured = [k for k, cost in limits["budget"].items() if "studies" not in cost.on] + [
-            "clock"
-        ]
+        unmeasured = [
+            k for k, cost in limits["budget"].items() if "studies" not in cost.measured_on
+        ] + ["clock"]
         if lacking := [k for k in unmeasured if k in sections["budget"]]:
             raise InputError(
                 f"[budget] {lacking[0]}: runs of [{apart[0]}] do not measure it; leave one of them out"
             )
-    board = _of_board(sections["budget"])
-    more = {} if board is None else board.budgets("decision" in sections["budget"])
-    return Scene(more | values, _reactions(table), _faults(sections["faults"]), board)
+    board = _read_board(sections["budget"])
+    more = {} if board is None else board.as_budgets("decision" in sections["budget"])
+    return Scene(more | values, _read_reactions(table), *_read_faults(sections["faults"]), board)
 
 
-def _of_board(budget: Mapping[str, object]) -> Board | None:
+def _read_board(budget: Mapping[str, object]) -> Board | None:
     if "board" not in budget and "share" in budget:
         raise InputError("[budget] share: it is a share of a board; add board, or leave it out")
     if "board" not in budget:
         return None
-    known, name = boards(), _text("[budget] board", budget["board"])
+    known, name = load_boards(), _read_text("[budget] board", budget["board"])
     if name not in known:
-        raise InputError(f"[budget] board: no board is called {name}; {nearest(name, known)}")
-    if not (share := _number("[budget] share", budget.get("share", 1.0), 0, 1)):
+        raise InputError(f"[budget] board: no board is called {name}; {suggest_names(name, known)}")
+    if not (share := _read_number("[budget] share", budget.get("share", 1.0), 0, 1)):
         raise InputError("[budget] share = 0: give a share above 0")
     return replace(known[name], share=share)
 
@@ -165,26 +168,26 @@ def _check_amount(line: str, cost: Cost | None, key: str, value: str) -> None:
     """Refuse a number or a unit that `bench choose` would refuse, by the name of its line."""
     try:
         if cost is not None:
-            cost.typed(value)
+            cost.parse_budget(value)
         elif key == "clock":
-            quantity(key, value, "MHz")
+            parse_amount(key, value, "MHz")
     except InputError as e:
         raise InputError(f"{line}:{str(e).partition(':')[2]}") from e
 
 
-def _reactions(table: Mapping[str, object]) -> Reactions:
+def _read_reactions(table: Mapping[str, object]) -> Reactions:
     groups = {
-        name: _names(f"[reactions] {name}", members, "gestures", '["stroke", "rub"]')
-        for name, members in _section(table, "reactions").items()
+        name: _read_names(f"[reactions] {name}", members, "gestures", '["stroke", "rub"]')
+        for name, members in _read_section(table, "reactions").items()
     }
     counts = Counter(gesture for members in groups.values() for gesture in members)
     if twice := [gesture for gesture, count in counts.items() if count > 1]:
         raise InputError(f"[reactions] the gesture {twice[0]} is listed twice; list it once")
     if (unlisted := table.get("unlisted", "own")) not in ("own", "ignored"):
         raise InputError(f"unlisted = {unlisted}: give own or ignored")
-    costs = dict(_section(table, "costs"))
+    costs = dict(_read_section(table, "costs"))
     silence, rows = (
-        _number("[costs] silence", costs.pop("silence", 1.0), 0, COSTLIEST),
+        _read_number("[costs] silence", costs.pop("silence", 1.0), 0, COSTLIEST),
         dict[str, dict[str, float]](),
     )
     for name, row in costs.items():
@@ -192,22 +195,26 @@ def _reactions(table: Mapping[str, object]) -> Reactions:
             raise InputError(
                 f"[costs] {name}: give the reactions that it is taken for, such as {{ calm = 3 }}"
             )
-        rows[name] = {k: _number(f"[costs] {name}: {k}", v, 0, COSTLIEST) for k, v in row.items()}
+        rows[name] = {
+            k: _read_number(f"[costs] {name}: {k}", v, 0, COSTLIEST) for k, v in row.items()
+        }
         if name in row:
             raise InputError(f"[costs] {name}: {name} taken for itself is no mistake; leave it out")
     return Reactions(groups, unlisted == "ignored", rows, silence)
 
 
-def _faults(lines: Mapping[str, object]) -> Losses | None:
+def _read_faults(lines: Mapping[str, object]) -> tuple[tuple[str, ...], int]:
     if not lines:
-        return None
-    from bench.corpora.faults import SEVERITIES, all_faults  # loads SciPy
+        return (), SEVERITIES
+    from bench.corpora.faults import all_faults  # loads SciPy
 
-    names = _names("[faults] names", lines.get("names", [*EVERY]), "faults", '["dead_taxels"]')
+    names = _read_names(
+        "[faults] names", lines.get("names", [*FAULT_NAMES]), "faults", '["dead_taxels"]'
+    )
     for name in names:
         if name not in all_faults():
             raise InputError(
-                f"[faults] names: no fault is called {name}; {nearest(name, all_faults())}"
+                f"[faults] names: no fault is called {name}; {suggest_names(name, all_faults())}"
             )
     severity = lines.get("severity", SEVERITIES)
     if (
@@ -218,10 +225,10 @@ def _faults(lines: Mapping[str, object]) -> Losses | None:
         raise InputError(
             f"[faults] severity = {severity}: give a whole number from 1 to {SEVERITIES}"
         )
-    return Losses(tuple(dict.fromkeys(names)), severity)
+    return tuple(dict.fromkeys(names)), severity
 
 
-def _section(table: Mapping[str, object], name: str) -> Mapping[str, object]:
+def _read_section(table: Mapping[str, object], name: str) -> Mapping[str, object]:
     section = table.get(name, {})
     if not isinstance(section, dict):
         raise InputError(
@@ -230,25 +237,25 @@ def _section(table: Mapping[str, object], name: str) -> Mapping[str, object]:
     return section
 
 
-def _check(where: str, given: Mapping[str, object], known: Collection[str]) -> None:
+def _check_names(where: str, given: Mapping[str, object], known: Collection[str]) -> None:
     for key in given:
         if key not in known:
-            raise InputError(f"{where}{key}: there is no such line; {nearest(key, known)}")
+            raise InputError(f"{where}{key}: there is no such line; {suggest_names(key, known)}")
 
 
-def _names(where: str, value: object, noun: str, example: str) -> list[str]:
+def _read_names(where: str, value: object, noun: str, example: str) -> list[str]:
     if not isinstance(value, list) or not value or not all(isinstance(one, str) for one in value):
         raise InputError(f"{where}: give a list of {noun}, such as {example}")
     return value
 
 
-def _number(where: str, value: object, least: float, most: float) -> float:
+def _read_number(where: str, value: object, least: float, most: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
         raise InputError(f"{where} = {value}: give a number from {least:.0f} to {most:.0f}")
     return float(value)
 
 
-def _text(where: str, value: object) -> str:
+def _read_text(where: str, value: object) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise InputError(f"{where}: give one value, not {value}")
     return str(value)

@@ -16,9 +16,9 @@ import pandas as pd
 from scipy import special, stats
 
 from bench.values import few
-from bench.values.intervals import interval as interval
-from bench.values.result import MIXED
-from bench.values.sentences import sentences
+from bench.values.intervals import mean_interval as mean_interval
+from bench.values.result import MIXED_NOTE
+from bench.values.sentences import render_sentences
 
 RANKED = 30  # systems that are compared in one table and diagram
 PAIRED = 12  # systems whose pairs stand in one matrix
@@ -32,52 +32,52 @@ def friedman(subjects: pd.DataFrame) -> tuple[pd.Series, float]:
     ):  # NaN where all systems are equal on every subject
         p = (
             stats.friedmanchisquare(*subjects.to_numpy()).pvalue
-            if subjects.shape[1] >= few.TEST
+            if subjects.shape[1] >= few.FEWEST_FOR_TEST
             else np.nan
         )
     return subjects.rank(axis=0, ascending=False).mean(axis=1).sort_values(kind="stable"), float(p)
 
 
-def base_of(subjects: pd.DataFrame, against: str = "") -> str:
+def base_system(subjects: pd.DataFrame, against: str = "") -> str:
     """The system that others are compared with: the one that was asked for where it is there, else the best one."""
     return against if against in subjects.index else str(subjects.index[0])
 
 
-def kept_of(subjects: pd.DataFrame, against: str = "") -> pd.DataFrame:
+def compared_systems(subjects: pd.DataFrame, against: str = "") -> pd.DataFrame:
     """The `RANKED` most accurate systems of a table, and the one that others are compared with."""
     return subjects[
-        (np.arange(len(subjects)) < RANKED) | (subjects.index == base_of(subjects, against))
+        (np.arange(len(subjects)) < RANKED) | (subjects.index == base_system(subjects, against))
     ]
 
 
-def against_best(
+def compare_with_base(
     subjects: pd.DataFrame,
     folds: pd.DataFrame | None = None,
     test_over_train: float | None = None,
     against: str = "",
 ) -> pd.DataFrame:
-    """Every system against the best one, or against another one (`base_of`), by differences within subjects.
+    """Every system against the best one, or against another one (`base_system`), by differences within subjects.
 
     ``folds`` are accuracies by fold, if folds are not subjects; ``test_over_train`` is the number of tested by that of
-    training captures of a fold, if folds share training captures. A row per system: `paired`, ``p_holm`` (corrected for
+    training captures of a fold, if folds share training captures. A row per system: `paired_test`, ``p_holm`` (corrected for
     all systems of the table), `nadeau_bengio` (``nb_low``, ``nb_high``, ``nb_p``), `cohen_dz` and `rank_biserial`. NaN
     where something is not defined.
     """
-    base = base_of(subjects, against)
+    base = base_system(subjects, against)
     best = subjects.T[base]
     by_system = (subjects if folds is None else folds).T
     rows = []
     for system, accuracy in subjects.iterrows():
         row = {"system": system, "accuracy": accuracy.mean(), "difference": 0.0}
         if system != base:
-            row |= paired(accuracy, best)
-            lost, people = gains(accuracy, best), len(best)
+            row |= paired_test(accuracy, best)
+            lost, people = subject_differences(accuracy, best), len(best)
             if test_over_train is not None:
                 low, high, p = nadeau_bengio(
-                    gains(by_system[system], by_system[base]), test_over_train
+                    subject_differences(by_system[system], by_system[base]), test_over_train
                 )
-                row |= {"nb_low": low, "nb_high": high} if people >= few.INTERVAL else {}
-                row |= {"nb_p": p} if people >= few.TEST else {}
+                row |= {"nb_low": low, "nb_high": high} if people >= few.FEWEST_FOR_INTERVAL else {}
+                row |= {"nb_p": p} if people >= few.FEWEST_FOR_TEST else {}
             row |= dict(zip(("dz", "dz_low", "dz_high"), cohen_dz(lost), strict=True))
             row |= {"rank_biserial": rank_biserial(lost)}
         rows.append(row)
@@ -85,22 +85,22 @@ def against_best(
         "system accuracy difference low high nb_low nb_high nb_p p dz dz_low dz_high rank_biserial"
     )
     table = pd.DataFrame(rows, columns=columns.split())
-    return table.assign(p_holm=holm(table["p"].to_numpy()))
+    return table.assign(p_holm=correct_holm(table["p"].to_numpy()))
 
 
-def gains(one: pd.Series, other: pd.Series) -> np.ndarray:
+def subject_differences(one: pd.Series, other: pd.Series) -> np.ndarray:
     """Points that the first system gains on each subject or fold; equal sums in another order are ties."""
     return (one - other).to_numpy(dtype=float).round(9)
 
 
-def paired(one: pd.Series, other: pd.Series) -> dict[str, float]:
+def paired_test(one: pd.Series, other: pd.Series) -> dict[str, float]:
     """Two systems over the same subjects: ``difference`` (one minus other, mean over subjects, in points) and its test.
 
     ``low`` and ``high`` end its 95 % interval, ``p`` is of the two-sided Wilcoxon test, ``gain`` and ``lose`` are the
     numbers of subjects for whom the first system is more and less accurate.
     """
-    gained = gains(one, other)
-    low, high = shifts(gained)
+    gained = subject_differences(one, other)
+    low, high = wilcoxon_interval(gained)
     counts = {"gain": int((gained > 0).sum()), "lose": int((gained < 0).sum())}
     return {
         "difference": float(gained.mean()),
@@ -111,13 +111,16 @@ def paired(one: pd.Series, other: pd.Series) -> dict[str, float]:
     }
 
 
-def pairs(subjects: pd.DataFrame) -> pd.DataFrame:
-    """`paired` of every pair of systems: a row per pair, with ``system``, ``other`` and ``p_holm`` over all pairs."""
+def paired_tests(subjects: pd.DataFrame) -> pd.DataFrame:
+    """`paired_test` of every pair of systems: a row per pair, with ``system``, ``other`` and ``p_holm`` over all pairs."""
     every = combinations(subjects.index, 2)
     table = pd.DataFrame(
-        [{"system": a, "other": b} | paired(subjects.loc[a], subjects.loc[b]) for a, b in every]
+        [
+            {"system": a, "other": b} | paired_test(subjects.loc[a], subjects.loc[b])
+            for a, b in every
+        ]
     )
-    return table.assign(p_holm=holm(table["p"].to_numpy())) if len(table) else table
+    return table.assign(p_holm=correct_holm(table["p"].to_numpy())) if len(table) else table
 
 
 def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[float, float, float]:
@@ -132,17 +135,17 @@ def nadeau_bengio(differences: np.ndarray, test_over_train: float) -> tuple[floa
     error = np.sqrt((1 / n + test_over_train) * differences.var(ddof=1))
     half = (
         stats.t.ppf(0.975, n - 1) * error
-    )  # bench.values.intervals.interval has the usual error, not this one
+    )  # bench.values.intervals.mean_interval has the usual error, not this one
     p = 2 * stats.t.sf(abs(mean) / error, n - 1) if error > 0 else (1.0 if mean == 0 else 0.0)
     return float(mean - half), float(mean + half), float(p)
 
 
 def wilcoxon(differences: np.ndarray) -> float:
-    """Two-sided exact p of the signed rank test; NaN for fewer than `bench.values.few.TEST` subjects.
+    """Two-sided exact p of the signed rank test; NaN for fewer than `bench.values.few.FEWEST_FOR_TEST` subjects.
 
     Equal differences share their mean rank, zeros are left out.
     """
-    if len(differences) < few.TEST:
+    if len(differences) < few.FEWEST_FOR_TEST:
         return np.nan
     moved = differences[differences != 0]
     if len(moved) < 2:  # whatever its sign, one alone is as likely
@@ -150,12 +153,18 @@ def wilcoxon(differences: np.ndarray) -> float:
     halves = np.rint(2 * stats.rankdata(np.abs(moved))).astype(int)  # mean ranks are halves
     gained = halves[moved > 0].sum()
     return float(
-        min(1, 2 * _sums(tuple(sorted(halves)))[: min(gained, halves.sum() - gained) + 1].sum())
+        min(
+            1,
+            2
+            * _rank_sum_probabilities(tuple(sorted(halves)))[
+                : min(gained, halves.sum() - gained) + 1
+            ].sum(),
+        )
     )
 
 
 @lru_cache(maxsize=256)  # where no differences are equal, of all pairs of systems the same
-def _sums(ranks: tuple[int, ...]) -> np.ndarray:
+def _rank_sum_probabilities(ranks: tuple[int, ...]) -> np.ndarray:
     """Probability of each sum of ranks, from 0, if each of them counts or not with equal odds."""
     odds = np.zeros(sum(ranks) + 1)
     odds[0] = 1
@@ -165,33 +174,33 @@ def _sums(ranks: tuple[int, ...]) -> np.ndarray:
     return odds
 
 
-def shifts(differences: np.ndarray) -> tuple[float, float]:
+def wilcoxon_interval(differences: np.ndarray) -> tuple[float, float]:
     """95 % interval of a difference by the same test: every shift of the differences that it does not reject.
 
     Its ends are means of two differences, or one of these (Walsh averages; Hodges and Lehmann 1963). NaN where
     `wilcoxon` has no p.
     """
     n = len(differences)
-    if n < few.TEST:
+    if n < few.FEWEST_FOR_TEST:
         return np.nan, np.nan
     means = np.sort(((differences[:, None] + differences) / 2)[np.triu_indices(n)])
-    rejected = int((2 * _sums(tuple(range(1, n + 1))).cumsum() <= 0.05).sum())
+    rejected = int((2 * _rank_sum_probabilities(tuple(range(1, n + 1))).cumsum() <= 0.05).sum())
     return float(means[rejected - 1]), float(means[-rejected])
 
 
-def ranks(subjects: pd.DataFrame) -> pd.DataFrame:
+def rank_ranges(subjects: pd.DataFrame) -> pd.DataFrame:
     """The places that each system may have among all, ``best`` to ``worst``: each is tested against all others."""
     values, n = subjects.to_numpy(float), len(subjects)
     p = np.full((n, n), np.nan)
     for i, j in combinations(range(n), 2):
         p[i, j] = p[j, i] = wilcoxon((values[j] - values[i]).round(9))
-    worse = np.triu([holm(row) < 0.05 for row in p], 1)
+    worse = np.triu([correct_holm(row) < 0.05 for row in p], 1)
     return pd.DataFrame(
         {"best": 1 + worse.sum(axis=0), "worst": n - worse.sum(axis=1)}, index=subjects.index
     )
 
 
-def holm(p: np.ndarray) -> np.ndarray:
+def correct_holm(p: np.ndarray) -> np.ndarray:
     """Holm's correction of p-values; NaN are not tests and stay."""
     corrected = np.full(len(p), np.nan)
     order = np.argsort(p)[: int(np.isfinite(p).sum())]
@@ -206,7 +215,7 @@ def cohen_dz(differences: np.ndarray) -> tuple[float, float, float]:
     if sd < 1e-9:
         return np.nan, np.nan, np.nan
     d = differences.mean() / sd
-    if n < few.INTERVAL:
+    if n < few.FEWEST_FOR_INTERVAL:
         return float(d), np.nan, np.nan
     low, high = (
         special.nctdtrinc(n - 1, level, d * np.sqrt(n)) / np.sqrt(n) for level in (0.975, 0.025)
@@ -223,23 +232,23 @@ def rank_biserial(differences: np.ndarray) -> float:
     return float((ranks * np.sign(moved)).sum() / ranks.sum())
 
 
-def least_p(subjects: int, comparisons: int) -> float:
+def smallest_p(subjects: int, comparisons: int) -> float:
     """Smallest p that the two-sided signed rank test can reach after Holm's correction of so many comparisons."""
     return min(1.0, 2.0 ** (1 - subjects) * comparisons)
 
 
-def warnings(
+def limits_of_conclusions(
     subjects: int, systems: int, folds: int, mixed: bool, selected: bool = True
 ) -> list[str]:
     """Limits of the conclusions, in sentences; systems are compared with the best one where that was ``selected``."""
-    return sentences(
+    return render_sentences(
         *("bench.reading", "choice", "limits"),
-        few=few.too_few(subjects),
-        least=least_p(subjects, systems - 1),
-        alone=least_p(subjects, 1),
+        few=few.too_few_sentence(subjects),
+        least=smallest_p(subjects, systems - 1),
+        alone=smallest_p(subjects, 1),
         subjects=subjects,
         systems=systems,
         folds=folds,
-        mixed=MIXED if mixed else "",
+        mixed=MIXED_NOTE if mixed else "",
         selected=selected,
     )

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from bench.reports.views.base import View
-from bench.values.measures import Cost, Measure, percent
+from bench.values.measures import Cost, Measure, percent_measure
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from bench.values.candidate import Candidate, Wish
+    from bench.reading.reactions import Reactions
+    from bench.values.candidate import Candidate
     from bench.values.result import Result
 
 CONTEXT = (
@@ -25,8 +26,8 @@ CONTEXT = (
     "protocol_label",
 )  # of a run, in its tables
 ON_PAGE = (  # columns of the table on the page, after the times
-    percent("replay_accuracy", "whole"),
-    percent("adaptive_accuracy", "adaptive", spare=1),
+    percent_measure("replay_accuracy", "whole"),
+    percent_measure("adaptive_accuracy", "adaptive", spare=1),
     Measure("adaptive_ms", "after ms", form=".0f", spare=1),
     Measure("replay_ms", "computing ms p50 / p95", ("replay_ms_p50", "replay_ms_p95")),
 )
@@ -40,21 +41,21 @@ DRAWN = "Left: accuracy against milliseconds of touch. Right: fixed windows and 
 class Instants(View):
     """Accuracy against milliseconds of touch."""
 
-    alike: ClassVar[Mapping[str, tuple[str, str]]] = {
+    shared_parameters: ClassVar[Mapping[str, tuple[str, str]]] = {
         "stream.start": ("from the {} of the capture", "onset"),
         "stream.hop_ms": ("a decision every {} ms", "None"),
         "stream.after": ("after {} ms", "each"),
     }
     heading: ClassVar[str] = "Accuracy in percent, mean over subjects, against touch seen"
     section_heading: ClassVar[str] = "Early decisions"
-    line: ClassVar[str] = "accuracy against milliseconds of touch"
-    ranked: ClassVar[bool] = True
+    section_summary: ClassVar[str] = "accuracy against milliseconds of touch"
+    marks_best: ClassVar[bool] = True
     score: ClassVar[str] = "replay_accuracy"
-    shown: ClassVar[tuple[Measure, ...]] = (
-        Measure("start", read="stream.start", spare=10),
-        percent("accuracy", "whole", "replay_accuracy", ends="replay_accuracy"),
+    columns: ClassVar[tuple[Measure, ...]] = (
+        Measure("start", source="stream.start", spare=10),
+        percent_measure("accuracy", "whole", "replay_accuracy", ends="replay_accuracy"),
         Measure("mean_ms", "mean ms", form=".0f", spare=16),
-        percent("adaptive_accuracy", "early stop %"),
+        percent_measure("adaptive_accuracy", "early stop %"),
         Measure("adaptive_ms", "at mean ms", form=".0f"),
         Measure(
             "decide_ms", "computing ms", tuple(f"replay_ms_p{p}" for p in (50, 95, 99)), spare=14
@@ -64,70 +65,75 @@ class Instants(View):
     costs: ClassVar[tuple[Cost, ...]] = (
         Cost(
             "decision",
-            read="capture_ms",
+            source="capture_ms",
             unit="ms",
             noun="decision time",
-            words="until the decision",
+            phrase="until the decision",
             axis="ms of touch before the label",
             help="longest touch before the decision, such as 1s",
-            on=("captures",),
+            measured_on=("captures",),
             spare=2,
             shows=(),
         ),
     )
 
-    def shows(self, results: Sequence[Result]) -> Sequence[Measure]:
+    def table_columns(self, results: Sequence[Result]) -> Sequence[Measure]:
         """Columns of the times that results have, and of early stopping where it was learned."""
         start, *others = (
-            m for m in self.shown if self._learned(results) or not m.key.startswith("adaptive")
+            m
+            for m in self.columns
+            if self._has_learned_stopping(results) or not m.key.startswith("adaptive")
         )
-        return [start, *self.seen(results), *others]
+        return [start, *self.accuracy_columns(results), *others]
 
-    def seen(self, results: Sequence[Result]) -> list[Measure]:
+    def accuracy_columns(self, results: Sequence[Result]) -> list[Measure]:
         """Accuracy after each time that was asked for, or after round ones."""
         times = {
             k.split("_")[2] for r in results for k in r.metrics if k.startswith("accuracy_at_")
         }
         spare = {"500": 0, "1000": 0, "250": 5, "2000": 6}
         return [
-            percent(f"at_{ms}", f"{ms} ms", f"accuracy_at_{ms}_ms", spare=spare.get(ms, 7))
+            percent_measure(f"at_{ms}", f"{ms} ms", f"accuracy_at_{ms}_ms", spare=spare.get(ms, 7))
             for ms in sorted(times, key=float)
         ]
 
-    def title(self, results: Sequence[Result]) -> str:
+    def table_title(self, results: Sequence[Result]) -> str:
         """Heading of the table, which says whether stopping was learned."""
-        return self.heading + "; stopping learned on training subjects" * self._learned(results)
+        return (
+            self.heading
+            + "; stopping learned on training subjects" * self._has_learned_stopping(results)
+        )
 
-    def _learned(self, results: Sequence[Result]) -> bool:
+    def _has_learned_stopping(self, results: Sequence[Result]) -> bool:
         return any("adaptive_accuracy" in r for r in results)
 
-    def then(self, results: Sequence[Result]) -> str:
+    def next_command(self, results: Sequence[Result]) -> str:
         """The next command to type."""
-        from bench.reading.frame import choosing
+        from bench.reading.frame import choose_command
 
-        return choosing(results, by="decision")
+        return choose_command(results, by="decision")
 
-    def figure(self, result: Result, folder: Path) -> None:
+    def draw_run(self, result: Result, folder: Path) -> None:
         """Draw accuracy against touch seen."""
         from bench.reports.figures import write_svg
 
-        write_svg(self.drawn([result]), folder / "streaming.svg")
+        write_svg(self.draw_for_page([result]), folder / "streaming.svg")
 
-    def on_page(self, results: Sequence[Result]) -> Sequence[Measure]:
+    def page_columns(self, results: Sequence[Result]) -> Sequence[Measure]:
         """Accuracy after each time, and of stopping at the learned threshold."""
-        return [*self.seen(results), *ON_PAGE]
+        return [*self.accuracy_columns(results), *ON_PAGE]
 
-    def captions(self) -> tuple[str, str]:
+    def page_captions(self) -> tuple[str, str]:
         """Captions of the figure and of the table on the page."""
         return DRAWN, CAPTION
 
-    def drawn(self, results: Sequence[Result]) -> Figure:
+    def draw_for_page(self, results: Sequence[Result]) -> Figure:
         """Accuracy against touch seen."""
-        from bench.reports.curves import touch_seen
+        from bench.reports.curves import draw_touch_seen
 
-        return touch_seen(results)
+        return draw_touch_seen(results)
 
-    def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+    def csv_tables(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """Accuracy by instant of all systems, and of stopping at each threshold where it was learned."""
         import pandas as pd
 
@@ -141,12 +147,14 @@ class Instants(View):
                 made[name] = pd.concat(parts, ignore_index=True)
         return made
 
-    def offers(self, result: Result, wish: Wish) -> bool:
-        """True for a replay from the onset, where a time of decision was asked for."""
-        return wish.most is not None and result.about["stream.start"] == "onset"
+    def has_candidate(self, result: Result) -> bool:
+        """True for a replay from the onset."""
+        return result.attributes["stream.start"] == "onset"
 
-    def candidates(self, result: Result, wish: Wish) -> Iterator[Candidate]:
+    def candidates(
+        self, result: Result, reactions: Reactions, latest_ms: float | None
+    ) -> Iterator[Candidate]:
         """The system after each time that is soon enough."""
         from bench.reading.reactions import early_candidates
 
-        return early_candidates(result, wish)
+        return early_candidates(result, reactions, latest_ms)

@@ -6,27 +6,28 @@ import pytest
 from scipy.stats import ttest_rel
 
 from bench.errors import InputError
-from bench.reading.candidates import PLAIN, Candidates, candidates, eligible
-from bench.reading.choice import decide, expectation, expected, reasons
-from bench.reading.runs import NothingTracked, selected, without_runs
-from bench.values.candidate import Wish
+from bench.reading.candidates import Candidates, comparable_runs, find_candidates
+from bench.reading.choice import choose_candidate
+from bench.reading.runs import NothingTracked, select_runs, warn_of_missing_runs
 from tests.results import evaluated, made_up, result, systems_of
 
 
-def table(accuracies, **costs):
+def made(accuracies, **costs):
+    """Candidates with these accuracies of subjects and costs."""
     subjects = pd.DataFrame(accuracies).rename(columns=lambda i: "abcdef"[i]).astype(float)
     rows = pd.DataFrame({"system": [f"s{i}" for i in range(len(subjects))], "unit": "capture"})
     usual = {name: [1.0] * len(rows) for name in ("flash", "ram", "predict", "decision")}
-    return rows.assign(accuracy=subjects.mean(axis=1), **usual | costs), subjects
+    rows = rows.assign(accuracy=subjects.mean(axis=1), **usual | costs)
+    return Candidates(rows, subjects, np.empty(0), np.empty(0), result(), [])
 
 
 def test_the_cheapest_within_one_standard_error_is_chosen():
     # s1 loses 1, 3, 0, 0 points: mean 1, SD sqrt(2), SE 0.707: worse.
     # s2 loses 3, -1, 2, -2: mean 0.5, SE 1.19: near the best.
-    rows, subjects = table(
+    candidates = made(
         [[80, 70, 60, 90], [79, 67, 60, 90], [77, 71, 58, 92]], flash=[50.0, 1.0, 9.0]
     )
-    choice = decide(rows, subjects, "flash", {}, None)
+    choice = choose_candidate(candidates, "flash", {})
     assert (choice.chosen, choice.best, choice.costlier) == (2, 0, 0)
     assert list(choice.table.index) == [1, 2, 0]  # cheapest first
     assert list(choice.table["verdict"]) == ["below the best", "chosen", "the best, costlier"]
@@ -37,58 +38,64 @@ def test_the_cheapest_within_one_standard_error_is_chosen():
 
 
 def test_budgets_rule_out_what_is_over_them_or_not_known():
-    rows, subjects = table([[90] * 4, [80] * 4, [70] * 4, [60] * 4], ram=[40.0, np.nan, 32.0, 1.0])
-    choice = decide(rows, subjects, "flash", {"ram": 32.0}, None)
+    candidates = made([[90] * 4, [80] * 4, [70] * 4, [60] * 4], ram=[40.0, np.nan, 32.0, 1.0])
+    choice = choose_candidate(candidates, "flash", {"ram": 32.0})
     assert (choice.chosen, choice.best) == (2, 2)
     assert choice.table["verdict"][:2].to_dict() == {
         0: "ruled out: ram 40 kB > 32 kB",
         1: "ruled out: ram unknown",
     }
     assert (
-        decide(rows, subjects, "flash", {"ram": 32.0 * (1 - 1e-12)}, None).chosen == 2
+        choose_candidate(candidates, "flash", {"ram": 32.0 * (1 - 1e-12)}).chosen == 2
     )  # rounding is no excess
-    assert decide(rows, subjects, "flash", {"ram": 0.5}, None).chosen is None
+    assert choose_candidate(candidates, "flash", {"ram": 0.5}).chosen is None
 
 
 def test_a_margin_asks_for_proof_of_equivalence():
     best = np.random.default_rng(0).uniform(60, 90, 6)
     noise = np.array([0.5, -0.4, 0.1, -0.1, 0.3, -0.2])
-    rows, subjects = table([best, best - 1 + noise, best - 1 + 12 * noise], flash=[9.0, 2.0, 1.0])
+    candidates = made([best, best - 1 + noise, best - 1 + 12 * noise], flash=[9.0, 2.0, 1.0])
     for i, shown in ((1, True), (2, False)):
-        p = ttest_rel(subjects.loc[0] - 3, subjects.loc[i], alternative="less").pvalue
+        p = ttest_rel(
+            candidates.subjects.loc[0] - 3, candidates.subjects.loc[i], alternative="less"
+        ).pvalue
         assert (p < 0.05) == shown
-    assert [decide(rows, subjects, "flash", {}, margin).chosen for margin in (3.0, 0.5)] == [1, 0]
-    few, subjects = table([[90] * 5, [89.5] * 5], flash=[9.0, 1.0])
-    assert decide(few, subjects, "flash", {}, 3.0).chosen == 0  # too few for a p value
+    assert [choose_candidate(candidates, "flash", {}, margin).chosen for margin in (3.0, 0.5)] == [
+        1,
+        0,
+    ]
+    few = made([[90] * 5, [89.5] * 5], flash=[9.0, 1.0])
+    assert choose_candidate(few, "flash", {}, 3.0).chosen == 0  # too few for a p value
 
 
 def test_each_budget_has_its_price_and_what_binds():
     # Without ram: s0, whose subjects are 10, 14, 10 and 6 points better than those of s2: mean 10, SD sqrt(32 / 3).
     accuracies = [[90, 84, 70, 76], [80] * 4, [80, 70, 60, 70]]
-    rows, subjects = table(
+    candidates = made(
         accuracies, ram=[40.0, 32.0, 8.0], flash=[9.0, 20.0, 3.0], predict=[1.0, np.nan, 2.0]
     )
-    choice = decide(rows, subjects, "flash", {"ram": 32.0, "flash": 10.0}, None)
-    ram, flash = choice.budgets
-    assert (choice.chosen, ram.over, ram.unknown, ram.least, ram.without) == (2, 1, 0, 2, 0)
-    assert (ram.gain, ram.error) == pytest.approx((10, np.sqrt(32 / 3) / 2))
-    assert (flash.without, flash.gain) == (1, 10)
-    loose = decide(rows, subjects, "flash", {"ram": 50.0}, None)
-    assert (loose.budgets[0].without, loose.budgets[0].gain) == (loose.best, 0)
-    ram, predict = decide(rows, subjects, "flash", {"ram": 4.0, "predict": 1.5}, None).budgets
-    assert (ram.over, ram.least, ram.without) == (3, 2, 0) and np.isnan(ram.gain)
-    assert (predict.over, predict.unknown, predict.least, predict.without) == (1, 1, 0, None)
+    choice = choose_candidate(candidates, "flash", {"ram": 32.0, "flash": 10.0})
+    ram, flash = choice.limits
+    counts = ["over", "unknown", "least", "without"]
+    assert choice.chosen == 2 and [ram[key] for key in counts] == [1, 0, 2, 0]
+    assert (ram["gain"], ram["error"]) == pytest.approx((10, np.sqrt(32 / 3) / 2))
+    assert (flash["without"], flash["gain"]) == (1, 10)
+    loose = choose_candidate(candidates, "flash", {"ram": 50.0})
+    assert (loose.limits[0]["without"], loose.limits[0]["gain"]) == (loose.best, 0)
+    ram, predict = choose_candidate(candidates, "flash", {"ram": 4.0, "predict": 1.5}).limits
+    assert [ram[key] for key in counts] == [3, 0, 2, 0] and np.isnan(ram["gain"])
+    assert [predict[key] for key in counts] == [1, 1, 0, None]
 
 
 def test_ties_and_one_subject():
-    tied, subjects = table(
+    candidates = made(
         [[0.1, 0.2, 0.3, 0.0], [0.3, 0.2, 0.1, 0.0]], flash=[9.0, 1.0]
     )  # sums differ by 1e-17
-    choice = decide(tied, subjects, "flash", {}, None)
+    choice = choose_candidate(candidates, "flash", {})
     assert (choice.chosen, choice.best, choice.costlier) == (1, 1, None)
-    rows, subjects = table([[90.0], [90.0], [80.0]], flash=[9.0, 5.0, 1.0])
-    choice = decide(rows, subjects, "flash", {"ram": 2.0}, None)
-    words = " ".join(reasons(choice, "flash", None, 1))
+    candidates = made([[90.0], [90.0], [80.0]], flash=[9.0, 5.0, 1.0])
+    choice = choose_candidate(candidates, "flash", {"ram": 2.0})
+    words = " ".join(choice.reasons())
     assert choice.chosen == 1 and "1 subject: too few for an interval" in words
     assert "within" not in words and "nan" not in words
 
@@ -109,45 +116,44 @@ def people_of(seed, candidates=5, subjects=6):
     frame = pd.DataFrame(scores, columns=[*"abcdefghijkl"[:subjects]])
     table = pd.DataFrame({"system": "s", "unit": "capture", "accuracy": scores.mean(axis=1)})
     table["flash"] = [*rng.uniform(1, 50, candidates - 1), np.nan]
-    return Candidates(table, frame, losses, counts, result(), []).with_costs(OF_PEOPLE)
+    return Candidates(table, frame, losses, counts, result(), []).with_people_costs(OF_PEOPLE)
 
 
 def test_costs_of_people_are_those_of_a_loop():
     people = people_of(0)
     alarms, hours = people.counts.sum(axis=2)
-    costs = people.with_costs(("worst_person", "fault_loss", "worst_fault", "flash")).table
+    costs = people.with_people_costs(("worst_person", "fault_loss", "worst_fault", "flash")).table
     scores = people.subjects.to_numpy()
     for i, row in enumerate(scores):
         assert costs["worst_person"][i] == min(row)
-        assert people.lowest(2)[i] == pytest.approx(np.mean(sorted(row)[:2]))
+        assert people.mean_of_lowest(2)[i] == pytest.approx(np.mean(sorted(row)[:2]))
         assert costs["fault_loss"][i] == pytest.approx(
             np.mean([np.mean(case) for case in people.losses[i]])
         )
         assert costs["worst_fault"][i] == pytest.approx(
             max(np.mean(case) for case in people.losses[i])
         )
-        assert people.rate()[i] == pytest.approx(alarms[i] / hours[i])
+        assert people.events_per_hour()[i] == pytest.approx(alarms[i] / hours[i])
     assert costs["flash"].equals(people.table["flash"])
-    assert people.without(2, ()).lowest(1)[0] == min(np.delete(scores[0], 2))
+    assert people.without_person(2, ()).mean_of_lowest(1)[0] == min(np.delete(scores[0], 2))
 
 
 @pytest.mark.parametrize("budgets", [{}, {"worst_person": 55.0, "fault_loss": 9.0}])
 def test_each_person_is_left_out_of_the_choice_and_of_nothing_else(budgets):
-    found = 0
+    others = 0
     for seed in range(8):
-        among = people_of(seed)
-        chosen = decide(among.table, among.subjects, "flash", budgets, None).chosen
-        scores = expected(among, chosen, "flash", budgets, None)
-        if chosen is None:
-            assert scores is None
+        choice = choose_candidate(people_of(seed), "flash", budgets)
+        if choice.chosen is None:
+            assert choice.left_out_scores is None
             continue
-        for person in range(6):
-            left = among.without(person, OF_PEOPLE)
-            other = decide(left.table, left.subjects, "flash", budgets, None).chosen
-            own = among.subjects.iloc[:, person]
-            assert np.isnan(scores[person]) if other is None else scores[person] == own[other]
-            found += other not in (None, chosen)
-    assert found and expected(people_of(0, subjects=4), 0, "flash", {}, None) is None
+        for person, score in enumerate(choice.left_out_scores):
+            left = choice.candidates.without_person(person, OF_PEOPLE)
+            other = choose_candidate(left, "flash", budgets).chosen
+            scores = choice.candidates.subjects.iloc[:, person]
+            assert np.isnan(score) if other is None else score == scores[other]
+            others += other not in (None, choice.chosen)
+    assert others
+    assert choose_candidate(people_of(0, subjects=4), "flash", {}).left_out_scores is None
 
 
 # Which runs are candidates
@@ -164,7 +170,7 @@ def run(system, predictions=None, tables=None, **about):
 
 
 def systems(results, asked=None, **how):
-    return sorted(systems_of(eligible(results, asked or {}, **how)[0]))
+    return sorted(systems_of(comparable_runs(results, asked or {}, **how)[0]))
 
 
 def percents(labelled):
@@ -183,7 +189,7 @@ def test_seeds_are_averaged():
         for s, table in enumerate(tables)
     ]
     other = run("lda", **{"touchbench.conditions": "cover", "cpu": "two"})
-    among = candidates([*seeds, other], {})
+    among = find_candidates([*seeds, other], {})
     assert among.table[["system", "unit", "flash", "conditions", "cpu"]].to_numpy().tolist() == [
         ["lda (uses cover)", "capture", 4.0, "cover", "two"],
         ["rf", "capture", 5.0, "", "one"],
@@ -196,8 +202,8 @@ def test_seeds_are_averaged():
     assert among.subjects.loc[1].to_dict() == pytest.approx(
         {s: (one[s] + other[s]) / 2 for s in one}
     )
-    assert not among.mixed and among.context == "synth (synthetic), all, LOSO"
-    assert candidates([run("lda", mixes_subjects="true")], {}).mixed
+    assert not among.mixes_subjects and among.context == "synth (synthetic), all, LOSO"
+    assert find_candidates([run("lda", mixes_subjects="true")], {}).mixes_subjects
 
 
 def test_a_replayed_system_decides_as_late_as_the_budget_allows():
@@ -226,11 +232,11 @@ def test_a_replayed_system_decides_as_late_as_the_budget_allows():
         most,
         units,
     ) in soon.items():  # the earliest, where none is soon enough: it says how far it is from that
-        assert list(candidates(results, {}, Wish(PLAIN, most)).table["unit"]) == [
+        assert list(find_candidates(results, {}, latest_ms=most).table["unit"]) == [
             "capture",
             *units,
         ], most
-    among = candidates(results, {}, Wish(PLAIN, np.inf))
+    among = find_candidates(results, {}, latest_ms=np.inf)
     assert among.table["decision"].tolist() == [300, 100, 200] and among.table[
         "predict"
     ].tolist() == [2, 0.5, 0.5]
@@ -243,7 +249,7 @@ def test_runs_on_the_newest_corpus_of_a_name_win():
         run(system, corpus_digest=digest * 64)
         for system, digest in (("svm", "a"), ("rf", "a"), ("lda", "b"))
     ]
-    kept, (note,) = eligible(results, {})
+    kept, (note,) = comparable_runs(results, {})
     assert systems_of(kept) == ["lda"] and "2 older runs" in note and "aaaaaaaa" in note
     asked = {
         name: [results[0][name]] for name in ("corpus_digest", "protocol_label")
@@ -274,7 +280,7 @@ def test_arguments_tell_protocols_apart():
 def test_a_run_with_a_failed_fold_is_named():
     results = [run("svm"), run("svm", status="FAILED"), run("rf", status="FAILED")]
     results.append(run("xgb", status="FAILED", corpus_digest="e" * 64))  # elsewhere
-    kept, (note,) = eligible(results, {})
+    kept, (note,) = comparable_runs(results, {})
     assert systems_of(kept) == ["svm"] and "folds failed: rf." in note
     with pytest.raises(NothingTracked, match="folds failed: rf"):
         systems(results, {"system": ["rf"]})
@@ -291,19 +297,23 @@ def test_a_model_of_a_file_goes_by_its_file_and_by_its_name(tmp_path):
         "svm.svm": 2,
         "svm.py:svm": 2,
     }.items():
-        assert selected(results, {"model": [name]}) == [results[row]], name
+        assert select_runs(results, {"model": [name]}) == [results[row]], name
     asked = {"model": ["other.py:near", "near", "rf"], "features": ["touch", "balli"]}
-    assert without_runs(results, asked) == ["features=balli", "model=other.py:near", "model=rf"]
+    assert warn_of_missing_runs(results, asked) == [
+        "features=balli",
+        "model=other.py:near",
+        "model=rf",
+    ]
 
 
 def test_what_to_expect_is_the_mean_of_people_left_out_and_the_worst_person():
-    among = people_of(1)
+    choice = choose_candidate(people_of(1), "flash", {})
     scores = np.array([70.0, 80, 75, 85, 80, 90])
-    said = expectation(scores, among, 0)
-    assert said[0].startswith(
-        "Expect 80.0 % [72.6, 87.4] for new people"
-    )  # 80 +- 2.571 * 7.071 / sqrt(6)
-    own = among.subjects.loc[0]
-    assert f"subject {own.idxmin()}, has {own.min():.1f} %" in said[1]
-    assert "nothing fits" in expectation(np.array([*scores[:5], np.nan]), among, 0)[0]
-    assert expectation(None, among, 0) == [] == expectation(scores, among, None)
+    vars(choice)["left_out_scores"] = scores
+    expect, worst = choice.expectation()
+    # 80 +- 2.571 * 7.071 / sqrt(6)
+    assert expect.startswith("Expect 80.0 % [72.6, 87.4] for new people")
+    own = choice.candidates.subjects.loc[choice.chosen]
+    assert f"subject {own.idxmin()}, has {own.min():.1f} %" in worst
+    vars(choice)["left_out_scores"] = np.array([*scores[:5], np.nan])
+    assert "nothing fits" in choice.expectation()[0]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.reading.frame import by_subject, frame, grouped, names
+from bench.reading.frame import accuracy_by_subject, group_results, name_rows, runs_table
 from tests.results import evaluated, result, with_hits
 
 OTHER = {"corpus_digest": "e" * 64}
@@ -25,13 +25,15 @@ ROWS = [  # tags of runs of a system, and what is told beside its name
 
 def test_a_name_tells_what_differs_from_rows_of_the_same_system():
     for runs, told in ROWS:
-        assert names([result("svm", **tags) for tags in runs]) == [f"svm{words}" for words in told]
+        assert name_rows([result("svm", **tags) for tags in runs]) == [
+            f"svm{words}" for words in told
+        ]
     runs = [result("svm"), result("svm", protocol="kfold")]
-    assert names(runs) == ["svm", "svm"] and names(runs, context=True) == [
+    assert name_rows(runs) == ["svm", "svm"] and name_rows(runs, context=True) == [
         "svm, protocol loso",
         "svm, protocol kfold",
     ]
-    one, two = names([result("svm"), result("svm")])  # made again by other code
+    one, two = name_rows([result("svm"), result("svm")])  # made again by other code
     assert one != two and one.startswith("svm, run ")
 
 
@@ -42,7 +44,7 @@ def test_runs_on_the_same_captures_under_the_same_protocol_are_a_group():
         result("c", protocol_label="KFold"),
         result("d", corpus_digest="e" * 64),
     ]
-    groups = grouped(runs)
+    groups = group_results(runs)
     assert [[r["system"] for r in members] for members in groups.values()] == [
         ["a", "b"],
         ["c"],
@@ -55,8 +57,8 @@ def test_runs_on_the_same_captures_under_the_same_protocol_are_a_group():
         and "KFold" in other
     )
     starts = [result("a", **{"stream.start": start}) for start in ("onset", "middle")]
-    assert len(grouped(starts)) == 1
-    assert [*grouped(starts, {"stream.start": ("from the {}", "onset")})] == [
+    assert len(group_results(starts)) == 1
+    assert [*group_results(starts, {"stream.start": ("from the {}", "onset")})] == [
         "synth (synthetic), all, LOSO",
         "synth (synthetic), all, LOSO, from the middle",
     ]
@@ -64,7 +66,7 @@ def test_runs_on_the_same_captures_under_the_same_protocol_are_a_group():
 
 def test_a_row_holds_what_a_run_is():
     run = evaluated("svm", with_hits([20, 10]), **{"model.C": 8.0})
-    (row,) = frame([run]).to_dict("records")
+    (row,) = runs_table([run]).to_dict("records")
     assert (
         row["accuracy"] == pytest.approx(75)
         and row["flash_bytes"] == 4000
@@ -76,7 +78,7 @@ def test_a_row_holds_what_a_run_is():
         and row["complete"]
     )
     assert row["folds"] == "2/2" and row["data"] == "synth (synthetic)"
-    assert not frame([evaluated("svm", failed=2)])["complete"][0] and frame([]).empty
+    assert not runs_table([evaluated("svm", failed=2)])["complete"][0] and runs_table([]).empty
 
 
 def test_accuracy_by_subject_is_of_complete_results_of_all_subjects():
@@ -87,6 +89,6 @@ def test_accuracy_by_subject_is_of_complete_results_of_all_subjects():
         evaluated("cut", with_hits([20, 20]), failed=1),
         evaluated("one", with_hits([20])),
     ]
-    table, seeds = by_subject(results)
+    table, seeds = accuracy_by_subject(results)
     assert table.index.tolist() == ["better", "worse"] and seeds.tolist() == [2, 1]
     np.testing.assert_allclose(table.to_numpy(), [[95, 90], [50, 60]])

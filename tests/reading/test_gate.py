@@ -12,19 +12,19 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 
 from bench.errors import InputError
-from bench.grammar.options import options
+from bench.grammar.options import command_options
 from bench.reading.gate import (
-    Measured,
-    compare,
-    drawn,
-    free,
-    interval,
-    p_value,
-    read,
-    text,
-    units_of,
+    SystemRecord,
+    baseline_json,
+    bootstrap_distribution,
+    bootstrap_interval,
+    bootstrap_p,
+    bootstrap_units,
+    compare_with_baseline,
+    read_baseline,
+    why_labels_may_differ,
 )
-from bench.running.results import FoldResult, costs
+from bench.running.results import FoldResult, combine_costs
 
 NAMES = {
     "data": "toy",
@@ -35,7 +35,7 @@ NAMES = {
     "system": "s",
 }
 HERE = {"cpu": "x", "threads": "1", "version.numpy": "2"}
-LIMITS = {name: options("check")[name].default for name in ("error", "slower")}
+LIMITS = {name: command_options("check")[name].default for name in ("error", "slower")}
 
 
 def measured(right, seed="none", costs=None, **fields):
@@ -45,12 +45,12 @@ def measured(right, seed="none", costs=None, **fields):
     )
     labels["fold"] = labels["subject"] = labels["capture"].astype(str)
     costs = {"relative": 2.0, "flash": 400.0} if costs is None else costs
-    return Measured("model=svm", NAMES | {"seed": seed} | fields, HERE, costs, labels, True)
+    return SystemRecord("model=svm", NAMES | {"seed": seed} | fields, HERE, costs, labels, True)
 
 
 def words(then, now, **limits):
-    (verdict,) = compare([then], [now], **LIMITS | limits)
-    return verdict.wrong
+    (verdict,) = compare_with_baseline([then], [now], **LIMITS | limits)
+    return verdict.alarms
 
 
 @given(st.lists(st.integers(-3, 3), min_size=1, max_size=4))
@@ -58,15 +58,15 @@ def test_the_bootstrap_is_the_limit_of_drawing_with_replacement(differences):
     differences = np.array(differences)
     n = len(differences)
     sums = Counter(sum(draw) for draw in itertools.product(differences, repeat=n))
-    values, chance = drawn(differences, n)
+    values, chance = bootstrap_distribution(differences, n)
     assert dict(zip(values[chance > 0], chance[chance > 0], strict=True)) == pytest.approx(
         {s: count / n**n for s, count in sums.items()}
     )
     signed = itertools.product([*differences, *-differences], repeat=n)
     far = sum(abs(sum(draw)) >= abs(differences.sum()) for draw in signed)
-    assert p_value(differences) == pytest.approx(far / (2 * n) ** n)
+    assert bootstrap_p(differences) == pytest.approx(far / (2 * n) ** n)
     every = np.repeat([*sums], [*sums.values()])
-    low, high = interval(differences)
+    low, high = bootstrap_interval(differences)
     assert (every <= low).mean() >= 0.025 - 1e-9 and (every < low).mean() <= 0.025 + 1e-9
     assert (every <= high).mean() >= 0.975 - 1e-9 and (every < high).mean() <= 0.975 + 1e-9
 
@@ -78,7 +78,7 @@ def test_the_chances_of_a_false_alarm_are_as_stated():
     for _ in range(1500):
         luck = rng.normal(0, 0.1, (2, 12, 1))
         hits = (rng.random((2, 12, 20)) < 0.6 + luck).sum(axis=2)
-        p.append(p_value(hits[1] - hits[0]))
+        p.append(bootstrap_p(hits[1] - hits[0]))
     p = np.array(p)
     for level in (0.05, 0.01):  # at most the level, but for the chance of this very simulation
         assert binom.sf((p < level).sum() - 1, len(p), level) > 1e-3
@@ -89,9 +89,9 @@ def test_captures_are_drawn_where_subjects_are_too_few():
     tested = pd.DataFrame({"subject": list("aabbccde"), "capture": [0, 1, 2, 3, 4, 4, 5, 6]})
     tested["difference"] = [1, 0, -1, -1, 1, 1, 0, -1]
     # none, one or two of five better by the toss of a coin, and as many worse: 2 * (1 + 5 + 10) / 2^5
-    units, kind = units_of(tested, 1.0)
+    units, kind = bootstrap_units(tested, 1.0)
     assert kind == "subjects" and units.tolist() == [1, -2, 2, 0, -1]
-    units, kind = units_of(tested, 0.99)
+    units, kind = bootstrap_units(tested, 0.99)
     assert kind == "captures" and units.tolist() == [
         1,
         0,
@@ -103,8 +103,8 @@ def test_captures_are_drawn_where_subjects_are_too_few():
     ]  # capture 4 was tested in two folds
     many = pd.DataFrame({"subject": range(16), "capture": range(16), "difference": 0})
     assert (
-        units_of(many, 2 * 137 / 2**16)[1] == "subjects"
-        and units_of(many[1:], 0.0042)[1] == "captures"
+        bootstrap_units(many, 2 * 137 / 2**16)[1] == "subjects"
+        and bootstrap_units(many[1:], 0.0042)[1] == "captures"
     )
 
 
@@ -116,8 +116,8 @@ def test_verdicts_on_accuracy_and_labels():
         "changed",
     )  # 12 labels, none too many right or wrong
     assert words(then, measured([0, 1] + [1, 0] * 59)) == ()  # rounding
-    (verdict,) = compare([then], [measured([0, 0] * 12 + [1, 0] * 48)], **LIMITS)
-    assert verdict.wrong == ("worse",)
+    (verdict,) = compare_with_baseline([then], [measured([0, 0] * 12 + [1, 0] * 48)], **LIMITS)
+    assert verdict.alarms == ("worse",)
     assert verdict.line.startswith(
         "worse    s | toy* | loso: pooled 50.0 -> 40.0 %, -10.0 [-15.8, -5.0], p "
     )
@@ -127,14 +127,14 @@ def test_a_random_system_is_held_to_its_labels_only_where_it_must_repeat_them():
     then = measured([1, 0] * 60, seed="0")
     other = measured([0, 1] * 20 + [1, 0] * 40, seed="1")
     assert words(then, replace(other, names=then.names)) == ("changed",)
-    assert words(then, other) == () and free(then, other) == "seed 1"
+    assert words(then, other) == () and why_labels_may_differ(then, other) == "seed 1"
     assert (
         "40 of 120 labels changed (allowed with seed 1)"
-        in compare([then], [other], **LIMITS)[0].line
+        in compare_with_baseline([then], [other], **LIMITS)[0].line
     )
     assert words(then, replace(other, names=then.names, environment=HERE | {"cpu": "y"})) == ()
     none = measured([1, 0] * 60)
-    assert not free(none, replace(none, environment={}))
+    assert not why_labels_may_differ(none, replace(none, environment={}))
 
 
 def test_verdicts_on_cost():
@@ -159,11 +159,11 @@ def test_an_alarm_names_the_stored_revision_since_which_runs_differ():
         0: "",
     }  # by how many runs are stored; c is as the baseline
     for count, words in told.items():
-        (verdict,) = compare(
-            [then], [worse], **LIMITS, history=lambda now, count=count: stored[:count]
+        (verdict,) = compare_with_baseline(
+            [then], [worse], **LIMITS, load_history=lambda now, count=count: stored[:count]
         )
         assert verdict.details.partition("flash x1.00")[2] == (f", {words}" if words else "")
-    (verdict,) = compare([then], [then], **LIMITS, history=lambda now: stored)
+    (verdict,) = compare_with_baseline([then], [then], **LIMITS, load_history=lambda now: stored)
     assert "since" not in verdict.line
 
 
@@ -173,11 +173,13 @@ def test_what_has_no_counterpart_is_no_pass():
         ([measured([1, 0, 1], seed="0", system="t")], "make one with: bench run model=svm"),
         ([measured([1, 0, 1], seed="0", corpus_digest="e")], "other captures than the baseline"),
     ):
-        (verdict,) = compare([then], current, **LIMITS)
-        assert verdict.wrong == ("not run",) and told in verdict.details and not verdict.current
+        (verdict,) = compare_with_baseline([then], current, **LIMITS)
+        assert verdict.alarms == ("not run",) and told in verdict.details and not verdict.current
     assert words(then, measured([1, 0, 1, 1], seed="0")) == ("other captures",)
     same, other = measured([1, 0, 1], seed="0"), measured([0, 0, 0, 0], seed="1")
-    assert compare([then], [same, other], **LIMITS)[0].wrong == ()  # the same seed before any other
+    assert (
+        compare_with_baseline([then], [same, other], **LIMITS)[0].alarms == ()
+    )  # the same seed before any other
 
 
 def test_one_busy_moment_counts_for_little_in_a_relative_time():
@@ -185,7 +187,7 @@ def test_one_busy_moment_counts_for_little_in_a_relative_time():
     metrics = [
         {name: factor * seconds for name, factor in names.items()} for seconds in (1.0, 2.0, 9.0)
     ]
-    numbers = costs(
+    numbers = combine_costs(
         [FoldResult("x", metrics=m, predict_ms=[1.0], decide_ms=[1.0]) for m in metrics]
     )
     assert (numbers["reference_ms"], numbers["predict_relative"]) == (2, 4)
@@ -206,8 +208,8 @@ def test_a_baseline_is_read_as_it_was_written(tmp_path_factory, rows):
     labels.insert(1, "capture", np.arange(len(rows)))
     stored = replace(measured([1]), labels=labels, run="""model=svm 'where=variant == "rough"'""")
     path = tmp_path_factory.mktemp("b") / "b.json"
-    path.write_text(text([stored, stored]), encoding="utf-8")
-    for found in read(path):
+    path.write_text(baseline_json([stored, stored]), encoding="utf-8")
+    for found in read_baseline(path):
         assert {**vars(found), "labels": 0} == {**vars(stored), "labels": 0}
         pd.testing.assert_frame_equal(
             found.labels.sort_values("capture", ignore_index=True), labels, check_dtype=False
@@ -215,7 +217,7 @@ def test_a_baseline_is_read_as_it_was_written(tmp_path_factory, rows):
 
 
 def test_a_damaged_baseline_is_refused(tmp_path):
-    good, path = text([measured([1, 0])]), tmp_path / "b.json"
+    good, path = baseline_json([measured([1, 0])]), tmp_path / "b.json"
     for wrong in (
         good.replace('"seed"', '"seeds"'),
         good.replace("]}\n", ""),
@@ -223,4 +225,4 @@ def test_a_damaged_baseline_is_refused(tmp_path):
     ):
         path.write_text(wrong)
         with pytest.raises(InputError):
-            read(path)
+            read_baseline(path)

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 
 import bench
 from bench.errors import InputError
-from bench.reading.groups import groupings
-from bench.reading.reactions import Reactions, by_decision, points_lost
-from bench.values.candidate import Losses
+from bench.reading.groups import accuracy_by_grouping
+from bench.reading.reactions import Reactions, points_lost, react_to_decisions
 from tests.reports.store import tracked_run
 from tests.results import case, made_up, stressed, with_hits
 
@@ -23,10 +22,14 @@ def test_probabilities_of_a_group_are_summed_and_the_cheapest_reaction_is_taken(
     proba = pd.DataFrame(
         [[0.3, 0.3, 0.4], [0.5, 0.45, 0.05], [0.4, 0.4, 0.2]], columns=["pat", "rub", "tap"]
     )
-    assert Reactions({"calm": ("pat", "rub")}).decided(proba).tolist() == ["calm"] * 3
-    assert Reactions().decided(proba).tolist() == ["tap", "pat", "pat"]  # a tie goes to the first
+    assert Reactions({"calm": ("pat", "rub")}).cheapest_reactions(proba).tolist() == ["calm"] * 3
+    assert Reactions().cheapest_reactions(proba).tolist() == [
+        "tap",
+        "pat",
+        "pat",
+    ]  # a tie goes to the first
     # calm costs 4 p(tap): 1.6, 0.2, 0.8; tap costs p(calm): 0.6, 0.95, 0.8; nothing costs 0.6.
-    assert ROBOT.decided(proba).tolist() == ["tap", "calm", "nothing"]
+    assert ROBOT.cheapest_reactions(proba).tolist() == ["tap", "calm", "nothing"]
 
 
 def test_scores_are_100_less_the_mean_cost_of_each_subject():
@@ -38,14 +41,14 @@ def test_scores_are_100_less_the_mean_cost_of_each_subject():
         ("b", "pat", "tap"),
     ]
     labelled = pd.DataFrame(rows, columns=["subject", "true", "predicted"])
-    assert ROBOT.scores(labelled).to_dict() == pytest.approx(
+    assert ROBOT.score_by_subject(labelled).to_dict() == pytest.approx(
         {"a": 100 - 400 / 3, "b": 100 - 160 / 2}
     )
     ignoring = Reactions({"calm": ("pat", "rub")}, ignored=True)
-    assert ignoring.scores(labelled).to_dict() == pytest.approx({"a": 200 / 3, "b": 0})
+    assert ignoring.score_by_subject(labelled).to_dict() == pytest.approx({"a": 200 / 3, "b": 0})
     assert (
-        Reactions({"nothing": ("tap",)}).scores(labelled)["b"] == 0
-        and not Reactions({"a": ("pat",)}).plain
+        Reactions({"nothing": ("tap",)}).score_by_subject(labelled)["b"] == 0
+        and not Reactions({"a": ("pat",)}).is_default
     )
 
 
@@ -55,9 +58,9 @@ def test_a_gesture_called_nothing_is_not_silence():
     with pytest.raises(
         InputError, match="nothing: this is also a gesture that is not listed; list it"
     ):
-        Reactions(silence=0.5).scores(labelled)
-    assert Reactions({"still": ("nothing",)}, silence=0.5).scores(labelled)["a"] == 75
-    assert Reactions({"nothing": ("nothing",)}).scores(labelled)["a"] == 100
+        Reactions(silence=0.5).score_by_subject(labelled)
+    assert Reactions({"still": ("nothing",)}, silence=0.5).score_by_subject(labelled)["a"] == 75
+    assert Reactions({"nothing": ("nothing",)}).score_by_subject(labelled)["a"] == 100
 
 
 @given(
@@ -66,9 +69,9 @@ def test_a_gesture_called_nothing_is_not_silence():
 )
 def test_decisions_equal_a_loop_over_all_reactions(seed, robot):
     table = made_up(subjects=2, per_class=1, seed=seed)
-    costs, reaction_of = robot.cost_table(["pat", "rub", "tap"]), robot.of(["pat", "rub", "tap"])
+    costs, reaction_of = robot.cost_table(["pat", "rub", "tap"]), robot.reaction_by_gesture(["pat", "rub", "tap"])
     for row, taken in zip(
-        table.to_dict("records"), by_decision(table, robot)["taken"], strict=True
+        table.to_dict("records"), react_to_decisions(table, robot)["taken"], strict=True
     ):
         expected = {
             said: sum(
@@ -81,7 +84,7 @@ def test_decisions_equal_a_loop_over_all_reactions(seed, robot):
 
 def test_a_reaction_that_does_not_exist_is_refused():
     with pytest.raises(InputError, match="no reaction petting"):
-        Reactions(costs={"tap": {"petting": 2.0}}).decided(
+        Reactions(costs={"tap": {"petting": 2.0}}).cheapest_reactions(
             pd.DataFrame({"pat": [0.5], "tap": [0.5]})
         )
 
@@ -97,12 +100,12 @@ def test_points_that_are_lost_under_faults_by_hand():
     ]
     labels = pd.concat([case(clean), *levels], ignore_index=True)
     run = stressed("svm", 1.0, {"noise": 0.0}, tables={"labels": labels})
-    lost = points_lost([run], Losses(("noise",), 2), ROBOT, "under")
+    lost = points_lost([run], ("noise",), 2, ROBOT, "under")
     assert lost.to_dict("index") == {
         ("noise", 1): {"1": 0, "2": 0, "3": 0},
         ("noise", 2): {"1": 200, "2": 0, "3": 0},
     }
-    assert points_lost([run], Losses(("noise", "shift"), 2), ROBOT, "under") is None
+    assert points_lost([run], ("noise", "shift"), 2, ROBOT, "under") is None
 
 
 def table(mistakes, of=4, gestures="abcd"):
@@ -132,13 +135,15 @@ def test_an_abstention_is_in_no_group_and_no_confusion():
     abstaining = rows.assign(
         **{name: rows[name].where(~gone, 0.0) for name in ("p_a", "p_b", "p_c", "p_d")}
     )
-    assert groupings(abstaining)["accuracy"].tolist() == pytest.approx([100 * 11 / 16, 75, 75])
+    assert accuracy_by_grouping(abstaining)["accuracy"].tolist() == pytest.approx(
+        [100 * 11 / 16, 75, 75]
+    )
 
 
 def test_the_pair_with_the_most_confusions_per_pair_of_captures_is_merged():
     # 12 captures of each. a and b: 5 mutual confusions / (12 * 12). Then ab and c: 4 / (24 * 12), c and d: 3 / (12 *
     # 12), so c and d are merged although ab and c have more confusions. The order is the same without any one person.
-    found = groupings(table(["ab ba ac bc cd", "ab ba ca dc", "ab ac dc"]))
+    found = accuracy_by_grouping(table(["ab ba ac bc cd", "ab ba ca dc", "ab ac dc"]))
     assert found["grouping"].tolist() == [
         (("a",), ("b",), ("c",), ("d",)),
         (("a", "b"), ("c",), ("d",)),
@@ -172,10 +177,12 @@ def test_nothing_of_a_person_decides_on_the_groups_of_that_person(seed, counts):
         )
         for i, count in enumerate(counts)
     ]
-    found = groupings(pd.concat(people))
+    found = accuracy_by_grouping(pd.concat(people))
     expected = []
     for i, person in enumerate(people):  # the grouping comes from a table without the person
-        chosen = groupings(pd.concat([p for k, p in enumerate(people) if k != i]))["grouping"]
+        chosen = accuracy_by_grouping(pd.concat([p for k, p in enumerate(people) if k != i]))[
+            "grouping"
+        ]
         expected.append([by_hand(person, grouping) for grouping in chosen])
     assert found["accuracy"].tolist() == pytest.approx(np.mean(expected, axis=0).tolist())
 

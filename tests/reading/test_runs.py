@@ -6,15 +6,15 @@ import pytest
 from bench.errors import InputError
 from bench.reading.runs import (
     NothingTracked,
-    asked_of,
-    every_result,
-    plain,
-    selected,
-    stored,
-    wanted,
+    load_results,
+    load_results_on_captures,
+    one_run_per_system,
+    parse_selection,
+    select_or_fail,
+    select_runs,
 )
-from bench.store.tables import file_of, write_table
-from bench.values.result import COUNTS
+from bench.store.tables import table_file, write_table
+from bench.values.result import FOLD_COUNTS
 from tests.reports.store import keep
 from tests.results import evaluated, made_up, result
 
@@ -24,13 +24,13 @@ def test_the_newest_of_equal_runs_counts_and_complete_ones_first(store):
     whole = keep(store, evaluated("a", made_up(3)))
     keep(store, evaluated("a", made_up(3), failed=1))  # newer, and hides no complete one
     broken = keep(store, evaluated("b", made_up(3), failed=1))
-    keep(store, result("c", metrics=dict.fromkeys(COUNTS, 0)))  # every fold failed
-    found = stored(store)
-    assert [r["run_id"] for r in found] == [whole, broken] and [r.complete for r in found] == [
+    keep(store, result("c", metrics=dict.fromkeys(FOLD_COUNTS, 0)))  # every fold failed
+    found = load_results_on_captures(store)
+    assert [r["run_id"] for r in found] == [whole, broken] and [r.is_complete for r in found] == [
         True,
         False,
     ]
-    assert [r["run_id"] for r in every_result(store)] == [whole, broken]
+    assert [r["run_id"] for r in load_results(store)] == [whole, broken]
 
 
 def test_of_a_system_in_several_circumstances_one_result_is_plain(store):
@@ -39,20 +39,20 @@ def test_of_a_system_in_several_circumstances_one_result_is_plain(store):
     both = keep(store, evaluated("a", made_up(3), train_subjects="2", **faults))
     fewer = keep(store, evaluated("a", made_up(3), **faults))
     newer = keep(store, evaluated("a", made_up(3), train_subjects="2"))
-    assert [r["run_id"] for r in stored(store)] == [newer]
+    assert [r["run_id"] for r in load_results_on_captures(store)] == [newer]
     keep(store, evaluated("a", made_up(3), failed=1))
-    assert [r["run_id"] for r in stored(store)] == [newer]
+    assert [r["run_id"] for r in load_results_on_captures(store)] == [newer]
     alone = keep(store, evaluated("a", made_up(3)))
-    assert [r["run_id"] for r in stored(store)] == [alone]
-    assert [r["run_id"] for r in plain(every_result(store))] == [alone]
-    assert {both, fewer, newer, alone} == {r["run_id"] for r in every_result(store)}
+    assert [r["run_id"] for r in load_results_on_captures(store)] == [alone]
+    assert [r["run_id"] for r in one_run_per_system(load_results(store))] == [alone]
+    assert {both, fewer, newer, alone} == {r["run_id"] for r in load_results(store)}
 
 
 def test_text_stays_text_in_tables(store, tmp_path):
     """Subjects and classes may be numbers, or words that pandas takes for nothing."""
     table = made_up(3).assign(subject="01").replace({"true": {"pat": "NA", "rub": "7"}})
     keep(store, evaluated("a", table))
-    tables = stored(store)[0].tables
+    tables = load_results_on_captures(store)[0].tables
     assert {*tables["predictions"]["true"]} == {"NA", "7", "tap"} and {
         *tables["per_subject"]["subject"]
     } == {"01"}
@@ -68,8 +68,8 @@ def test_text_stays_text_in_tables(store, tmp_path):
 
 def test_a_table_that_is_damaged_or_gone_is_named(store):
     run_id = keep(store, evaluated("lda", made_up(3)))
-    (one,) = stored(store)
-    path = store.path(run_id, one["artifacts"], file_of("predictions"))
+    (one,) = load_results_on_captures(store)
+    path = store.artifact_path(run_id, one["artifacts"], table_file("predictions"))
     path.write_bytes(path.read_bytes()[:-100])
     told = f"predictions of lda .run {run_id}. "
     with pytest.raises(InputError, match=f"{told}.*parquet is damaged; restore it") as error:
@@ -100,16 +100,16 @@ def test_keys_select_runs_and_latest_the_newest_parameters(store):
         store,
         evaluated("svm[C=1]", made_up(3), model_name="svm", data="haart", corpus_digest="e" * 64),
     )
-    every = every_result(store)
+    every = load_results(store)
 
     def ids(**values):
-        return [r["run_id"] for r in selected(every, asked_of(values))]
+        return [r["run_id"] for r in select_runs(every, parse_selection(values))]
 
     assert ids(latest="yes") == [*seeds, tuned, kfold, other]
     assert ids(latest="no") == ids() == [trial, *seeds, tuned, kfold, failed, other]
     assert ids(data="haart") == [other] and ids(protocol=["kfold"], model="svm") == [kfold]
     assert ids(run=f"{trial},{kfold}") == [trial, kfold] and ids(run=trial, latest=True) == [trial]
     with pytest.raises(NothingTracked, match="data=haar;"):
-        wanted(every, asked_of({"data": "haar"}))
+        select_or_fail(every, parse_selection({"data": "haar"}))
     with pytest.raises(InputError, match="model.C="):
-        asked_of({"model.C": "1"})
+        parse_selection({"model.C": "1"})

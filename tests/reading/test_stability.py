@@ -7,7 +7,14 @@ import pandas as pd
 import pytest
 from scipy.stats import binomtest
 
-from bench.values.stability import chance_of, curve, half_margins, sliced, slices, unharmed
+from bench.values.stability import (
+    accuracy_curve,
+    chance_accuracy,
+    clean_labels,
+    find_failing_slices,
+    half_margins,
+    test_slices,
+)
 from tests.results import under_stress
 
 WORDS = {"under": "fault"}
@@ -74,7 +81,7 @@ def test_a_planted_failure_is_found(failing, name, touched):
 def test_the_counts_and_p_values_of_a_slice():
     table = made_up(failing=lambda r: 0.1 if r["case"] == "noise" else None, subjects=8)
     found = found_in(table)
-    clean = unharmed(table)
+    clean = clean_labels(table)
     hit = clean["true"] == clean["predicted"]
     one = found.loc["subject 2"]
     mine = clean["subject"] == "2"
@@ -128,9 +135,9 @@ def test_groups_are_tested_in_each_circumstance_as_if_it_were_the_only_one():
     shift = shift.assign(circumstance=shift["circumstance"].replace("under", "after"))
     both = pd.concat([noise, shift[shift["circumstance"] == "after"]], ignore_index=True)
     words = {"under": "fault", "after": "time"}
-    numbers, tables = sliced(both, words, "gesture")
+    numbers, tables = find_failing_slices(both, words, "gesture")
     for key, labels in (("under", noise), ("after", shift)):
-        own, made = sliced(labels, {key: words[key]}, "gesture")
+        own, made = find_failing_slices(labels, {key: words[key]}, "gesture")
         rows = tables["slices"][tables["slices"]["circumstance"].isin(["", words[key]])]
         of = [each.set_index("slice").sort_index() for each in (rows, made["slices"])]
         pd.testing.assert_frame_equal(*of)
@@ -157,7 +164,7 @@ def test_small_slices_of_weak_methods_that_could_never_fail_are_not_tested():
         "length": 5,
     }
     table = table.assign(fold=table["subject"], **same)
-    found = slices(table, WORDS, "gesture").set_index("slice")
+    found = test_slices(table, WORDS, "gesture").set_index("slice")
     assert found.loc["gesture a", "captures"] == 12 and found.loc[
         "gesture a", "floor"
     ] == pytest.approx(0.8**12)
@@ -181,7 +188,7 @@ def test_curves_by_hand():
         rows, columns=["fold", "capture", "true", "predicted", "circumstance", "case", "level"]
     )
     table = table.assign(subject=table["fold"], amount="1 %", train_subjects=1, length=5)
-    (row,) = curve(table.sample(frac=1, random_state=0), "under").to_dict("records")
+    (row,) = accuracy_curve(table.sample(frac=1, random_state=0), "under").to_dict("records")
     assert (row["accuracy"], row["loss"], row["broken"], row["mended"], row["captures"]) == (
         0.5,
         0.25,
@@ -219,12 +226,12 @@ def test_length_and_training_subjects():
     )
     tables = (one := under_stress(pd.concat([table, fewer], ignore_index=True))).tables
     frames = tables["conditions"][tables["conditions"]["factor"] == "frames"]
-    units = unharmed(tables["labels"])
+    units = clean_labels(tables["labels"])
     assert len(frames) == 5 and frames["captures"].sum() == units["capture"].nunique()
     ends = sorted(tuple(map(int, value.split(" to "))) for value in frames["value"])
     assert all(high < low for (_, high), (low, _) in zip(ends[:-1], ends[1:], strict=True))
     assert tables["learning"]["train_subjects"].tolist() == [3, 9]
     assert tables["learning"]["accuracy"].tolist() == [0, one["accuracy"]]
     assert one["accuracy"] == pytest.approx((units["true"] == units["predicted"]).mean())
-    assert one["chance"] == chance_of(units) == 0.25
+    assert one["chance"] == chance_accuracy(units) == 0.25
     assert "frames" not in set(under_stress(made_up()).tables["conditions"]["factor"])

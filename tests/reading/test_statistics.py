@@ -12,7 +12,7 @@ from scipy import stats
 
 from bench.reading import statistics
 from bench.values.intervals import mean_and_error, within_one_standard_error
-from bench.values.pareto import front
+from bench.values.pareto import is_on_front
 from studies.published_tables import table
 
 RNG = np.random.default_rng(0)
@@ -53,14 +53,17 @@ def test_signed_ranks_of_many_subjects_and_of_none_that_differ():
 @pytest.mark.parametrize("n", [6, 8, 10, 12])
 def test_the_interval_of_a_difference_has_the_shifts_that_the_test_does_not_reject(n):
     d = RNG.normal(1, 2, n)
-    low, high = statistics.shifts(d)
+    low, high = statistics.wilcoxon_interval(d)
     for end, inwards in ((low, 1e-6), (high, -1e-6)):
         assert (
             signed_rank_by_hand(d - end - inwards) > 0.05 >= signed_rank_by_hand(d - end + inwards)
         )
-    assert statistics.shifts(np.array([3.0, -1, 4, 1, 5, 9])) == (-1, 9)  # of six, the whole range
-    assert np.isnan(statistics.shifts(d[:5])).all()
-    test = statistics.paired(pd.Series(d), pd.Series(np.zeros(n)))
+    assert statistics.wilcoxon_interval(np.array([3.0, -1, 4, 1, 5, 9])) == (
+        -1,
+        9,
+    )  # of six, the whole range
+    assert np.isnan(statistics.wilcoxon_interval(d[:5])).all()
+    test = statistics.paired_test(pd.Series(d), pd.Series(np.zeros(n)))
     assert (test["p"] < 0.05) == (test["low"] > 0 or test["high"] < 0)
 
 
@@ -78,7 +81,7 @@ def test_places_by_hand():
         "e": [66.0, 65.9] * 4,
     }
     subjects = pd.DataFrame.from_dict(rows, orient="index")
-    places = statistics.ranks(subjects)
+    places = statistics.rank_ranges(subjects)
     assert places.agg(tuple, axis=1).to_dict() == {
         "a": (1, 2),
         "c": (1, 3),
@@ -87,15 +90,15 @@ def test_places_by_hand():
         "e": (4, 5),
     }
     assert (
-        statistics.ranks(subjects.iloc[:, :5]).agg(tuple, axis=1).tolist() == [(1, 5)] * 5
+        statistics.rank_ranges(subjects.iloc[:, :5]).agg(tuple, axis=1).tolist() == [(1, 5)] * 5
     )  # nobody is tested
 
 
 def test_interval_is_scipys_paired_t_interval():
     a, b = RNG.normal(60, 8, 10), RNG.normal(57, 8, 10)
     expected = stats.ttest_rel(a, b).confidence_interval(0.95)
-    assert statistics.interval(a - b) == pytest.approx((expected.low, expected.high))
-    assert all(np.isnan(statistics.interval(a[:4])))
+    assert statistics.mean_interval(a - b) == pytest.approx((expected.low, expected.high))
+    assert all(np.isnan(statistics.mean_interval(a[:4])))
 
 
 def test_nadeau_and_bengio_widen_the_variance_by_hand():
@@ -147,17 +150,17 @@ def test_cohens_dz_and_its_interval():
 
 def test_holm_by_hand_and_without_tests():
     p = np.array([np.nan, 0.01, 0.04, 0.03, np.nan])
-    assert statistics.holm(p)[1:4] == pytest.approx([0.03, 0.06, 0.06])
+    assert statistics.correct_holm(p)[1:4] == pytest.approx([0.03, 0.06, 0.06])
     assert (
-        np.isnan(statistics.holm(p)[[0, 4]]).all()
-        and np.isnan(statistics.holm(np.array([np.nan]))).all()
+        np.isnan(statistics.correct_holm(p)[[0, 4]]).all()
+        and np.isnan(statistics.correct_holm(np.array([np.nan]))).all()
     )
 
 
 def test_differences_are_from_the_best_and_equal_sums_are_ties():
     rows = [[60.0, 70, 80] * 2, [30 + 30.0, 70, 80 + 1e-13] * 2, [50.0, 60, 75] * 2]
     subjects = pd.DataFrame(rows, index=["a", "b", "c"])
-    rows = statistics.against_best(subjects, None, 0.5).set_index("system")
+    rows = statistics.compare_with_base(subjects, None, 0.5).set_index("system")
     assert (
         np.isnan(rows.loc["a", "p"])
         and rows.loc["b", "difference"] == 0
@@ -175,7 +178,7 @@ def test_folds_that_are_not_subjects_are_corrected_as_folds():
         [[60.0, 70, 80, 60, 50, 50], [50.0, 60, 75, 58, 49, 45]], index=["a", "b"]
     )
     folds = pd.DataFrame([[65.0, 70], [55.0, 66]], index=["a", "b"])
-    row = statistics.against_best(subjects, folds, 1.0).set_index("system").loc["b"]
+    row = statistics.compare_with_base(subjects, folds, 1.0).set_index("system").loc["b"]
     assert (row["nb_low"], row["nb_high"], row["nb_p"]) == statistics.nadeau_bengio(
         np.array([-10.0, -4]), 1.0
     )
@@ -231,4 +234,4 @@ def test_the_front_has_what_no_other_point_beats(points):
 
     accuracy, cost = np.array(points).reshape(-1, 2).T
     expected = [q[1] == q[1] and not any(beats(p, q) for p in points) for q in points]
-    assert front(accuracy, cost).tolist() == expected
+    assert is_on_front(accuracy, cost).tolist() == expected

@@ -7,22 +7,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from bench.reports.views.base import View
-from bench.values.measures import TEXT, Cost, Measure, in_thousands, percent, text
+from bench.values.measures import TEXT, Cost, Measure, percent_measure, text_measure, to_thousands
 from bench.values.table import Table
 from touchbench_chip.circumstance import C
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.values.candidate import Candidate, Wish
+    from bench.reading.reactions import Reactions
+    from bench.values.candidate import Candidate
     from bench.values.result import Result
 
 WATCHING = (  # columns of the costs of watching an endless stream
-    text("system", read=lambda r: r.system),
-    Measure("bits", read="chip.bits"),
-    Measure("detector", read=lambda row: row.get("chip.detector"), form=TEXT, spare=3),
-    Measure("flash", "flash kB", "chip_watch_flash_bytes", ",.1f", scale=in_thousands),
-    Measure("ram", "RAM kB", "chip_watch_ram_bytes", ",.1f", scale=in_thousands),
+    text_measure("system", source=lambda r: r.system),
+    Measure("bits", source="chip.bits"),
+    Measure("detector", source=lambda row: row.get("chip.detector"), form=TEXT, spare=3),
+    Measure("flash", "flash kB", "chip_watch_flash_bytes", ",.1f", scale=to_thousands),
+    Measure("ram", "RAM kB", "chip_watch_ram_bytes", ",.1f", scale=to_thousands),
     Measure("stack", "stack B", "chip_watch_stack_bytes", ",.0f"),
     Measure("idle", "instructions a frame", "chip_watch_idle_instructions", ",.0f"),
     Measure("frame", "in a touch", "chip_watch_frame_instructions", ",.0f"),
@@ -34,22 +35,22 @@ WATCHING = (  # columns of the costs of watching an endless stream
 )
 
 
-class InC(View):
+class ChipView(View):
     """Systems in C, beside themselves in Python."""
 
     heading: ClassVar[str] = (
         "Accuracy in percent of whole captures, mean over subjects, in C and in Python; a Cortex-M4F, linked"
     )
-    ranked: ClassVar[bool] = True
+    marks_best: ClassVar[bool] = True
     score: ClassVar[str] = "c_accuracy"
-    shown: ClassVar[tuple[Measure, ...]] = (
-        Measure("bits", read="chip.bits"),
-        percent("accuracy", "in C", "c_accuracy", ends="c_accuracy"),
-        percent("python_accuracy", "in Python", "accuracy"),
+    columns: ClassVar[tuple[Measure, ...]] = (
+        Measure("bits", source="chip.bits"),
+        percent_measure("accuracy", "in C", "c_accuracy", ends="c_accuracy"),
+        percent_measure("python_accuracy", "in Python", "accuracy"),
         Measure("other_labels", "other labels", form=",.0f", spare=4),
-        Measure("chip_flash_bytes", "flash kB", form=",.1f", scale=in_thousands),
-        Measure("chip_ram_bytes", "library RAM kB", form=",.1f", scale=in_thousands),
-        Measure("chip_program_ram_bytes", "program RAM kB", form=",.1f", scale=in_thousands),
+        Measure("chip_flash_bytes", "flash kB", form=",.1f", scale=to_thousands),
+        Measure("chip_ram_bytes", "library RAM kB", form=",.1f", scale=to_thousands),
+        Measure("chip_program_ram_bytes", "program RAM kB", form=",.1f", scale=to_thousands),
         Measure("chip_stack_bytes", "stack B", form=",.0f"),
         Measure("chip_frame_instructions", "instructions a frame", form=",.0f", spare=3),
         Measure("chip_most_instructions", "at most", form=",.0f"),
@@ -57,15 +58,15 @@ class InC(View):
     costs: ClassVar[tuple[Cost, ...]] = (
         Cost(
             "cycles",
-            read="chip_most_instructions",
-            scale=in_thousands,
+            source="chip_most_instructions",
+            scale=to_thousands,
             unit="k",
             noun="instruction count",
-            words="instructions",
+            phrase="instructions",
             axis="thousand instructions of the costliest frame in C",
-            unknown="only form=c counts them",
+            why_unknown="only form=c counts them",
             help="most instructions for the costliest frame, such as 600k",
-            on=("captures",),
+            measured_on=("captures",),
             spare=5,
             command="run form=c",
             at_clock="decision",
@@ -73,41 +74,41 @@ class InC(View):
         ),
     )
 
-    def printed(self, results: Sequence[Result]) -> Iterator[str | Table]:
+    def further_output(self, results: Sequence[Result]) -> Iterator[str | Table]:
         """Costs of watching an endless stream, of the systems that can."""
         if watching := [r for r in results if "chip_watch_flash_bytes" in r]:
             yield Table(WATCHING, watching, "Costs of touch_watch, which watches an endless stream")
 
-    def then(self, results: Sequence[Result]) -> str:
+    def next_command(self, results: Sequence[Result]) -> str:
         """The next command to type."""
-        from bench.reading.frame import choosing
+        from bench.reading.frame import choose_command
 
-        return choosing(results, by="cycles")
+        return choose_command(results, by="cycles")
 
-    def section(self, results: Sequence[Result], folder: Path) -> None:
+    def make_exhibits(self, results: Sequence[Result], folder: Path) -> None:
         """None: systems in C are marks of the chart."""
 
-    def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+    def csv_tables(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """Accuracy and costs of all systems."""
-        columns = [text("system", read=lambda r: r.system), *self.shown]
-        return {"chip": Table(columns, results).frame()} if results else {}
+        columns = [text_measure("system", source=lambda r: r.system), *self.columns]
+        return {"chip": Table(columns, results).to_frame()} if results else {}
 
-    def candidates(self, result: Result, wish: Wish) -> Iterator[Candidate]:
+    def candidates(
+        self, result: Result, reactions: Reactions, latest_ms: float | None
+    ) -> Iterator[Candidate]:
         """The system in C."""
-        from bench.reading.reactions import by_capture
+        from bench.reading.reactions import react_to_captures
         from bench.values.candidate import Candidate
 
         bits, own = (
-            result.about["chip.bits"],
+            result.attributes["chip.bits"],
             {"flash": "chip_flash_bytes", "ram": "chip_ram_bytes", "predict": ""},
         )
-        scores = wish.reactions.scores(by_capture(result.tables[C], wish.reactions))
-        yield Candidate(
-            f"in C, {bits} bits", scores, own, mark="C", linked=True, whole=bits == "32"
-        )
+        scores = reactions.score_by_subject(react_to_captures(result.tables[C], reactions))
+        yield Candidate(f"in C, {bits} bits", scores, own, mark="C", whole=bits == "32")
 
-    def lends(self, result: Result) -> dict[str, float]:
+    def shared_costs(self, result: Result) -> dict[str, float]:
         """Bytes as linked in 32 bits, whose labels are those of Python: the counted ones leave code out."""
-        if str(result.about["chip.bits"]) != "32":
+        if str(result.attributes["chip.bits"]) != "32":
             return {}
         return {f"{name}_bytes": result.metrics[f"chip_{name}_bytes"] for name in ("flash", "ram")}

@@ -2,10 +2,8 @@
 
 import pytest
 
-from bench.corpora.faults import SEVERITIES, usual_faults
 from bench.errors import InputError
-from bench.reading.scene import EVERY, boards, read_scene
-from bench.values.candidate import Losses
+from bench.reading.scene import load_boards, read_scene
 
 SCENE = """
 [budget]
@@ -31,8 +29,8 @@ def test_a_board_gives_budgets_and_a_line_of_its_own_goes_before(tmp_path):
         "max_fault_loss": "7",
     }
     assert scene.values == budgets | {"clock": "150MHz"}
-    assert scene.faults.circumstances == [("noise", 1), ("noise", 2)]
-    (line,) = scene.board.sentences(scene.values)  # of flash alone: RAM has its own line
+    assert (scene.faults, scene.severity) == (("noise",), 2)
+    (line,) = scene.board.budget_sentences(scene.values)  # of flash alone: RAM has its own line
     assert (
         line.startswith("The budget of flash is 25 % of that of Raspberry Pi Pico 2")
         and "https://" in line
@@ -42,8 +40,7 @@ def test_a_board_gives_budgets_and_a_line_of_its_own_goes_before(tmp_path):
 def test_shipped_scenes_and_boards_can_be_read():
     for name in ("companion", "toy", "handle"):
         assert read_scene(name).reactions.groups
-    every = boards()
-    assert (Losses(EVERY).severity, {*EVERY}) == (SEVERITIES, {*usual_faults()})
+    every = load_boards()
     assert len(every) >= 10 and all(
         b.source.startswith("https://") and b.ram_kb < b.flash_kb for b in every.values()
     )
