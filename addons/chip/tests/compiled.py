@@ -25,9 +25,9 @@ from bench.models.classic.xgb import xgb
 from bench.models.nets.hughes2017 import Hughes2017CNN
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
-from bench.running.replay import learned
+from bench.running.replay import learn_stopping_rule
 from bench.running.saved import Recogniser
-from touchbench_chip.write import files_of
+from touchbench_chip.write import write_c_sources
 from touchbench_people.adaptation import adapted
 from touchbench_people.scaler import adaptable
 
@@ -73,7 +73,7 @@ def lacking(*programs):
 def written(recogniser, folder, bits=32):
     """The files of a system in a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in files_of(recogniser, bits, "a test").items():
+    for name, text in write_c_sources(recogniser, bits, "a test").items():
         (folder / name).write_text(text)
     return folder
 
@@ -126,7 +126,11 @@ def fitted(model, corpus, stopping=False):
         patch.setattr(
             "bench.models.out_of_distribution.Perceptron", partial(Perceptron, updates=300)
         )
-        taught = learned(lambda: model, corpus, np.arange(len(corpus)))[0] if stopping else None
+        taught = (
+            learn_stopping_rule(lambda: model, corpus, np.arange(len(corpus)))[0]
+            if stopping
+            else None
+        )
         return Recogniser(model.fit(corpus, corpus.gestures), corpus, taught)
 
 
@@ -135,11 +139,11 @@ def touched(rows=5, cols=7, rate_hz=40.0, classes=3):
     """Four people who press here or there, for long or short, hard or not; some taxels are dead or stuck."""
     corpus = generate(subjects=4, rows=rows, cols=cols, rate_hz=rate_hz, variants=("normal",))
     names = sorted(set(corpus.gestures))[2 : 2 + classes]
-    part = corpus[np.flatnonzero(np.isin(corpus.gestures, names))].detached()
+    part = corpus[np.flatnonzero(np.isin(corpus.gestures, names))].detach()
     frames = part.frames.copy()
     for i in range(0, len(part), 4):
         frames[part.starts[i] : part.starts[i] + part.lengths[i], 1, 2] = 1023 if i % 8 else 0
-    return part.changed(frames=frames)
+    return part.with_fields(frames=frames)
 
 
 @cache

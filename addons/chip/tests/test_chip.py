@@ -10,11 +10,11 @@ import pytest
 
 from addons.chip.tests.compiled import lacking
 from bench.cli import main
-from bench.commands.printing import runs_table
-from bench.ground.registry import views
-from bench.plan.cells import cells
-from bench.plan.plan import planned
-from bench.reading.candidates import candidates
+from bench.commands.printing import table_of_runs
+from bench.ground.registry import load_views
+from bench.plan.grid import make_cells
+from bench.plan.plan import make_plans
+from bench.reading.candidates import find_candidates
 from bench.values import scores
 from tests.conftest import predictions, runs
 from tests.reading.test_choice import run as costly
@@ -53,13 +53,13 @@ def defined(folder):
 @pytest.fixture
 def costs(monkeypatch):
     """No chip, whose compiler and emulator the marked test needs."""
-    monkeypatch.setattr(onchip, "measured", lambda folder: COSTS)
+    monkeypatch.setattr(onchip, "measure_footprint", lambda folder: COSTS)
     monkeypatch.setattr(
         onchip,
-        "measured_watching",
+        "measure_watching",
         lambda folder, _: WATCHED | {"chip_watch_defined": defined(folder)},
     )
-    monkeypatch.setattr(onchip, "lacking", lambda: [])
+    monkeypatch.setattr(onchip, "missing_programs", lambda: [])
 
 
 @pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
@@ -69,16 +69,16 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, quick, 
     out = capsys.readouterr().out
     assert "in Python" in out and "60,000" in out and "9.0" in out
     one = result(metrics=COSTS | {"c_accuracy": 0.5, "accuracy": 0.5}, **{"chip.bits": 8})
-    (row,) = runs_table([one], views()["form"]).texts
+    (row,) = table_of_runs([one], load_views()["form"]).texts
     assert [row[name] for name in ("library RAM kB", "program RAM kB", "stack B")] == [
         "3.0",
         "11.0",
         "400",
     ]
     store, (run,) = runs("cell")
-    python, table = scores.captures(predictions(store, run)), predictions(store, run, "c")
+    python, table = scores.label_captures(predictions(store, run)), predictions(store, run, "c")
     assert table["python"].tolist() == python["predicted"].tolist() and table["capture"].is_unique
-    in_c = scores.captures(table)["predicted"]
+    in_c = scores.label_captures(table)["predicted"]
     assert run.data.metrics["other_labels"] == (in_c != table["python"]).sum() <= 0.1 * len(table)
     assert run.data.metrics["c_accuracy"] == pytest.approx((in_c == table["true"]).mean())
     assert run.data.metrics["accuracy"] == pytest.approx(
@@ -110,7 +110,7 @@ def test_c_that_does_not_fit_is_a_failed_fold(tmp_path):
     with pytest.raises(
         ValueError, match="flash count chip: x does not fit: FLASH=1K is 9 bytes too small$"
     ):
-        compiled.measured(tmp_path)
+        compiled.measure_footprint(tmp_path)
 
 
 def test_what_it_starts_ends_with_it(tmp_path, monkeypatch):
@@ -118,7 +118,7 @@ def test_what_it_starts_ends_with_it(tmp_path, monkeypatch):
     monkeypatch.setattr(compiled, "LIMIT_S", 1)
     (tmp_path / "Makefile").write_text("flash count chip:\n\t@sleep 4321 & echo $$! > pid; wait\n")
     with pytest.raises(ValueError, match="did not end within 1 s"):
-        compiled.measured(tmp_path)
+        compiled.measure_footprint(tmp_path)
     pid = int((tmp_path / "pid").read_text())
     time.sleep(0.2)
     state = Path(f"/proc/{pid}/stat")
@@ -126,18 +126,21 @@ def test_what_it_starts_ends_with_it(tmp_path, monkeypatch):
 
 
 def test_other_code_or_compilers_are_another_run(monkeypatch):
-    (plan,) = planned(cells({"model": "bayes", "features": "jung28", "data.subjects": "4"}), 1)
-    of = lambda bits: plan.of(replace(plan.cell, circumstances=(InC("c", bits),))).key  # noqa: E731
+    (plan,) = make_plans(
+        make_cells({"model": "bayes", "features": "jung28", "data.subjects": "4"}), 1
+    )
+    of = lambda bits: plan.with_cell(replace(plan.cell, circumstances=(InC("c", bits),))).key  # noqa: E731
     key = of("8")
     assert key == of("8") != of("32")
-    monkeypatch.setattr(compiled, "toolchain", lambda: ["cc 99"])
+    monkeypatch.setattr(compiled, "toolchain_versions", lambda: ["cc 99"])
     assert of("8") != key
     assert network.__name__ in InC("c", "8").code()
 
 
 @pytest.mark.live
 @pytest.mark.skipif(
-    bool(compiled.lacking()), reason=f"{', '.join(compiled.lacking())} not installed"
+    bool(compiled.missing_programs()),
+    reason=f"{', '.join(compiled.missing_programs())} not installed",
 )
 def test_a_chip_is_measured():
     assert main(["run", "form=c", "model=bayes", *SMALL]) == 0
@@ -166,7 +169,7 @@ def test_c_is_a_candidate_with_its_own_size_and_cycles():
         costly("lda", None, c, **chip, **{"chip_flash_bytes": n, "chip.bits": b})
         for b, n in sizes.items()
     ]
-    table = candidates([costly("lda"), costly("svm"), *in_c], {}, clock=0.5).table
+    table = find_candidates([costly("lda"), costly("svm"), *in_c], {}, clock=0.5).table
     assert table[["unit", "flash", "linked", "decision"]].to_numpy().tolist() == [
         ["capture", 9, True, 300],  # of Python what is linked, which the count leaves code out of
         ["in C, 32 bits", 9, True, 420],  # 60,000 cycles at 0.5 MHz

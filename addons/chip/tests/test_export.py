@@ -32,9 +32,9 @@ from bench.features.jung28 import Jung28
 from bench.features.touch import TouchFeatures
 from bench.models.classic.rf import et, rf
 from bench.models.recipe import Recipe
-from bench.models.sizes import sizes
-from bench.running.saved import quiet
-from touchbench_chip.tables import chip_of
+from bench.models.sizes import measure_sizes
+from bench.running.saved import silence_mlflow
+from touchbench_chip.tables import collect_contents
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
 ARM = ("arm-none-eabi-gcc", "qemu-system-arm", "make")
@@ -58,7 +58,7 @@ def test_it_decides_as_python_does(name, bits):
         in_c(name, bits),
         made(name, name in STOPPING and bits == 32),
     )
-    table = recogniser.label(corpus)
+    table = recogniser.label_captures(corpus)
     expected = table.filter(like="p_").to_numpy()
     answers = [library(frames) for frames in corpus]
     proba = np.array([answer.proba[-1] for answer in answers])
@@ -70,7 +70,7 @@ def test_it_decides_as_python_does(name, bits):
     ).mean() > 0.9
     assert np.median(np.abs(proba - expected).max(axis=1)) < close / 4
     for i in (0, 5) if recogniser.stopping is not None else ():
-        _, confidence, settled = recogniser.decision(corpus[i : i + 1], None)
+        _, confidence, settled = recogniser.decide_on(corpus[i : i + 1], None)
         assert answers[i].settled == pytest.approx(settled, abs=2 * close)
         assert proba[i].max() == pytest.approx(confidence, abs=2 * close)
 
@@ -80,7 +80,7 @@ def test_it_decides_as_python_in_8_bits_does_in_as_many_bytes_as_are_counted(nam
     corpus, system, library = touched(), SYSTEMS[name](), in_c(name, 8)
     system = system.set_params(bits=8) if "bits" in system.get_params() else Recipe(system, bits=8)
     plain = fitted(system, corpus)
-    expected = plain.label(corpus).filter(like="p_").to_numpy()
+    expected = plain.label_captures(corpus).filter(like="p_").to_numpy()
     apart = np.abs([library(frames).proba[-1] for frames in corpus] - expected).max(axis=1)
     assert np.median(apart) < 1e-4 and np.quantile(apart, 0.95) < 0.01
     check_sizes(plain, made(name), library, 8)
@@ -92,8 +92,8 @@ def test_it_has_as_many_bytes_as_are_counted(name):
 
 
 def check_sizes(counted_of, exported, library, bits):
-    counted = sizes(counted_of.estimator, 35, int(touched().lengths.max()))
-    chip = chip_of(exported, bits)
+    counted = measure_sizes(counted_of.estimator, 35, int(touched().lengths.max()))
+    chip = collect_contents(exported, bits)
     tables = [part.arrays.items() for part in (chip, *chip.deciders.values())]
     arrays = [
         a for each in tables for name, a in each if name != "usual"
@@ -217,12 +217,12 @@ def test_c_finds_the_captures_unlike_training_that_python_finds(tmp_path):
         frames = np.where(
             np.repeat(inverted, corpus.lengths)[:, None, None], 1023 - corpus.frames, corpus.frames
         )
-        captures = corpus.changed(frames=frames)
+        captures = corpus.with_fields(frames=frames)
         text = lines_of(captures, range(len(captures)))
         done = subprocess.run(
             [tmp_path / "touch"], input=text, capture_output=True, text=True, check=True
         )
-        strange = int(recogniser.label(captures)["unlike"].sum())
+        strange = int(recogniser.label_captures(captures)["unlike"].sum())
         told = (
             f"{strange} of {len(corpus)} captures look unlike all training captures\n"
             if strange
@@ -242,8 +242,10 @@ def test_the_program_prints_what_bench_live_prints(tmp_path, monkeypatch, capsys
     import mlflow
 
     corpus, recogniser = touched(), made("lda", stopping=True)
-    with quiet():
-        mlflow.pyfunc.save_model(str(tmp_path / "rec"), **recogniser.model([], corpus[0][:2]))
+    with silence_mlflow():
+        mlflow.pyfunc.save_model(
+            str(tmp_path / "rec"), **recogniser.mlflow_arguments([], corpus[0][:2])
+        )
     assert (
         main(["export", "rec", "out=c"]) == 0 and "TOUCH_THRESHOLD" not in capsys.readouterr().out
     )
@@ -306,7 +308,7 @@ def test_a_cortex_m4_prints_what_this_machine_prints(tmp_path):
 @pytest.mark.skipif(bool(lacking(*ARM)), reason=lacking(*ARM))
 def test_what_is_too_large_is_not_linked(tmp_path):
     corpus, rng = touched(), np.random.default_rng(0)
-    noise = corpus.changed(
+    noise = corpus.with_fields(
         captures=corpus.captures.assign(gesture=rng.choice(list("abc"), len(corpus)))
     )
     folder = written(

@@ -14,8 +14,8 @@ from addons.chip.tests.compiled import Library, fitted, lacking
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.models.nets.cnn85 import CNN85
-from bench.models.nets.hughes2017 import Hughes2017CNN, in_bits
-from touchbench_chip.tables import chip_of
+from bench.models.nets.hughes2017 import Hughes2017CNN, round_network
+from touchbench_chip.tables import collect_contents
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
 LENGTHS = (1, 5, 9, 10, 11, 26, 27, 28, 36, 44, 45, 46, 60, 75, 101)
@@ -100,8 +100,8 @@ def test_after_every_frame_it_is_what_pytorch_says(name):
 def test_in_8_bits_it_has_the_probabilities_and_labels_of_python():
     corpus, recogniser = made("cost")
     in_python = deepcopy(recogniser)
-    in_bits(in_python.estimator.net_, 8)
-    table = in_python.label(corpus)
+    round_network(in_python.estimator.net_, 8)
+    table = in_python.label_captures(corpus)
     proba = last(Library(recogniser, 8), corpus)
     np.testing.assert_allclose(proba, table.filter(like="p_"), atol=2e-5)
     assert [recogniser.classes[label] for label in proba.argmax(axis=1)] == table["label"].tolist()
@@ -109,4 +109,4 @@ def test_in_8_bits_it_has_the_probabilities_and_labels_of_python():
 
 def test_other_saved_networks_have_no_c():
     with pytest.raises(InputError, match="^CNN85 has no C"):
-        chip_of(SimpleNamespace(estimator=CNN85()), 32)
+        collect_contents(SimpleNamespace(estimator=CNN85()), 32)

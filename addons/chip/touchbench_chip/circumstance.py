@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from bench.errors import InputError
-from bench.grammar.options import used
-from bench.ground.words import Values, items, labelled
+from bench.grammar.options import workers_of_packages
+from bench.ground.typed import Values, arguments_of_label, split_values
 from bench.running.circumstances.base import Circumstance, option
 
 if TYPE_CHECKING:
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
     from bench.ground.source import Code
     from bench.plan.cells import Part
     from bench.plan.plan import Plan
-    from bench.running.fitted import Fitted
+    from bench.running.fitted import FittedFold
     from bench.running.results import FoldResult
 
 C = "c"  # the form, and the table with its probabilities
 
 
-def watchers() -> list[Any]:
+def find_watch_learners() -> list[Any]:
     """What learns the post-processing for endless streams, where it is installed."""
-    return [*used("fit").values()]
+    return [*workers_of_packages("fit").values()]
 
 
-def watching(detector: str) -> Any:
+def make_watch_learner(detector: str) -> Any:
     """What learns to watch with a detector; empty for the usual one of ``bench fit``."""
-    return watchers()[0](labelled("detector", detector) if detector else {})
+    return find_watch_learners()[0](arguments_of_label("detector", detector) if detector else {})
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class InC(Circumstance):
     """The C that a fitted system is exported as labels the test captures."""
 
     key: ClassVar[str] = "form"
-    view: ClassVar[str] = "touchbench_chip.view:InC"
+    view: ClassVar[str] = "touchbench_chip.view:ChipView"
     tracked: ClassVar[tuple[str, ...]] = ("chip.bits", "chip.toolchain")
-    word: ClassVar[str] = "form"
+    case_noun: ClassVar[str] = "form"
     columns: ClassVar[frozenset[str]] = frozenset({"python"})
 
     form: str = option(
@@ -52,88 +52,100 @@ class InC(Circumstance):
     )
 
     @classmethod
-    def of(cls, values: Values) -> list[Self]:
+    def from_typed(cls, values: Values) -> list[Self]:
         """A circumstance for each number of bits and detector."""
-        for form in items("form", values["form"]):
+        for form in split_values("form", values["form"]):
             if form != C:
                 raise InputError(f"form={form}: give {C}")
         of_detector = {
             key: value for key, value in values.items() if key.partition(".")[0] == "detector"
         }
-        made = super().of({key: value for key, value in values.items() if key not in of_detector})
-        named = [part.typed() for part in watchers()[0].parts(of_detector)] if of_detector else [""]
+        made = super().from_typed(
+            {key: value for key, value in values.items() if key not in of_detector}
+        )
+        named = (
+            [part.as_argument() for part in find_watch_learners()[0].parts(of_detector)]
+            if of_detector
+            else [""]
+        )
         return [replace(one, detector=name) for one in made for name in named]
 
     def params(self) -> dict[str, object]:
         """Bits and compilers."""
-        from touchbench_chip.measure import toolchain
+        from touchbench_chip.measure import toolchain_versions
 
-        params = {"chip.bits": int(self.bits), "chip.toolchain": "; ".join(toolchain())}
-        return params | ({"chip.detector": self.part.typed()} if watchers() else {})
+        params = {"chip.bits": int(self.bits), "chip.toolchain": "; ".join(toolchain_versions())}
+        return params | (
+            {"chip.detector": self.part.as_argument()} if find_watch_learners() else {}
+        )
 
-    def arguments(self) -> dict[str, str]:
+    def typed_arguments(self) -> dict[str, str]:
         """The options as typed."""
         return (
             {"form": C}
-            | super().arguments()
-            | (labelled("detector", self.detector) if self.detector else {})
+            | super().typed_arguments()
+            | (arguments_of_label("detector", self.detector) if self.detector else {})
         )
 
     def identity(self) -> object:
         """Bits, the C that is the same for all systems, the compilers, and the detector with its code."""
-        from touchbench_chip.measure import toolchain
-        from touchbench_chip.write import digest
+        from touchbench_chip.measure import toolchain_versions
+        from touchbench_chip.write import hash_fixed_code
 
-        watching = [self.part.identity(), watchers()[0].c_digest()] if watchers() else []
-        return [self.bits, digest(), toolchain(), *watching]
+        watching = (
+            [self.part.identity(), find_watch_learners()[0].c_digest()]
+            if find_watch_learners()
+            else []
+        )
+        return [self.bits, hash_fixed_code(), toolchain_versions(), *watching]
 
     @property
     def part(self) -> Part:
         """The detector, with all parameters."""
-        return watching(self.detector).part
+        return make_watch_learner(self.detector).part
 
     def code(self) -> list[Code]:
         """What those who write the C import late: of networks, and of systems that watch."""
-        watching = [*watchers(), *self.part.code()] if watchers() else []
+        watching = [*find_watch_learners(), *self.part.code()] if find_watch_learners() else []
         return [*super().code(), "touchbench_chip.network", *watching]
 
-    def refuse(self, plan: Plan) -> None:
+    def refuse_plan(self, plan: Plan) -> None:
         """Refuse a system that has no C, and a machine without the programs."""
         from touchbench_chip.fold import refuse
 
         refuse(plan, self.detector)
 
-    def warnings(self, plan: Plan) -> list[str]:
+    def warnings_of_plan(self, plan: Plan) -> list[str]:
         """Warn where no watcher can be learned."""
-        from touchbench_chip.fold import warnings
+        from touchbench_chip.fold import watching_warnings
 
-        return warnings(plan)
+        return watching_warnings(plan)
 
-    def fold(self, at: Fitted) -> FoldResult:
+    def evaluate_fold(self, at: FittedFold) -> FoldResult:
         """Labels of the test captures by the C; bytes and instructions."""
-        from touchbench_chip.fold import fold
+        from touchbench_chip.fold import label_in_c
 
-        return fold(at, int(self.bits), self.detector)
+        return label_in_c(at, int(self.bits), self.detector)
 
-    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
+    def fold_metrics(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> dict[str, float]:
         """Accuracy in C, and labels that are others than in Python."""
-        from touchbench_chip.fold import compared
+        from touchbench_chip.fold import compare_with_python
 
-        return compared(result.tables[C])
+        return compare_with_python(tables[C])
 
-    def result(
+    def measure_run(
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
     ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
         """Accuracy in C over all folds, and captures that it labels otherwise than Python."""
-        from touchbench_chip.fold import compared, scored
+        from touchbench_chip.fold import compare_with_python, summarise_c
 
-        return scored(tables[C], rate_hz) | compared(tables[C]), {}
+        return summarise_c(tables[C], rate_hz) | compare_with_python(tables[C]), {}
 
-    def labels(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
+    def label_rows(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
         """The labels of the C."""
-        from bench.values.scores import captures
+        from bench.values.scores import label_captures
 
-        rows = captures(tables[C])[["fold", "capture", "subject", "true", "predicted"]]
+        rows = label_captures(tables[C])[["fold", "capture", "subject", "true", "predicted"]]
         return rows.assign(
             circumstance=self.key, case=C, level=int(self.bits), amount=f"{self.bits} bits"
         )

@@ -20,12 +20,12 @@ from bench.models.classic.scaling import RangeScaler, ZScaler
 from bench.models.classic.svm import RankedSVC
 from bench.models.classic.tree import PrunedTree
 from bench.models.classic.xgb import BoostedTrees
-from bench.models.out_of_distribution import UNUSUAL, Guarded
-from bench.models.quantised import lower, rounded
+from bench.models.out_of_distribution import UNUSUAL_SDS, GuardedDiscriminants
+from bench.models.quantised import quantise_rows, split_triangle
 
 SINGLE = np.float32
 ROUNDING = 1e-6
-HAVE = "reflex, lda, softmax, bayes, svm, tree, rf, et or xgb"
+EXPORTABLE = "reflex, lda, softmax, bayes, svm, tree, rf, et or xgb"
 
 
 @dataclass
@@ -48,14 +48,14 @@ class Decider:
     defines: dict[str, str] = field(default_factory=dict)
     classes: str = "CLASSES"
 
-    def written(self, function: str) -> str:
+    def render_body(self, function: str) -> str:
         """The body of the function of a name."""
         names = {name: f"{function}_{name}" for name in self.arrays}
         names |= {name: f"{function.upper()}_{name}" for name in self.defines}
         return self.body.format(CLASSES=self.classes, **names)
 
 
-def number(value: float) -> str:
+def format_float(value: float) -> str:
     """A C constant of a value in single precision."""
     text = np.format_float_positional(SINGLE(value), unique=True, trim="0")
     if len(text) > 24:
@@ -67,30 +67,36 @@ Affine = tuple[np.ndarray, np.ndarray, np.ndarray]
 Leaf = Callable[[int], int]
 
 
-def _inverse(values: np.ndarray) -> np.ndarray:
+def _invert_nonzero(values: np.ndarray) -> np.ndarray:
     """One by each; nothing for what never varied."""
     return np.where(np.isfinite(values) & (values != 0), 1 / np.where(values == 0, 1, values), 0)
 
 
-def _varies(mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
+def _find_varying(mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
     """Which features vary by more than the rounding of single precision, which is another in C."""
     return np.isfinite(sd) & (sd > ROUNDING * np.maximum(np.abs(mean), 1))
 
 
-def _affine(steps: list, width: int) -> Affine:
+def _combine_scalers(steps: list, width: int) -> Affine:
     """Steps between features and classifier as (x - a) b + c."""
     scaling = np.zeros(width), np.ones(width), np.zeros(width)
     for step in steps:
         if hasattr(step, "shift_"):  # features of a person: touchbench_people.scaler
-            scaling = _then(scaling, step.mean_ + step.shift_, 1 / step.scale_, step.mean_)
+            scaling = _chain_scalings(
+                scaling, step.mean_ + step.shift_, 1 / step.scale_, step.mean_
+            )
         elif isinstance(step, RangeScaler):
-            scaling = _then(
+            scaling = _chain_scalings(
                 scaling, step.data_min_, step.scale_, np.full(width, float(step.feature_range[0]))
             )
         elif isinstance(step, ZScaler):
-            scaling = _then(scaling, step.mean_, _inverse(step.scale_), np.zeros(width))
+            scaling = _chain_scalings(
+                scaling, step.mean_, _invert_nonzero(step.scale_), np.zeros(width)
+            )
         elif isinstance(step, Pipeline):
-            scaling = _then(scaling, *_affine([part for _, part in step.steps], width))
+            scaling = _chain_scalings(
+                scaling, *_combine_scalers([part for _, part in step.steps], width)
+            )
         else:
             raise InputError(
                 f"{type(step).__name__} between features and classifier has no C; leave it out"
@@ -98,14 +104,14 @@ def _affine(steps: list, width: int) -> Affine:
     return scaling
 
 
-def _then(before: Affine, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Affine:
+def _chain_scalings(before: Affine, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Affine:
     """One scaling after another: ((x - A) B + C - a) b + c."""
     A, B, C = before
     safe = np.where(B == 0, 1, B)
     return np.where(B == 0, A, A - (C - a) / safe), B * b, np.where(B == 0, (C - a) * b + c, c)
 
 
-def _measured(scaling: Affine) -> tuple[dict[str, np.ndarray], str]:
+def _write_scaling(scaling: Affine) -> tuple[dict[str, np.ndarray], str]:
     """Tables of a scaling, and the line that does it; nothing for one that changes nothing."""
     a, b, c = scaling
     if not a.any() and not c.any() and (b == 1).all():
@@ -119,61 +125,64 @@ def _measured(scaling: Affine) -> tuple[dict[str, np.ndarray], str]:
     )
 
 
-def _scores(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -> Decider:
-    integers, step = rounded(weights, bits)
-    arrays, body = _measured(scaling)
+def _convert_scores(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -> Decider:
+    integers, step = quantise_rows(weights, bits)
+    arrays, body = _write_scaling(scaling)
     body += "    layer({weights}, {step}, {bias}, {CLASSES}, FEATURES, t->features, proba);\n"
     arrays |= {"weights": integers, "step": step, "bias": bias.astype(SINGLE)}
     return Decider(arrays, body, "weighed, class by class")
 
 
-def _linear(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -> Decider:
-    scores = _scores(scaling, weights, bias, bits)
+def _convert_linear(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -> Decider:
+    scores = _convert_scores(scaling, weights, bias, bits)
     return replace(scores, body=scores.body + "    softmax(proba, {CLASSES});\n")
 
 
-def _standardised(
+def _standardise_discriminants(
     scaling: Affine, classifier: Discriminants
 ) -> tuple[Affine, np.ndarray, np.ndarray]:
     """Scaling to mean 0 and SD 1, and weights and bias behind it."""
     learnt = classifier.learnt_
-    varies = _varies(learnt.mean, learnt.sd)
-    standard = _then(
-        scaling, learnt.mean, np.where(varies, _inverse(learnt.sd), 0), np.zeros(len(learnt.mean))
+    varies = _find_varying(learnt.mean, learnt.sd)
+    standard = _chain_scalings(
+        scaling,
+        learnt.mean,
+        np.where(varies, _invert_nonzero(learnt.sd), 0),
+        np.zeros(len(learnt.mean)),
     )
     weights = classifier.coef_ * np.where(varies, learnt.sd, 0)
     return standard, weights, classifier.intercept_ + classifier.coef_ @ learnt.mean
 
 
-def _discriminants(scaling: Affine, classifier: Discriminants, bits: int) -> Decider:
-    return _linear(*_standardised(scaling, classifier), bits)
+def _convert_discriminants(scaling: Affine, classifier: Discriminants, bits: int) -> Decider:
+    return _convert_linear(*_standardise_discriminants(scaling, classifier), bits)
 
 
-def _logistic(scaling: Affine, classifier: LogisticRegression, bits: int) -> Decider:
+def _convert_logistic(scaling: Affine, classifier: LogisticRegression, bits: int) -> Decider:
     weights, bias = classifier.coef_, classifier.intercept_
     if len(weights) == 1:  # two classes; the first one scores 0
         weights, bias = np.concatenate([0 * weights, weights]), np.concatenate([0 * bias, bias])
-    return _linear(scaling, weights, bias, bits)
+    return _convert_linear(scaling, weights, bias, bits)
 
 
-def _guarded(_: Affine, classifier: Guarded, bits: int) -> Decider:
+def _convert_guarded(_: Affine, classifier: GuardedDiscriminants, bits: int) -> Decider:
     """Both classifiers measure from the same mean, that of undamaged rows; the network has its own besides."""
     linear, network = classifier.linear_, classifier.robust_
     width = classifier.n_features_in_
     mean, sd = classifier.mean_.astype(float), classifier.sd_.astype(float)
-    varies = _varies(mean, sd)
-    weights, step = rounded(linear.coef_ * np.where(varies, sd, 0), bits)
-    hidden, hidden_step = rounded(network.coefs_[0].T.astype(float), bits)
-    last, last_step = rounded(network.coefs_[1].T.astype(float), bits)
+    varies = _find_varying(mean, sd)
+    weights, step = quantise_rows(linear.coef_ * np.where(varies, sd, 0), bits)
+    hidden, hidden_step = quantise_rows(network.coefs_[0].T.astype(float), bits)
+    last, last_step = quantise_rows(network.coefs_[1].T.astype(float), bits)
     arrays = {
         "a": mean.astype(SINGLE),
-        "b": np.where(varies, _inverse(sd), 0).astype(SINGLE),
+        "b": np.where(varies, _invert_nonzero(sd), 0).astype(SINGLE),
         "weights": weights,
         "step": step,
         "bias": (linear.intercept_ + linear.coef_ @ mean).astype(SINGLE),
         "net_a": network.mean_,
         "net_b": np.where(
-            _varies(network.mean_, network.scale_), _inverse(network.scale_), 0
+            _find_varying(network.mean_, network.scale_), _invert_nonzero(network.scale_), 0
         ).astype(SINGLE),
         "hidden": hidden,
         "hidden_step": hidden_step,
@@ -185,14 +194,14 @@ def _guarded(_: Affine, classifier: Guarded, bits: int) -> Decider:
     body = f"""    float *z = t->measured, network[{{CLASSES}}], unusual = 0;
     measured(t->features, {{a}}, {{b}}, 0, z);
     for (int i = 0; i < FEATURES; i++)
-        unusual += !(fabsf(z[i]) <= {number(UNUSUAL)});
-    float doubt = fminf(unusual / FEATURES / {number(classifier.doubt)}, 1); /* how much the network counts */
+        unusual += !(fabsf(z[i]) <= {format_float(UNUSUAL_SDS)});
+    float doubt = fminf(unusual / FEATURES / {format_float(classifier.doubt)}, 1); /* how much the network counts */
     layer({{weights}}, {{step}}, {{bias}}, {{CLASSES}}, FEATURES, z, proba);
     softmax(proba, {{CLASSES}});
     if (doubt > 0) {{{{
         measured(t->features, {{net_a}}, {{net_b}}, 0, z);
         for (int i = 0; i < FEATURES; i++)
-            z[i] = fminf(fmaxf(z[i], -{number(network.clip)}), {number(network.clip)});
+            z[i] = fminf(fmaxf(z[i], -{format_float(network.clip)}), {format_float(network.clip)});
         layer({{hidden}}, {{hidden_step}}, {{hidden_bias}}, {{UNITS}}, FEATURES, z, t->units);
         for (int i = 0; i < {{UNITS}}; i++)
             t->units[i] = fmaxf(t->units[i], 0);
@@ -209,16 +218,16 @@ def _guarded(_: Affine, classifier: Guarded, bits: int) -> Decider:
     )
 
 
-def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
+def _convert_bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
     """Whitening by forward substitution: rows of the triangle divided by their diagonal."""
     rows, inverse, bias = [], [], []
     for prior, factor in zip(classifier.priors_, classifier.factors_, strict=True):
-        row, diagonal = lower(factor)
+        row, diagonal = split_triangle(factor)
         rows.append(row)
         inverse.append(1 / diagonal)
         bias.append(np.log(prior) - np.log(diagonal).sum())
-    triangle, step = rounded(np.stack(rows), bits)
-    arrays, body = _measured(scaling)
+    triangle, step = quantise_rows(np.stack(rows), bits)
+    arrays, body = _write_scaling(scaling)
     arrays |= {
         "triangle": triangle,
         "step": step,
@@ -246,18 +255,21 @@ def _bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
     )
 
 
-def _svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
+def _convert_svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
     support = np.asarray(classifier.support_vectors_)
     width = support.shape[1]
     if (
         classifier.kernel == "rbf"
     ):  # distances stay the same, and a step for each feature is as small as can be
         middle = (support.min(axis=0) + support.max(axis=0)) / 2
-        support, scaling = support - middle, _then(scaling, middle, np.ones(width), np.zeros(width))
+        support, scaling = (
+            support - middle,
+            _chain_scalings(scaling, middle, np.ones(width), np.zeros(width)),
+        )
     # 8 bits would change one label in six on HAART: the kernels of the published grid are narrow
-    vectors, step = rounded(support.T, 16 if bits == 8 else bits)
+    vectors, step = quantise_rows(support.T, 16 if bits == 8 else bits)
     first = np.concatenate([[0], np.cumsum(classifier.n_support_)])
-    arrays, body = _measured(scaling)
+    arrays, body = _write_scaling(scaling)
     arrays |= {
         "vectors": vectors.T,
         "step": step,
@@ -271,7 +283,7 @@ def _svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
     buffers = {"measured": int(first[-1])}
     defines = {
         "LINEAR": str(int(classifier.kernel == "linear")),
-        "GAMMA": number(classifier._gamma),
+        "GAMMA": format_float(classifier._gamma),
     }
     return Decider(arrays, body, "support vectors, one class against another", buffers, defines)
 
@@ -308,7 +320,7 @@ class Nodes:
             if split:
                 waiting += [(int(right[node]), position), (int(left[node]), -1)]
 
-    def arrays(self) -> dict[str, np.ndarray]:
+    def to_arrays(self) -> dict[str, np.ndarray]:
         """Tables of all trees."""
         if max(self.right) >= 2**16 or max(self.feature) >= 2**15:
             raise InputError("a tree or its leaves are too many for 16 bits; fit smaller trees")
@@ -322,14 +334,14 @@ class Nodes:
         return {"nodes": nodes, "roots": np.array(self.roots, np.int32)}
 
 
-def _at_most(threshold: np.ndarray) -> np.ndarray:
+def _strict_thresholds(threshold: np.ndarray) -> np.ndarray:
     """Least single that is above a threshold: x <= t is x < that, for every single x."""
     single = threshold.astype(SINGLE)
     low = np.where(single > threshold, np.nextafter(single, SINGLE(-np.inf)), single)
     return np.nextafter(low, SINGLE(np.inf))
 
 
-def _forest(scaling: Affine, classifier: Any, bits: int) -> Decider:
+def _convert_forest(scaling: Affine, classifier: Any, bits: int) -> Decider:
     """Class shares of leaves, each once, which many leaves of a forest have in common."""
     trees = getattr(classifier, "estimators_", [classifier])
     numbers: dict[bytes, int] = {}  # of leaves, by their shares
@@ -339,14 +351,17 @@ def _forest(scaling: Affine, classifier: Any, bits: int) -> Decider:
         values = tree.value[:, 0, :] / tree.value[:, 0, :].sum(axis=1, keepdims=True)
         shares = np.rint(values * 127).astype(np.int8) if bits == 8 else values.astype(SINGLE)
 
-        def leaf(node: int, shares: np.ndarray = shares) -> int:
+        def number_leaf(node: int, shares: np.ndarray = shares) -> int:
             return numbers.setdefault(shares[node].tobytes(), len(numbers))
 
         nodes.add(
-            (tree.children_left, tree.children_right), tree.feature, _at_most(tree.threshold), leaf
+            (tree.children_left, tree.children_right),
+            tree.feature,
+            _strict_thresholds(tree.threshold),
+            number_leaf,
         )
-    arrays, body = _measured(scaling)
-    arrays |= nodes.arrays() | {
+    arrays, body = _write_scaling(scaling)
+    arrays |= nodes.to_arrays() | {
         "shares": np.frombuffer(b"".join(numbers), np.int8 if bits == 8 else SINGLE)
     }
     body += """    float sum = 0;
@@ -367,7 +382,7 @@ def _forest(scaling: Affine, classifier: Any, bits: int) -> Decider:
     )
 
 
-def _boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> Decider:
+def _convert_boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> Decider:
     """Leaves hold a share of the score of one class."""
     booster = classifier.booster_.get_booster()
     model = json.loads(bytes(booster.save_raw("json")))["learner"]["gradient_booster"]["model"]
@@ -377,22 +392,22 @@ def _boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> Decider:
     for tree in model["trees"]:
         value = np.array(tree["split_conditions"], SINGLE)
 
-        def leaf(node: int, value: np.ndarray = value) -> int:
+        def number_leaf(node: int, value: np.ndarray = value) -> int:
             scores.append(float(value[node]))
             return len(scores) - 1
 
         left, right, feature = (
             np.array(tree[k]) for k in ("left_children", "right_children", "split_indices")
         )
-        nodes.add((left, right), feature, value, leaf)
+        nodes.add((left, right), feature, value, number_leaf)
     if len(scores) >= 2**16:
         raise InputError(
             "the trees have more leaves than 16 bits can count; fit fewer or smaller ones"
         )
     group = np.array(model["tree_info"], np.int32) + (1 if classes == 2 else 0)
-    leaves, step = rounded(np.array(scores, float)[None], bits)
-    arrays, body = _measured(scaling)
-    arrays |= nodes.arrays() | {"scores": leaves[0], "step": step, "group": group}
+    leaves, step = quantise_rows(np.array(scores, float)[None], bits)
+    arrays, body = _write_scaling(scaling)
+    arrays |= nodes.to_arrays() | {"scores": leaves[0], "step": step, "group": group}
     # The score that no tree gives: of a row of zeros, what the booster predicts without what the trees add.
     margin = (
         classifier.booster_.predict(np.zeros((1, width)), output_margin=True).astype(float).ravel()
@@ -416,28 +431,28 @@ def _boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> Decider:
 
 
 TREES = (RandomForestClassifier, ExtraTreesClassifier, DecisionTreeClassifier)
-DECIDERS: dict[Any, Callable[[Affine, Any, int], Decider]] = {
-    Guarded: _guarded,
-    Discriminants: _discriminants,
-    LogisticRegression: _logistic,
-    GaussianBayes: _bayes,
-    RankedSVC: _svm,
-    PrunedTree: lambda scaling, classifier, bits: _forest(scaling, classifier.tree_, bits),
-    **dict.fromkeys(TREES, _forest),
-    BoostedTrees: _boosted,
+CONVERTERS: dict[Any, Callable[[Affine, Any, int], Decider]] = {
+    GuardedDiscriminants: _convert_guarded,
+    Discriminants: _convert_discriminants,
+    LogisticRegression: _convert_logistic,
+    GaussianBayes: _convert_bayes,
+    RankedSVC: _convert_svm,
+    PrunedTree: lambda scaling, classifier, bits: _convert_forest(scaling, classifier.tree_, bits),
+    **dict.fromkeys(TREES, _convert_forest),
+    BoostedTrees: _convert_boosted,
 }
 
 
 def has_c(classifier: object) -> bool:
     """Return True if a classifier, fitted or not, can become C."""
-    return isinstance(classifier, tuple(DECIDERS))
+    return isinstance(classifier, tuple(CONVERTERS))
 
 
-def decider(system: Pipeline, width: int, bits: int) -> Decider:
+def convert_classifier(system: Pipeline, width: int, bits: int) -> Decider:
     """The classifier of a fitted pipeline on so many features, and the scaling before it, in 32 or 8 bits a weight."""
     classifier = system.steps[-1][1]
-    scaling = _affine([step for _, step in system.steps[1:-1]], width)
-    for kind, convert in DECIDERS.items():
+    scaling = _combine_scalers([step for _, step in system.steps[1:-1]], width)
+    for kind, convert in CONVERTERS.items():
         if isinstance(classifier, kind):
             return convert(scaling, classifier, bits)
-    raise InputError(f"{type(classifier).__name__} has no C; use {HAVE}")
+    raise InputError(f"{type(classifier).__name__} has no C; use {EXPORTABLE}")

@@ -7,8 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError
-from bench.grammar.options import START, TRUSTED, Command, keys, parse_words, settings
-from bench.ground.words import Option
+from bench.grammar.options import (
+    START,
+    TRUST_NOTE,
+    Command,
+    key_options,
+    parse_words,
+    typed_settings,
+)
+from bench.ground.typed import Option
 
 if TYPE_CHECKING:
     from bench.running.saved import Recogniser
@@ -26,12 +33,12 @@ EXPORT = Command(
     "make check build for this machine, make chip for a Cortex-M4F (FLASH=256K RAM=32K). make flash and make count "
     "print bytes, instructions and stack. C exists for reflex and hughes2017_cnn. It also exists for lda, softmax, "
     "bayes, svm, tree, rf, et and xgb with jung28, or with touch and model.window=. "
-    f"{TRUSTED}",
+    f"{TRUST_NOTE}",
     "bench fit data=haart model=reflex out=rec\nbench export rec out=rec_c bits=8\nmake -C rec_c check",
     "MODEL out=FOLDER [key=value ...]",
     module="touchbench_chip.command",
     follows={"fit": "bench export {} out=in_c"},
-    unfit="without_c",
+    unfit="why_no_c",
     options=(
         Option(
             "bits",
@@ -45,12 +52,12 @@ EXPORT = Command(
 )
 
 
-def without_c(recogniser: Recogniser) -> str:
+def why_no_c(recogniser: Recogniser) -> str:
     """Why a saved system has no C; empty if it has."""
-    from touchbench_chip.tables import chip_of
+    from touchbench_chip.tables import collect_contents
 
     try:
-        chip_of(recogniser, 32)
+        collect_contents(recogniser, 32)
     except InputError as e:
         return str(e)
     return ""
@@ -58,24 +65,27 @@ def without_c(recogniser: Recogniser) -> str:
 
 def export(arguments: list[str]) -> int:
     """Write a saved system as C."""
-    from bench.commands.printing import then
-    from bench.ground.scratch import made_whole, new_folder
-    from bench.running.saved import load
+    from bench.commands.printing import print_next_commands
+    from bench.ground.scratch import check_empty_folder, fill_then_rename
+    from bench.running.saved import load_recogniser
     from bench.values.stopping import NO_SAVING
-    from touchbench_chip.write import files_of
+    from touchbench_chip.write import write_c_sources
 
-    words, values = parse_words(arguments, keys("export"), 1)
+    words, values = parse_words(arguments, key_options("export"), 1)
     if not words or "out" not in values:
         raise InputError(
             "give a model and out=, the folder for the C files: bench export MODEL out=FOLDER"
         )
-    bits, out = int(settings("export", values)["bits"]), new_folder(Path(values["out"]))
+    bits, out = (
+        int(typed_settings("export", values)["bits"]),
+        check_empty_folder(Path(values["out"])),
+    )
 
-    model = load(words[0])
+    model = load_recogniser(words[0])
     grid, kind = "x".join(map(str, model.grid)), "synthetic " if model.synthetic else ""
     title = f"touchbench: {len(model.classes)} classes of {kind}touch on {grid} taxels at {model.rate_hz:g} Hz"
-    files = files_of(model, bits, title)
-    with made_whole(out) as beside:
+    files = write_c_sources(model, bits, title)
+    with fill_then_rename(out) as beside:
         beside.mkdir()
         for name, text in files.items():
             (beside / name).write_text(text, encoding="utf-8")
@@ -89,5 +99,5 @@ def export(arguments: list[str]) -> int:
     print(
         "make chip links for a Cortex-M4F with FLASH=256K RAM=32K; for another chip, append its sizes"
     )
-    then(f"make -C {shlex.quote(str(out))} check flash")
+    print_next_commands(f"make -C {shlex.quote(str(out))} check flash")
     return 0

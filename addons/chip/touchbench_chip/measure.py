@@ -49,12 +49,12 @@ RECORDED = (  # besides, where it watches a recording
 )
 
 
-def lacking() -> list[str]:
+def missing_programs() -> list[str]:
     """Programs that are needed and not installed."""
     return [name for name in PROGRAMS if shutil.which(name) is None]
 
 
-def compiled(folder: Path, classes: int) -> Callable[[np.ndarray], tuple[np.ndarray, bool]]:
+def compile_labeller(folder: Path, classes: int) -> Callable[[np.ndarray], tuple[np.ndarray, bool]]:
     """The C files of a folder as a function from a capture [frames, rows, cols] to probabilities [classes].
 
     It also says whether the capture looks unlike all training captures.
@@ -64,11 +64,11 @@ def compiled(folder: Path, classes: int) -> Callable[[np.ndarray], tuple[np.ndar
     (folder / "asked.c").write_text(
         (CODE / "asked.c").read_text(encoding="utf-8"), encoding="utf-8"
     )
-    _output(["cc", *FLAGS, "asked.c", "-lm", "-o", "asked.so"], folder)
+    _run_program(["cc", *FLAGS, "asked.c", "-lm", "-o", "asked.so"], folder)
     run = ctypes.CDLL(str(folder / "asked.so")).asked
     floats = ctypes.POINTER(ctypes.c_float)
 
-    def answer(frames: np.ndarray) -> tuple[np.ndarray, bool]:
+    def label_capture(frames: np.ndarray) -> tuple[np.ndarray, bool]:
         values = np.ascontiguousarray(frames.reshape(len(frames), -1), dtype=np.float32)
         proba, unlike = np.zeros(classes, np.float32), ctypes.c_int()
         code = run(
@@ -83,10 +83,10 @@ def compiled(folder: Path, classes: int) -> Callable[[np.ndarray], tuple[np.ndar
             )
         return proba, bool(unlike.value)
 
-    return answer
+    return label_capture
 
 
-def measured(folder: Path, *room: str) -> dict[str, float]:
+def measure_footprint(folder: Path, *room: str) -> dict[str, float]:
     """Bytes and instructions of the C files of a folder on a Cortex-M4F of 256 KiB and 32 KiB, or of some ``room``.
 
     Returns:
@@ -102,13 +102,13 @@ def measured(folder: Path, *room: str) -> dict[str, float]:
     Raises:
         ValueError: they do not compile, or the program does not fit, or QEMU does not end.
     """
-    numbers = _numbers(["flash", "count", "chip", *room], PRINTED, folder)
+    numbers = _parse_make_output(["flash", "count", "chip", *room], PRINTED, folder)
     numbers["chip_program_ram_bytes"] += numbers.pop("chip_reserve")
     return numbers
 
 
-def measured_watching(folder: Path, recording: np.ndarray | None = None) -> dict[str, float]:
-    """Bytes and instructions of `touch_watch`, as of `measured`, of a system that watches an endless stream.
+def measure_watching(folder: Path, recording: np.ndarray | None = None) -> dict[str, float]:
+    """Bytes and instructions of `touch_watch`, as of `measure_footprint`, of a system that watches an endless stream.
 
     ``chip_watch_ram_bytes`` has that of a capture, too; instructions are of a frame without and with touch (means), and
     of the costliest; also on a recording [frames, rows, cols], if there is one, with the number of reports.
@@ -116,12 +116,14 @@ def measured_watching(folder: Path, recording: np.ndarray | None = None) -> dict
     if recording is not None:
         (folder / "recorded.bin").write_bytes(recording.astype("<f4").tobytes())
     patterns = WATCHING if recording is None else WATCHING + RECORDED
-    return _numbers(["flash", "count", *ROOMY], patterns, folder)
+    return _parse_make_output(["flash", "count", *ROOMY], patterns, folder)
 
 
-def _numbers(targets: list[str], patterns: tuple[str, ...], folder: Path) -> dict[str, float]:
+def _parse_make_output(
+    targets: list[str], patterns: tuple[str, ...], folder: Path
+) -> dict[str, float]:
     """Numbers that make prints, by the names of the groups of their patterns; a ValueError where one is missing."""
-    text = _output(["make", "-s", *targets], folder)
+    text = _run_program(["make", "-s", *targets], folder)
     numbers: dict[str, float] = {}
     for pattern in patterns:
         if not (match := re.search(pattern, text)):
@@ -132,7 +134,7 @@ def _numbers(targets: list[str], patterns: tuple[str, ...], folder: Path) -> dic
     return numbers
 
 
-def _output(call: list[str], folder: Path) -> str:
+def _run_program(call: list[str], folder: Path) -> str:
     """What a program prints; a ValueError if it fails or does not end."""
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(call, cwd=folder, start_new_session=True, **pipes) as process:
@@ -151,7 +153,7 @@ def _output(call: list[str], folder: Path) -> str:
 
 
 @cache
-def toolchain() -> list[str]:
+def toolchain_versions() -> list[str]:
     """Versions of the programs that bytes, instructions and rounding depend on."""
     return [
         subprocess.run(

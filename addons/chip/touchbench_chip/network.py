@@ -10,17 +10,17 @@ import torch
 from bench.contract import System
 from bench.errors import InputError
 from bench.models.nets.hughes2017 import Hughes2017CNN
-from bench.models.quantised import rounded
-from touchbench_chip.classifiers import HAVE, SINGLE, Decider
+from bench.models.quantised import quantise_rows
+from touchbench_chip.classifiers import EXPORTABLE, SINGLE, Decider
 
 
-def check(system: System) -> None:
+def check_network(system: System) -> None:
     """Refuse other networks and other objects."""
     if type(system) is not Hughes2017CNN:
-        raise InputError(f"{type(system).__name__} has no C; use hughes2017_cnn, {HAVE}")
+        raise InputError(f"{type(system).__name__} has no C; use hughes2017_cnn, {EXPORTABLE}")
 
 
-def convolved(
+def convert_filters(
     system: Hughes2017CNN, grid: tuple[int, int], bits: int
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Sizes by name, and the weights of both layers of filters.
@@ -46,19 +46,19 @@ def convolved(
         "OPEN": (window - frames) // hop + 1,  # windows that are kept at a time
         "USED": used,
         "FILTERS1": first.out_channels,
-        **_named("KERNEL1", first.kernel_size),
-        **_named("POOL1", pool1.kernel_size),
+        **_name_sizes("KERNEL1", first.kernel_size),
+        **_name_sizes("POOL1", pool1.kernel_size),
         "MAP_COLS": maps[1],
         "MAP": maps[0] * maps[1],
         "FILTERS2": second.out_channels,
-        **_named("KERNEL2", second.kernel_size),
-        **_named("POOL2", pool2.kernel_size),
-        **_named("SUM", sums),
+        **_name_sizes("KERNEL2", second.kernel_size),
+        **_name_sizes("POOL2", pool2.kernel_size),
+        **_name_sizes("SUM", sums),
     }
-    return defines, _layer("filters1", first, bits) | _layer("filters2", second, bits)
+    return defines, _layer_tables("filters1", first, bits) | _layer_tables("filters2", second, bits)
 
 
-def head(system: Hughes2017CNN, bits: int) -> Decider:
+def convert_head(system: Hughes2017CNN, bits: int) -> Decider:
     """The two layers of units after the filters."""
     net: Any = system.net_
     hidden, last = (part for part in net if isinstance(part, torch.nn.Linear))
@@ -69,15 +69,15 @@ def head(system: Hughes2017CNN, bits: int) -> Decider:
     softmax(proba, {CLASSES});
 """
     units = hidden.out_features
-    arrays = _layer("hidden", hidden, bits) | _layer("last", last, bits)
+    arrays = _layer_tables("hidden", hidden, bits) | _layer_tables("last", last, bits)
     return Decider(arrays, body, "two layers of units", {"units": units}, {"UNITS": str(units)})
 
 
-def _named(name: str, sizes: tuple[int, ...] | list[int]) -> dict[str, int]:
+def _name_sizes(name: str, sizes: tuple[int, ...] | list[int]) -> dict[str, int]:
     return {f"{name}_{side}": n for side, n in zip(("FRAMES", "ROWS", "COLS"), sizes, strict=True)}
 
 
-def _layer(name: str, module: Any, bits: int) -> dict[str, np.ndarray]:
+def _layer_tables(name: str, module: Any, bits: int) -> dict[str, np.ndarray]:
     weights, bias = (p.detach().cpu().numpy() for p in (module.weight, module.bias))
-    integers, step = rounded(weights.reshape(len(weights), -1), bits)
+    integers, step = quantise_rows(weights.reshape(len(weights), -1), bits)
     return {name: integers, f"{name}_step": step, f"{name}_bias": bias.astype(SINGLE)}

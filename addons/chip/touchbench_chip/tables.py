@@ -9,15 +9,15 @@ import numpy as np
 from sklearn.pipeline import Pipeline
 
 from bench import contract
+from bench.corpora.corpus import SATURATED_ONE_IN
 from bench.corpora.windows import Step, Windows
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
-from bench.features.touch import LAGS_S, POINTS, SEGMENT_S, TouchFeatures
-from bench.ground.words import SATURATED_SHARE
+from bench.features.touch import LAGS_S, SEGMENT_S, SPECTRUM_POINTS, TouchFeatures
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
 from bench.models.steps import SETTLED_S, Repair, Scale
-from touchbench_chip.classifiers import HAVE, Decider, decider, has_c, number
+from touchbench_chip.classifiers import EXPORTABLE, Decider, convert_classifier, format_float, has_c
 
 if TYPE_CHECKING:
     from bench.running.replay import Stopping
@@ -28,7 +28,7 @@ LONGEST_TOUCH = 2**30  # frames; a window forgets
 
 
 @dataclass
-class Chip:
+class CContents:
     """Contents of the exported C of a fitted system.
 
     Attributes:
@@ -51,49 +51,51 @@ class Chip:
     watch: Any = None
 
 
-def check(estimator: Any) -> bool:
+def check_exportable(estimator: Any) -> bool:
     """Refuse a system that is not fitted and has no C; True if its C can watch an endless stream."""
     if isinstance(estimator, Reflex):
         return True
-    system, steps = _opened(estimator, "system")
+    system, steps = _unwrap_recipe(estimator, "system")
     if not isinstance(system, Pipeline):
         from touchbench_chip import network  # PyTorch, which other systems do without
 
-        network.check(system)
+        network.check_network(system)
         return False
-    name, _ = _features(system, steps)
+    name, _ = _find_feature_code(system, steps)
     if not has_c(system.steps[-1][1]):
-        raise InputError(f"{type(system.steps[-1][1]).__name__} has no C; use {HAVE}")
+        raise InputError(f"{type(system.steps[-1][1]).__name__} has no C; use {EXPORTABLE}")
     return name == "touch"
 
 
-def chip_of(recogniser: Recogniser, bits: int) -> Chip:
+def collect_contents(recogniser: Recogniser, bits: int) -> CContents:
     """The contents of a saved system's C, with 32 or 8 bits a learnt weight."""
     estimator: Any = recogniser.estimator
     reflex = isinstance(estimator, Reflex)
-    system, steps = _opened(estimator.whole_ if reflex else estimator)
-    early = _opened(estimator.early_) if reflex else None
+    system, steps = _unwrap_recipe(estimator.whole_ if reflex else estimator)
+    early = _unwrap_recipe(estimator.early_) if reflex else None
     arrays: dict[str, np.ndarray] = {}
     if isinstance(system, Pipeline):
-        name, windows = _features(system, steps)
+        name, windows = _find_feature_code(system, steps)
         width = len(system.steps[0][1].get_feature_names_out())
         longest = LONGEST_TOUCH if name == "touch" else recogniser.longest
         short = next(step for step in early[1] if isinstance(step, Windows)) if early else None
-        sizes = _windows(windows, short, recogniser.rate_hz)
-        deciders = {"decide": decider(system, width, bits)}
+        sizes = _window_defines(windows, short, recogniser.rate_hz)
+        deciders = {"decide": convert_classifier(system, width, bits)}
         if early:
-            deciders["decide_early"] = decider(early[0], width, bits)
+            deciders["decide_early"] = convert_classifier(early[0], width, bits)
     else:
         from touchbench_chip import network  # PyTorch, which other systems do without
 
-        network.check(system)
+        network.check_network(system)
         name, longest = "convolved", LONGEST_TOUCH
-        sizes, arrays = network.convolved(system, recogniser.grid, bits)
-        deciders = {"decide": network.head(system, bits)}
+        sizes, arrays = network.convert_filters(system, recogniser.grid, bits)
+        deciders = {"decide": network.convert_head(system, bits)}
         width = deciders["decide"].arrays["hidden"].shape[1]
     arrays |= {"usual": np.exp(recogniser.usual).astype(np.float32)}  # of a capture as a whole
-    defines = _sizes(recogniser, width, longest) | _steps(steps, recogniser.rate_hz) | sizes
-    defines |= _stopping(recogniser.stopping) | {"WATCH": 0, "STEPPED": 0}
+    defines = (
+        _size_defines(recogniser, width, longest) | _step_defines(steps, recogniser.rate_hz) | sizes
+    )
+    defines |= _stopping_defines(recogniser.stopping) | {"WATCH": 0, "STEPPED": 0}
     points: tuple[tuple[float, float, float, float], ...] = ()
     watch = None
     if name == "touch" and (watcher := recogniser.watcher) is not None:
@@ -103,18 +105,18 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
             raise InputError(
                 f"detector={finds} has no C; use frames or threshold in bench fit detector=, or watch=no"
             )
-        defines |= _watching(
-            watch, recogniser, sizes, 0 if any(map(is_fraction, steps)) else recogniser.step
+        defines |= _watch_defines(
+            watch, recogniser, sizes, 0 if any(map(yields_fractions, steps)) else recogniser.step
         )
         points = watcher.points
         arrays |= watch.arrays | {"levels": np.array([level for level, *_ in points], np.float32)}
         for function, part in watch.deciders.items():
             deciders[function] = replace(
-                decider(part, width, bits), classes=str(len(part.classes_))
+                convert_classifier(part, width, bits), classes=str(len(part.classes_))
             )
     for function, part in deciders.items():
         defines |= {f"{function.upper()}_{name}": value for name, value in part.defines.items()}
-    return Chip(
+    return CContents(
         {k: str(v) for k, v in defines.items()},
         deciders,
         name,
@@ -125,7 +127,7 @@ def chip_of(recogniser: Recogniser, bits: int) -> Chip:
     )
 
 
-def _sizes(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:
+def _size_defines(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:
     rows, cols = recogniser.grid
     return {
         "ROWS": rows,
@@ -133,8 +135,8 @@ def _sizes(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:
         "TAXELS": rows * cols,
         "CLASSES": len(recogniser.classes),
         "FEATURES": width,
-        "RATE_HZ": number(recogniser.rate_hz),
-        "FULL_SCALE": number(recogniser.full_scale),
+        "RATE_HZ": format_float(recogniser.rate_hz),
+        "FULL_SCALE": format_float(recogniser.full_scale),
         "CHECKED": min(
             recogniser.longest, 2 * round(recogniser.rate_hz) + 9
         ),  # frames of make check
@@ -142,12 +144,12 @@ def _sizes(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:
     }
 
 
-def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
+def _unwrap_recipe(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
     """A system, features and classifier or a network, and the steps of the recipe around it, if there is one.
 
     ``inside`` is the attribute of a recipe that is the system.
     """
-    if contract.abstention(estimator) is not None:
+    if contract.abstention_label(estimator) is not None:
         raise InputError(
             "a system that abstains has no C, which always names a gesture; remove abstains"
         )
@@ -161,7 +163,7 @@ def _opened(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
     return system, steps
 
 
-def _features(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]:
+def _find_feature_code(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]:
     """The name of the C that computes the features, and the windows that it sees."""
     features = system.steps[0][1]
     windows = next((step for step in steps if isinstance(step, Windows)), None)
@@ -182,7 +184,7 @@ def _features(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]
     )
 
 
-def _steps(steps: list[Step], rate_hz: float) -> dict[str, Any]:
+def _step_defines(steps: list[Step], rate_hz: float) -> dict[str, Any]:
     kinds = {kind for step in steps if isinstance(step, Repair) for kind in step.kinds}
     return {
         "SETTLED": max(2, int(np.ceil(SETTLED_S * rate_hz))),
@@ -193,12 +195,14 @@ def _steps(steps: list[Step], rate_hz: float) -> dict[str, Any]:
     }
 
 
-def _windows(windows: Windows | None, short: Windows | None, rate_hz: float) -> dict[str, Any]:
+def _window_defines(
+    windows: Windows | None, short: Windows | None, rate_hz: float
+) -> dict[str, Any]:
     """Lengths of windows in frames, and of shorter ones that come first; each begins in the middle of the last."""
     if windows is None:
         return {"WINDOW": 0, "EARLY": 0}
-    window, hop = windows.lengths(rate_hz)
-    early_window, early_hop = short.lengths(rate_hz) if short else (0, 0)
+    window, hop = windows.window_and_hop(rate_hz)
+    early_window, early_hop = short.window_and_hop(rate_hz) if short else (0, 0)
     for frames, step in ((window, hop), (early_window, early_hop)):
         if step != (frames + 1) // 2:
             raise InputError(
@@ -213,17 +217,17 @@ def _windows(windows: Windows | None, short: Windows | None, rate_hz: float) -> 
         "EARLY": early_window,
         "EARLY_HOP": early_hop,
         "SEGMENT": segment,
-        "MOST_POINTS": max(POINTS, min(window, segment)),
+        "MOST_POINTS": max(SPECTRUM_POINTS, min(window, segment)),
         "LAG_FRAMES": f"{{{lags}}}",
     }
 
 
-def is_fraction(step: Step) -> bool:
+def yields_fractions(step: Step) -> bool:
     """Return True if readings after a step lie between those before."""
     return isinstance(step, Scale) or (isinstance(step, Repair) and step.kinds != ("offset",))
 
 
-def _watching(
+def _watch_defines(
     watch: Any, recogniser: Recogniser, sizes: dict[str, Any], step: float
 ) -> dict[str, Any]:
     """Constants of a watcher, and of its frames, which share the ring of signals with captures.
@@ -238,34 +242,34 @@ def _watching(
     settled = int(np.ceil(SETTLED_S * recogniser.rate_hz))
     common = {
         "RING": ring,
-        "MOST_POINTS": max(POINTS, min(ring, sizes["SEGMENT"])),
+        "MOST_POINTS": max(SPECTRUM_POINTS, min(ring, sizes["SEGMENT"])),
         "WATCH": 1,
         "TURN": ring * -(-max(ring, settled) // ring),
-        "SATURATED": -(-recogniser.grid[0] * recogniser.grid[1] // SATURATED_SHARE),
-        "LEVEL": number(watch.level),
+        "SATURATED": -(-recogniser.grid[0] * recogniser.grid[1] // SATURATED_ONE_IN),
+        "LEVEL": format_float(watch.level),
         "STEPPED": int(longest * steps**2 < BITS32),
-        "STEPS": number(min(steps, BITS16)),
+        "STEPS": format_float(min(steps, BITS16)),
         "SUM": "uint16_t" if longest * steps < BITS16 else "uint32_t",
         "MOST": "uint8_t" if steps < BITS8 else "uint16_t",
     }
     of_detector = {name: value for _, group in watch.constants for name, value in group.items()}
     return common | {
-        name: number(v) if isinstance(v, float) else v for name, v in of_detector.items()
+        name: format_float(v) if isinstance(v, float) else v for name, v in of_detector.items()
     }
 
 
-def _stopping(stopping: Stopping | None) -> dict[str, Any]:
+def _stopping_defines(stopping: Stopping | None) -> dict[str, Any]:
     if stopping is None:
         return {"STOPPING": 0, "CALIBRATED": 0}
     heat = stopping.calibration
     defines: dict[str, Any] = {"STOPPING": int(stopping.saves)}
     if stopping.saves:
-        defines["THRESHOLD"] = number(stopping.threshold)
-        defines["WAITING"] = "{" + ", ".join(map(number, stopping.waiting.weights)) + "}"
+        defines["THRESHOLD"] = format_float(stopping.threshold)
+        defines["WAITING"] = "{" + ", ".join(map(format_float, stopping.waiting.weights)) + "}"
     return defines | {
         "CALIBRATED": 1,
-        "FIRST_MS": number(heat.first_ms),
-        "LAST_MS": number(heat.last_ms),
-        "FIRST_HEAT": number(heat.first),
-        "LAST_HEAT": number(heat.last),
+        "FIRST_MS": format_float(heat.first_ms),
+        "LAST_MS": format_float(heat.last_ms),
+        "FIRST_HEAT": format_float(heat.first),
+        "LAST_HEAT": format_float(heat.last),
     }

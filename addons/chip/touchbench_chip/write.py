@@ -12,9 +12,9 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from bench.features import touch
-from bench.models.steps import PASSES
-from touchbench_chip.classifiers import number
-from touchbench_chip.tables import Chip, chip_of
+from bench.models.steps import FILL_PASSES
+from touchbench_chip.classifiers import format_float
+from touchbench_chip.tables import CContents, collect_contents
 
 if TYPE_CHECKING:
     from bench.running.saved import Recogniser
@@ -59,39 +59,41 @@ COMMENTS = {  # by the first constant of each group
     "SIGNALS": "Features of touch: signals of a frame, what is taken of each, and of the taxels in order of size.",
     "NAMES": "Classes, in the order of probabilities.",
 }
-REMEMBERED = {"PASSES": str(PASSES), "REMEMBERED": "32"}
+REMEMBERED = {"PASSES": str(FILL_PASSES), "REMEMBERED": "32"}
 CONSTANTS = REMEMBERED | {  # of the feature set touch
     "SIGNALS": str(len(touch.SIGNALS)),
     "STATISTICS": str(len(touch.STATISTICS)),
-    "SPECTRAL": str(len(touch.SPECTRAL)),
-    "LAGGED": str(len(touch.LAGGED)),
+    "SPECTRAL": str(len(touch.SPECTRAL_SIGNALS)),
+    "LAGGED": str(len(touch.LAGGED_SIGNALS)),
     "LAGS": str(len(touch.LAGS_S)),
     "BANDS": str(len(touch.BANDS) - 1),
-    "SPREAD": str(touch.SPREAD),
-    "POINTS": str(touch.POINTS),
-    "ROW": str(touch.CENTRE[0]),
-    "COL": str(touch.CENTRE[1]),
-    "EPS": number(touch.EPS),
-    "STILL": number(touch.STILL),
-    "PI": number(math.pi),
+    "SPREAD": str(touch.SORTED_POINTS),
+    "POINTS": str(touch.SPECTRUM_POINTS),
+    "ROW": str(touch.CENTRE_SIGNALS[0]),
+    "COL": str(touch.CENTRE_SIGNALS[1]),
+    "EPS": format_float(touch.EPS),
+    "STILL": format_float(touch.STILL_SHARE),
+    "PI": format_float(math.pi),
 }
 
 
-def files_of(recogniser: Recogniser, bits: int, title: str) -> dict[str, str]:
+def write_c_sources(recogniser: Recogniser, bits: int, title: str) -> dict[str, str]:
     """Names and contents of the files of a saved system, with a title of one line, and 32 or 8 bits a learnt weight."""
-    chip = chip_of(recogniser, bits)
+    chip = collect_contents(recogniser, bits)
     return {
-        "touch.h": _header(chip, title, recogniser.rate_hz),
-        "tables.h": _tables(chip, bits),
-        "touch.c": _code(chip),
-        "count.c": _fixed("count.c").replace(
+        "touch.h": _write_header(chip, title, recogniser.rate_hz),
+        "tables.h": _write_tables(chip, bits),
+        "touch.c": _write_code(chip),
+        "count.c": _read_code("count.c").replace(
             "/* PRETENDED */", chip.watch.pretended if chip.watch else ""
         ),
-        **{name: _fixed(name) for name in ("main.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")},
+        **{
+            name: _read_code(name) for name in ("main.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")
+        },
     }
 
 
-def digest() -> str:
+def hash_fixed_code() -> str:
     """Hash of the C that is the same for all systems."""
     h = hashlib.sha256()
     for path in sorted(CODE.iterdir()):
@@ -99,34 +101,34 @@ def digest() -> str:
     return h.hexdigest()
 
 
-def _fixed(name: str) -> str:
+def _read_code(name: str) -> str:
     return (CODE / name).read_text(encoding="utf-8")
 
 
-def _template(name: str, values: dict[str, str]) -> str:
+def _fill_code(name: str, values: dict[str, str]) -> str:
     """A fixed file with values behind ``$``."""
-    return Template(_fixed(name)).substitute(values)
+    return Template(_read_code(name)).substitute(values)
 
 
-def _header(chip: Chip, title: str, rate_hz: float) -> str:
+def _write_header(chip: CContents, title: str, rate_hz: float) -> str:
     defines = chip.defines | {"RATE_HZ": repr(rate_hz)}  # in full, as main.c counts hops with it
     parts = {
         "title": title,
         "public": "\n".join(
             f"#define TOUCH_{name} {defines[name]}" for name in PUBLIC if name in defines
         ),
-        "state": _state(chip),
+        "state": _write_state(chip),
         "settled": SETTLED if defines["STOPPING"] == "1" else NOT_SETTLED,
-        "watch": _fixed("watch.h") + _points(chip) if chip.watch else "",
+        "watch": _read_code("watch.h") + _write_points(chip) if chip.watch else "",
     }
-    return _template("touch.h", parts)
+    return _fill_code("touch.h", parts)
 
 
-def _points(chip: Chip) -> str:
+def _write_points(chip: CContents) -> str:
     """The function that moves a watcher to another operating point, and what training found at each."""
     rows = [
-        f"   {i}: {_alarms(alarms, hours)}; {100 * found:.1f} % of touches found"
-        f"{' (after touch_watch_init)' if number(level) == chip.defines['LEVEL'] else ''}"
+        f"   {i}: {_alarm_words(alarms, hours)}; {100 * found:.1f} % of touches found"
+        f"{' (after touch_watch_init)' if format_float(level) == chip.defines['LEVEL'] else ''}"
         for i, (level, alarms, hours, found) in enumerate(chip.points)
     ]
     return "\n".join(
@@ -144,20 +146,20 @@ def _points(chip: Chip) -> str:
     )
 
 
-def _alarms(alarms: float, hours: float) -> str:
+def _alarm_words(alarms: float, hours: float) -> str:
     """How often a watcher reports without touch: the count, and the largest rate that it agrees with (Poisson)."""
     if not hours:
         return "no background to count false alarms in"
-    rate = most(alarms, hours)
+    rate = poisson_upper_rate(alarms, hours)
     return f"{alarms:g} false alarms in {60 * hours:.3g} minutes, so at most {rate:.3g} per hour (95 % confidence)"
 
 
-def most(events: float, hours: float) -> float:
+def poisson_upper_rate(events: float, hours: float) -> float:
     """Upper 95 % bound of the rate of so many events (Poisson, exact; 3 / hours after none)."""
     return float(gammaincinv(events + 1, 0.95)) / hours
 
 
-def _state(chip: Chip) -> str:
+def _write_state(chip: CContents) -> str:
     """What is kept between frames, and what features and classifier work in."""
     d = chip.defines
     taxels = d["TAXELS"]
@@ -187,11 +189,11 @@ def _state(chip: Chip) -> str:
         )
     body = "".join(f"    {line}\n" for line in members)
     sums = "part_in_steps.h" if d["STEPPED"] == "1" else "part.h"
-    part = _template(sums, d) if chip.features == "touch" else ""
-    return f"{part}typedef struct {{\n{body}}} touch_t;\n{_watch_state(chip)}"
+    part = _fill_code(sums, d) if chip.features == "touch" else ""
+    return f"{part}typedef struct {{\n{body}}} touch_t;\n{_write_watch_state(chip)}"
 
 
-def _watch_state(chip: Chip) -> str:
+def _write_watch_state(chip: CContents) -> str:
     """What is kept between the frames of an endless stream; nothing for a system that watches none."""
     if chip.watch is None:
         return ""
@@ -203,7 +205,7 @@ def _watch_state(chip: Chip) -> str:
         *(line.format_map(chip.defines) for line in chip.watch.state),
     )
     return (
-        _fixed("counts.h")
+        _read_code("counts.h")
         + "typedef struct {\n"
         + "".join(f"    {line}\n" for line in members)
         + "} touch_watch_t;\n"
@@ -251,8 +253,8 @@ def _jung28_state(d: dict[str, str]) -> list[str]:
 STATES = {"touch": _touch_state, "convolved": _convolved_state, "jung28": _jung28_state}
 
 
-def _tables(chip: Chip, bits: int) -> str:
-    names = ", ".join(f'"{_escaped(name)}"' for name in chip.classes)
+def _write_tables(chip: CContents, bits: int) -> str:
+    names = ", ".join(f'"{_escape_name(name)}"' for name in chip.classes)
     constants = CONSTANTS if chip.features == "touch" else REMEMBERED
     arrays = dict(chip.arrays)
     for function, decider in chip.deciders.items():
@@ -271,24 +273,24 @@ def _tables(chip: Chip, bits: int) -> str:
         lines.append(
             "typedef struct { int16_t feature; uint16_t right; float threshold; } touch_node_t;"
         )
-    lines += [_array(name, values) for name, values in arrays.items()]
+    lines += [_write_array(name, values) for name, values in arrays.items()]
     return "/* Sizes, and what was learnt. */\n" + "\n".join(lines) + "\n"
 
 
-def _escaped(name: str) -> str:
+def _escape_name(name: str) -> str:
     """A class name inside a C string; what is not ASCII as its bytes."""
     return "".join(
         chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in name.encode()
     )
 
 
-def _array(name: str, values: np.ndarray) -> str:
+def _write_array(name: str, values: np.ndarray) -> str:
     flat = values.ravel()
     if flat.dtype.names:
-        cells = [f"{{{v['feature']}, {v['right']}, {number(v['threshold'])}}}" for v in flat]
+        cells = [f"{{{v['feature']}, {v['right']}, {format_float(v['threshold'])}}}" for v in flat]
         kind = "touch_node_t"
     elif flat.dtype.kind == "f":
-        cells, kind = [number(v) for v in flat], "float"
+        cells, kind = [format_float(v) for v in flat], "float"
     else:
         cells, kind = [str(v) for v in flat.tolist()], TYPES[str(flat.dtype)]
     rows, row = [], ""
@@ -301,18 +303,22 @@ def _array(name: str, values: np.ndarray) -> str:
     return f"static const {kind} {name}[{len(cells)}] = {{\n    {inside.rstrip(', ')}}};"
 
 
-def _code(chip: Chip) -> str:
+def _write_code(chip: CContents) -> str:
     includes = (
         '#include "touch.h"\n\n#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n'
     )
-    pieces = [f"{TOP}\n{includes}", _fixed("frame.c"), _fixed(f"features_{chip.features}.c")]
+    pieces = [
+        f"{TOP}\n{includes}",
+        _read_code("frame.c"),
+        _read_code(f"features_{chip.features}.c"),
+    ]
     bodies = "".join(decider.body for decider in chip.deciders.values())
     bodies += "softmax(" if chip.defines["CALIBRATED"] == "1" else ""
-    pieces += [_fixed(f"{name}.c") for name in FUNCTIONS if f"{name}(" in bodies]
+    pieces += [_read_code(f"{name}.c") for name in FUNCTIONS if f"{name}(" in bodies]
     for function, decider in chip.deciders.items():
-        body = decider.written(function)
+        body = decider.render_body(function)
         kind = "Probabilities" if "softmax" in decider.body else "Scores"
         comment = f"/* {kind} from the features: {decider.comment}. */\n"
         pieces.append(f"{comment}static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
-    watching = [chip.watch.code, _fixed("watch.c")] if chip.watch else []
-    return "\n".join([*pieces, _fixed("api.c"), _fixed("look.c"), *watching])
+    watching = [chip.watch.code, _read_code("watch.c")] if chip.watch else []
+    return "\n".join([*pieces, _read_code("api.c"), _read_code("look.c"), *watching])

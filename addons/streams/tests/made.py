@@ -9,9 +9,9 @@ import pytest
 
 from bench.corpora import synth
 from bench.corpora.library import import_corpus
-from bench.ground.scratch import home
-from bench.plan.cells import cells
-from bench.plan.plan import Fold, planned
+from bench.ground.scratch import data_folder
+from bench.plan.grid import make_cells
+from bench.plan.plan import Fold, make_plans
 from tests.results import HAART, result
 from touchbench_streams import synth_recordings
 from touchbench_streams.study import Continuous
@@ -49,7 +49,7 @@ WATCHED = pd.DataFrame(  # 100 s at 50 Hz, 10 s of it touched; one touch is foun
 def stored(name, frames, labels, subjects, rate_hz="15"):
     """Recordings of 3 x 3 taxels, imported under a name."""
     table = pd.DataFrame(frames.reshape(len(labels), -1), columns=[f"ch{i}" for i in range(9)])
-    file = Path(home(), f"{name}.parquet")
+    file = Path(data_folder(), f"{name}.parquet")
     file.parent.mkdir(parents=True, exist_ok=True)
     table.assign(label=labels, subject=subjects)[["subject", "label", *table.columns]].to_parquet(
         file
@@ -66,8 +66,8 @@ def day(labels=None, frames=None):
 
 def plan_of_day():
     """The plan of ``bench watch data=day``."""
-    found = cells({"data": "day", "model": "lda", "features": "touch"})
-    return planned([replace(cell, study=Continuous()) for cell in found], 1)[0]
+    found = make_cells({"data": "day", "model": "lda", "features": "touch"})
+    return make_plans([replace(cell, run_kind=Continuous()) for cell in found], 1)[0]
 
 
 def leaving_out(subject, corpus):

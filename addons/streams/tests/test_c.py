@@ -17,7 +17,7 @@ from scipy import stats
 
 from addons.chip.tests.compiled import STRICT, fitted, lacking, loaded, written
 from bench.corpora import synth
-from bench.corpora.corpus import Corpus, storage
+from bench.corpora.corpus import Corpus, shared_frames
 from bench.corpora.faults import as_readings, as_shares, noise
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
@@ -25,14 +25,14 @@ from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
 from touchbench_chip import measure
 from touchbench_streams import live, synth_recordings
-from touchbench_streams.composer import composed
+from touchbench_streams.composer import compose_recordings
 from touchbench_streams.detectors import names
 from touchbench_streams.detectors.base import UNKNOWN
-from touchbench_streams.detectors.detector import frames_of_tick, ticked
+from touchbench_streams.detectors.detector import average_into_ticks, count_frames_per_tick
 from touchbench_streams.detectors.frames import Frames
 from touchbench_streams.detectors.threshold import Threshold
-from touchbench_streams.detectors.ticks import learn
-from touchbench_streams.disturbed import KINDS, disturbed
+from touchbench_streams.detectors.ticks import learn_watcher
+from touchbench_streams.disturbed import KINDS, disturb_recordings
 from touchbench_streams.recordings import Recordings
 
 pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
@@ -68,7 +68,7 @@ class Watched:
 
 
 def events_of(news, classes):
-    """Events that are over, from the first news of each to its end: as the result of `TickWatcher.reports`."""
+    """Events that are over, from the first news of each to its end: as the result of `TickWatcher.report_touches`."""
     ended = np.flatnonzero(news["news"] == ENDED)
     begun = np.append(0, ended[:-1] + 1)[: len(ended)]  # the first news of an event may be its end
     words = np.append(classes, UNKNOWN)
@@ -93,12 +93,12 @@ def recordings(rate_hz, whole):
     ]
     conditions = corpus.captures.drop_duplicates("subject")
     quiet = Corpus.from_captures(idle, conditions, corpus.rate_hz, full_scale=corpus.full_scale)
-    streams = composed(corpus, quiet)
+    streams = compose_recordings(corpus, quiet)
     if whole:
         return corpus, streams
-    frames, rng = storage(streams.corpus)[0].astype(np.float32), np.random.default_rng(0)
+    frames, rng = shared_frames(streams.corpus)[0].astype(np.float32), np.random.default_rng(0)
     frames += rng.random(frames.shape, np.float32) * (frames < corpus.full_scale)
-    return corpus, replace(streams, corpus=streams.corpus.changed(frames=frames))
+    return corpus, replace(streams, corpus=streams.corpus.with_fields(frames=frames))
 
 
 DETECTORS = {"frames": Frames(), "frames at 8 Hz": Frames(), "threshold": Threshold()}
@@ -122,7 +122,9 @@ def watching(name):
         **dict.fromkeys(IN_STEPS, lambda: Recipe(lda(TouchFeatures()), window=0.4)),
     }.get(name, lambda: Recipe(lda(TouchFeatures()), window=1.0, repair=("stuck", "dead")))
     recogniser = fitted(make(), corpus)
-    watcher = learn(DETECTORS.get(name, Frames()), make, recogniser.estimator, streams, 5.0)[0]
+    watcher = learn_watcher(
+        DETECTORS.get(name, Frames()), make, recogniser.estimator, streams, 5.0
+    )[0]
     assert watcher.level in [level for level, *_ in watcher.points]
     strict, eager = (
         (watcher.level * 2, watcher.level / 2) if name == "threshold" else (watcher.level + 8, -2.0)
@@ -162,7 +164,7 @@ def check_equal(events, expected, wrong=0.0, most=0.02):
 @pytest.mark.parametrize("name", DETECTORS)
 def test_events_are_those_of_python(name, in_c):
     recogniser, streams = watching(name), streams_of(name)
-    expected = recogniser.watcher.reports(streams.corpus)
+    expected = recogniser.watcher.report_touches(streams.corpus)
     watched, in_8_bits = in_c(name), in_c(name, 8)
     labels = 0
     for i in range(len(streams)):
@@ -187,12 +189,12 @@ def test_a_disturbed_sensor_has_the_events_of_python(tmp_path):
     recogniser, streams = copy(watching("frames")), streams_of("frames")
     watcher = recogniser.watcher = copy(recogniser.watcher)
     calm, detector = watcher.detector, copy(watcher.detector)
-    ticks = ticked(streams, frames_of_tick(calm.tick, streams.corpus.rate_hz))
-    shaken = [disturbed(streams.corpus, kind) for kind in KINDS]
+    ticks = average_into_ticks(streams, count_frames_per_tick(calm.tick, streams.corpus.rate_hz))
+    shaken = [disturb_recordings(streams.corpus, kind) for kind in KINDS]
     others = []  # whatever is worth more in training, each of the classifiers decides here
     for each in shaken:
-        parts = ticked(
-            Recordings(each, streams.events), frames_of_tick(calm.tick, each.rate_hz)
+        parts = average_into_ticks(
+            Recordings(each, streams.events), count_frames_per_tick(calm.tick, each.rate_hz)
         ).corpus
         others.append(replace(calm).fit([calm.signals_of(part) for part in parts], ticks))
     detector.disturbed_ = tuple((kind, other, 0.5) for kind, other in enumerate(others))
@@ -200,7 +202,7 @@ def test_a_disturbed_sensor_has_the_events_of_python(tmp_path):
     watched = Watched(recogniser, tmp_path)
     for each in shaken:
         watcher.detector = detector
-        expected, mine, theirs = watcher.reports(each), [], []
+        expected, mine, theirs = watcher.report_touches(each), [], []
         for i in range(len(streams)):
             mine.append(events_of(watched.start()(each[i]), recogniser.classes))
             theirs.append(expected[expected["recording"] == i])
@@ -208,7 +210,7 @@ def test_a_disturbed_sensor_has_the_events_of_python(tmp_path):
             theirs[-1] = theirs[-1][: len(mine[-1])]
         check_equal(pd.concat(mine, ignore_index=True), pd.concat(theirs), wrong=0.05)
         watcher.detector = calm
-        assert len(expected) > 10 and not expected.equals(watcher.reports(each))
+        assert len(expected) > 10 and not expected.equals(watcher.report_touches(each))
 
 
 def reports(recogniser, frames):
@@ -217,7 +219,7 @@ def reports(recogniser, frames):
     corpus = Corpus.from_captures(
         [frames], captures, recogniser.rate_hz, full_scale=recogniser.full_scale
     )
-    return recogniser.watcher.reports(corpus).drop(columns="recording")
+    return recogniser.watcher.report_touches(corpus).drop(columns="recording")
 
 
 @pytest.mark.parametrize("name", ["frames", "frames at 8 Hz"])
@@ -278,7 +280,7 @@ def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and
     noisy = Corpus.from_captures(
         noisy, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale
     )
-    calm, expected = (watcher.refused(one, watcher.evidence(one)) for one in (corpus, noisy))
+    calm, expected = (watcher.count_refused(one, watcher.collect_evidence(one)) for one in (corpus, noisy))
     assert calm.sum() < 0.1 * len(corpus.frames) and expected.sum() > 0.6 * len(corpus.frames)
     watched, counts = Watched(recogniser, tmp_path), (ctypes.c_uint32 * 3)()
     for i in range(len(noisy)):
@@ -315,7 +317,7 @@ def test_the_program_prints_what_bench_live_prints_and_nothing_is_undefined(
     assert (done.returncode, done.stderr) == (0, "")
     with monkeypatch.context() as patch:
         patch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(lines.encode())))
-        assert live.watched(recogniser, recogniser.watcher) == 0
+        assert live.report_touches_live(recogniser, recogniser.watcher) == 0
     outputs = done.stdout, capsys.readouterr().out
     mine, theirs = ([line.split(",") for line in out.splitlines()] for out in outputs)
     assert [row[:3] for row in mine] == [row[:3] for row in theirs] and {"reported", "ended"} < {
@@ -343,14 +345,14 @@ def test_what_is_no_frame_changes_nothing(in_c):
 
 
 @pytest.mark.live
-@pytest.mark.skipif(bool(measure.lacking()), reason=", ".join(measure.lacking()))
+@pytest.mark.skipif(bool(measure.missing_programs()), reason=", ".join(measure.missing_programs()))
 @pytest.mark.parametrize(
     "name", ["frames at 8 Hz", pytest.param("reflex", marks=pytest.mark.nightly)]
 )
 def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
     recogniser, frames = watching(name), streams_of(name).corpus[0][:700]
     folder = written(recogniser, tmp_path, 8)
-    captures, counted = measure.measured(folder), measure.measured_watching(folder, frames)
+    captures, counted = measure.measure_footprint(folder), measure.measure_watching(folder, frames)
     assert 0 < counted["chip_watch_ram_bytes"] - captures["chip_ram_bytes"] < 8192
     assert abs(counted["chip_watch_flash_bytes"] - captures["chip_flash_bytes"]) < 16384
     assert (

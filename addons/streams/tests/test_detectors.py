@@ -11,15 +11,21 @@ from bench.corpora.faults import FAULTS, as_readings
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
-from touchbench_streams.detectors.detector import Detector, left_out, points_of, signs_of, worth
-from touchbench_streams.detectors.frames import Frames, Hysteresis, Times
-from touchbench_streams.detectors.names import touches
-from touchbench_streams.detectors.signals import CALM, Levels, disturbance
-from touchbench_streams.detectors.spans import means, spans_of
+from touchbench_streams.detectors.detector import (
+    Detector,
+    choose_operating_points,
+    held_out_units,
+    run_rules,
+    score_levels,
+)
+from touchbench_streams.detectors.frames import Frames, Hysteresis, TouchTimes
+from touchbench_streams.detectors.names import cut_touches
+from touchbench_streams.detectors.signals import CALM, Levels, measure_disturbance
+from touchbench_streams.detectors.spans import average_blocks, find_spans
 from touchbench_streams.detectors.threshold import Threshold, TwoInARow
-from touchbench_streams.detectors.ticks import learn
-from touchbench_streams.events import FALSE_ALARM, matched
-from touchbench_streams.recordings import Recordings, captures_in, event_table
+from touchbench_streams.detectors.ticks import learn_watcher
+from touchbench_streams.events import FALSE_ALARM, match_reports
+from touchbench_streams.recordings import Recordings, cut_into_captures, event_table
 from touchbench_streams.synth_recordings import generate
 
 
@@ -31,9 +37,9 @@ def recordings():
 
 def learned(detector, train):
     """A watcher that learned from some recordings."""
-    captures = captures_in(train)
+    captures = cut_into_captures(train)
     make = lambda: lda(TouchFeatures())  # noqa: E731
-    return learn(detector, make, make().fit(captures, captures.gestures), train, 60.0)[0]
+    return learn_watcher(detector, make, make().fit(captures, captures.gestures), train, 60.0)[0]
 
 
 @pytest.fixture(scope="module", params=[Frames(), Threshold()], ids=["frames", "threshold"])
@@ -55,16 +61,16 @@ def test_a_later_frame_changes_no_report_and_no_first_label(watcher, recordings)
     )
     assert watcher.numbers == watcher.detector.numbers + named - replaced
     whole = recordings[[2]].corpus
-    reports = watcher.reports(whole)
+    reports = watcher.report_touches(whole)
     assert len(reports) >= 5
     for row in (1, len(reports) // 2, len(reports) - 1):
         seen = int(reports["reported"][row])
-        cut = watcher.reports(whole.changed(lengths=np.array([seen]), digest="", path=None))
+        cut = watcher.report_touches(whole.with_fields(lengths=np.array([seen]), digest="", path=None))
         same = ["recording", "reported", "first"]
         pd.testing.assert_frame_equal(cut[same], reports.loc[:row, same])
-    (evidence,), fitted = watcher.evidence(whole), watcher.detector
+    (evidence,), fitted = watcher.collect_evidence(whole), watcher.detector
     signals = fitted.signals()
-    each = np.stack([signals.step(tick) for tick in means(whole[0], watcher.count)])
+    each = np.stack([signals.step(tick) for tick in average_blocks(whole[0], watcher.count)])
     for tick in (0, 5, 100, len(each) - 1):  # from the last ticks alone: memory does not grow
         ring = each[max(0, tick + 1 - fitted.memory) : tick + 1]
         np.testing.assert_allclose(fitted.evidence(ring)[-1], evidence[tick], rtol=1e-5, atol=1e-5)
@@ -74,10 +80,16 @@ def test_times_come_from_the_labels():
     quick = [
         (0, 10 * k, 10 * k + (1 if k < 3 else 8), "pat") for k in range(10)
     ]  # gaps of 9 and 2 ticks
-    assert Times.of(of_one([200], quick), 0.25, 1.0) == Times(wait=1, hold=1, fade=8)
+    assert TouchTimes.learn_from(of_one([200], quick), 0.25, 1.0) == TouchTimes(
+        wait=1, hold=1, fade=8
+    )
     slow = [(0, 60 * k, 60 * k + 20, "pat") for k in range(3)]
-    assert Times.of(of_one([200], slow), 0.25, 1.0) == Times(wait=2, hold=8, fade=8)
-    assert Times.of(of_one([200], slow), 5.0, 1.0).wait == 15  # three quarters of a touch
+    assert TouchTimes.learn_from(of_one([200], slow), 0.25, 1.0) == TouchTimes(
+        wait=2, hold=8, fade=8
+    )
+    assert (
+        TouchTimes.learn_from(of_one([200], slow), 5.0, 1.0).wait == 15
+    )  # three quarters of a touch
 
 
 def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
@@ -85,7 +97,7 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     evidence = np.stack([odds, np.zeros(len(odds))], axis=1)
 
     def of(evidence, *times):
-        return signs_of(Hysteresis(np.array([1.0]), 1.5, Times(*times)), evidence)
+        return run_rules(Hysteresis(np.array([1.0]), 1.5, TouchTimes(*times)), evidence)
 
     signs = of(evidence, 2, 1, 9)
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 6]
@@ -95,7 +107,7 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     ]  # a dip is no end, but does not hold
     never = np.stack([odds, np.full(len(odds), -9.0)], axis=1)  # the beginning was not seen
     assert not of(never, 2, 1, 9)[:, 2].any()
-    signs = signs_of(TwoInARow(2.0), np.array([[0], [3], [3], [1.5], [3], [0.5], [3], [3]]))
+    signs = run_rules(TwoInARow(2.0), np.array([[0], [3], [3], [1.5], [3], [0.5], [3], [3]]))
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 7]
 
 
@@ -109,14 +121,14 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
 )
 def test_many_levels_at_once_report_what_each_does_alone(steps, times):
     frames = Frames()
-    frames.times_ = Times(*times)
+    frames.times_ = TouchTimes(*times)
     evidence = np.array(steps).cumsum(axis=0) * [1, 0] + np.array(steps) * [0, 1]
     for detector, levels in (
         (frames, np.array([-3.0, 0.0, 1.5, 4.0])),
         (Threshold(), np.array([0.5, 1.0, 2.0, 4.0])),
     ):
         found, expected = (
-            of.reported(detector, evidence, levels) for of in (type(detector), Detector)
+            of.find_reports(detector, evidence, levels) for of in (type(detector), Detector)
         )
         assert [each.tolist() for each in found] == [each.tolist() for each in expected]
 
@@ -136,7 +148,7 @@ def test_beginnings_are_frames_of_their_touch_and_at_most_its_shift_before(
     ]
     table = pd.DataFrame({"subject": "1", "gesture": [""] * len(lengths)})
     events = event_table([(i, start, end, f"g{i}") for i, (start, end) in enumerate(bounds)])
-    made = touches(
+    made = cut_touches(
         Recordings(Corpus.from_captures(frames, table, 8.0, full_scale=9999), events),
         seconds,
         shifts,
@@ -160,18 +172,20 @@ def test_beginnings_are_frames_of_their_touch_and_at_most_its_shift_before(
 
 def test_names_come_from_the_frames_up_to_the_last_sure_tick_of_each_part():
     sure, since = [0.1, 0.9, 0.9, 0.9, 0.9, 0.2, 0.1, 0.1, 0.9, 0.2], [0, 1, 2, 3, 4, 5, 6, 0, 1, 0]
-    first, second = spans_of(np.column_stack([sure, since, np.isin(np.arange(10), [2, 8])]), 7, 99)
+    first, second = find_spans(
+        np.column_stack([sure, since, np.isin(np.arange(10), [2, 8])]), 7, 99
+    )
     assert (first.reported, first.end) == (21, 49) and first.named == [(0, 21), (0, 28), (0, 35)]
     assert (second.reported, second.end) == (63, 63) and second.named == [(49, 63)]
     assert first.last is None
     longer = [0.1, *[0.9] * 8, 0.2, 0.9, 0.2, 0.1, 0.1]
-    (span,) = spans_of(np.column_stack([longer, [*range(13), 0], np.arange(14) == 2]), 1, 99)
+    (span,) = find_spans(np.column_stack([longer, [*range(13), 0], np.arange(14) == 2]), 1, 99)
     assert span.named == [(0, 3), (0, 4), (0, 5), (0, 7), (0, 9)] and span.last == (0, 11)
     sure = [0.1, *[0.9] * 8, 0.2, 0.9, 0.2, 0.2, 0.2, 0.9, 0.1]
-    (span,) = spans_of(np.column_stack([sure, [*range(15), 0], np.arange(16) == 2]), 2, 6)
+    (span,) = find_spans(np.column_stack([sure, [*range(15), 0], np.arange(16) == 2]), 2, 6)
     # parts end with ticks 6 and 12, the second with a last sure tick before
     assert span.named == [(0, 6), (0, 8), (0, 10), (0, 12), (12, 18), (12, 22), (24, 30)]
-    again = spans_of(
+    again = find_spans(
         np.array([[0.1, 0, 0], [0.9, 1, 0], [0.9, 2, 1], [0.9, 1, 0], [0.9, 2, 1], [0.1, 0, 0]]),
         1,
         9,
@@ -184,10 +198,10 @@ def test_names_come_from_the_frames_up_to_the_last_sure_tick_of_each_part():
 
 def test_frames_one_by_one_give_the_reports_of_whole_recordings(watcher, recordings):
     tested = recordings[[2]].corpus
-    live = watcher.stream(tested.grid, tested.rate_hz, tested.full_scale)
+    live = watcher.open_stream(tested.grid, tested.rate_hz, tested.full_scale)
     some = tested[0][:2000].astype(np.float32)
     news = [(n, event) for n, frame in enumerate(some, 1) for event in live.push(frame)]
-    reports = watcher.reports(tested)
+    reports = watcher.report_touches(tested)
     ended = [(e.reported, e.end, e.first, e.label) for _, e in news if e.end is not None]
     whole = reports[["reported", "end", "first", "label"]].itertuples(index=False, name=None)
     assert len(ended) >= 5 and ended == [*whole][: len(ended)]
@@ -210,7 +224,9 @@ def test_noise_that_training_did_not_have_costs_few_touches(recordings):
     )
     disturbed = Recordings(corpus, recordings.events)
     watcher, test = learned(Frames(), disturbed[np.arange(2)]), disturbed[[2]]
-    found, reported = matched(test.events, watcher.reports(test.corpus), corpus.rate_hz)
+    found, reported = match_reports(
+        test.events, watcher.report_touches(test.corpus), corpus.rate_hz
+    )
     assert (
         found["found"].sum() >= 8
     )  # of 14; 0 with the classifier for a calm sensor, at 12 false alarms
@@ -224,7 +240,7 @@ def test_a_sensor_is_disturbed_as_a_plain_loop_says():
     signals = np.stack([levels.step(frame) for frame in frames])
     shared = [sorted(frame.ravel().tolist())[8] for frame in frames]  # the 40 % quantile
     change = [0.0, *[abs(b - a) for a, b in zip(shared, shared[1:], strict=False)]]
-    gauge = disturbance(signals)
+    gauge = measure_disturbance(signals)
     for tick in (CALM - 1, 100, 149):
         past = range(tick - CALM + 1, tick + 1)
         assert gauge[tick, 0] == sorted(change[k] for k in past)[CALM // 4]
@@ -234,12 +250,12 @@ def test_a_sensor_is_disturbed_as_a_plain_loop_says():
 
 def test_few_subjects_are_left_out_by_recording():
     few = of_one([9, 9, 9], [(0, 0, 3, "pat")])
-    assert left_out(few).tolist() == ["0", "1", "2"]
+    assert held_out_units(few).tolist() == ["0", "1", "2"]
     captures = (
         few.corpus.captures.iloc[[0] * 6].assign(subject=list("aabcde")).reset_index(drop=True)
     )
-    many = Recordings(few.corpus[[0] * 6].changed(captures=captures), few.events)
-    assert left_out(many).tolist() == list("aabcde")
+    many = Recordings(few.corpus[[0] * 6].with_fields(captures=captures), few.events)
+    assert held_out_units(many).tolist() == list("aabcde")
 
 
 def test_a_threshold_that_reports_always_is_not_chosen():
@@ -250,8 +266,10 @@ def test_a_threshold_that_reports_always_is_not_chosen():
     ]
     table = pd.DataFrame([(n, a, 1.0, f, h, r) for n, a, f, h, r in rows])
     table.columns = ["level", "alarms", "hours", "found", "hits", "reports"]
-    assert table["level"][worth(table, 5.0).idxmax()] == "fair"
-    np.testing.assert_allclose(worth(table, 5.0), [1 - 0.2 * (13 - 1.15), 0.9, 0.95 - 0.001 * 495])
+    assert table["level"][score_levels(table, 5.0).idxmax()] == "fair"
+    np.testing.assert_allclose(
+        score_levels(table, 5.0), [1 - 0.2 * (13 - 1.15), 0.9, 0.95 - 0.001 * 495]
+    )
 
 
 def test_operating_points_find_more_with_more_alarms():
@@ -272,7 +290,7 @@ def test_operating_points_find_more_with_more_alarms():
         (-7.0, 0.0, 0.5, 0.5),
     )
     assert (
-        points_of(table, 1.0) == expected
+        choose_operating_points(table, 1.0) == expected
     )  # the learned one, too; from the highest level to the lowest
 
 

@@ -11,16 +11,16 @@ from scipy import stats
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.values.intervals import weights
+from bench.values.intervals import draw_weights
 from bench.values.measures import Measure
-from touchbench_streams.curve import missed_at, swept
+from touchbench_streams.curve import missed_at, pool_sweeps
 from touchbench_streams.events import (
     alarm_interval,
-    matched,
-    over_people,
-    per_subject,
+    match_reports,
+    mean_over_people,
     report_table,
-    summary,
+    summarise_by_subject,
+    summarise_touches,
 )
 from touchbench_streams.recordings import Recordings, event_table
 from touchbench_streams.rejection import last_confidence, learn_reject, rejection_scores
@@ -53,7 +53,7 @@ WORDS = st.sampled_from(["pat", "rub", "hit"])
 
 def test_cases_by_hand():
     shuffled = REPORTS.iloc[::-1]
-    touches, reports = matched(TRUTH, shuffled, rate_hz=10)
+    touches, reports = match_reports(TRUTH, shuffled, rate_hz=10)
     assert list(reports["touch"][::-1]) == [-1, 0, 1, 1, 1, 2, -1, 4]
     assert reports.drop(columns="touch").equals(shuffled.reset_index(drop=True))
     assert touches[[*TRUTH]].equals(TRUTH)
@@ -84,7 +84,7 @@ def test_cases_by_hand():
         "false_alarms_per_hour": 4,
     }
     numbers |= {"latency_s_p50": 0.8, "latency_s_p90": 1.71}  # of 0, 0.1, 1.5, 1.8 s
-    assert summary(touches, reports, background_s=1800) == pytest.approx(numbers)
+    assert summarise_touches(touches, reports, background_s=1800) == pytest.approx(numbers)
 
 
 def test_a_touch_without_a_report_is_merged_if_one_before_it_was_not_over():
@@ -92,20 +92,20 @@ def test_a_touch_without_a_report_is_merged_if_one_before_it_was_not_over():
         [(0, 10, 30, "pat"), (0, 30, 50, "rub"), (0, 60, 70, "rub"), (1, 30, 50, "rub")]
     )
     lasting = report_table([(0, 12, 55, "pat", "pat", 0.9), (0, 20, 25, "pat", "pat", 0.9)])
-    touches, reports = matched(truth, lasting, rate_hz=10)
+    touches, reports = match_reports(truth, lasting, rate_hz=10)
     assert list(touches["found"]) == [True, False, False, False]
     assert list(touches["merged"]) == [False, True, False, False]
-    numbers = summary(touches, reports, 60)
+    numbers = summarise_touches(touches, reports, 60)
     assert (numbers["merged"], numbers["fragmented"], numbers["late"]) == (0.25, 0.25, 0)
 
 
 def test_without_touches_or_background_scores_are_nan():
-    touches, reports = matched(TRUTH[:0], REPORTS, 10)
-    numbers = summary(touches, reports, 3600)
+    touches, reports = match_reports(TRUTH[:0], REPORTS, 10)
+    numbers = summarise_touches(touches, reports, 3600)
     assert numbers.pop("touches") == 0 and numbers.pop("false_alarms_per_hour") == len(REPORTS)
     assert np.isnan([*numbers.values()]).all()
-    assert np.isnan(summary(touches, reports, 0)["false_alarms_per_hour"])
-    missed = summary(*matched(TRUTH, REPORTS[:0], 10), 3600)
+    assert np.isnan(summarise_touches(touches, reports, 0)["false_alarms_per_hour"])
+    missed = summarise_touches(*match_reports(TRUTH, REPORTS[:0], 10), 3600)
     assert missed["touches_found"] == missed["end_correct"] == missed["insertions_per_touch"] == 0
     assert np.isnan(
         [missed[name] for name in ("first_correct_found", "latency_s_p50", "fragments")]
@@ -139,7 +139,7 @@ def test_matches_equal_a_loop_over_all_pairs(case):
         inside = [i for i, t in enumerate(true) if t[0] == r[0] and t[1] <= r[1] < t[2]]
         late = [i for i, t in enumerate(true) if t[0] == r[0] and 0 <= r[1] - t[2] <= collar]
         touch.append(inside[0] if inside else max(late, key=lambda i: true[i][2], default=-1))
-    touches, reports = matched(event_table(true), report_table(reported), 2 * collar)
+    touches, reports = match_reports(event_table(true), report_table(reported), 2 * collar)
     assert list(reports["touch"]) == touch
     for i, row in enumerate(touches.itertuples()):
         of_touch = sorted(r for j, r in enumerate(reported) if touch[j] == i)
@@ -179,8 +179,8 @@ def test_counts_equal_sed_evals(onsets, reported, counts):
     reports = report_table(
         (r, f, f + 1, "pat", "pat", 1) for r, frames in reported.items() for f in frames
     )
-    touches, reports = matched(truth, reports, rate_hz=10)
-    numbers = summary(touches, reports, background_s=3600)
+    touches, reports = match_reports(truth, reports, rate_hz=10)
+    numbers = summarise_touches(touches, reports, background_s=3600)
     found = round(numbers["touches_found"] * len(touches))
     assert (found, numbers["false_alarms_per_hour"], len(touches) - found) == counts
 
@@ -190,21 +190,21 @@ def test_subjects_and_intervals():
     truth = pd.concat([TRUTH, event_table([(3, 0, 9, "pat")])], ignore_index=True)
     reports = pd.concat([REPORTS, report_table([(2, 5, 9, "pat", "pat", 0.5)])], ignore_index=True)
     names = np.array(list("abcd"))
-    touches, reports = matched(
+    touches, reports = match_reports(
         truth.assign(subject=names[truth["recording"]]),
         reports.assign(subject=names[reports["recording"]]),
         10,
     )
     background = {"d": 0.0, "c": 900.0, "b": 1800.0, "a": 3600.0}
-    table = per_subject(touches, reports, background).set_index("subject")
+    table = summarise_by_subject(touches, reports, background).set_index("subject")
     assert list(table.index) == list("abcd") and list(table["touches"]) == [3, 2, 0, 1]
     np.testing.assert_allclose(table["touches_found"], [1, 0.5, np.nan, 0])
     np.testing.assert_allclose(table["false_alarms_per_hour"], [1, 2, 4, np.nan])
-    assert table.loc["a"].to_dict() == summary(touches[:3], reports[:6], 3600) | {
+    assert table.loc["a"].to_dict() == summarise_touches(touches[:3], reports[:6], 3600) | {
         "background_s": 3600
     }
 
-    found = over_people(touches, reports, background)
+    found = mean_over_people(touches, reports, background)
     each = touches.groupby("subject")["end_correct"].mean()
     assert found["end_correct"] == pytest.approx(each.mean()) != touches["end_correct"].mean()
     assert (
@@ -224,7 +224,7 @@ def test_the_interval_of_false_alarms_is_the_wider_of_bootstrap_and_poisson_and_
     low, high = alarm_interval(even * [0, 1])
     assert np.isnan(low) and high == pytest.approx(3.0 / 1.3, abs=0.01)
     assert np.isnan(alarm_interval(even[:4])).all()
-    shown = Measure("a", ends="a").of({"a": 0.0, "a_high": high})
+    shown = Measure("a", ends="a").as_text({"a": 0.0, "a_high": high})
     assert shown == "0.0 [at most 2.3]"
 
 
@@ -243,7 +243,7 @@ def test_the_best_threshold_that_keeps_to_the_rate_counts():
         ]
     )
     numbers = missed_at(
-        swept(table), pd.Series({"a": 10, "b": 10}), pd.Series({"a": 0.5, "b": 0.5})
+        pool_sweeps(table), pd.Series({"a": 10, "b": 10}), pd.Series({"a": 0.5, "b": 0.5})
     )
     assert numbers["missed_at_5"] == pytest.approx(1 - 18 / 20)
     assert numbers["missed_at_1"] == pytest.approx(1 - 13 / 20)
@@ -262,10 +262,10 @@ def test_the_interval_is_that_of_drawings():
             for o in offsets
         ]
     )
-    numbers = missed_at(swept(table), pd.Series(touches)[:5], pd.Series(hours))
+    numbers = missed_at(pool_sweeps(table), pd.Series(touches)[:5], pd.Series(hours))
     counted = {(row.offset, row.subject): (row.hits, row.alarms) for row in table.itertuples()}
     least = []
-    for drawing in weights([6])[0].tolist():
+    for drawing in draw_weights([6])[0].tolist():
         times, most = dict(zip(people, drawing, strict=True)), -1
         for offset in offsets:
             hits, alarms = (sum(counted[offset, p][k] * times[p] for p in people) for k in (0, 1))
@@ -331,11 +331,11 @@ class Told:
     reject: float = 0.5
     hears: bool = True
 
-    def renamed(self, make_system, captures, recordings):
+    def with_new_names(self, make_system, captures, recordings):
         assert {*recordings.subjects.tolist()} == {*captures.subjects.tolist()}
         return Told(make_system().fit(captures, captures.gestures), 0.0, self.hears)
 
-    def reports(self, corpus):
+    def report_touches(self, corpus):
         assert self.reject == 0
         subjects = corpus.subjects.tolist()
         assert not {*subjects} & self.system.subjects_ and len(self.system.subjects_) == 6 - len(

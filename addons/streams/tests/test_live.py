@@ -25,7 +25,7 @@ from bench.running.saved import Recogniser
 from tests.conftest import BENCH
 from tests.running.test_replay import Rising, coded_corpus, lengths_of
 from touchbench_streams.detectors.base import Event
-from touchbench_streams.live import decided_at, frames_of
+from touchbench_streams.live import decision_windows, read_frames
 
 
 @given(lengths_of, st.floats(10, 200), st.integers(1, 12))
@@ -37,7 +37,7 @@ def test_a_decision_every_hop_and_one_where_a_capture_ends(lengths, hop_ms, long
             int(np.ceil(k * hop_ms / 10 - 1e-6)) for k in range(1, 1 + int(n * 10 / hop_ms + 1e-6))
         }
         naive += [(c, seen) for seen in sorted({s for s in hops if s <= n} | {n})]
-    decided = list(decided_at(iter(frames[:-1]), 100.0, hop_ms, longest))
+    decided = list(decision_windows(iter(frames[:-1]), 100.0, hop_ms, longest))
     assert [(c, seen) for c, seen, _ in decided] == naive
     for c, seen, window in decided:
         assert [f[0] for f in window] == [100 * c + i for i in range(seen)][-longest:]
@@ -57,7 +57,7 @@ def streamed(monkeypatch, capsys):
     """A function from a system, lines and keys to exit code, printed lines and errors of ``bench live``."""
 
     def run(recogniser, lines, *words):
-        monkeypatch.setattr("bench.running.saved.load", lambda _: recogniser)
+        monkeypatch.setattr("bench.running.saved.load_recogniser", lambda _: recogniser)
         monkeypatch.setattr(
             sys, "stdin", SimpleNamespace(buffer=io.BytesIO("\n".join(lines).encode()))
         )
@@ -126,7 +126,7 @@ class Listening:
     def __init__(self, statuses):
         self.soonest, self.statuses, self.seen = 3, statuses, 0
 
-    def stream(self, grid, rate_hz, full_scale):
+    def open_stream(self, grid, rate_hz, full_scale):
         return self
 
     @property
@@ -185,7 +185,9 @@ def test_an_endless_stream(lines, code, reported, told, streamed):
 def test_decisions_come_while_frames_come_and_control_c_ends_it(tmp_path):
     import mlflow
 
-    mlflow.pyfunc.save_model(str(tmp_path / "model"), **recogniser().model([], np.zeros((2, 2, 3))))
+    mlflow.pyfunc.save_model(
+        str(tmp_path / "model"), **recogniser().mlflow_arguments([], np.zeros((2, 2, 3)))
+    )
     process = subprocess.Popen(
         [*BENCH, "live", str(tmp_path / "model"), "hop_ms=20"],
         stdin=subprocess.PIPE,
@@ -242,7 +244,7 @@ def inputs():
 
 def test_python_reads_the_grammar():
     for text, ends, line, kind in inputs():
-        frames = frames_of(io.BytesIO(text), 4, 1000.0)
+        frames = read_frames(io.BytesIO(text), 4, 1000.0)
         next(frames)
         if kind == REFUSED:
             with pytest.raises(InputError, match="^line 2: "):

@@ -10,8 +10,8 @@ import bench
 from addons.streams.tests.made import WATCHED, watched
 from bench.cli import main
 from bench.errors import InputError
-from bench.ground.words import SMALL
-from bench.reading.candidates import candidates
+from bench.ground.typed import SMALL_SYSTEM
+from bench.reading.candidates import find_candidates
 from bench.reports import page
 from tests.reports.store import keep, tracked_run
 from tests.reports.test_report import HOSTILE
@@ -35,7 +35,7 @@ def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(st
     ):
         keep(store, each)
     choice = bench.choose(max_false_alarms=5, max_latency="1s", why=True)
-    table = choice.choice.table.set_index(["system", "unit"])
+    table = choice.table.set_index(["system", "unit"])
     assert (
         len(table) == 4 and choice.system == "small"
     )  # other recordings and whole captures are left out
@@ -58,7 +58,7 @@ def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(st
     out = capsys.readouterr().out
     assert (
         "lowest false-alarm rate is 1 per hour (small" in out
-        and f"bench watch data=haart {SMALL}" in out
+        and f"bench watch data=haart {SMALL_SYSTEM}" in out
     )
     assert main(["choose"]) == 0 and "touches" not in capsys.readouterr().out
 
@@ -66,7 +66,7 @@ def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(st
 def test_the_rate_of_false_alarms_counts_people_without_touches_by_their_hours():
     people = pd.DataFrame({"subject": ["4", "5"], "end_correct": [float("nan"), 0.5]})
     people = people.assign(false_alarms_per_hour=[36.0, 0.0], background_s=[500.0, 1300.0])
-    table = candidates(
+    table = find_candidates(
         [watched("lda", [0.5], 0.0, 1.0, tables={"per_subject": people})], {}, study="watch"
     ).table
     assert table["accuracy"][0] == 50 and table["false_alarms"][0] == pytest.approx(5 / 0.5)
@@ -93,7 +93,7 @@ def test_a_scene_of_an_endless_stream_scores_the_last_label(store, tmp_path):
             bench.choose(scene=f"{name}.toml")
     result = bench.choose(scene="robot.toml")
     assert (
-        result.choice.table["accuracy"].tolist() == [50] and result.system == "small"
+        result.table["accuracy"].tolist() == [50] and result.system == "small"
     )  # a missed touch is a mistake
 
 

@@ -13,13 +13,19 @@ from bench.cli import main
 from bench.corpora import synth
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import content_digest
-from bench.corpora.library import import_corpus, open_corpus, stored_value
+from bench.corpora.library import import_corpus, open_corpus, open_imported
 from bench.errors import InputError
 from touchbench_streams import synth_recordings
-from touchbench_streams.composer import composed, pieces
+from touchbench_streams.composer import compose_recordings, split_touch_and_background
 from touchbench_streams.read import read as read_captures
-from touchbench_streams.recordings import Recordings, captures_in, event_table, events_of, recorded
-from touchbench_streams.stored import whole
+from touchbench_streams.recordings import (
+    Recordings,
+    cut_into_captures,
+    event_table,
+    find_events,
+    restore_recordings,
+)
+from touchbench_streams.stored import load_recordings
 
 HEADER = "recording,subject,label,ch1,ch2"
 # Two recordings: r1 of ann with 9 frames, r2 of bob with 3.
@@ -36,7 +42,7 @@ OPTIONS = {"name": "arm", "rate_hz": "50", "grid": "1x2"}
 
 
 def read(*given, **options):
-    return recorded(read_captures(*given, **options))
+    return restore_recordings(read_captures(*given, **options))
 
 
 def rows(labels=LABELS):
@@ -154,7 +160,7 @@ def test_an_event_with_the_name_of_gaps_is_refused():
         InputError,
         match="event 0 .*frames 2 to 4.* is called background, .* empty label; correct it",
     ):
-        captures_in(made([(1, 2, 4, "background")], (9, 5)))
+        cut_into_captures(made([(1, 2, 4, "background")], (9, 5)))
 
 
 def test_some_of_the_recordings_keep_their_events():
@@ -183,7 +189,9 @@ def test_some_of_the_recordings_keep_their_events():
 )
 def test_labels_become_events_and_labels_again(labels):
     lengths, flat = tuple(map(len, labels)), [label for one in labels for label in one]
-    events = events_of(np.array([label or None for label in flat], dtype=object), np.array(lengths))
+    events = find_events(
+        np.array([label or None for label in flat], dtype=object), np.array(lengths)
+    )
     value = Recordings(made([], lengths).corpus, events)
     assert value.frame_labels().tolist() == flat
     expected = []  # frame by frame
@@ -208,13 +216,15 @@ def test_what_is_imported_is_loaded_again_and_serves_as_captures_cut_at_its_labe
     out = capsys.readouterr().out
     assert "arm: 6 captures, 2 subjects, 2 gestures" in out
     assert "background: further 4 captures without a gesture, 0.00167 of 0.004 minutes" in out
-    stored = stored_value("arm")
+    stored = open_imported("arm")
     assert np.array_equal(stored.frames, direct.frames) and stored.digest
     pd.testing.assert_frame_equal(stored.captures, direct.captures)
-    pd.testing.assert_frame_equal(recorded(stored).events, recorded(direct).events)
+    pd.testing.assert_frame_equal(
+        restore_recordings(stored).events, restore_recordings(direct).events
+    )
     assert main(["data"]) == 0 and "6 captures, 2 subjects, 2 gestures" in capsys.readouterr().out
     with pytest.raises(InputError, match="no column 'gesture'"):
-        whole("arm", where="gesture == 'pat'")
+        load_recordings("arm", where="gesture == 'pat'")
     touches = open_corpus("arm", {})
     assert touches.gestures.tolist() == [event[3] for event in EVENTS]
     assert [t[:, 0, 0].tolist() for t in touches] == [[1, 2], [3], [6], [8], [9], [11]]
@@ -243,9 +253,9 @@ def test_recordings_and_captures_are_not_mistaken_for_each_other(tmp_path):
     with pytest.raises(
         InputError, match="cut holds captures, not recordings; use bench run data=cut"
     ):
-        whole("cut")
+        load_recordings("cut")
     with pytest.raises(InputError, match="data=leg: not imported"):
-        whole("leg")
+        load_recordings("leg")
     import_corpus("table", captures, OPTIONS)  # takes the name of the recordings
     assert len(open_corpus("arm", {})) == 1
 
@@ -253,7 +263,7 @@ def test_recordings_and_captures_are_not_mistaken_for_each_other(tmp_path):
 def test_another_event_is_another_digest():
     other, shorter = ([(0, 1, *event), *EVENTS[1:]] for event in ((3, "tap"), (2, "pat")))
     every = (EVENTS, [*EVENTS], other, shorter, [])
-    assert len({content_digest(captures_in(made(events))) for events in every}) == 4
+    assert len({content_digest(cut_into_captures(made(events))) for events in every}) == 4
 
 
 def test_generated_recordings_are_those_of_their_parameters_and_are_stored():
@@ -274,10 +284,10 @@ def test_generated_recordings_are_those_of_their_parameters_and_are_stored():
         == content_digest(more[:2].corpus)
         != content_digest(other.corpus)
     )
-    stored = whole("synth", small | {"subjects": 2})
-    assert stored.path and content_digest(stored) == content_digest(captures_in(value))
+    stored = load_recordings("synth", small | {"subjects": 2})
+    assert stored.path and content_digest(stored) == content_digest(cut_into_captures(value))
     with pytest.raises(InputError, match="data.subjects=0: give at least 1"):
-        whole("synth", {"subjects": 0})
+        load_recordings("synth", {"subjects": 0})
     labels, lengths = value.frame_labels(), value.corpus.lengths
     idle = (
         np.diff(np.flatnonzero(np.append(labels != "", True)), prepend=-1) - 1
@@ -309,7 +319,7 @@ def numbered(subjects=("a", "b"), rate_hz=10.0):
 
 def test_a_recording_is_made_of_excerpts_of_the_subject_alone():
     corpus = numbered(tuple("abcdef"))
-    recordings = composed(*pieces(corpus, "none"))
+    recordings = compose_recordings(*split_touch_and_background(corpus, "none"))
     of = corpus.captures
     for i, subject in enumerate(recordings.subjects):
         frames = recordings.corpus[i][:, 0, 0]
@@ -337,8 +347,10 @@ def test_a_recording_is_made_of_excerpts_of_the_subject_alone():
 
 def test_a_subject_has_the_same_recording_whoever_else_is_there():
     corpus = numbered()
-    both = composed(*pieces(corpus, "none"))
-    one = composed(*pieces(corpus[np.flatnonzero(corpus.subjects == "b")], "none"))
+    both = compose_recordings(*split_touch_and_background(corpus, "none"))
+    one = compose_recordings(
+        *split_touch_and_background(corpus[np.flatnonzero(corpus.subjects == "b")], "none")
+    )
     assert np.array_equal(both.corpus[1], one.corpus[0])
     pd.testing.assert_frame_equal(both[[1]].events, one.events)
 
@@ -349,21 +361,23 @@ def test_quiet_ends_of_captures():
     )
     table = pd.DataFrame({"subject": ["a"], "gesture": ["pat"]})
     corpus = Corpus.from_captures([pressure], table, rate_hz=16.0)
-    touches, quiet = pieces(corpus, "quiet")
+    touches, quiet = split_touch_and_background(corpus, "quiet")
     # a tenth of the range is 1: frames 4 to 15 are touched (1 is not below a tenth); a quarter of a second is 4 frames
     assert touches[0][:, 0, 0].tolist() == pressure[4:16, 0, 0].tolist()
     assert [each[:, 0, 0].tolist() for each in quiet] == [[0, 0, 0, 0], [0, 0, 0, 0, 0, 0]]
     with pytest.raises(InputError, match="background=quiet"):
-        pieces(corpus.changed(starts=np.array([4]), lengths=np.array([12])), "quiet")
+        split_touch_and_background(
+            corpus.with_fields(starts=np.array([4]), lengths=np.array([12])), "quiet"
+        )
     with pytest.raises(InputError, match="background=rub"):
-        pieces(corpus, "rub")
+        split_touch_and_background(corpus, "rub")
 
 
 def test_a_subject_without_background_is_refused():
     corpus = numbered()
     lacking = corpus[((corpus.subjects != "b") | (corpus.gestures != "none")).nonzero()[0]]
     with pytest.raises(InputError, match="subject b"):
-        composed(*pieces(lacking, "none"))
+        compose_recordings(*split_touch_and_background(lacking, "none"))
 
 
 @given(
@@ -383,13 +397,13 @@ def test_captures_of_recordings_are_their_frames_and_make_them_again(plans):
         ]
         lengths.append(ends[-1])
     recordings = made(rows, lengths)
-    captures = captures_in(recordings)
+    captures = cut_into_captures(recordings)
     every = np.concatenate([np.arange(n) for n in lengths])  # every frame once, in order
     assert np.array_equal(np.concatenate([*captures])[:, 0, 0], every)
     touched = captures.captures[captures.captures["gesture"] != "background"]
     assert touched["gesture"].tolist() == recordings.events["gesture"].tolist()
     again, expected = (
-        recorded(captures[captures.subjects != "s1"]),
+        restore_recordings(captures[captures.subjects != "s1"]),
         recordings[recordings.subjects != "s1"],
     )
     assert [a.tolist() for a in again.corpus] == [a.tolist() for a in expected.corpus]

@@ -12,11 +12,11 @@ from addons.chip.tests.compiled import lacking
 from addons.chip.tests.test_chip import WATCHED
 from addons.streams.tests.made import day
 from bench.cli import main
-from bench.running.saved import FORMAT, load
+from bench.running.saved import FORMAT, load_recogniser
 from bench.store.client import connect
 from tests.conftest import runs
 from touchbench_chip.circumstance import InC
-from touchbench_chip.write import files_of
+from touchbench_chip.write import write_c_sources
 
 
 def test_a_saved_model_watches_with_the_detector_that_was_asked_for_in_its_format(golden):
@@ -26,11 +26,11 @@ def test_a_saved_model_watches_with_the_detector_that_was_asked_for_in_its_forma
     fitted = bench.fit(data="day", model="lda", features="touch", out="rec", **given)
     params = connect().client.get_run(fitted.run_id).data.params
     assert (params["watch.detector"], params["watch.false_alarms"]) == ("frames[wait=0.5]", "40")
-    recogniser, kept = load("rec"), fitted.recogniser
+    recogniser, kept = load_recogniser("rec"), fitted.recogniser
     assert recogniser.watcher.detector.wait == 0.5
     assert json.dumps(recogniser.watcher.chosen) == json.dumps(kept.watcher.chosen)
-    assert "int touch_watch(" in files_of(recogniser, 32, "")["touch.c"]
-    stream = recogniser.watcher.stream(recogniser.grid, recogniser.rate_hz, recogniser.full_scale)
+    assert "int touch_watch(" in write_c_sources(recogniser, 32, "")["touch.c"]
+    stream = recogniser.watcher.open_stream(recogniser.grid, recogniser.rate_hz, recogniser.full_scale)
     assert all(stream.push(np.zeros(recogniser.grid, np.float32)) == [] for _ in range(100))
     names = sorted(Attributes(kept).names.items())
     golden(
@@ -91,7 +91,7 @@ def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, ca
         in capsys.readouterr().err
     )
     monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
-    monkeypatch.setattr("touchbench_streams.teaching.usual", lambda corpus, background: "press")
+    monkeypatch.setattr("touchbench_streams.teaching.usual_background", lambda corpus, background: "press")
     assert main([*words, "data.repetitions=2", "detector=threshold"]) == 0
     printed = capsys.readouterr()
     assert "not measured" not in printed.err
@@ -106,15 +106,17 @@ def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, ca
 
 
 def test_detectors_are_named_with_their_parameters():
-    each = InC.of({"form": "c", "bits": "8", "detector": "frames", "detector.wait": "0.5,0.7"})
+    each = InC.from_typed(
+        {"form": "c", "bits": "8", "detector": "frames", "detector.wait": "0.5,0.7"}
+    )
     assert [(one.bits, one.detector) for one in each] == [
         ("8", "frames[wait=0.5]"),
         ("8", "frames"),
     ]
-    assert each[0].arguments() == {
+    assert each[0].typed_arguments() == {
         "form": "c",
         "bits": "8",
         "detector": "frames",
         "detector.wait": "0.5",
     }
-    assert InC.of({"form": "c"})[0].detector == ""
+    assert InC.from_typed({"form": "c"})[0].detector == ""

@@ -6,13 +6,19 @@ import pytest
 
 from addons.streams.tests.made import PEOPLE, day, plan_of_day, stored
 from bench.corpora.corpus import Corpus
-from bench.corpora.library import gestures_of
+from bench.corpora.library import captures_with_gesture
 from bench.errors import InputError
 from bench.running.results import FoldResult
-from touchbench_streams.detectors.detector import left_out
-from touchbench_streams.fold import run_numbers, too_short
-from touchbench_streams.recordings import Recordings, captures_in, certain, event_table, recorded
-from touchbench_streams.stored import further, joined
+from touchbench_streams.detectors.detector import held_out_units
+from touchbench_streams.fold import run_numbers, short_background_warnings
+from touchbench_streams.recordings import (
+    Recordings,
+    cut_into_captures,
+    drop_doubtful,
+    event_table,
+    restore_recordings,
+)
+from touchbench_streams.stored import join_background, load_background
 from touchbench_streams.study import Continuous
 
 
@@ -43,7 +49,7 @@ def fold_of(labels, noise):
     frames[changed] = np.random.default_rng(3).integers(0, 1024, frames[changed].shape)
     day(labels, frames)
     plan = plan_of_day()
-    return Continuous().fold(plan.cell, plan.corpus, plan.folds[0], 1)
+    return Continuous().evaluate_fold(plan.cell, plan.corpus, plan.folds[0], 1)
 
 
 def test_readings_in_doubtful_stretches_change_nothing_that_is_learned():
@@ -100,7 +106,7 @@ def test_recordings_in_parts_without_what_is_doubtful():
     assert whole.background_frames().tolist() == [5, 2] and whole[[1]].doubtful[
         "recording"
     ].tolist() == [0]
-    captures = captures_in(whole)
+    captures = cut_into_captures(whole)
     assert captures.gestures.tolist() == [
         "background",
         "pat",
@@ -111,9 +117,9 @@ def test_recordings_in_parts_without_what_is_doubtful():
         "?",
         "pat",
     ] + ["background"]
-    again = recorded(captures)
+    again = restore_recordings(captures)
     pd.testing.assert_frame_equal(again.labelled, labelled)
-    parts = recorded(certain(captures))
+    parts = restore_recordings(drop_doubtful(captures))
     assert [part.ravel().tolist() for part in parts.corpus] == [
         [0, 1, 2],
         [5, 6, 7, 8, 9],
@@ -121,12 +127,12 @@ def test_recordings_in_parts_without_what_is_doubtful():
     ]
     rows = [(0, 1, 3, "pat"), (1, 3, 4, "rub"), (2, 0, 1, "pat")]
     assert list(parts.events.itertuples(index=False, name=None)) == rows and not len(parts.doubtful)
-    assert left_out(parts).tolist() == [
+    assert held_out_units(parts).tolist() == [
         "0",
         "0",
         "1",
     ]  # parts of one recording are never on both sides
-    touches = gestures_of(captures)
+    touches = captures_with_gesture(captures)
     assert touches.gestures.tolist() == ["pat", "rub", "pat"] and touches[1].ravel().tolist() == [8]
     assert touches.captures["recording"].tolist() == ["x", "x", "y"]
     idle = Recordings(  # further background; of the second recording nothing is sure
@@ -135,10 +141,10 @@ def test_recordings_in_parts_without_what_is_doubtful():
         ),
         event_table([(0, 2, 4, "?"), (1, 0, 4, "?")]),
     )
-    more = joined(parts, idle, np.array(["e"]))
+    more = join_background(parts, idle, np.array(["e"]))
     assert [part[[0, -1]].ravel().tolist() for part in more.corpus][3:] == [[20, 21], [24, 29]]
-    assert left_out(more).tolist() == ["0", "0", "1", "2", "2"] and not len(more.doubtful)
-    none = joined(parts, idle, np.array(["c"]))
+    assert held_out_units(more).tolist() == ["0", "0", "1", "2", "2"] and not len(more.doubtful)
+    none = join_background(parts, idle, np.array(["c"]))
     assert none.background_frames().sum() == parts.background_frames().sum()
 
 
@@ -163,16 +169,16 @@ def still(seed, changed=""):
 
 
 def test_recordings_of_a_test_subject_are_left_out(imported):
-    corpus = captures_in(PEOPLE)
-    taught = recorded(corpus[np.isin(corpus.subjects, ["2", "3"])])
-    both = joined(taught, further("still", corpus), np.array(["1"]))
+    corpus = cut_into_captures(PEOPLE)
+    taught = restore_recordings(corpus[np.isin(corpus.subjects, ["2", "3"])])
+    both = join_background(taught, load_background("still", corpus), np.array(["1"]))
     assert both.subjects.tolist() == ["2", "3", "4"]
     assert both.corpus.captures["recording"].nunique() == 3
     pd.testing.assert_frame_equal(both.events, taught.events)
     assert both.background_frames().sum() == taught.background_frames().sum() + STILL["4"]
     np.testing.assert_array_equal(both.corpus[0], taught.corpus[0])
     np.testing.assert_array_equal(
-        both.corpus[2], recorded(imported).corpus[int(imported.subjects[1] == "4")]
+        both.corpus[2], restore_recordings(imported).corpus[int(imported.subjects[1] == "4")]
     )
 
 
@@ -181,14 +187,16 @@ def test_what_a_test_subject_recorded_changes_nothing_and_what_others_did_counts
         plan_of_day(),
         Continuous(detector="threshold", background="still", false_alarms=2.0),
     )
-    one, identity = kind.fold(plan.cell, plan.corpus, plan.folds[0], 1), kind.identity()
+    one, identity = kind.evaluate_fold(plan.cell, plan.corpus, plan.folds[0], 1), kind.identity()
     still(3, "1")
     assert kind.identity() != identity
-    tested = kind.fold(plan.cell, plan.corpus, plan.folds[0], 1)
+    tested = kind.evaluate_fold(plan.cell, plan.corpus, plan.folds[0], 1)
     pd.testing.assert_frame_equal(one.trials, tested.trials)
     assert one.chosen == tested.chosen
     still(3, "4")
-    assert not kind.fold(plan.cell, plan.corpus, plan.folds[0], 1).trials.equals(one.trials)
+    assert not kind.evaluate_fold(plan.cell, plan.corpus, plan.folds[0], 1).trials.equals(
+        one.trials
+    )
 
 
 def test_further_background_makes_lower_rates_learnable(imported):
@@ -200,7 +208,8 @@ def test_further_background_makes_lower_rates_learnable(imported):
     )
     trains = [fold.train for fold in plan.folds]
     (alone,), (more,) = (
-        too_short(plan.corpus, trains, 0.001, background) for background in ("", "still")
+        short_background_warnings(plan.corpus, trains, 0.001, background)
+        for background in ("", "still")
     )
     assert f" is {quiet:.1f} minutes" in alone
     assert f" is {quiet + sum(STILL.values()) / 15 / 60:.1f} minutes" in more
@@ -209,4 +218,4 @@ def test_further_background_makes_lower_rates_learnable(imported):
 def test_further_background_of_another_rate_is_refused():
     stored("fast", np.zeros((60, 9), int), [""] * 60, ["9"] * 60, "30")
     with pytest.raises(InputError, match=r"rate_hz is 30.*not 15"):
-        further("fast", PEOPLE.corpus)
+        load_background("fast", PEOPLE.corpus)

@@ -17,21 +17,21 @@ from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
-from bench.plan.cells import cells
-from bench.reading.runs import every_result
+from bench.plan.grid import make_cells
+from bench.reading.runs import load_results
 from bench.running.results import FoldResult
-from bench.running.saved import Recogniser, load
+from bench.running.saved import Recogniser, load_recogniser
 from bench.store.client import connect
 from tests.conftest import predictions, random_corpus, runs
 from tests.results import result as result_of
 from touchbench_people.commands import save_adapted
 from touchbench_streams.detectors.frames import Frames
 from touchbench_streams.detectors.threshold import Threshold
-from touchbench_streams.detectors.ticks import learn
-from touchbench_streams.fold import recordings_of, run_numbers
+from touchbench_streams.detectors.ticks import learn_watcher
+from touchbench_streams.fold import make_recordings, run_numbers
 from touchbench_streams.page import rows_under, watch_section
-from touchbench_streams.recordings import Recordings, captures_in
-from touchbench_streams.stress import disturbed
+from touchbench_streams.recordings import Recordings, cut_into_captures
+from touchbench_streams.stress import apply_fault
 from touchbench_streams.study import Continuous
 
 
@@ -43,17 +43,19 @@ def recordings():
 
 @pytest.mark.parametrize("detector, unknown", [("frames", ""), ("threshold", "pat")])
 def test_nothing_of_a_test_subject_is_learned(detector, unknown, recordings):
-    (cell,) = cells({"data": "synth", "model": "lda", "features": "touch", "model.window": "0.75"})
-    corpus = captures_in(recordings)
+    (cell,) = make_cells(
+        {"data": "synth", "model": "lda", "features": "touch", "model.window": "0.75"}
+    )
+    corpus = cut_into_captures(recordings)
     table = corpus.captures.copy()
     touched_rows = (table["subject"] == "4") & (table["gesture"] != "background")
     table.loc[touched_rows, "gesture"] = table.loc[touched_rows, "gesture"].to_numpy()[::-1]
     frames = corpus.frames.copy()
     tested = np.repeat(corpus.subjects == "4", corpus.lengths)
     frames[tested] = frames[tested][::-1]
-    other = corpus.changed(captures=table, frames=frames)
+    other = corpus.with_fields(captures=table, frames=frames)
     kind, fold = Continuous(detector, unknown=unknown), leaving_out("4", corpus)
-    results = [kind.fold(cell, each, fold, 1) for each in (corpus, other)]
+    results = [kind.evaluate_fold(cell, each, fold, 1) for each in (corpus, other)]
     assert results[0].chosen == results[1].chosen and (
         float(str(results[0].chosen["reject"])) > 0
     ) == bool(unknown)
@@ -82,7 +84,7 @@ def relabelled(recordings, names=None, untouched=()):
     """The same with other names of gestures, and people whose touches are not labelled."""
     events = recordings.events.replace({"gesture": names or {}})
     kept = ~np.isin(recordings.subjects[events["recording"]], [*untouched])
-    return captures_in(Recordings(recordings.corpus, events[kept].reset_index(drop=True)))
+    return cut_into_captures(Recordings(recordings.corpus, events[kept].reset_index(drop=True)))
 
 
 @pytest.mark.parametrize(
@@ -102,13 +104,13 @@ def relabelled(recordings, names=None, untouched=()):
 def test_recordings_that_cannot_be_watched_are_refused_before_training(
     changes, options, fact, recordings
 ):
-    (cell,) = cells({"data": "synth", "model": "lda", "features": "touch"})
+    (cell,) = make_cells({"data": "synth", "model": "lda", "features": "touch"})
     corpus = (
         relabelled(recordings, **changes) if changes else random_corpus(gestures=("pat", "quiet"))
     )
     folds = [leaving_out(name, corpus) for name in "12"]
     with pytest.raises(InputError, match=fact) if fact else nullcontext():
-        Continuous(**options).refuse(
+        Continuous(**options).refuse_plan(
             SimpleNamespace(corpus=corpus, cell=cell, mixes_subjects=False, folds=folds)
         )
 
@@ -116,7 +118,7 @@ def test_recordings_that_cannot_be_watched_are_refused_before_training(
 def test_background_without_touches_is_refused(recordings):
     row = pd.DataFrame({"subject": ["1"], "gesture": ["rub"]})
     with pytest.raises(InputError, match="no touch"):
-        recordings_of(Corpus.from_captures([recordings.corpus[0]], row, 20.0), "rub")
+        make_recordings(Corpus.from_captures([recordings.corpus[0]], row, 20.0), "rub")
 
 
 def test_the_command_stores_what_it_prints_and_goes_on_with_a_detector_of_a_file_too(
@@ -143,19 +145,19 @@ def test_the_command_stores_what_it_prints_and_goes_on_with_a_detector_of_a_file
         and "already stored" in capsys.readouterr().err
         and len(runs("watch")[1]) == 1
     )
-    (sentence, *_) = watch_section(every_result(connect()), tmp_path, {}).parts[0].sentences
+    (sentence, *_) = watch_section(load_results(connect()), tmp_path, {}).parts[0].sentences
     assert "detector=my.py:Mine[up=30.0]" in sentence and main(["report"]) == 0
 
 
 def test_a_model_that_is_adapted_watches_with_the_adapted_system(recordings, tmp_path):
-    captures, make = captures_in(recordings[:2]), lambda: lda(TouchFeatures())  # noqa: E731
+    captures, make = cut_into_captures(recordings[:2]), lambda: lda(TouchFeatures())  # noqa: E731
     system = Recipe(make(), 0.75, repair=("stuck", "dead")).fit(captures, captures.gestures)
-    watcher = learn(Threshold(), make, system, recordings[:2], 5.0)[0]
+    watcher = learn_watcher(Threshold(), make, system, recordings[:2], 5.0)[0]
     recogniser = Recogniser(system, captures, watcher=watcher)
     path = str(tmp_path / "rec")
-    mlflow.pyfunc.save_model(path, **recogniser.model([], captures[0][:3]))
+    mlflow.pyfunc.save_model(path, **recogniser.mlflow_arguments([], captures[0][:3]))
     save_adapted(path, recogniser, captures[:9], captures[:9].gestures, tmp_path / "one")
-    one = load(str(tmp_path / "one"))
+    one = load_recogniser(str(tmp_path / "one"))
     assert one.watcher.system is one.estimator and one.watcher.level == watcher.level
 
 
@@ -179,16 +181,19 @@ def damages(monkeypatch):
 
 
 def test_a_dead_skin_finds_nothing_and_no_fault_is_bench_watch(recordings, damages):
-    (cell,) = cells({"data": "synth", "model": "lda", "features": "touch"})
-    corpus = captures_in(recordings)
+    (cell,) = make_cells({"data": "synth", "model": "lda", "features": "touch"})
+    corpus = cut_into_captures(recordings)
     fold = leaving_out("3", corpus)
     plain, kind = (Continuous("threshold", 60.0, under=under) for under in ((), damages))
-    alone, both = plain.fold(cell, corpus, fold, 1), kind.fold(cell, corpus, fold, 1)
+    alone, both = (
+        plain.evaluate_fold(cell, corpus, fold, 1),
+        kind.evaluate_fold(cell, corpus, fold, 1),
+    )
     pd.testing.assert_frame_equal(both.table, alone.table)
     pd.testing.assert_frame_equal(both.trials, alone.trials)
     assert both.chosen == alone.chosen and not alone.tables
     plan = SimpleNamespace(corpus=corpus)
-    watched, under = plain.result(plan, {}, [alone]), kind.result(plan, {}, [both])
+    watched, under = plain.measure_run(plan, {}, [alone]), kind.measure_run(plan, {}, [both])
     assert all(under[name] == watched[name] for name in SCORES)
     cases = {
         (r["fault"], r["severity"]): r
@@ -200,29 +205,29 @@ def test_a_dead_skin_finds_nothing_and_no_fault_is_bench_watch(recordings, damag
     assert all(same[name] == clean[name] for name in SCORES) and dead["amount"] == "3 % of all"
     assert dead["false_alarms_per_hour"] == dead["refused"] == 0  # `threshold` refuses nothing
     assert under["touches_found.dead.3"] == 0 and under["refused.dead.3"] == dead["refused"]
-    assert kind.fold_metrics(both, 20.0)["touches_found.none_at_all.1"] == watched["touches_found"]
+    assert both.tracked_metrics["touches_found.none_at_all.1"] == watched["touches_found"]
     shown = rows_under(result_of("lda", "watch", under.metrics, under.tables))
     assert [row["case"] for row in shown[:2]] == ["none", "dead 1"]
 
 
 def test_refused_frames_are_counted_as_a_stream_tells_them(recordings):
-    (cell,) = cells({"data": "synth", "model": "lda", "features": "touch"})
-    captures, corpus = captures_in(recordings[[0, 1]]), recordings[[2]].corpus
+    (cell,) = make_cells({"data": "synth", "model": "lda", "features": "touch"})
+    captures, corpus = cut_into_captures(recordings[[0, 1]]), recordings[[2]].corpus
     system = cell.estimator().fit(captures, captures.gestures)
-    watcher, _ = learn(Frames(), cell.estimator, system, recordings[[0, 1]], 60.0)
+    watcher, _ = learn_watcher(Frames(), cell.estimator, system, recordings[[0, 1]], 60.0)
     frames = corpus.frames.copy()
     frames[50:130] = frames[49]  # nothing changes
     frames[200:260] = corpus.full_scale
     shaken = frames[300:520] + np.random.default_rng(0).normal(0, 60, (220, 3, 3))
     frames[300:520] = shaken.clip(0, corpus.full_scale)
-    corpus = corpus.changed(frames=frames)
-    stream = watcher.stream(corpus.grid, corpus.rate_hz, corpus.full_scale)
+    corpus = corpus.with_fields(frames=frames)
+    stream = watcher.open_stream(corpus.grid, corpus.rate_hz, corpus.full_scale)
     status = []
     for frame in corpus[0]:
         stream.push(frame.astype(np.float32))
         status.append(stream.status)
     counts = pd.Series(status).value_counts()
-    assert watcher.refused(corpus, watcher.evidence(corpus)).tolist() == [
+    assert watcher.count_refused(corpus, watcher.collect_evidence(corpus)).tolist() == [
         len(status) - counts["ok"]
     ]
     assert counts["saturated"] >= 60 and counts["refused"] > 50
@@ -231,8 +236,8 @@ def test_refused_frames_are_counted_as_a_stream_tells_them(recordings):
 def test_recordings_go_through_the_faults_of_captures(recordings):
     twice = recordings[[0, 0, 1]]
     shares = as_shares(twice.corpus, np.arange(3))
-    noise, dead = (disturbed(twice, shares, FAULTS[name], 4) for name in ("noise", "dead_taxels"))
-    rng = faults.seeded("noise, recording 2 of 1")
+    noise, dead = (apply_fault(twice, shares, FAULTS[name], 4) for name in ("noise", "dead_taxels"))
+    rng = faults.seeded_generator("noise, recording 2 of 1")
     expected = as_readings(twice.corpus, FAULTS["noise"].damage(shares[1], 2, rng))
     assert np.array_equal(noise[1], expected) and not np.array_equal(noise[0], noise[1])
     broken = [np.flatnonzero(~dead[i].any(axis=0)) for i in range(3)]

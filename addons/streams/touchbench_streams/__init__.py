@@ -17,6 +17,6 @@ RATES = (1, 5, 10, 60)  # false alarms per hour of background, at which missed t
 
 def watch(**values: object) -> pd.DataFrame:
     """Run ``bench watch`` with its keys, and return a row per run."""
-    from bench.commands.run import made
+    from bench.commands.run import run_from_python
 
-    return made("watch", values)
+    return run_from_python("watch", values)

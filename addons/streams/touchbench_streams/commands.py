@@ -5,8 +5,15 @@ from __future__ import annotations
 import sys
 
 from bench.errors import InputError
-from bench.grammar.options import TRUSTED, Command, Option, keys, parse_words, settings
-from bench.ground.words import SMALL
+from bench.grammar.options import (
+    TRUST_NOTE,
+    Command,
+    Option,
+    key_options,
+    parse_words,
+    typed_settings,
+)
+from bench.ground.typed import SMALL_SYSTEM
 from touchbench_streams import DETECTOR, FALSE_ALARMS
 
 WATCH = Option(
@@ -38,7 +45,7 @@ WATCHES = Command(
     "capture, with 3 to 10 s of background between them. Prints touches found, correct gestures when first "
     "reported and at the end, false alarms per hour of background, latency and reports per touch. "
     "Refused frames are counted if there are any. under= repeats this with faults of the test sensors.",
-    f"bench watch data=haart protocol=loso {SMALL}\nbench watch data=haart model=reflex false_alarms=2\n"
+    f"bench watch data=haart protocol=loso {SMALL_SYSTEM}\nbench watch data=haart model=reflex false_alarms=2\n"
     "bench watch data=haart model=lda features=touch detector=frames,threshold under=noise,vibration,drift",
     makes="watch",
 )
@@ -49,7 +56,7 @@ LIVE = Command(
     "each. If the model can watch an endless stream, each news of a touch (reported, changed, ended) prints ms, "
     "news, label and confidence. Otherwise, or with events=no, an empty line ends a capture, and each decision "
     "prints capture, ms, label, confidence and settled. settled is yes once waiting would gain too little. "
-    f"MODEL is as for bench predict. {TRUSTED}",
+    f"MODEL is as for bench predict. {TRUST_NOTE}",
     "sensor | bench live models:/m-0123456789abcdef",
     "MODEL [events=no] [hop_ms=125]",
     module="touchbench_streams.commands",
@@ -67,12 +74,12 @@ LIVE = Command(
 
 def live(arguments: list[str]) -> int:
     """Classify frames from standard input until it ends."""
-    words, values = parse_words(arguments, keys("live"), 1)
+    words, values = parse_words(arguments, key_options("live"), 1)
     if not words:
         raise InputError("give the address or folder that bench fit printed: bench live MODEL")
     if sys.stdin is None:
         raise InputError("bench live: standard input is closed; send frames to it")
-    from touchbench_streams.live import decide
+    from touchbench_streams.live import run_stream
 
-    given = settings("live", values)
-    return decide(words[0], float(given["hop_ms"]), given["events"])
+    given = typed_settings("live", values)
+    return run_stream(words[0], float(given["hop_ms"]), given["events"])

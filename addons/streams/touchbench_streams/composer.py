@@ -7,10 +7,10 @@ import shlex
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus, storage
-from bench.corpora.faults import seeded
+from bench.corpora.corpus import Corpus, shared_frames
+from bench.corpora.faults import seeded_generator
 from bench.errors import InputError
-from bench.ground.machine import ensure
+from bench.ground.machine import check_memory
 from touchbench_streams.recordings import Recordings, event_table
 
 TOUCH_S = (2.0, 6.0)  # excerpts of captures; a shorter capture is used whole
@@ -24,7 +24,7 @@ COPIES = 2  # of the readings in memory at once: as they are and repaired, in si
 BESIDES = ("subject", "gesture", "split")  # columns that are no condition of the sensor
 
 
-def pieces(corpus: Corpus, background: str) -> tuple[Corpus, Corpus]:
+def split_touch_and_background(corpus: Corpus, background: str) -> tuple[Corpus, Corpus]:
     """Captures of touches, and of background, of a corpus; no frame is copied.
 
     The background is a class of captures without touch, or ``quiet``: the frames at both ends of each capture whose
@@ -39,7 +39,7 @@ def pieces(corpus: Corpus, background: str) -> tuple[Corpus, Corpus]:
             )
         return corpus[gestures != background], corpus[gestures == background]
     least = max(1, round(QUIET_S * corpus.rate_hz))
-    starts = storage(corpus)[1]
+    starts = shared_frames(corpus)[1]
     first, last = np.zeros(len(corpus), np.int64), corpus.lengths.copy()
     for i, frames in enumerate(corpus):
         total = frames.sum(axis=(1, 2), dtype=np.float64)
@@ -49,18 +49,20 @@ def pieces(corpus: Corpus, background: str) -> tuple[Corpus, Corpus]:
     if not len(before) + len(after):
         raise InputError(
             f"background={QUIET}: no capture of {corpus.name} begins or ends with {QUIET_S:g} s without touch; "
-            f"{suggested(corpus)}"
+            f"{suggest_background(corpus)}"
         )
-    quiet = corpus[np.append(before, after)].changed(
+    quiet = corpus[np.append(before, after)].with_fields(
         starts=np.append(starts[before], starts[after] + last[after]),
         lengths=np.append(first[before], corpus.lengths[after] - last[after]),
         digest="",
         path=None,
     )
-    return corpus.changed(starts=starts + first, lengths=last - first, digest="", path=None), quiet
+    return corpus.with_fields(
+        starts=starts + first, lengths=last - first, digest="", path=None
+    ), quiet
 
 
-def composed(touches: Corpus, quiet: Corpus) -> Recordings:
+def compose_recordings(touches: Corpus, quiet: Corpus) -> Recordings:
     """One recording per subject: every touch once, in random order, between random pieces of background.
 
     Captures with the same conditions follow one another, so that the sensor changes in the background only and as
@@ -73,15 +75,15 @@ def composed(touches: Corpus, quiet: Corpus) -> Recordings:
         quiet: captures of background; gaps of 3 to 10 s are filled with excerpts of them.
     """
     labels = [c for c in touches.captures if c not in (*BESIDES, *touches.target.split("+"))]
-    conditions = _keys(touches, labels)
-    quiet_conditions, quiet_subjects = _keys(quiet, labels), quiet.subjects.astype(str)
+    conditions = _condition_keys(touches, labels)
+    quiet_conditions, quiet_subjects = _condition_keys(quiet, labels), quiet.subjects.astype(str)
     subjects = touches.subjects.astype(str)
     gestures = touches.gestures
     rate, rows, streams = touches.rate_hz, [], []
     check_background(touches, quiet)
     names = sorted(set(subjects))
     for number, subject in enumerate(names):
-        rng = seeded(f"recording 0 of {subject}")
+        rng = seeded_generator(f"recording 0 of {subject}")
         chosen = np.flatnonzero(subjects == subject)
         blocks = rng.permutation(np.unique(conditions[chosen]))
         order = np.concatenate(
@@ -90,21 +92,25 @@ def composed(touches: Corpus, quiet: Corpus) -> Recordings:
         mine = quiet_subjects == subject
         parts: list[np.ndarray] = []
         for capture in order:
-            parts += _gap(quiet, _fitting(mine, quiet_conditions == conditions[capture]), rng)
+            parts += _draw_gap(
+                quiet, _find_background(mine, quiet_conditions == conditions[capture]), rng
+            )
             frames = touches[int(capture)]
             length = min(len(frames), max(1, round(rng.uniform(*TOUCH_S) * rate)))
             begin = int(rng.integers(0, len(frames) - length + 1))
             start = sum(map(len, parts))
             parts.append(frames[begin : begin + length])
             rows.append((number, start, start + length, str(gestures[capture])))
-        parts += _gap(quiet, _fitting(mine, quiet_conditions == conditions[order[-1]]), rng)
+        parts += _draw_gap(
+            quiet, _find_background(mine, quiet_conditions == conditions[order[-1]]), rng
+        )
         streams.append(np.concatenate(parts))
     captures = pd.DataFrame({"subject": names, "gesture": ""})
     fields = {"full_scale": touches.full_scale, "name": touches.name, "info": touches.info}
     return Recordings(Corpus.from_captures(streams, captures, rate, **fields), event_table(rows))
 
 
-def suggested(corpus: Corpus) -> str:
+def suggest_background(corpus: Corpus) -> str:
     """What to name as the background: the class of least pressure, and all classes, in words."""
     pressure = (
         pd.Series([frames.mean(dtype=np.float64) for frames in corpus])
@@ -126,14 +132,14 @@ def check_background(touches: Corpus, quiet: Corpus) -> None:
         leave = f"leave the subject out with where=\"subject != '{lacking[0]}'\", or give another background="
         raise InputError(
             f"subject {lacking[0]} of {touches.name} has no background to compose a recording of; "
-            f"{suggested(touches) if everyone else leave}"
+            f"{suggest_background(touches) if everyone else leave}"
         )
     seconds = (sum(TOUCH_S) + sum(GAP_S)) / 2 * len(touches)
     values = seconds * touches.rate_hz * touches.grid[0] * touches.grid[1]
-    ensure(f"recordings of {touches.name}", COPIES * 4.0 * values)
+    check_memory(f"recordings of {touches.name}", COPIES * 4.0 * values)
 
 
-def _keys(corpus: Corpus, labels: list[str]) -> np.ndarray:
+def _condition_keys(corpus: Corpus, labels: list[str]) -> np.ndarray:
     """The conditions of each capture in one string."""
     table = corpus.captures.reindex(columns=labels).astype(str)
     return (
@@ -143,12 +149,12 @@ def _keys(corpus: Corpus, labels: list[str]) -> np.ndarray:
     )
 
 
-def _fitting(mine: np.ndarray, same: np.ndarray) -> np.ndarray:
+def _find_background(mine: np.ndarray, same: np.ndarray) -> np.ndarray:
     """Positions of the subject's background of the same conditions; of all of it where there is none."""
     return np.flatnonzero(mine & same if (mine & same).any() else mine)
 
 
-def _gap(quiet: Corpus, pool: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
+def _draw_gap(quiet: Corpus, pool: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
     """Excerpts of background, 3 to 10 s together."""
     missing, parts = round(rng.uniform(*GAP_S) * quiet.rate_hz), []
     while missing > 0:

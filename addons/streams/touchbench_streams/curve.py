@@ -6,14 +6,14 @@ import numpy as np
 import pandas as pd
 
 from bench.values import few
-from bench.values.intervals import percentiles, weights
+from bench.values.intervals import draw_weights, percentile_interval
 from touchbench_streams import RATES
 
 MOST_REPORTS = 1.25  # per touch
 COUNTS = ["hits", "alarms", "reports"]
 
 
-def swept(table: pd.DataFrame) -> pd.DataFrame:
+def pool_sweeps(table: pd.DataFrame) -> pd.DataFrame:
     """Counts of each threshold that all folds tried: columns ``hits``, ``alarms``, ``reports`` by offset and subject.
 
     Folds learn other thresholds; an offset is the distance from the learned one. Rows are of kind ``curve``.
@@ -30,7 +30,7 @@ def missed_at(counts: pd.DataFrame, touches: pd.Series, hours: pd.Series) -> dic
     The 95 % interval is that of the same number in drawings of subjects; none for too few of them (`bench.values.few`).
 
     Args:
-        counts: result of `swept`.
+        counts: result of `pool_sweeps`.
         touches: number of touches of each subject.
         hours: hours of background of each subject.
     """
@@ -41,11 +41,13 @@ def missed_at(counts: pd.DataFrame, touches: pd.Series, hours: pd.Series) -> dic
     cube = table.to_numpy(np.float64).reshape(len(table), len(COUNTS), len(people))
     sizes = np.stack([touches.reindex(people, fill_value=0), hours]).astype(np.float64)
     once = np.ones((1, len(people)), np.int64)
-    drawn = weights([len(people)])[0] if len(people) >= few.INTERVAL else once[:0]
+    drawn = draw_weights([len(people)])[0] if len(people) >= few.FEWEST_FOR_INTERVAL else once[:0]
     missed = {}
     for rate in RATES:
-        least = _least(cube, sizes, np.concatenate([once, drawn]), rate)
-        low, high = percentiles(least[1:][~np.isnan(least[1:])]) if len(drawn) else (np.nan, np.nan)
+        least = _least_missed(cube, sizes, np.concatenate([once, drawn]), rate)
+        low, high = (
+            percentile_interval(least[1:][~np.isnan(least[1:])]) if len(drawn) else (np.nan, np.nan)
+        )
         missed |= {
             f"missed_at_{rate}": least[0],
             f"missed_at_{rate}_low": low,
@@ -54,7 +56,9 @@ def missed_at(counts: pd.DataFrame, touches: pd.Series, hours: pd.Series) -> dic
     return missed
 
 
-def _least(cube: np.ndarray, sizes: np.ndarray, drawn: np.ndarray, rate: float) -> np.ndarray:
+def _least_missed(
+    cube: np.ndarray, sizes: np.ndarray, drawn: np.ndarray, rate: float
+) -> np.ndarray:
     """The lowest share of missed touches in each drawing; NaN where no threshold keeps to the rate [drawings].
 
     ``cube`` has hits, alarms and reports [thresholds, 3, people]; ``sizes`` has touches and hours of background

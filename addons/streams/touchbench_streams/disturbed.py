@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.faults import as_readings, as_shares, noise, seeded
+from bench.corpora.faults import as_readings, as_shares, noise, seeded_generator
 
 AMOUNT = (0.005, 0.015)  # of full scale, from slight to more than the 1 % that a detector must bear
 SHAKING_HZ = (1.0, 10.0)  # from a step to a motor
@@ -21,20 +21,22 @@ FAR, FAR_S = (
 )  # of full scale that all taxels drift at most, and seconds from one level to the next
 
 
-def noisy(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+def add_noise(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
     """White noise on every reading."""
-    return noise(shares, 100 * float(_between(AMOUNT, rng)), rng)
+    return noise(shares, 100 * float(_draw_log_uniform(AMOUNT, rng)), rng)
 
 
-def shaken(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+def add_vibration(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
     """All taxels swing together, at a frequency of this recording."""
-    turns = _between(SHAKING_HZ, rng) * np.arange(len(shares)) / rate_hz + rng.random()
+    turns = _draw_log_uniform(SHAKING_HZ, rng) * np.arange(len(shares)) / rate_hz + rng.random()
     return (
-        shares + _between(AMOUNT, rng) * np.sin(2 * np.pi * turns).astype(np.float32)[:, None, None]
+        shares
+        + _draw_log_uniform(AMOUNT, rng)
+        * np.sin(2 * np.pi * turns).astype(np.float32)[:, None, None]
     )
 
 
-def drifting(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+def add_drift(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
     """All taxels drift together, from one level to the next."""
     times = np.arange(len(shares)) / (FAR_S * rate_hz)
     levels = rng.uniform(0, FAR, int(times[-1]) + 2)
@@ -44,25 +46,27 @@ def drifting(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np
 
 
 Kind = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
-KINDS: tuple[Kind, ...] = (shaken, noisy)  # that touches are found in
-NAMING_KINDS: tuple[Kind, ...] = (shaken, noisy, drifting)  # that they are named in
+KINDS: tuple[Kind, ...] = (add_vibration, add_noise)  # that touches are found in
+NAMING_KINDS: tuple[Kind, ...] = (add_vibration, add_noise, add_drift)  # that they are named in
+
+SEED_WORDS = {add_vibration: "shaken", add_noise: "noisy", add_drift: "drifting"}  # of seeds
 
 
-def disturbed(corpus: Corpus, kind: Kind, some: Sequence[int] | None = None) -> Corpus:
-    """Recordings, all or those at some positions, as a disturbed sensor shows them; the same at each call."""
-    some, streams = range(len(corpus)) if some is None else some, []
-    for i in some:
-        shares = kind(
-            as_shares(corpus, np.array([i]))[0],
-            corpus.rate_hz,
-            seeded(f"{kind.__name__} in recording {i}"),
-        )
+def disturb_recordings(corpus: Corpus, kind: Kind, some: Sequence[int] | None = None) -> Corpus:
+    """Return recordings, all or those at some positions, as a disturbed sensor shows them.
+
+    The disturbance of a recording is the same at each call.
+    """
+    positions = range(len(corpus)) if some is None else some
+    streams = []
+    for i in positions:
+        rng = seeded_generator(f"{SEED_WORDS[kind]} in recording {i}")
+        shares = kind(as_shares(corpus, np.array([i]))[0], corpus.rate_hz, rng)
         streams.append(as_readings(corpus, shares))
-    return Corpus.from_captures(
-        streams, corpus.captures.iloc[some], corpus.rate_hz, full_scale=corpus.full_scale
-    )
+    captures = corpus.captures.iloc[positions]
+    return Corpus.from_captures(streams, captures, corpus.rate_hz, full_scale=corpus.full_scale)
 
 
-def _between(bounds: tuple[float, float], rng: np.random.Generator) -> np.float32:
+def _draw_log_uniform(bounds: tuple[float, float], rng: np.random.Generator) -> np.float32:
     """A number whose logarithm is drawn evenly."""
     return np.float32(np.exp(rng.uniform(*np.log(bounds))))

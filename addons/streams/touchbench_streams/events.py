@@ -46,10 +46,10 @@ def report_table(rows: Iterable[tuple[int, int, int, str, str, float]]) -> pd.Da
     return pd.DataFrame(list(rows), columns=[*REPORT]).astype(REPORT)
 
 
-def matched(
+def match_reports(
     truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, doubtful: pd.DataFrame | None = None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Touches with the reports that belong to them (`touches_of`), and reports with their ``touch``.
+    """Touches with the reports that belong to them (`assign_touches`), and reports with their ``touch``.
 
     The first and the last report of a touch are told by ``reported``, then by ``end``.
 
@@ -75,7 +75,7 @@ def matched(
         and the reports. Rows stay in order and are numbered from 0.
     """
     truth, reports = truth.reset_index(drop=True), reports.reset_index(drop=True)
-    touch = touches_of(truth, reports, rate_hz, doubtful)
+    touch = assign_touches(truth, reports, rate_hz, doubtful)
     reports = reports.assign(touch=touch)
 
     of_touches = reports[touch >= 0].sort_values(["reported", "end"], kind="stable")
@@ -86,23 +86,23 @@ def matched(
     again = of_touches.duplicated("touch").to_numpy()
     first = of_touches.drop_duplicates("touch").set_index("touch").reindex(truth.index)
     last = of_touches.drop_duplicates("touch", keep="last").set_index("touch").reindex(truth.index)
-    fragments = _count(of_touches["touch"], truth)
+    fragments = _count_by_touch(of_touches["touch"], truth)
     touches = truth.assign(
         found=fragments > 0,
         late=(first["reported"] >= truth["end"]).to_numpy(),
-        merged=(fragments == 0) & _covered(truth, reports),
+        merged=(fragments == 0) & _began_during_report(truth, reports),
         latency_s=(first["reported"] - truth["start"]) / rate_hz,
         first_correct=first["first"].to_numpy(object) == truth["gesture"].to_numpy(object),
         end_correct=last["label"].to_numpy(object) == truth["gesture"].to_numpy(object),
         label=last["label"].fillna("").astype(str),
         fragments=fragments,
-        insertions=_count(of_touches["touch"][again & wrong], truth),
+        insertions=_count_by_touch(of_touches["touch"][again & wrong], truth),
     )
     kinds = dict.fromkeys((*SHARES, "late", "merged"), bool) | {"latency_s": np.float64}
     return touches.astype(kinds), reports
 
 
-def touches_of(
+def assign_touches(
     truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, doubtful: pd.DataFrame | None = None
 ) -> np.ndarray:
     """Row of the touch that each report belongs to, int64 [reports]; -1 of a false alarm, -2 in a doubtful stretch.
@@ -133,7 +133,7 @@ def touches_of(
     ).astype(np.int64)
 
 
-def _covered(truth: pd.DataFrame, reports: pd.DataFrame) -> np.ndarray:
+def _began_during_report(truth: pd.DataFrame, reports: pd.DataFrame) -> np.ndarray:
     """Whether a touch that was reported before each touch began had not ended then, bool [touches]."""
     covered = np.zeros(len(truth), bool)
     for recording, part in reports.groupby("recording"):
@@ -149,12 +149,14 @@ def _covered(truth: pd.DataFrame, reports: pd.DataFrame) -> np.ndarray:
     return covered
 
 
-def _count(rows: pd.Series, truth: pd.DataFrame) -> np.ndarray:
+def _count_by_touch(rows: pd.Series, truth: pd.DataFrame) -> np.ndarray:
     return np.bincount(rows.to_numpy(np.int64), minlength=len(truth)).astype(np.int64)
 
 
-def summary(touches: pd.DataFrame, reports: pd.DataFrame, background_s: float) -> dict[str, float]:
-    """The scores of all touches and reports together, from `matched`; NaN where there is nothing to divide by.
+def summarise_touches(
+    touches: pd.DataFrame, reports: pd.DataFrame, background_s: float
+) -> dict[str, float]:
+    """The scores of all touches and reports together, from `match_reports`; NaN where there is nothing to divide by.
 
     Results for several folds may be joined, because only the sign of ``touch`` counts. Shares are of all touches, a
     missed one being incorrect; those in ``_found``, latencies and ``fragments`` are of touches found, ``fragmented`` of
@@ -181,19 +183,19 @@ def summary(touches: pd.DataFrame, reports: pd.DataFrame, background_s: float) -
     return {name: float(value) for name, value in numbers.items()}
 
 
-def per_subject(
+def summarise_by_subject(
     touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]
 ) -> pd.DataFrame:
-    """The `summary` of each subject that has an entry in ``background_s``, sorted by ``subject``; ``background_s``."""
+    """The `summarise_touches` of each subject that has an entry in ``background_s``, sorted by ``subject``; ``background_s``."""
     rows = []
     for subject in sorted(background_s):
         mine = (part[part["subject"] == subject] for part in (touches, reports))
-        numbers = summary(*mine, background_s[subject])
+        numbers = summarise_touches(*mine, background_s[subject])
         rows.append({"subject": subject} | numbers | {"background_s": float(background_s[subject])})
     return pd.DataFrame(rows).astype({"touches": np.int64})
 
 
-def over_people(
+def mean_over_people(
     touches: pd.DataFrame, reports: pd.DataFrame, background_s: Mapping[str, float]
 ) -> dict[str, float]:
     """Shares of touches as means over subjects with 95 % t-intervals, and the interval of false alarms.
@@ -203,7 +205,7 @@ def over_people(
     numbers: dict[str, float] = {"subjects": len(background_s)}
     for share in SHARES:
         name = "touches_found" if share == "found" else share
-        scored = scores.over_people(touches.assign(true=True, predicted=touches[share]))
+        scored = scores.mean_over_subjects(touches.assign(true=True, predicted=touches[share]))
         numbers |= {
             name: scored["accuracy"],
             f"{name}_low": scored["low"],
@@ -233,27 +235,27 @@ def alarm_interval(counts: np.ndarray) -> tuple[float, float]:
     return exact if drawn[1] - drawn[0] < exact[1] - exact[0] else drawn
 
 
-def numbers_of(table: pd.DataFrame, rate_hz: float, people: bool = False) -> dict[str, float]:
+def score_tables(table: pd.DataFrame, rate_hz: float, people: bool = False) -> dict[str, float]:
     """All scores of touches and reports in the tables of some folds that are defined; with ``people`` over subjects."""
-    touches, reports, background_s = scored(table, rate_hz)
-    numbers = summary(touches, reports, sum(background_s.values()))
+    touches, reports, background_s = match_tables(table, rate_hz)
+    numbers = summarise_touches(touches, reports, sum(background_s.values()))
     if people:
-        numbers |= over_people(touches, reports, background_s)
+        numbers |= mean_over_people(touches, reports, background_s)
     if doubtful := float((reports["touch"] == DOUBTFUL).sum()):
         numbers["doubtful_reports"] = doubtful
     frames = table.loc[table["kind"] == "recording", ["refused", "end"]].sum()
-    return defined(numbers | {"refused": frames["refused"] / frames["end"]})
+    return drop_undefined(numbers | {"refused": frames["refused"] / frames["end"]})
 
 
-def scored(
+def match_tables(
     table: pd.DataFrame, rate_hz: float
 ) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, float]]:
     """Touches and reports of the tables of some folds, matched, and seconds of background of each subject."""
     background: dict[str, float] = {}
     touches, reports = [], []
     for _, part in table.groupby("fold", sort=False):
-        truth, doubtful, reported = touches_and_reports(part)
-        matches = matched(truth, reported, rate_hz, doubtful)
+        truth, doubtful, reported = split_fold_table(part)
+        matches = match_reports(truth, reported, rate_hz, doubtful)
         touches.append(matches[0])
         reports.append(matches[1])
         labelled = pd.concat([truth, doubtful])
@@ -267,7 +269,7 @@ def scored(
     return pd.concat(touches, ignore_index=True), pd.concat(reports, ignore_index=True), background
 
 
-def touches_and_reports(part: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+def split_fold_table(part: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     """The touches, the doubtful stretches and the reports in the table of a fold."""
     kinds = {"recording": np.int64, "start": np.int64, "end": np.int64}
     truth, doubtful = (
@@ -280,6 +282,6 @@ def touches_and_reports(part: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame,
     return truth, doubtful, reported
 
 
-def defined(numbers: dict[str, float]) -> dict[str, float]:
+def drop_undefined(numbers: dict[str, float]) -> dict[str, float]:
     """The numbers that are defined."""
     return {name: float(value) for name, value in numbers.items() if value == value}

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.read.limits import checked, highest_of, quoted
+from bench.corpora.read.limits import checked_values, highest_value, quote_text
 from bench.errors import InputError
 from bench.running.replay import GROWTH
 from bench.values.stopping import NO_SAVING
@@ -33,13 +33,13 @@ TOLD = {
 NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
-def decide(model: str, hop_ms: float, events: bool) -> int:
+def run_stream(model: str, hop_ms: float, events: bool) -> int:
     """Decide on frames from standard input with a saved model until it ends: on an endless stream, or on captures."""
-    from bench.running.saved import load
+    from bench.running.saved import load_recogniser
 
-    recogniser = load(model)
+    recogniser = load_recogniser(model)
     if recogniser.watcher is not None and events:
-        return watched(recogniser, recogniser.watcher)
+        return report_touches_live(recogniser, recogniser.watcher)
     frame_ms = 1000 / recogniser.rate_hz
     if hop_ms < frame_ms:
         raise InputError(
@@ -57,13 +57,13 @@ def decide(model: str, hop_ms: float, events: bool) -> int:
     out = csv.writer(sys.stdout, lineterminator="\n")
     out.writerow(["capture", "ms", "label", "confidence", "settled"])
     sys.stdout.flush()
-    frames = frames_of(sys.stdin.buffer, rows * cols, recogniser.full_scale)
+    frames = read_frames(sys.stdin.buffer, rows * cols, recogniser.full_scale)
     current, settled, labels = 0, False, deque[tuple[int, str]]()
-    for capture, seen, window in decided_at(frames, recogniser.rate_hz, hop_ms, longest):
+    for capture, seen, window in decision_windows(frames, recogniser.rate_hz, hop_ms, longest):
         if capture != current:
             current, settled, labels = capture, False, deque()
-        label, confidence, share = recogniser.decision(
-            _corpus(window, recogniser), earlier(labels, seen)
+        label, confidence, share = recogniser.decide_on(
+            _one_capture(window, recogniser), earlier_label(labels, seen)
         )
         labels.append((seen, label))
         settled = settled or recogniser.is_settled(share)
@@ -73,7 +73,7 @@ def decide(model: str, hop_ms: float, events: bool) -> int:
     return 0
 
 
-def watched(recogniser: Recogniser, watcher: TickWatcher) -> int:
+def report_touches_live(recogniser: Recogniser, watcher: TickWatcher) -> int:
     """Report the touches of an endless stream until standard input ends; empty lines mean nothing."""
     rows, cols = recogniser.grid
     full_scale, frame_ms = recogniser.full_scale, 1000 / recogniser.rate_hz
@@ -82,15 +82,15 @@ def watched(recogniser: Recogniser, watcher: TickWatcher) -> int:
         f"a touch is reported after {watcher.soonest * frame_ms:.0f} ms or later",
         file=sys.stderr,
     )
-    stream = watcher.stream(recogniser.grid, recogniser.rate_hz, full_scale)
+    stream = watcher.open_stream(recogniser.grid, recogniser.rate_hz, full_scale)
     out = csv.writer(sys.stdout, lineterminator="\n")
     out.writerow(["ms", "news", "label", "confidence"])
     sys.stdout.flush()
     lasting, seen, told, since, skipped, in_a_row = False, 0, "ok", 0, 0, 0
     counts = dict.fromkeys(TOLD, 0)
-    for at, line in lines_of(sys.stdin.buffer, rows * cols):
+    for at, line in read_lines(sys.stdin.buffer, rows * cols):
         try:
-            frame = _frame_of(line, at, rows * cols, full_scale)
+            frame = _parse_frame(line, at, rows * cols, full_scale)
         except InputError as e:
             skipped, in_a_row = skipped + 1, in_a_row + 1
             if in_a_row > MOST_BAD:
@@ -104,7 +104,7 @@ def watched(recogniser: Recogniser, watcher: TickWatcher) -> int:
             continue
         seen, in_a_row = seen + 1, 0
         for event in stream.push(
-            checked(frame.reshape(1, rows, cols), full_scale, "input", "frame")[0]
+            checked_values(frame.reshape(1, rows, cols), full_scale, "input", "frame")[0]
         ):
             news = "ended" if event.end is not None else "changed" if lasting else "reported"
             lasting = event.end is None
@@ -123,16 +123,16 @@ def watched(recogniser: Recogniser, watcher: TickWatcher) -> int:
     return 0
 
 
-def earlier(labels: deque[tuple[int, str]], seen: int) -> str | None:
+def earlier_label(labels: deque[tuple[int, str]], seen: int) -> str | None:
     """The label when 1/1.41 as much as now had been seen, None if there was none; of older ones one remains."""
     while len(labels) > 1 and labels[1][0] * GROWTH <= seen:
         labels.popleft()
     return labels[0][1] if labels and labels[0][0] * GROWTH <= seen else None
 
 
-def _corpus(window: list[np.ndarray], recogniser: Recogniser) -> Corpus:
+def _one_capture(window: list[np.ndarray], recogniser: Recogniser) -> Corpus:
     """One capture, of the type that a file with these values would have."""
-    values = checked(
+    values = checked_values(
         np.stack(window).reshape(-1, *recogniser.grid), recogniser.full_scale, "input", "frame"
     )
     return Corpus.from_captures(
@@ -140,17 +140,19 @@ def _corpus(window: list[np.ndarray], recogniser: Recogniser) -> Corpus:
     )
 
 
-def frames_of(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np.ndarray | None]:
+def read_frames(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[np.ndarray | None]:
     """Frames of a stream, float64 [channels] rounded to single precision, and None where a capture ends.
 
     A line is a frame: decimal numbers with a comma between two of them, and blanks (spaces, tabs) around it, or with
     blanks alone. A line of blanks alone, or of nothing, ends a capture. Lines end with LF or CR LF. The C of ``bench
     export`` reads the same.
     """
-    return (_frame_of(line, at, channels, full_scale) for at, line in lines_of(stream, channels))
+    return (
+        _parse_frame(line, at, channels, full_scale) for at, line in read_lines(stream, channels)
+    )
 
 
-def lines_of(stream: BinaryIO, channels: int) -> Iterator[tuple[int, bytes]]:
+def read_lines(stream: BinaryIO, channels: int) -> Iterator[tuple[int, bytes]]:
     """Lines with their numbers from 1; of one that is too long for a frame, its beginning."""
     at, most = 0, channels * CHARACTERS
     while line := stream.readline(most + 1):
@@ -160,7 +162,7 @@ def lines_of(stream: BinaryIO, channels: int) -> Iterator[tuple[int, bytes]]:
             line = stream.readline(most + 1)
 
 
-def _frame_of(line: bytes, at: int, channels: int, full_scale: float) -> np.ndarray | None:
+def _parse_frame(line: bytes, at: int, channels: int, full_scale: float) -> np.ndarray | None:
     """The frame in a line of some number; None in an empty one."""
     most = channels * CHARACTERS
     if len(line) > most:
@@ -180,18 +182,18 @@ def _frame_of(line: bytes, at: int, channels: int, full_scale: float) -> np.ndar
             f"line {at}: {len(cells)} values instead of {channels}; send one frame per line"
         )
     if wrong := [c for c in cells if len(c) > CHARACTERS or not NUMBER.fullmatch(c)]:
-        word = quoted(wrong[0].decode("utf-8", "replace"))
+        word = quote_text(wrong[0].decode("utf-8", "replace"))
         raise InputError(f"line {at}: {word} is not a decimal number; send sensor values")
     with np.errstate(over="ignore"):
         values = np.array(cells, dtype=np.float64).astype(np.float32).astype(np.float64)
-    within = (values >= 0) & (values <= highest_of(full_scale))
+    within = (values >= 0) & (values <= highest_value(full_scale))
     if not within.all():
         wrong_value = f"{values[~within][0]:g} is not between 0 and the full scale {full_scale:g}"
         raise InputError(f"line {at}: {wrong_value}; send sensor values")
     return values
 
 
-def decided_at(
+def decision_windows(
     frames: Iterator[np.ndarray | None], rate_hz: float, hop_ms: float, longest: int
 ) -> Iterator[tuple[int, int, list[np.ndarray]]]:
     """Decisions on captures with None between them: every hop, and at the end of one with undecided frames.

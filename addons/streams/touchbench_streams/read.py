@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.read.limits import called, check_file, plain, quoted, short
-from bench.corpora.read.rows import Table, changes, without_categories
-from bench.corpora.read.table import check_scales, described, rows_of, size_of
+from bench.corpora.read.limits import check_file, file_name, one_line, quote_text, shorten
+from bench.corpora.read.rows import Table, categories_as_text, differs_from_previous
+from bench.corpora.read.table import check_scales, describe_source, parse_grid, read_table_rows
 from bench.errors import InputError
-from touchbench_streams.recordings import Recordings, captures_in, events_of
+from touchbench_streams.recordings import Recordings, cut_into_captures, find_events
 
 KNOWN = ["label", "recording", "subject", "gesture", "frame"]
 
@@ -33,7 +33,7 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> C
         full_scale: largest value that the sensor gives.
 
     Returns:
-        Captures of all events, doubtful stretches and gaps (`touchbench_streams.recordings.captures_in`), with frames
+        Captures of all events, doubtful stretches and gaps (`touchbench_streams.recordings.cut_into_captures`), with frames
         of uint16 or float32. Without a column ``subject`` the subject is ``"1"``.
 
     Raises:
@@ -41,44 +41,46 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> C
     """
     path = Path(path)
     check_scales(rate_hz, full_scale)
-    size = size_of(grid)
+    size = parse_grid(grid)
     check_file(path)
-    rows, warnings = rows_of(path, size, full_scale, ["label"], KNOWN, blank="label")
+    rows, warnings = read_table_rows(path, size, full_scale, ["label"], KNOWN, blank="label")
     labels = rows.labels
     if "gesture" in labels:
         raise InputError(
-            f"{called(path)}: label names the gesture of each frame; delete the column gesture"
+            f"{file_name(path)}: label names the gesture of each frame; delete the column gesture"
         )
-    gestures = _gestures(labels.pop("label"), called(path))
+    gestures = _labels_as_text(labels.pop("label"), file_name(path))
     rows.check_filled()
     if "subject" not in labels:
         labels["subject"] = "1"
         warnings = [*warnings, "no column subject: all recordings are treated as one subject"]
-    starts = _starts(rows, rows.frame_numbers() if "frame" in labels else None)
-    captures = without_categories(labels.iloc[starts].reset_index(drop=True))
+    starts = _find_recording_starts(rows, rows.take_frame_numbers() if "frame" in labels else None)
+    captures = categories_as_text(labels.iloc[starts].reset_index(drop=True))
     captures.insert(0, "subject", captures.pop("subject"))
     captures.insert(1, "gesture", "")
     if "recording" in captures:
         captures["recording"] = captures["recording"].astype(str)
     lengths = np.diff(starts, append=len(gestures))
     corpus = Corpus(rows.values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
-    return captures_in(
-        Recordings(described(corpus, path, warnings, "recording"), events_of(gestures, lengths))
+    return cut_into_captures(
+        Recordings(
+            describe_source(corpus, path, warnings, "recording"), find_events(gestures, lengths)
+        )
     )
 
 
-def _gestures(column: pd.Series, name: str) -> np.ndarray:
+def _labels_as_text(column: pd.Series, name: str) -> np.ndarray:
     """Labels as text, object [frames]."""
     if not isinstance(column.dtype, pd.CategoricalDtype) and column.dtype.kind not in "iu":
-        kind = plain(column.dtype, 40)
+        kind = one_line(column.dtype, 40)
         raise InputError(f"{name}: label is of type {kind}; save it as text or whole numbers")
     return column.astype("string").fillna("").to_numpy(dtype=object)
 
 
-def _starts(rows: Table, frame: np.ndarray | None) -> np.ndarray:
+def _find_recording_starts(rows: Table, frame: np.ndarray | None) -> np.ndarray:
     """Rows at which recordings begin, int64 [recordings]."""
     labels = rows.labels
-    changed = {name: changes(labels[name]) for name in labels}
+    changed = {name: differs_from_previous(labels[name]) for name in labels}
     names = [name for name in ("recording", "subject") if name in labels]
     begins = np.logical_or.reduce([changed[name] for name in names])
     begins[0] = True
@@ -86,19 +88,19 @@ def _starts(rows: Table, frame: np.ndarray | None) -> np.ndarray:
     again = labels.iloc[starts].duplicated(names).to_numpy()
     if again.any():
         row = starts[np.argmax(again)]
-        name = quoted(str(labels[names[0]].iloc[row]))
+        name = quote_text(str(labels[names[0]].iloc[row]))
         hint = (
             "keep its frames together"
             if len(names) > 1
             else "keep its frames together, or add a column recording"
         )
-        rows.refuse(row, f"{names[0]} {name} begins a second time; {hint}")
+        rows.refuse_row(row, f"{names[0]} {name} begins a second time; {hint}")
     for name in labels.columns.difference(names, sort=False):
         if len(wrong := np.flatnonzero(changed[name] & ~begins)):
             hint = "delete the column, or begin a new recording there"
-            rows.refuse(wrong[0], f"{short(str(name))} changes within a recording; {hint}")
+            rows.refuse_row(wrong[0], f"{shorten(str(name))} changes within a recording; {hint}")
     if frame is not None and len(
         wrong := np.flatnonzero(~begins & (np.diff(frame, prepend=0) != 1))
     ):
-        rows.refuse_step(wrong[0], frame)
+        rows.refuse_frame_step(wrong[0], frame)
     return starts

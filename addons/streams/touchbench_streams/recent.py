@@ -8,14 +8,13 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus
-from bench.ground.words import SATURATED_SHARE
+from bench.corpora.corpus import SATURATED_ONE_IN, Corpus
 from bench.models.steps import SETTLED_S
 
 
-def saturated(frames: np.ndarray, full_scale: float) -> np.ndarray:
+def find_saturated(frames: np.ndarray, full_scale: float) -> np.ndarray:
     """Whether many taxels of each frame [frames, rows, cols] are at full scale, bool [frames]."""
-    return np.count_nonzero(frames >= full_scale, axis=(1, 2)) * SATURATED_SHARE >= frames[0].size
+    return np.count_nonzero(frames >= full_scale, axis=(1, 2)) * SATURATED_ONE_IN >= frames[0].size
 
 
 class Recent:
@@ -45,16 +44,16 @@ class Recent:
     @property
     def is_saturated(self) -> bool:
         """True if many taxels of the last frame are at full scale."""
-        return bool(saturated(self.frames[-1][None], self.full_scale)[0])
+        return bool(find_saturated(self.frames[-1][None], self.full_scale)[0])
 
-    def recording(self, prepared: Callable[[Corpus], Corpus]) -> Corpus:
+    def as_recording(self, prepared: Callable[[Corpus], Corpus]) -> Corpus:
         """The frames that are kept, after the steps; older frames count by their smallest and largest values."""
         older = min(self.seen - len(self.frames), max(2, int(np.ceil(SETTLED_S * self.rate_hz))))
         before = [self.least] * (older - 1) + [self.most] * bool(older)
         frames = np.stack([*before, *self.frames])
-        whole = self.one.changed(
+        whole = self.one.with_fields(
             frames=frames, starts=np.array([0]), lengths=np.array([len(frames)])
         )
-        return prepared(whole).changed(
+        return prepared(whole).with_fields(
             starts=np.array([older]), lengths=np.array([len(self.frames)])
         )

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus, storage
+from bench.corpora.corpus import Corpus, shared_frames
 from bench.corpora.library import ASIDE, UNTAUGHT
 from bench.errors import InputError
 
@@ -80,7 +80,7 @@ class Recordings:
         return labels
 
 
-def events_of(labels: np.ndarray, lengths: np.ndarray) -> pd.DataFrame:
+def find_events(labels: np.ndarray, lengths: np.ndarray) -> pd.DataFrame:
     """The table of `Recordings` from a label per frame: each run of equal labels within a recording is one.
 
     Args:
@@ -112,7 +112,7 @@ def event_table(rows: Iterable[tuple[int, int, int, str]]) -> pd.DataFrame:
     return pd.DataFrame(list(rows), columns=[*COLUMNS]).astype(kinds)
 
 
-def captures_in(recordings: Recordings) -> Corpus:
+def cut_into_captures(recordings: Recordings) -> Corpus:
     """Recordings as captures: one per event, doubtful stretch and gap between them; no frame is copied.
 
     The class of a gap is ``background``, that of a doubtful stretch ``?``. The table has the conditions of the
@@ -138,8 +138,8 @@ def captures_in(recordings: Recordings) -> Corpus:
     table = table.assign(gesture=labels[starts].replace("", GAP).to_numpy())
     if "recording" not in table:
         table["recording"] = recording[starts]
-    return recordings.corpus.changed(
-        starts=storage(recordings.corpus)[1][recording[starts]]
+    return recordings.corpus.with_fields(
+        starts=shared_frames(recordings.corpus)[1][recording[starts]]
         + starts
         - firsts[recording[starts]],
         lengths=np.append(starts[1:], len(edges))[: len(starts)] - starts,
@@ -156,20 +156,20 @@ def captures_in(recordings: Recordings) -> Corpus:
     )
 
 
-def certain(captures: Corpus) -> Corpus:
-    """Captures from `captures_in` without doubtful stretches; any other captures as they are."""
-    return captures[captures.gestures != DOUBT] if is_recorded(captures) else captures
+def drop_doubtful(captures: Corpus) -> Corpus:
+    """Captures from `cut_into_captures` without doubtful stretches; any other captures as they are."""
+    return captures[captures.gestures != DOUBT] if comes_from_recordings(captures) else captures
 
 
-def recorded(captures: Corpus) -> Recordings:
-    """The recordings that `captures_in` has cut, with ``subject``, ``gesture`` and, as ``recording``, their number.
+def restore_recordings(captures: Corpus) -> Recordings:
+    """The recordings that `cut_into_captures` has cut, with ``subject``, ``gesture`` and, as ``recording``, their number.
 
     A recording of which captures are missing, such as doubtful stretches in training, becomes one recording for each
     part without a gap: nothing that learns from it sees a frame in between, or a frame beyond as if it came next.
     """
     number = np.searchsorted(captures.info[RECORDINGS], captures.index, side="right") - 1
     table = captures.captures.assign(
-        recording=number, start=storage(captures)[1], length=captures.lengths
+        recording=number, start=shared_frames(captures)[1], length=captures.lengths
     )
     table = table.sort_values(["recording", "start"])
     same = table["recording"] == table["recording"].shift()
@@ -180,7 +180,7 @@ def recorded(captures: Corpus) -> Recordings:
     labelled = (table["gesture"] != GAP).to_numpy()
     events = zip(part, start, start + table["length"], table["gesture"], strict=True)
     whole = pd.DataFrame({"subject": groups["subject"].first().to_numpy(), "gesture": ""})
-    corpus = captures.changed(
+    corpus = captures.with_fields(
         starts=first.to_numpy(),
         lengths=groups["length"].sum().to_numpy(),
         captures=whole.assign(recording=groups["recording"].first().to_numpy()),
@@ -192,6 +192,6 @@ def recorded(captures: Corpus) -> Recordings:
     )
 
 
-def is_recorded(captures: Corpus) -> bool:
-    """Return True for captures that `captures_in` has cut from recordings."""
+def comes_from_recordings(captures: Corpus) -> bool:
+    """Return True for captures that `cut_into_captures` has cut from recordings."""
     return RECORDINGS in captures.info

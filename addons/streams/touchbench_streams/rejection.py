@@ -10,10 +10,10 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.models.search.inner_folds import inner_folds
+from bench.models.search.inner_folds import split_subjects
 from touchbench_streams.detectors.base import UNKNOWN
 from touchbench_streams.detectors.ticks import TickWatcher
-from touchbench_streams.events import touches_and_reports, touches_of
+from touchbench_streams.events import assign_touches, split_fold_table
 from touchbench_streams.recordings import Recordings
 
 GROUPS = "3"  # of subjects, each left out once
@@ -34,10 +34,12 @@ def learn_reject(
     """
     subjects = recordings.subjects.astype(str)
     found = []
-    for others, judged in inner_folds(subjects, GROUPS):
+    for others, judged in split_subjects(subjects, GROUPS):
         train = captures[~np.isin(captures.subjects.astype(str), subjects[judged])]
         held = recordings[judged]
-        reports = watcher.renamed(make_system, train, recordings[others]).reports(held.corpus)
+        reports = watcher.with_new_names(make_system, train, recordings[others]).report_touches(
+            held.corpus
+        )
         found.append(last_confidence(held.events, reports, held.corpus.rate_hz))
     confidence = np.concatenate(found)
     if not len(confidence):
@@ -50,8 +52,8 @@ def learn_reject(
 def last_confidence(
     truth: pd.DataFrame, reports: pd.DataFrame, rate_hz: float, doubtful: pd.DataFrame | None = None
 ) -> pd.Series:
-    """Confidence of the last label of each touch that was found, by its row; arguments of `events.matched`."""
-    reports = reports.assign(touch=touches_of(truth, reports, rate_hz, doubtful))
+    """Confidence of the last label of each touch that was found, by its row; arguments of `events.match_reports`."""
+    reports = reports.assign(touch=assign_touches(truth, reports, rate_hz, doubtful))
     ordered = reports[reports["touch"] >= 0].sort_values(
         ["touch", "reported", "end"], kind="stable"
     )
@@ -71,7 +73,7 @@ def rejection_scores(
 
     margins, strange = [], []
     for name, part in table.groupby("fold", sort=False):
-        truth, doubtful, reported = touches_and_reports(part)
+        truth, doubtful, reported = split_fold_table(part)
         above = last_confidence(truth, reported, rate_hz, doubtful) - thresholds[str(name)]
         margins.append(above)
         strange.append((truth["gesture"] == UNKNOWN).loc[above.index])

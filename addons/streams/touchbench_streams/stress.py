@@ -10,10 +10,17 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.faults import Fault, all_faults, as_readings, as_shares, asked_faults, seeded
+from bench.corpora.fault_names import NO_FAULT, SEVERITIES
+from bench.corpora.faults import (
+    Fault,
+    all_faults,
+    as_readings,
+    as_shares,
+    parse_fault_names,
+    seeded_generator,
+)
 from bench.errors import InputError
-from bench.ground.words import CLEAN, SEVERITIES
-from touchbench_streams.events import numbers_of
+from touchbench_streams.events import score_tables
 from touchbench_streams.recordings import Recordings
 
 if TYPE_CHECKING:
@@ -32,9 +39,9 @@ SCORES = (
 )  # tracked
 
 
-def faults_of(names: Sequence[object]) -> tuple[str, ...]:
+def parse_faults(names: Sequence[object]) -> tuple[str, ...]:
     """Faults of recordings by the names in ``under=``; ``all`` stands for every one of them."""
-    asked = asked_faults("under", names, every := whole_faults())
+    asked = parse_fault_names("under", names, every := whole_faults())
     if lossy := [name for name in asked if name not in every]:
         raise InputError(
             f"under={lossy[0]}: it removes frames, so touches have no place any more; leave it out"
@@ -47,7 +54,7 @@ def whole_faults() -> tuple[str, ...]:
     return tuple(name for name, one in all_faults().items() if not one.shortens)
 
 
-def disturbed(
+def apply_fault(
     recordings: Recordings, shares: Sequence[np.ndarray], fault: Fault, severity: int
 ) -> Corpus:
     """Recordings that went through a fault, which keeps all frames.
@@ -61,25 +68,29 @@ def disturbed(
         whom = (
             f"sensor of {subject}" if fault.sensor else f"recording {places[subject]} of {subject}"
         )
-        changed = fault.drawn(frames, severity, seeded(f"{fault.name}, {whom}"), corpus.rate_hz)
+        changed = fault.apply_with(
+            frames, severity, seeded_generator(f"{fault.name}, {whom}"), corpus.rate_hz
+        )
         streams.append(as_readings(corpus, changed))
     fields = {"full_scale": corpus.full_scale, "name": corpus.name, "info": corpus.info}
     return Corpus.from_captures(streams, corpus.captures, corpus.rate_hz, **fields)
 
 
-def faulted(watcher: TickWatcher, test: Recordings, under: Sequence[str]) -> pd.DataFrame:
+def watch_under_faults(
+    watcher: TickWatcher, test: Recordings, under: Sequence[str]
+) -> pd.DataFrame:
     """What a watcher reports of recordings under each fault at each severity: rows of a fold's table, with `CASE`."""
     shares = as_shares(test.corpus, np.arange(len(test)))
     subjects, parts = test.subjects.astype(str), []
     for fault in map(all_faults().__getitem__, under):
         for severity in range(1, SEVERITIES + 1):
-            corpus = disturbed(test, shares, fault, severity)
-            evidence = watcher.evidence(corpus)
+            corpus = apply_fault(test, shares, fault, severity)
+            evidence = watcher.collect_evidence(corpus)
             frames = pd.DataFrame({"recording": np.arange(len(test)), "end": corpus.lengths})
-            frames = frames.assign(refused=watcher.refused(corpus, evidence))
+            frames = frames.assign(refused=watcher.count_refused(corpus, evidence))
             for kind, part in (
                 ("recording", frames),
-                ("report", watcher.reports(corpus, evidence)),
+                ("report", watcher.report_touches(corpus, evidence)),
             ):
                 case = dict(
                     zip(CASE, (fault.name, severity, fault.describe(severity)), strict=True)
@@ -91,15 +102,15 @@ def faulted(watcher: TickWatcher, test: Recordings, under: Sequence[str]) -> pd.
 def fault_table(
     table: pd.DataFrame, cases: pd.DataFrame, rate_hz: float, people: bool = False
 ) -> pd.DataFrame:
-    """Scores of touches as they are, and under each fault at each severity: `CASE`, and those of `numbers_of`.
+    """Scores of touches as they are, and under each fault at each severity: `CASE`, and those of `score_tables`.
 
-    ``table`` and ``cases``, results of `faulted` with ``fold``, are of the same folds.
+    ``table`` and ``cases``, results of `watch_under_faults` with ``fold``, are of the same folds.
     """
     truth = table[table["kind"].isin(["touch", "doubtful"])]
-    rows = [dict(zip(CASE, (CLEAN, 0, ""), strict=True)) | numbers_of(table, rate_hz, people)]
+    rows = [dict(zip(CASE, (NO_FAULT, 0, ""), strict=True)) | score_tables(table, rate_hz, people)]
     for case, part in cases.groupby([*CASE], sort=False):
         both = pd.concat([truth, part], ignore_index=True)
-        rows.append(dict(zip(CASE, case, strict=True)) | numbers_of(both, rate_hz, people))
+        rows.append(dict(zip(CASE, case, strict=True)) | score_tables(both, rate_hz, people))
     return pd.DataFrame(rows)
 
 

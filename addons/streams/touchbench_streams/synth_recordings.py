@@ -16,11 +16,11 @@ from bench.corpora.synth import (
     GESTURES,
     Habits,
     check_parameters,
-    info_of,
-    sensed,
-    touch,
+    generate_pressure,
+    simulate_sensor,
+    synthetic_info,
 )
-from bench.ground.machine import ensure
+from bench.ground.machine import check_memory
 from touchbench_streams.recordings import Recordings, event_table
 
 GAP_S = (3.0, 10.0)  # between touches
@@ -72,7 +72,7 @@ def generate(
     asked = (
         f"data.subjects={subjects} data.repetitions={repetitions} data.rows={rows} data.cols={cols}"
     )
-    ensure(
+    check_memory(
         f"{asked} data.rate_hz={rate_hz:g}", values * (BYTES_PER_VALUE + 4.0 * subjects)
     )  # frames are put together
     kinds = [(variant, gesture) for variant in variants for gesture in GESTURES] * repetitions
@@ -82,35 +82,37 @@ def generate(
             np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(subject,))), rows, cols
         )
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(subject, 1)))
-        parts, length = [_idle(rng, rows, cols, rate_hz)], 0
+        parts, length = [_draw_idle(rng, rows, cols, rate_hz)], 0
         for i in rng.permutation(len(kinds)):
             variant, gesture = kinds[i]
-            pressure = _whole(
-                rng, touch(rng, habits, gesture, variant, (rows, cols), rate_hz), rate_hz
+            pressure = _ramp_in_and_out(
+                rng,
+                generate_pressure(rng, habits, gesture, variant, (rows, cols), rate_hz),
+                rate_hz,
             )
             length += len(parts[-1])
             peaks = pressure.max(axis=(1, 2))
             felt = np.flatnonzero(peaks >= CONTACT * peaks.max())
             events.append((subject - 1, length + felt[0], length + felt[-1] + 1, gesture))
             length += len(pressure)
-            parts += [pressure.astype(np.float32), _idle(rng, rows, cols, rate_hz)]
+            parts += [pressure.astype(np.float32), _draw_idle(rng, rows, cols, rate_hz)]
         whole = np.concatenate(parts)
-        offset = habits.offset + _drift(rng, len(whole), rows, cols, rate_hz)
-        arrays.append(sensed(rng, gain * whole, offset, rate_hz, noise))
+        offset = habits.offset + _draw_drift(rng, len(whole), rows, cols, rate_hz)
+        arrays.append(simulate_sensor(rng, gain * whole, offset, rate_hz, noise))
     captures = pd.DataFrame({"subject": [str(s + 1) for s in range(subjects)], "gesture": ""})
-    scale, info = float(FULL_SCALE), info_of(seed)
+    scale, info = float(FULL_SCALE), synthetic_info(seed)
     corpus = Corpus.from_captures(
         arrays, captures, float(rate_hz), full_scale=scale, name="synth", info=info
     )
     return Recordings(corpus, event_table(events))
 
 
-def _idle(rng: np.random.Generator, rows: int, cols: int, rate_hz: float) -> np.ndarray:
+def _draw_idle(rng: np.random.Generator, rows: int, cols: int, rate_hz: float) -> np.ndarray:
     """Time without touch [frames, rows, cols]."""
     return np.zeros((max(1, round(rng.uniform(*GAP_S) * rate_hz)), rows, cols), dtype=np.float32)
 
 
-def _whole(rng: np.random.Generator, pressure: np.ndarray, rate_hz: float) -> np.ndarray:
+def _ramp_in_and_out(rng: np.random.Generator, pressure: np.ndarray, rate_hz: float) -> np.ndarray:
     """A touch with its approach and release: its first and last frame, ramped in and out."""
     before, after = (
         np.linspace(0, 1, round(rng.uniform(*RAMP_S) * rate_hz), endpoint=False) for _ in range(2)
@@ -120,7 +122,7 @@ def _whole(rng: np.random.Generator, pressure: np.ndarray, rate_hz: float) -> np
     )
 
 
-def _drift(
+def _draw_drift(
     rng: np.random.Generator, frames: int, rows: int, cols: int, rate_hz: float
 ) -> np.ndarray:
     """Change of each taxel's offset over time, float32 [frames, rows, cols]: half of it is common to all taxels."""

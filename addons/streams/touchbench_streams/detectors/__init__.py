@@ -17,7 +17,7 @@ PARTS = {
 }
 
 
-def detectors(values: Values) -> list[Part]:
+def parse_detectors(values: Values) -> list[Part]:
     """The detectors that ``detector=`` names, the usual one without it, with every combination of their parameters."""
     from bench.plan.grid import expand_parameters
 

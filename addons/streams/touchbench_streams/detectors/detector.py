@@ -15,8 +15,8 @@ from bench.errors import InputError
 from bench.models.search.inner_folds import split_subjects
 from bench.values.few import FEWEST_FOR_INTERVAL
 from touchbench_streams.detectors.base import DetectorC, Rules, Signals
-from touchbench_streams.detectors.spans import means
-from touchbench_streams.events import DOUBTFUL, FALSE_ALARM, touches_of
+from touchbench_streams.detectors.spans import average_blocks
+from touchbench_streams.events import DOUBTFUL, FALSE_ALARM, assign_touches
 from touchbench_streams.recordings import Recordings
 
 PRICE = 0.001  # share of touches that a false alarm per hour above the target costs; chosen on sittings A to C
@@ -24,7 +24,7 @@ REPEATS = 0.2  # share of touches that a report per touch above `SPARE` costs; c
 SPARE = 1.15  # reports per touch that cost nothing
 
 
-def of_file(path: str) -> str:
+def read_c_beside(path: str) -> str:
     """The C beside a Python file."""
     return Path(path).with_suffix(".c").read_text(encoding="utf-8")
 
@@ -67,7 +67,7 @@ class Detector:
         """Learn from the signals of recordings whose frames are ticks."""
         raise NotImplementedError
 
-    def hardened(
+    def fit_disturbed(
         self, others: list[Self], recordings: Recordings, level: float, false_alarms: float
     ) -> Self:
         """The same, fitted, and prepared for a sensor that changes after training; unchanged unless overridden.
@@ -84,7 +84,7 @@ class Detector:
         """What the signals of each tick and those before it say [ticks, ...]."""
         raise NotImplementedError
 
-    def refused(self, evidence: np.ndarray) -> np.ndarray:
+    def find_refused(self, evidence: np.ndarray) -> np.ndarray:
         """Whether the sensor is unlike all that it learned from, bool [ticks]; never unless overridden."""
         return np.zeros(len(evidence), bool)
 
@@ -97,10 +97,10 @@ class Detector:
         signals = self.signals()
         return np.stack([signals.step(frame) for frame in ticks])
 
-    def reported(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
+    def find_reports(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
         """In which ticks of a recording the rules of each level report a touch."""
         return [
-            np.flatnonzero(signs_of(self.rules(float(level)), evidence)[:, 2]) for level in levels
+            np.flatnonzero(run_rules(self.rules(float(level)), evidence)[:, 2]) for level in levels
         ]
 
     def in_c(self) -> DetectorC | None:
@@ -111,27 +111,27 @@ class Detector:
         """
         return None
 
-    def held_out(
+    def fit_held_out(
         self, signals: list[np.ndarray], ticks: Recordings, folds: str
     ) -> tuple[list[Self], list[np.ndarray]]:
         """The detector that is fitted without each recording, and its evidence of it."""
         detectors, evidence = [self] * len(signals), [np.zeros(0)] * len(signals)
-        for train, judged in split_subjects(left_out(ticks), folds):
+        for train, judged in split_subjects(held_out_units(ticks), folds):
             fitted = copy(self).fit([signals[i] for i in train], ticks[train])
             for i in judged:
                 detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
         return detectors, evidence
 
 
-def frames_of_tick(tick: float, rate_hz: float) -> int:
+def count_frames_per_tick(tick: float, rate_hz: float) -> int:
     """Frames of a tick of so many seconds."""
     return max(1, round(tick * rate_hz))
 
 
-def ticked(recordings: Recordings, count: int) -> Recordings:
+def average_into_ticks(recordings: Recordings, count: int) -> Recordings:
     """Recordings whose frames are means of so many frames; a rest at the end is left out."""
     corpus = recordings.corpus
-    streams = [means(corpus[i], count) for i in range(len(corpus))]
+    streams = [average_blocks(corpus[i], count) for i in range(len(corpus))]
     ticks = Corpus.from_captures(
         streams, corpus.captures, corpus.rate_hz / count, full_scale=corpus.full_scale
     )
@@ -144,12 +144,12 @@ def ticked(recordings: Recordings, count: int) -> Recordings:
     return Recordings(ticks, events)
 
 
-def signs_of(rules: Rules, evidence: np.ndarray) -> np.ndarray:
+def run_rules(rules: Rules, evidence: np.ndarray) -> np.ndarray:
     """The signs of new rules over one recording, float64 [ticks, 3]."""
     return np.array([rules.step(each) for each in evidence], dtype=np.float64).reshape(-1, 3)
 
 
-def sweep(
+def sweep_levels(
     detectors: Sequence[Detector],
     recordings: Recordings,
     evidence: list[np.ndarray],
@@ -164,7 +164,7 @@ def sweep(
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
     reported = [
-        one.reported(series, levels) for one, series in zip(detectors, evidence, strict=True)
+        one.find_reports(series, levels) for one, series in zip(detectors, evidence, strict=True)
     ]
     parts = [(i, k, ticks) for i, each in enumerate(reported) for k, ticks in enumerate(each)]
     recording, place = np.repeat(
@@ -172,7 +172,7 @@ def sweep(
     ).T
     frames = (np.concatenate([part[2] for part in parts]) + 1) * count
     reports = pd.DataFrame({"recording": recording, "reported": frames})
-    touch = touches_of(recordings.events, reports, rate_hz, doubtful=recordings.doubtful)
+    touch = assign_touches(recordings.events, reports, rate_hz, doubtful=recordings.doubtful)
     once = np.unique(np.stack([place, touch])[:, touch >= 0], axis=1)[
         0
     ]  # a touch counts once at each level
@@ -190,7 +190,7 @@ def sweep(
     return pd.DataFrame(columns)
 
 
-def worth(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
+def score_levels(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
     """The share of touches that each level finds, less what alarms above the target and repeated reports cost."""
     hours = settings["hours"].replace(0, np.nan)  # without background, rates are unknown
     excess = (settings["alarms"] / hours - false_alarms).fillna(0).clip(lower=0)
@@ -198,7 +198,7 @@ def worth(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
     return settings["found"] - PRICE * excess - REPEATS * (per_touch - SPARE).clip(lower=0)
 
 
-def points_of(
+def choose_operating_points(
     settings: pd.DataFrame, learned: float
 ) -> tuple[tuple[float, float, float, float], ...]:
     """Operating points of a sweep: the learned level, and those that find more than all with as few alarms."""
@@ -217,11 +217,11 @@ def points_of(
     )
 
 
-def left_out(recordings: Recordings) -> np.ndarray:
+def held_out_units(recordings: Recordings) -> np.ndarray:
     """What is left out together for the choice of the threshold: subjects, or single recordings of few subjects.
 
     A classifier of one subject fewer than few is another one, whose evidence has another scale. Parts of one recording
-    stay together (`touchbench_streams.recordings.recorded`).
+    stay together (`touchbench_streams.recordings.restore_recordings`).
     """
     subjects = recordings.subjects.astype(str)
     if len(set(subjects)) >= FEWEST_FOR_INTERVAL:

@@ -16,12 +16,12 @@ from bench.errors import InputError
 from touchbench_streams.detectors.base import DetectorC, Sign
 from touchbench_streams.detectors.detector import (
     Detector,
-    frames_of_tick,
-    left_out,
-    of_file,
-    sweep,
-    ticked,
-    worth,
+    average_into_ticks,
+    count_frames_per_tick,
+    held_out_units,
+    read_c_beside,
+    score_levels,
+    sweep_levels,
 )
 from touchbench_streams.detectors.signals import (
     CALM,
@@ -36,10 +36,10 @@ from touchbench_streams.detectors.signals import (
     PACES,
     RISES,
     Levels,
-    disturbance,
-    features,
+    measure_disturbance,
+    tick_features,
 )
-from touchbench_streams.disturbed import KINDS, disturbed
+from touchbench_streams.disturbed import KINDS, disturb_recordings
 from touchbench_streams.recordings import Recordings
 
 OFFSET = 0.3  # of a logarithm, in units of the median of training touches
@@ -58,7 +58,7 @@ MANY = 8  # recordings, or subjects, from which on each kind of disturbance is l
 
 
 @dataclass(frozen=True)
-class Times:
+class TouchTimes:
     """Times that are learned from the labels, in ticks.
 
     Attributes:
@@ -73,7 +73,7 @@ class Times:
     fade: int
 
     @classmethod
-    def of(cls, recordings: Recordings, wait: float, hold: float) -> Times:
+    def learn_from(cls, recordings: Recordings, wait: float, hold: float) -> TouchTimes:
         """Learn from recordings whose frames are ticks; ``wait`` and ``hold`` are the most seconds of each."""
         events, rate_hz = recordings.events, recordings.corpus.rate_hz
         start, end, recording = (events[name].to_numpy() for name in ("start", "end", "recording"))
@@ -97,7 +97,7 @@ class Hysteresis:
         times: learned.
     """
 
-    def __init__(self, levels: np.ndarray, drop: float, times: Times) -> None:
+    def __init__(self, levels: np.ndarray, drop: float, times: TouchTimes) -> None:
         self.levels, self.drop, self.times, self.begun = levels, drop, times, 0
         self.since, self.held, self.below, self.weak = np.zeros((4, len(levels)), np.int64)
         self.highest, self.lasts, self.due = (
@@ -107,13 +107,13 @@ class Hysteresis:
 
     def step(self, evidence: np.ndarray) -> Sign:
         """Take the evidence of a tick; the sign of the first level."""
-        report = self.reported(evidence)[0]
+        report = self.step_levels(evidence)[0]
         odds, lasts = float(evidence[0]), report or self.lasts[0]
         return Sign(
             float(expit(odds - self.levels[0])), int(self.since[0]) if lasts else 0, bool(report)
         )
 
-    def reported(self, evidence: np.ndarray) -> np.ndarray:
+    def step_levels(self, evidence: np.ndarray) -> np.ndarray:
         """Take the evidence of a tick; which levels report a touch, bool [levels]."""
         odds, begins = map(float, evidence[:2])
         self.begun = AGES - 1 if begins > BEGUN else self.begun - 1
@@ -171,13 +171,13 @@ class Frames(Detector):
         """Many ticks at once."""
         signals = self.signals()
         return np.concatenate(
-            [signals.steps(ticks[i : i + BLOCK]) for i in range(0, len(ticks), BLOCK)]
+            [signals.step_many(ticks[i : i + BLOCK]) for i in range(0, len(ticks), BLOCK)]
         )
 
     def fit(self, signals: list[np.ndarray], recordings: Recordings) -> Self:
         """Fit the classifier, count the times."""
         fitted = replace(self)
-        ages = [ages_of(recordings[[i]]) for i in range(len(recordings))]
+        ages = [touch_ages(recordings[[i]]) for i in range(len(recordings))]
         every = np.concatenate(signals)
         age, length = (np.concatenate([each[k] for each in ages]) for k in (0, 1))
         touched = age > 0
@@ -189,7 +189,9 @@ class Frames(Detector):
         sizes = np.abs(np.concatenate([every[:, :LEVELS], every[:, -CHANGES:]], axis=1))
         fitted.offsets_ = OFFSET * np.median(sizes[touched], axis=0) + 1e-6
         fitted.idle_ = np.median(every[~touched, :LEVELS], axis=0).astype(np.float32)
-        table = np.concatenate([features(each, fitted.offsets_, fitted.idle_) for each in signals])
+        table = np.concatenate(
+            [tick_features(each, fitted.offsets_, fitted.idle_) for each in signals]
+        )
         classes = np.where(~touched, 0, np.where(age <= AGES, 1, 2))
         weight = np.where(touched, np.sqrt(np.minimum(1, 2 * AGES / np.maximum(length, 1))), 1.0)
         fitted.mean_, fitted.sd_ = table.mean(axis=0), table.std(axis=0) + 1e-6
@@ -197,17 +199,17 @@ class Frames(Detector):
             1
         ):  # products are so small that waiting for each other takes most of the time
             fitted.model_ = LogisticRegression(C=0.03, max_iter=300).fit(
-                fitted._units(table), classes, weight
+                fitted._standardise(table), classes, weight
             )
         shares = np.array([weight[classes == k].sum() for k in fitted.model_.classes_])
         fitted.prior_ = np.log(shares / shares.sum())
-        fitted.times_ = Times.of(recordings, self.wait, self.hold)
-        calm = np.max([disturbance(each).max(axis=0) for each in signals], axis=0)
+        fitted.times_ = TouchTimes.learn_from(recordings, self.wait, self.hold)
+        calm = np.max([measure_disturbance(each).max(axis=0) for each in signals], axis=0)
         fitted.limits_ = np.maximum(MARGIN * calm, SLIGHT * recordings.corpus.full_scale)
         fitted.disturbed_ = ()
         return fitted
 
-    def hardened(
+    def fit_disturbed(
         self, others: list[Self], recordings: Recordings, level: float, false_alarms: float
     ) -> Self:
         """The same with a classifier for noise and one for vibration, each if it is worth more there.
@@ -217,30 +219,32 @@ class Frames(Detector):
         """
         hard = copy(self)
         parts = [np.arange(len(recordings))] * len(KINDS)
-        if len(set(left_out(recordings))) >= MANY:
+        if len(set(held_out_units(recordings))) >= MANY:
             parts = np.array_split(
                 seeded_generator("disturbed recordings").permutation(len(recordings)), len(KINDS)
             )
-        count = frames_of_tick(self.tick, recordings.corpus.rate_hz)
+        count = count_frames_per_tick(self.tick, recordings.corpus.rate_hz)
         for kind, (change, part) in enumerate(zip(KINDS, parts, strict=True)):
             few = np.sort(part)
             some = recordings[few]
-            ticks = ticked(Recordings(disturbed(some.corpus, change), some.events), count)
+            ticks = average_into_ticks(
+                Recordings(disturb_recordings(some.corpus, change), some.events), count
+            )
             signals = [self.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
             plain = [others[i] for i in few]
             evidence = [other.evidence(each) for other, each in zip(plain, signals, strict=True)]
-            before = worth(
-                sweep(plain, some, evidence, count, np.array([level])), false_alarms
+            before = score_levels(
+                sweep_levels(plain, some, evidence, count, np.array([level])), false_alarms
             ).max()
-            fitted, evidence = self.held_out(signals, ticks, GROUPS)
-            settings = sweep(fitted, some, evidence, count, self.levels)
-            worths = worth(settings, false_alarms)
+            fitted, evidence = self.fit_held_out(signals, ticks, GROUPS)
+            settings = sweep_levels(fitted, some, evidence, count, self.levels)
+            worths = score_levels(settings, false_alarms)
             if worths.max() > before:
                 shift = level - float(settings["level"][worths.idxmax()])
                 hard.disturbed_ = *hard.disturbed_, (kind, replace(self).fit(signals, ticks), shift)
         return hard
 
-    def _units(self, table: np.ndarray) -> np.ndarray:
+    def _standardise(self, table: np.ndarray) -> np.ndarray:
         return np.clip((table - self.mean_) / self.sd_, -CLIP, CLIP)
 
     def evidence(self, signals: np.ndarray) -> np.ndarray:
@@ -248,25 +252,25 @@ class Frames(Detector):
 
         Where the sensor is disturbed, they are those of the classifier for that disturbance. Noise goes first.
         """
-        odds, gauges = self._log_odds(signals), disturbance(signals)
+        odds, gauges = self._log_odds(signals), measure_disturbance(signals)
         for kind, other, shift in self.disturbed_:
             unlike = gauges[:, [kind]] > self.limits_[kind]
             if unlike.any():
                 odds = np.where(unlike, other._log_odds(signals) + [shift, 0], odds)
-        return np.column_stack([odds, (gauges > self._most).any(axis=1)])
+        return np.column_stack([odds, (gauges > self._disturbance_limits).any(axis=1)])
 
-    def refused(self, evidence: np.ndarray) -> np.ndarray:
+    def find_refused(self, evidence: np.ndarray) -> np.ndarray:
         """Whether the sensor is more than 1.5 times as disturbed as in all that any classifier learned from."""
         return evidence[:, 2] > 0
 
     @property
-    def _most(self) -> np.ndarray:
+    def _disturbance_limits(self) -> np.ndarray:
         """How disturbed the sensor may be by each of `KINDS`."""
         return np.max([self.limits_, *(other.limits_ for _, other, _ in self.disturbed_)], axis=0)
 
     def _log_odds(self, signals: np.ndarray) -> np.ndarray:
         scores = self.model_.decision_function(
-            self._units(features(signals, self.offsets_, self.idle_))
+            self._standardise(tick_features(signals, self.offsets_, self.idle_))
         )
         likely = (
             np.stack([0 * scores, scores], axis=1) if scores.ndim == 1 else scores
@@ -281,11 +285,12 @@ class Frames(Detector):
         """Rules of a new stream."""
         return Hysteresis(np.array([level]), self.drop, self.times_)
 
-    def reported(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
+    def find_reports(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
         """All levels at once."""
         rules = Hysteresis(levels, self.drop, self.times_)
         return [
-            np.flatnonzero(each) for each in np.stack([rules.reported(tick) for tick in evidence]).T
+            np.flatnonzero(each)
+            for each in np.stack([rules.step_levels(tick) for tick in evidence]).T
         ]
 
     @property
@@ -302,7 +307,7 @@ class Frames(Detector):
         """As `touchbench_streams.detectors.detector.Detector.in_c`."""
         models = [self, *(other for _, other, _ in self.disturbed_)]
         classes = max(len(one.prior_) for one in models)
-        learned = [one._linear(classes) for one in models]
+        learned = [one._linear_weights(classes) for one in models]
         looks = {
             "MINIMA": "{" + ", ".join(map(str, MINIMA)) + "}",
             "MAXIMA": "{" + ", ".join(map(str, MAXIMA)) + "}",
@@ -355,7 +360,7 @@ class Frames(Detector):
             "weights": np.concatenate([weights.ravel() for weights, _ in learned]),
             "bias": np.concatenate([bias for _, bias in learned]),
             "shift": [0.0, *(shift for _, _, shift in self.disturbed_)],
-            "most": self._most,
+            "most": self._disturbance_limits,
             **({"limits": self.limits_} if self.disturbed_ else {}),
         }
         state = (
@@ -371,7 +376,7 @@ class Frames(Detector):
             "int calmed;  /* place in these rings */",
         )
         return DetectorC(
-            of_file(__file__),
+            read_c_beside(__file__),
             state,
             constants,
             arrays={
@@ -380,7 +385,7 @@ class Frames(Detector):
             pretended="w->level = touched ? -1e30f : 1e30f; w->begun = 9;",
         )
 
-    def _linear(self, classes: int) -> tuple[np.ndarray, np.ndarray]:
+    def _linear_weights(self, classes: int) -> tuple[np.ndarray, np.ndarray]:
         """Weights [classes, features] and biases of the classes; one that was not there in training is impossible."""
         weights, bias = self.model_.coef_, self.model_.intercept_
         if len(weights) == 1:  # of two classes; the first one scores 0
@@ -402,7 +407,7 @@ class Frames(Detector):
         return own + sum(other.numbers + 2 for _, other, _ in self.disturbed_)
 
 
-def ages_of(recording: Recordings) -> tuple[np.ndarray, np.ndarray]:
+def touch_ages(recording: Recordings) -> tuple[np.ndarray, np.ndarray]:
     """Ticks since the touch of each tick began, itself included, and the length of the touch; 0 without touch."""
     age, length = (np.zeros(int(recording.corpus.lengths[0]), np.int64) for _ in range(2))
     for start, end in zip(recording.events["start"], recording.events["end"], strict=True):

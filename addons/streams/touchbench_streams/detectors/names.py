@@ -10,7 +10,7 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus, shared_frames
 from bench.models.recipe import split_causal_steps
-from touchbench_streams.disturbed import NAMING_KINDS, disturbed
+from touchbench_streams.disturbed import NAMING_KINDS, disturb_recordings
 from touchbench_streams.recordings import Recordings
 
 BEGUN_S = (0.7, 2.0, np.inf)  # of training touches, from their start, that a system learns from
@@ -18,7 +18,9 @@ SHIFTS_S = (-0.125, 0.0, 0.125)  # of their starts: a detector is early or late
 LONGEST_S = 3.0  # of a part of a touch that names come from; chosen on HAART among 2, 3 and 4
 
 
-def touches(recordings: Recordings, seconds: Sequence[float], shifts: Sequence[float]) -> Corpus:
+def cut_touches(
+    recordings: Recordings, seconds: Sequence[float], shifts: Sequence[float]
+) -> Corpus:
     """All touches as captures, cut to each of some lengths from their start, which each of some times shifts."""
     corpus, events = recordings.corpus, recordings.events
     recording, start, end = (
@@ -48,7 +50,7 @@ def longest_part(rate_hz: float, count: int) -> int:
     return max(1, round(LONGEST_S * rate_hz / count))
 
 
-def learned_names(
+def fit_names(
     make_system: Callable[[], contract.System], recordings: Recordings
 ) -> contract.System:
     """A system that names touches, fitted to beginnings of touches and to whole ones.
@@ -58,11 +60,11 @@ def learned_names(
     corpus = recordings.corpus.with_fields(
         frames=recordings.corpus.frames
     )  # these recordings alone
-    parts = [touches(Recordings(corpus, recordings.events), BEGUN_S, SHIFTS_S)]
+    parts = [cut_touches(Recordings(corpus, recordings.events), BEGUN_S, SHIFTS_S)]
     for k, (kind, shift) in enumerate(zip(NAMING_KINDS, SHIFTS_S, strict=True)):
         if len(half := np.arange(k % 2, len(corpus), 2)):
-            copy = Recordings(disturbed(corpus, kind, half), recordings[half].events)
-            parts.append(touches(copy, BEGUN_S, (shift,)))
+            copy = Recordings(disturb_recordings(corpus, kind, half), recordings[half].events)
+            parts.append(cut_touches(copy, BEGUN_S, (shift,)))
     frames, starts = zip(*map(shared_frames, parts), strict=True)
     before = np.cumsum([0, *map(len, frames)])
     count = sum(map(len, parts))
@@ -81,7 +83,7 @@ def learned_names(
     return make_system().fit(both, both.gestures)
 
 
-def probabilities(
+def name_probabilities(
     system: contract.System, recording: Corpus, begin: np.ndarray, end: np.ndarray
 ) -> np.ndarray:
     """Probabilities of the gestures from frames ``begin`` to ``end`` of one recording, float32 [spans, gestures]."""

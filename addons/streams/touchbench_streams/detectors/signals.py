@@ -38,9 +38,9 @@ class Levels:
 
     def step(self, frame: np.ndarray) -> np.ndarray:
         """The signals of the next frame."""
-        return self.steps(frame[None])[0]
+        return self.step_many(frame[None])[0]
 
-    def steps(self, frames: np.ndarray) -> np.ndarray:
+    def step_many(self, frames: np.ndarray) -> np.ndarray:
         """Signals of the next frames [ticks, rows, cols], as if they came one by one.
 
         Levels (mean, excess, its highest, the same two of its change), area, cosine to the tick before, centroid, what
@@ -55,22 +55,26 @@ class Levels:
         if not len(self.before):
             self.baseline, self.before = flat[0].copy(), np.zeros((1, taxels), np.float32)
             self.slow = np.repeat(raw[:1], len(self.paces), axis=0)
-        every = np.concatenate([self.before, np.maximum(self._above(flat), 0)])
+        every = np.concatenate([self.before, np.maximum(self._subtract_baseline(flat), 0)])
         above, before, self.before = every[1:], every[:-1], every[-1:].copy()
         moved = np.abs(above - before)
         total, squares = above.sum(axis=1), (every * every).sum(axis=1)
-        area = _share(total * total, squares[1:], 0) / taxels
-        near = _share((above * before).sum(axis=1), np.sqrt(squares[1:] * squares[:-1]), 1)
+        area = _divide(total * total, squares[1:], 0) / taxels
+        near = _divide((above * before).sum(axis=1), np.sqrt(squares[1:] * squares[:-1]), 1)
         rows, cols = np.divmod(np.arange(taxels), frames.shape[2])
-        y, x = (_share((above * where).sum(axis=1), total, 0) / size for where in (rows, cols))
+        y, x = (_divide((above * where).sum(axis=1), total, 0) / size for where in (rows, cols))
         mean, excess, movement = (each.sum(axis=1) / taxels for each in (flat, above, moved))
-        levels = mean, excess, _highest(above), movement, _highest(moved)
+        levels = mean, excess, _mean_of_highest(above), movement, _mean_of_highest(moved)
         changes = []
-        for each in self._changes(raw):
-            changes += [each.mean(axis=1), _highest(each) - each.mean(axis=1), each.std(axis=1)]
+        for each in self._subtract_slow_means(raw):
+            changes += [
+                each.mean(axis=1),
+                _mean_of_highest(each) - each.mean(axis=1),
+                each.std(axis=1),
+            ]
         return np.stack([*levels, area, near, y, x, common, *changes], axis=1).astype(np.float32)
 
-    def _changes(self, raw: np.ndarray) -> np.ndarray:
+    def _subtract_slow_means(self, raw: np.ndarray) -> np.ndarray:
         """Readings less each of the slow means, which follow them [paces, ticks, taxels]."""
         above = np.empty((len(raw), *self.slow.shape), np.float32)
         for tick, now in zip(above, raw, strict=True):
@@ -78,7 +82,7 @@ class Levels:
             np.subtract(now, self.slow, out=tick)
         return above.swapaxes(0, 1)
 
-    def _above(self, flat: np.ndarray) -> np.ndarray:
+    def _subtract_baseline(self, flat: np.ndarray) -> np.ndarray:
         """Frames less the baseline, which follows them."""
         above = np.empty_like(flat)
         for tick, now in zip(above, flat, strict=True):
@@ -87,18 +91,18 @@ class Levels:
         return above
 
 
-def _share(part: np.ndarray, whole: np.ndarray, without: float) -> np.ndarray:
+def _divide(part: np.ndarray, whole: np.ndarray, without: float) -> np.ndarray:
     """The part of each whole [ticks]; another value without a whole."""
     return np.divide(part, whole, out=np.full_like(part, without), where=whole > 0)
 
 
-def _highest(values: np.ndarray) -> np.ndarray:
+def _mean_of_highest(values: np.ndarray) -> np.ndarray:
     """The mean of the highest values of each tick [ticks]."""
     few = max(1, values.shape[1] // HIGHEST)
     return np.partition(values, values.shape[1] - few, axis=1)[:, -few:].sum(axis=1) / few
 
 
-def features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.ndarray:
+def tick_features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.ndarray:
     """What the classifier sees of each tick, from the signals of this tick and those before it [ticks, features].
 
     The first tick of a stream is its own baseline, and nothing has moved yet. Its levels, without the mean, are set to
@@ -109,25 +113,30 @@ def features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.n
     levels[0, 1:] = idle[1:]
     logs = np.log(levels + offsets[:LEVELS])
     looks = [logs]
-    looks += [logs - _past(minimum_filter1d, logs, back + 1) for back in MINIMA]
-    looks += [logs - _past(maximum_filter1d, logs, back + 1) for back in MAXIMA]
-    looks.append(logs - _median(logs, MEDIAN))
+    looks += [logs - _past_extreme(minimum_filter1d, logs, back + 1) for back in MINIMA]
+    looks += [logs - _past_extreme(maximum_filter1d, logs, back + 1) for back in MAXIMA]
+    looks.append(logs - _running_median(logs, MEDIAN))
     columns = [*np.stack(looks).transpose(2, 0, 1).reshape(-1, len(logs))]
     change = np.diff(logs[:, 1], prepend=logs[:1, 1])
     rise, fall = np.maximum(change, 0), np.maximum(-change, 0)
-    columns += [rise, fall, rise - _median(rise, MEDIAN), fall - _median(fall, MEDIAN)]
-    columns.append(_past(maximum_filter1d, rise, RISES))
+    columns += [
+        rise,
+        fall,
+        rise - _running_median(rise, MEDIAN),
+        fall - _running_median(fall, MEDIAN),
+    ]
+    columns.append(_past_extreme(maximum_filter1d, rise, RISES))
     area, near = signals[:, LEVELS : LEVELS + 2].T
     columns += [area, np.diff(area, prepend=area[:1]), near]
     centre = signals[:, LEVELS + 2 : LEVELS + 4]
     speed = np.abs(np.diff(centre, axis=0, prepend=centre[:1])).sum(axis=1)
     changes = signals[:, -CHANGES:].copy()
-    changes[:, ::3] -= _median(changes[:, ::3], MEDIAN)  # a drift of all taxels cancels out
+    changes[:, ::3] -= _running_median(changes[:, ::3], MEDIAN)  # a drift of all taxels cancels out
     columns += [speed, *(np.sign(changes) * np.log1p(np.abs(changes) / offsets[LEVELS:])).T]
     return np.stack(columns, axis=1).astype(np.float32)
 
 
-def disturbance(signals: np.ndarray) -> np.ndarray:
+def measure_disturbance(signals: np.ndarray) -> np.ndarray:
     """How disturbed the sensor is in each tick by each of `KINDS` [ticks, 2].
 
     Vibration: the lower quartile of the changes of what all taxels share. Noise: the least movement of the last ticks,
@@ -136,15 +145,17 @@ def disturbance(signals: np.ndarray) -> np.ndarray:
     change = np.abs(np.diff(signals[:, COMMON_LEVEL], prepend=signals[:1, COMMON_LEVEL]))
     rank = int(CALMEST * CALM)
     vibration = rank_filter(change, rank, CALM, origin=(CALM - 1) // 2, mode="nearest")
-    return np.stack([vibration, _past(minimum_filter1d, signals[:, MOVEMENT], CALM)], axis=1)
+    return np.stack(
+        [vibration, _past_extreme(minimum_filter1d, signals[:, MOVEMENT], CALM)], axis=1
+    )
 
 
-def _past(extreme: Callable[..., np.ndarray], series: np.ndarray, size: int) -> np.ndarray:
+def _past_extreme(extreme: Callable[..., np.ndarray], series: np.ndarray, size: int) -> np.ndarray:
     """The lowest or highest of the last so many ticks [ticks, ...]."""
     return extreme(series, size, axis=0, origin=(size - 1) // 2, mode="nearest")
 
 
-def _median(series: np.ndarray, size: int) -> np.ndarray:
+def _running_median(series: np.ndarray, size: int) -> np.ndarray:
     """The median of the last so many ticks [ticks, ...]."""
     padded = np.concatenate([np.repeat(series[:1], size - 1, axis=0), series])
     return np.median(np.lib.stride_tricks.sliding_window_view(padded, size, axis=0), axis=-1)

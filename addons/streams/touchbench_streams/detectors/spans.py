@@ -12,7 +12,7 @@ GROWTH = 1.25  # a touch is named again when it is so many times as long
 SURE = 0.5  # confidence in touch of the last tick that a name is made from
 
 
-def means(frames: np.ndarray, count: int) -> np.ndarray:
+def average_blocks(frames: np.ndarray, count: int) -> np.ndarray:
     """Means of blocks of frames, float32; of fewer frames than one block, their mean."""
     count = min(count, len(frames))
     whole = len(frames) // count * count
@@ -63,7 +63,7 @@ class Touches:
         self.tick += 1
         over = bool(report or since <= 1)  # at 1, another touch begins
         if over or touch < SURE:
-            self._last()
+            self._plan_last_name()
         ended = self.lasting if over else None
         if over:
             self.lasting = None
@@ -75,40 +75,42 @@ class Touches:
             )  # with the tick before, in which the touch may have begun
             self.first = self.tick - self.start
             self.lasting = Span(self.tick * self.count, self.tick * self.count, [])
-            self._name(self.tick)
+            self._plan_name(self.tick)
         if self.lasting is not None:
             self.lasting.end = self.tick * self.count
             if self.sure == self.tick >= self.due:
-                self._name(self.tick)
+                self._plan_name(self.tick)
             if self.tick - self.start >= self.longest:
                 if self.sure > self.named:
-                    self._name(self.sure)
+                    self._plan_name(self.sure)
                 self.start = self.named = self.tick
                 self.due = self.start + self.first
         return ended
 
-    def finish(self) -> Span | None:
+    def end_stream(self) -> Span | None:
         """The touch that lasts where the stream ends."""
-        self._last()
+        self._plan_last_name()
         return self.lasting
 
-    def _name(self, tick: int) -> None:
+    def _plan_name(self, tick: int) -> None:
         assert self.lasting is not None
-        self.lasting.named.append(self._span(tick))
+        self.lasting.named.append(self._frames_until(tick))
         self.lasting.last, self.named = None, tick
         self.due = self.start + GROWTH * (tick - self.start)
 
-    def _last(self) -> None:
+    def _plan_last_name(self) -> None:
         if self.lasting is not None and self.sure > self.named:
-            self.lasting.last = self._span(self.sure)
+            self.lasting.last = self._frames_until(self.sure)
 
-    def _span(self, tick: int) -> tuple[int, int]:
+    def _frames_until(self, tick: int) -> tuple[int, int]:
         return self.start * self.count, tick * self.count
 
 
-def spans_of(signs: np.ndarray, count: int, longest: int) -> list[Span]:
+def find_spans(signs: np.ndarray, count: int, longest: int) -> list[Span]:
     """The touches that are reported, from the signs of one recording; arguments of `Touches`."""
     touches = Touches(count, longest)
     return [
-        span for span in [*map(touches.step, signs.tolist()), touches.finish()] if span is not None
+        span
+        for span in [*map(touches.step, signs.tolist()), touches.end_stream()]
+        if span is not None
     ]

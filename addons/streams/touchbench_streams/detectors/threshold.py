@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from touchbench_streams.detectors.base import DetectorC, Sign
-from touchbench_streams.detectors.detector import Detector, of_file
+from touchbench_streams.detectors.detector import Detector, read_c_beside
 from touchbench_streams.recordings import Recordings
 
 ENDS = 0.5  # share of the threshold below which a touch is over
@@ -88,7 +88,7 @@ class Threshold(Detector):
         """Rules of a new stream."""
         return TwoInARow(level)
 
-    def reported(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
+    def find_reports(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
         """All levels at once."""
         since, known = np.zeros(len(levels), np.int64), np.zeros(len(levels), bool)
         reports = np.zeros((len(levels), len(evidence)), bool)
@@ -114,4 +114,4 @@ class Threshold(Detector):
             "int felt, since, is_known;  /* ticks; whether the touch was reported */",
         )
         pretended = "w->level = touched ? -1 : 1e30f;"
-        return DetectorC(of_file(__file__), state, (constants,), pretended=pretended)
+        return DetectorC(read_c_beside(__file__), state, (constants,), pretended=pretended)

@@ -14,27 +14,32 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.models.recipe import apply_steps, split_causal_steps
 from bench.models.sizes import count_parameters
-from touchbench_streams.detectors.base import UNKNOWN, Event, DetectorC
+from touchbench_streams.detectors.base import UNKNOWN, DetectorC, Event
 from touchbench_streams.detectors.detector import (
     Detector,
-    frames_of_tick,
-    of_file,
-    points_of,
-    signs_of,
-    sweep,
-    ticked,
-    worth,
+    average_into_ticks,
+    choose_operating_points,
+    count_frames_per_tick,
+    read_c_beside,
+    run_rules,
+    score_levels,
+    sweep_levels,
 )
-from touchbench_streams.detectors.names import LONGEST_S, learned_names, longest_part, probabilities
-from touchbench_streams.detectors.spans import GROWTH, Span, Touches, means, spans_of
+from touchbench_streams.detectors.names import (
+    LONGEST_S,
+    fit_names,
+    longest_part,
+    name_probabilities,
+)
+from touchbench_streams.detectors.spans import GROWTH, Span, Touches, average_blocks, find_spans
 from touchbench_streams.events import report_table
-from touchbench_streams.recent import Recent, saturated
+from touchbench_streams.recent import Recent, find_saturated
 from touchbench_streams.recordings import Recordings
 
 FOLDS = "12"  # at most, of training recordings for the choice of the threshold
 
 
-def learn(
+def learn_watcher(
     detector: Detector,
     make_system: Callable[[], contract.System],
     system: contract.System,
@@ -44,21 +49,21 @@ def learn(
     """Learn to watch from recordings of training subjects, parted where doubtful stretches were.
 
     Each subject is left out for the choice of the threshold, for so many accepted false alarms per hour of background.
-    The system is fitted to captures of the same subjects. Also returns the thresholds that were tried (`sweep`).
+    The system is fitted to captures of the same subjects. Also returns the thresholds that were tried (`sweep_recordings`).
     """
     seen = replace(
         recordings, corpus=apply_steps(recordings.corpus, split_causal_steps(system)[0])[0]
     )
-    count = frames_of_tick(detector.tick, seen.corpus.rate_hz)
-    ticks = ticked(seen, count)
+    count = count_frames_per_tick(detector.tick, seen.corpus.rate_hz)
+    ticks = average_into_ticks(seen, count)
     signals = [detector.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
-    others, evidence = detector.held_out(signals, ticks, FOLDS)
-    settings = sweep(others, recordings, evidence, count, detector.levels)
-    level = float(settings["level"][worth(settings, false_alarms).idxmax()])
-    names = learned_names(make_system, recordings)
-    fitted = copy(detector).fit(signals, ticks).hardened(others, seen, level, false_alarms)
+    others, evidence = detector.fit_held_out(signals, ticks, FOLDS)
+    settings = sweep_levels(others, recordings, evidence, count, detector.levels)
+    level = float(settings["level"][score_levels(settings, false_alarms).idxmax()])
+    names = fit_names(make_system, recordings)
+    fitted = copy(detector).fit(signals, ticks).fit_disturbed(others, seen, level, false_alarms)
     return TickWatcher(
-        system, names, fitted, level, count, points=points_of(settings, level)
+        system, names, fitted, level, count, points=choose_operating_points(settings, level)
     ), settings
 
 
@@ -104,7 +109,7 @@ class TickWatcher:
         """Frames from the start of a touch to its report, at least."""
         return self.detector.soonest * self.count
 
-    def stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> TickStream:
+    def open_stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> TickStream:
         """The same on frames that come one by one."""
         return TickStream(self, grid, rate_hz, full_scale)
 
@@ -130,7 +135,7 @@ class TickWatcher:
         )
         return replace(
             inner,
-            code=f"{of_file(__file__)}\n{inner.code}",
+            code=f"{read_c_beside(__file__)}\n{inner.code}",
             state=state + inner.state,
             constants=(constants, naming, *inner.constants),
             frames=(max(longest, self.detector.latest + 1) + 1) * self.count,
@@ -141,7 +146,7 @@ class TickWatcher:
             deciders={"name": named},
         )
 
-    def changed(
+    def with_system(
         self,
         system: contract.System,
         change: Callable[..., contract.System],
@@ -154,39 +159,43 @@ class TickWatcher:
             captures, y = captures[known], y[known]
         return replace(self, system=system, names=change(self.names, captures, y))
 
-    def prepared(self, recordings: Corpus) -> Corpus:
+    def apply_frame_steps(self, recordings: Corpus) -> Corpus:
         """Recordings without their labels, after the steps that are done frame by frame."""
         return apply_steps(
             contract.blind_captures(self.system, recordings), split_causal_steps(self.system)[0]
         )[0]
 
-    def evidence(self, recordings: Corpus) -> list[np.ndarray]:
+    def collect_evidence(self, recordings: Corpus) -> list[np.ndarray]:
         """The evidence of each recording, tick by tick."""
-        seen = self.prepared(recordings)
-        series = (self.detector.signals_of(means(seen[i], self.count)) for i in range(len(seen)))
+        seen = self.apply_frame_steps(recordings)
+        series = (
+            self.detector.signals_of(average_blocks(seen[i], self.count)) for i in range(len(seen))
+        )
         return [self.detector.evidence(each) for each in series]
 
-    def refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
+    def count_refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
         """Frames of each recording that are saturated, or whose last tick is unlike all training; int64."""
         counts = []
         for stream, each in zip(recordings, evidence, strict=True):
             tick = np.arange(1, len(stream) + 1) // self.count - 1  # the last whole one
-            silent = (tick >= 0) & self.detector.refused(each)[tick]
-            counts.append((silent | saturated(stream, recordings.full_scale)).sum())
+            silent = (tick >= 0) & self.detector.find_refused(each)[tick]
+            counts.append((silent | find_saturated(stream, recordings.full_scale)).sum())
         return np.array(counts, dtype=np.int64)
 
-    def sweep(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
+    def sweep_recordings(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
         """Touches found, false alarms and reports of all levels, by their place relative to the learned one."""
         levels = self.detector.levels
-        settings = sweep([self.detector] * len(evidence), recordings, evidence, self.count, levels)
+        settings = sweep_levels(
+            [self.detector] * len(evidence), recordings, evidence, self.count, levels
+        )
         learned = int(np.abs(levels - self.level).argmin())
         return settings[["hits", "alarms", "reports"]].assign(
             offset=np.arange(len(settings)) - float(learned)
         )
 
-    def probability(self, evidence: np.ndarray) -> pd.DataFrame:
+    def touch_probability(self, evidence: np.ndarray) -> pd.DataFrame:
         """How sure the rules are of touch in one recording."""
-        signs = signs_of(self.detector.rules(self.level), evidence)
+        signs = run_rules(self.detector.rules(self.level), evidence)
         return pd.DataFrame(
             {"reported": self.count * np.arange(1, len(signs) + 1), "confidence": signs[:, 0]}
         )
@@ -195,46 +204,46 @@ class TickWatcher:
         """Do the work of one decision after so many frames: signals and evidence of a tick, and a name."""
         frames = recording[0][max(0, end - self.count) : max(end, self.count)]
         ring = np.repeat(
-            self.detector.signals().step(means(frames, self.count)[0])[None],
+            self.detector.signals().step(average_blocks(frames, self.count)[0])[None],
             self.detector.memory,
             0,
         )
         self.detector.evidence(ring)
         begin = max(0, end - round(LONGEST_S * recording.rate_hz))
-        probabilities(self.names, recording, np.array([begin]), np.array([end]))
+        name_probabilities(self.names, recording, np.array([begin]), np.array([end]))
 
-    def reports(self, recordings: Corpus, evidence: list[np.ndarray] | None = None) -> pd.DataFrame:
+    def report_touches(
+        self, recordings: Corpus, evidence: list[np.ndarray] | None = None
+    ) -> pd.DataFrame:
         """Touches in recordings, each as if its frames came one by one."""
-        seen = self.prepared(recordings)
-        evidence = self.evidence(recordings) if evidence is None else evidence
+        seen = self.apply_frame_steps(recordings)
+        evidence = self.collect_evidence(recordings) if evidence is None else evidence
         rows: list[tuple] = []
         for i, series in enumerate(evidence):
-            signs = signs_of(self.detector.rules(self.level), series)
-            touches = spans_of(signs, self.count, longest_part(seen.rate_hz, self.count))
+            signs = run_rules(self.detector.rules(self.level), series)
+            touches = find_spans(signs, self.count, longest_part(seen.rate_hz, self.count))
             if not touches:
                 continue
             asked = [[*touch.named, *filter(None, [touch.last])] for touch in touches]
             begin, end = np.array([span for each in asked for span in each], dtype=np.int64).T
-            named = probabilities(self.names, seen[[i]], begin, end)
+            named = name_probabilities(self.names, seen[[i]], begin, end)
             parts = np.cumsum([len(each) for each in asked])[:-1]
             for touch, each, frames in zip(
                 touches, np.split(named, parts), np.split(end - begin, parts), strict=True
             ):
                 mean = frames @ each / frames.sum()  # longer spans count more
-                (first, _), (label, sure) = self.label(each[0]), self.label(mean)
+                (first, _), (label, sure) = self.choose_label(each[0]), self.choose_label(mean)
                 rows.append((i, touch.reported, touch.end, first, label, sure))
         return report_table(rows)
 
-    def renamed(
+    def with_new_names(
         self, make_system: Callable[[], contract.System], captures: Corpus, recordings: Recordings
     ) -> TickWatcher:
         """The same with names learned from other captures and their recordings; it rejects nothing."""
         system = make_system().fit(captures, captures.gestures)
-        return replace(
-            self, system=system, names=learned_names(make_system, recordings), reject=0.0
-        )
+        return replace(self, system=system, names=fit_names(make_system, recordings), reject=0.0)
 
-    def label(self, proba: np.ndarray) -> tuple[str, float]:
+    def choose_label(self, proba: np.ndarray) -> tuple[str, float]:
         """The gesture that is named, and how sure it is."""
         sure, gestures = float(proba.max()), np.asarray(self.names.classes_).astype(str)
         return (
@@ -255,9 +264,9 @@ class TickStream:
         kept = (max(longest, watcher.detector.latest + 1) + 1) * watcher.count
         self.recent = Recent(kept, grid, rate_hz, full_scale)
         self.is_refused = False
-        self._forget()
+        self._reset_touch()
 
-    def _forget(self) -> None:
+    def _reset_touch(self) -> None:
         self.event: Event | None = None
         self.names, self.sum, self.weight = (
             0,
@@ -280,25 +289,25 @@ class TickStream:
         self.recent.push(frame)
         if self.recent.seen % self.watcher.count:
             return []
-        recording = self.recent.recording(self.watcher.prepared)
-        tick = means(recording[0][-self.watcher.count :], self.watcher.count)[0]
+        recording = self.recent.as_recording(self.watcher.apply_frame_steps)
+        tick = average_blocks(recording[0][-self.watcher.count :], self.watcher.count)[0]
         self.ring.append(self.signals.step(tick))
         evidence = self.watcher.detector.evidence(np.stack(self.ring))[-1:]
-        self.is_refused = bool(self.watcher.detector.refused(evidence)[0])
+        self.is_refused = bool(self.watcher.detector.find_refused(evidence)[0])
         sign = self.rules.step(evidence[0])
         ended = self.touches.step(sign)
         news = []
         if ended is not None and self.event is not None:
-            self._take(ended, recording)
-            label, sure = self.watcher.label(
+            self._add_names(ended, recording)
+            label, sure = self.watcher.choose_label(
                 (self.sum + self.after[0]) / (self.weight + self.after[1])
             )
             news.append(replace(self.event, label=label, confidence=sure, end=ended.end))
-            self._forget()
+            self._reset_touch()
         lasting = self.touches.lasting
         if lasting is not None:
-            self._take(lasting, recording)
-            label, sure = self.watcher.label(self.sum / self.weight)
+            self._add_names(lasting, recording)
+            label, sure = self.watcher.choose_label(self.sum / self.weight)
             before = self.event
             first = label if before is None else before.first
             self.event = Event(lasting.reported, first, label, sure)
@@ -306,7 +315,7 @@ class TickStream:
                 news.append(self.event)
         return news
 
-    def _take(self, span: Span, recording: Corpus) -> None:
+    def _add_names(self, span: Span, recording: Corpus) -> None:
         """Add the names that a touch has got since the last tick."""
         for begin, end in span.named[self.names :]:
             proba, weight = self._name(recording, begin, end)
@@ -321,7 +330,7 @@ class TickStream:
     def _name(self, recording: Corpus, begin: int, end: int) -> tuple[np.ndarray, float]:
         """Probabilities from some frames of the stream, times their weight, and the weight."""
         gone = self.recent.seen - len(self.recent.frames)
-        named = probabilities(
+        named = name_probabilities(
             self.watcher.names, recording, np.array([begin - gone]), np.array([end - gone])
         )[0]
         return (end - begin) * named, float(end - begin)
