@@ -209,7 +209,7 @@ def runs(kind):
 
 def predictions(store, run, name="predictions"):
     """A table of a run."""
-    return pd.read_parquet(store.path(run.info.run_id, run.info.artifact_uri, f"{name}.parquet"))
+    return pd.read_parquet(store.artifact_path(run.info.run_id, run.info.artifact_uri, f"{name}.parquet"))
 
 
 SMALL = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "jobs=1"]

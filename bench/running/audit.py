@@ -27,8 +27,8 @@ from bench.corpora.synth import generate
 from bench.errors import HiddenError, InputError, PredictionError
 from bench.plan import objects
 from bench.plan.cells import Cell
-from bench.plan.plan import checked
-from bench.running.fold import TOLERANCE, batch_effects, computing, disagreement
+from bench.plan.plan import check_system
+from bench.running.fold import TOLERANCE, describe_disagreement, find_batch_effects, limit_threads
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "not applicable"
 EQUAL = 1e-6  # of a probability: two fits that should be the same
@@ -45,7 +45,7 @@ class Skipped(Exception):
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CheckResult:
     """The result of one check: passed, failed or not applicable, and why."""
 
     check: str
@@ -72,13 +72,13 @@ def check(name: str, needs: str = "labels and probabilities") -> Callable:
 
 
 @cache
-def captures() -> Corpus:
+def audit_captures() -> Corpus:
     """The captures that a system is audited on: 14 gestures of 5 subjects, once each."""
     return generate(5, variants=("normal",))
 
 
 @cache
-def probe() -> Corpus:
+def probe_captures() -> Corpus:
     """Captures of another subject, which no check trains on or changes."""
     return generate(1, variants=("normal",), repetitions=2, seed=1)
 
@@ -86,7 +86,7 @@ def probe() -> Corpus:
 def with_conditions(corpus: Corpus, names: tuple[str, ...]) -> Corpus:
     """Captures with columns of two values, for conditions that a system declares and that these captures have not."""
     values = np.where(np.arange(len(corpus)) % 2, "a", "b")
-    return corpus.changed(
+    return corpus.with_fields(
         captures=corpus.captures.assign(**{n: values for n in names if n not in corpus.captures})
     )
 
@@ -96,14 +96,14 @@ class Audited:
 
     def __init__(self, cell: Cell) -> None:
         self.cell = cell
-        conditions = contract.conditions(cell.estimator())
+        conditions = contract.required_conditions(cell.estimator())
         self.corpus, self.probe = (
-            with_conditions(corpus, conditions) for corpus in (captures(), probe())
+            with_conditions(corpus, conditions) for corpus in (audit_captures(), probe_captures())
         )
         trained = np.isin(self.corpus.subjects.astype(str), TRAINED)
         self.train, self.test = np.flatnonzero(trained), np.flatnonzero(~trained)
 
-    def fitted(self, part: Corpus) -> contract.System:
+    def fit_new(self, part: Corpus) -> contract.System:
         """A new system that is fitted to some captures."""
         contract.check_training(self.cell.estimator(), part, part.gestures)
         return self.cell.estimator().fit(part, part.gestures)
@@ -111,16 +111,16 @@ class Audited:
     @cached_property
     def first(self) -> contract.System:
         """The system, fitted to the training captures."""
-        return self.fitted(self.corpus[self.train])
+        return self.fit_new(self.corpus[self.train])
 
     @cached_property
     def expected(self) -> pd.DataFrame:
         """Its predictions of the probe captures."""
-        return predicted(self.first, self.probe)
+        return mean_probabilities(self.first, self.probe)
 
-    def expect(self, estimator: contract.System, mistake: str) -> None:
+    def require_equal(self, estimator: contract.System, mistake: str) -> None:
         """Verify that another system predicts the probe captures as the first."""
-        if differs := difference(self.expected, predicted(estimator, self.probe)):
+        if differs := describe_difference(self.expected, mean_probabilities(estimator, self.probe)):
             raise Mistake(f"{mistake}: {differs}")
 
     @property
@@ -134,9 +134,9 @@ class Audited:
         return self.cell.seed is not None or (bool(self.cell.objects) and named)
 
 
-def predicted(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:
+def mean_probabilities(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:
     """Mean probability over the decisions on each capture [captures, classes]."""
-    table, proba = contract.decide(estimator, corpus)
+    table, proba = contract.predict_decisions(estimator, corpus)
     names = np.asarray(estimator.classes_).astype(str)
     mean = (
         pd.DataFrame(np.asarray(proba, dtype=np.float64), columns=names)
@@ -148,8 +148,8 @@ def predicted(estimator: contract.System, corpus: Corpus) -> pd.DataFrame:
     return mean
 
 
-def difference(one: pd.DataFrame, other: pd.DataFrame) -> str:
-    """The difference of two `predicted` tables of the same captures; empty if they agree."""
+def describe_difference(one: pd.DataFrame, other: pd.DataFrame) -> str:
+    """The difference of two `mean_probabilities` tables of the same captures; empty if they agree."""
     if set(one) != set(other):
         return f"the classes differ: {len(one.columns)} and {len(other.columns)}"
     if labels := int((one.idxmax(axis=1) != other.idxmax(axis=1)).sum()):
@@ -168,8 +168,8 @@ def _(subject: Audited) -> str:
 def _(subject: Audited) -> str:
     with suppress(PredictionError):  # which the next check tells
         subject.expected  # noqa: B018 - it may raise
-        contract.labels(subject.first, subject.probe)
-    columns = contract.conditions(subject.first)
+        contract.predict_labels(subject.first, subject.probe)
+    columns = contract.required_conditions(subject.first)
     declared = f"; it declares to need {', '.join(columns)}" if columns else ""
     return f"it predicts without labels, subjects and origin{declared}"
 
@@ -181,7 +181,7 @@ def _(subject: Audited) -> str:
         raise Mistake(
             f"classes_ has {len(subject.first.classes_)} names, training had {len(classes)} classes"
         )
-    if words := disagreement(subject.first, subject.probe):
+    if words := describe_disagreement(subject.first, subject.probe):
         raise Mistake(words)
     if not (contract.has_probabilities(subject.first) or contract.decides_often(subject.first)):
         return "its labels are classes of its training captures; it has no probabilities"
@@ -191,7 +191,7 @@ def _(subject: Audited) -> str:
 @check("single capture")
 def _(subject: Audited) -> str:
     count = len(subject.test)
-    if effects := batch_effects(subject.first, subject.corpus, subject.test):
+    if effects := find_batch_effects(subject.first, subject.corpus, subject.test):
         raise Mistake(
             f"{len(effects)} of {count} predictions depend on the other captures: {effects[0]}"
         )
@@ -201,8 +201,9 @@ def _(subject: Audited) -> str:
 @check("equal seeds")
 def _(subject: Audited) -> str:
     hint = "" if subject.is_seeded else "; give it a parameter seed"
-    subject.expect(
-        subject.fitted(subject.corpus[subject.train]), f"two fits to the same captures differ{hint}"
+    subject.require_equal(
+        subject.fit_new(subject.corpus[subject.train]),
+        f"two fits to the same captures differ{hint}",
     )
     return "two fits to the same captures predict the same"
 
@@ -210,7 +211,7 @@ def _(subject: Audited) -> str:
 @check("training order", "equal seeds")
 def _(subject: Audited) -> str:
     order = np.random.default_rng(0).permutation(subject.train)
-    other = predicted(subject.fitted(subject.corpus[order]), subject.probe)
+    other = mean_probabilities(subject.fit_new(subject.corpus[order]), subject.probe)
     share = float((subject.expected.idxmax(axis=1) == other.idxmax(axis=1)).mean())
     if share < 1 and subject.is_seeded:
         raise Skipped(
@@ -230,11 +231,11 @@ def _(subject: Audited) -> str:
     for name in TRAINED:  # within a subject, so that every class stays in every inner fold
         rows = np.flatnonzero(corpus.subjects.astype(str) == name)
         names[rows] = rng.permutation(names[rows])
-    shuffled = corpus.changed(captures=corpus.captures.assign(gesture=names))
+    shuffled = corpus.with_fields(captures=corpus.captures.assign(gesture=names))
     tested = corpus[subject.test]
     hits, usual = (
-        int((predicted(one, tested).idxmax(axis=1).to_numpy() == tested.gestures).sum())
-        for one in (subject.fitted(shuffled[subject.train]), subject.first)
+        int((mean_probabilities(one, tested).idxmax(axis=1).to_numpy() == tested.gestures).sum())
+        for one in (subject.fit_new(shuffled[subject.train]), subject.first)
     )
     most = int(binom.interval(LEVEL, len(tested), 1 / len(set(tested.gestures)))[1])
     sentence = (
@@ -266,15 +267,15 @@ def _(subject: Audited) -> str:
 
 def _shown(estimator: contract.System) -> str:
     """Parameters in full, without addresses in memory."""
-    return re.sub(r" at 0x[0-9a-f]+", "", objects.settings(estimator))
+    return re.sub(r" at 0x[0-9a-f]+", "", objects.settings_text(estimator))
 
 
 def unseen(cell: Cell) -> pd.DataFrame:
     """Predictions of the test captures by a system that is fitted to the training captures, in a new process."""
     subject = Audited(cell)
-    with computing(1), warnings.catch_warnings():
+    with limit_threads(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return predicted(subject.first, subject.corpus[subject.test])
+        return mean_probabilities(subject.first, subject.corpus[subject.test])
 
 
 @check("no state between fits", "equal seeds")
@@ -285,12 +286,12 @@ def _(subject: Audited) -> str:
     few = part[np.isin(part.gestures.astype(str), names[::3])]
     for training in (few, part):
         estimator.fit(training, training.gestures)
-    subject.expect(estimator, "a fit depends on the fit before it")
+    subject.require_equal(estimator, "a fit depends on the fit before it")
     with ProcessPoolExecutor(1) as process:
         expected = process.submit(unseen, subject.cell).result()
-    subject.fitted(subject.corpus)
-    now = predicted(subject.fitted(part), subject.corpus[subject.test])
-    if differs := difference(expected, now):
+    subject.fit_new(subject.corpus)
+    now = mean_probabilities(subject.fit_new(part), subject.corpus[subject.test])
+    if differs := describe_difference(expected, now):
         raise Mistake(
             f"a fit remembers captures of fits before it, in its class or module: {differs}"
         )
@@ -305,17 +306,17 @@ def _(subject: Audited) -> str:
         values = rng.integers(0, int(corpus.full_scale) + 1, (length, *corpus.grid))
         frames[start : start + length] = values.astype(frames.dtype)
     names[test] = rng.permutation(names[test])
-    other = corpus.changed(frames=frames, captures=corpus.captures.assign(gesture=names))
+    other = corpus.with_fields(frames=frames, captures=corpus.captures.assign(gesture=names))
     changed = "other values and labels of test captures change"
-    subject.expect(subject.fitted(other[subject.train]), f"{changed} what is learned")
+    subject.require_equal(subject.fit_new(other[subject.train]), f"{changed} what is learned")
     return f"{changed} no prediction"
 
 
 @check("another grid and rate")
 def _(subject: Audited) -> str:
     corpus = generate(3, variants=("normal",), rows=5, cols=3, rate_hz=54.0)
-    corpus = with_conditions(corpus, contract.conditions(subject.cell.estimator()))
-    predicted(subject.fitted(corpus), corpus)
+    corpus = with_conditions(corpus, contract.required_conditions(subject.cell.estimator()))
+    mean_probabilities(subject.fit_new(corpus), corpus)
     return f"it fits and predicts {len(corpus)} captures of 5x3 taxels at 54 Hz"
 
 
@@ -323,57 +324,63 @@ def _(subject: Audited) -> str:
 def _(subject: Audited) -> str:
     corpus = subject.corpus[subject.train]
     lengths = np.where(np.arange(len(corpus)) % 5 == 0, 1, corpus.lengths)
-    estimator = subject.fitted(corpus.changed(lengths=lengths))
-    predicted(estimator, subject.probe.changed(lengths=np.ones(len(subject.probe), dtype=np.int64)))
+    estimator = subject.fit_new(corpus.with_fields(lengths=lengths))
+    mean_probabilities(
+        estimator, subject.probe.with_fields(lengths=np.ones(len(subject.probe), dtype=np.int64))
+    )
     return f"it fits with {(lengths == 1).sum()} captures of one frame and predicts {len(subject.probe)} of them"
 
 
 @check("saved and loaded")
 def _(subject: Audited) -> str:
     """As ``bench fit`` and ``bench predict`` do."""
-    if columns := contract.conditions(subject.first):
+    if columns := contract.required_conditions(subject.first):
         raise Skipped(f"it needs {', '.join(columns)} to predict, which a saved model does not get")
 
     import cloudpickle
 
-    from bench.running.saved import Recogniser, by_value
+    from bench.running.saved import Recogniser, pickle_user_code
 
-    by_value()
+    pickle_user_code()
     recogniser = Recogniser(subject.first, subject.corpus[subject.train])
     content = cloudpickle.dumps(recogniser)
-    labels = [one.label(subject.probe) for one in (recogniser, cloudpickle.loads(content))]
-    if differs := difference(
+    labels = [one.label_captures(subject.probe) for one in (recogniser, cloudpickle.loads(content))]
+    if differs := describe_difference(
         *(table.drop(columns=["label", "confidence", "unlike"]) for table in labels)
     ):
         raise Mistake(f"saved and loaded, it gives other predictions: {differs}")
     return f"saved ({len(content) / 1000:,.0f} kB) and loaded, it predicts the same"
 
 
-def audited(cell: Cell) -> list[Verdict]:
+def audit_system(cell: Cell) -> list[CheckResult]:
     """Every check of the system of a cell, in the order of `CHECKS`; its data and protocol are not looked at."""
     subject = Audited(cell)
-    verdicts: list[Verdict] = []
-    with computing(1), warnings.catch_warnings():
+    verdicts: list[CheckResult] = []
+    with limit_threads(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for each in CHECKS:
             began = time.perf_counter()
             result, sentence = _answer(each, subject, verdicts)
-            verdicts.append(Verdict(each.name, result, sentence, time.perf_counter() - began))
+            verdicts.append(CheckResult(each.name, result, sentence, time.perf_counter() - began))
     return verdicts
 
 
-def refuse(cell: Cell) -> None:
+def refuse_system(cell: Cell) -> None:
     """Refuse a system before its audit: it cannot be made, or declares conditions that it must not use."""
     try:
-        system = checked(cell)
-        contract.check_conditions(system, with_conditions(captures(), contract.conditions(system)))
+        system = check_system(cell)
+        contract.check_conditions(
+            system, with_conditions(audit_captures(), contract.required_conditions(system))
+        )
     except InputError:
         raise
     except Exception as e:  # a constructor of the user's may raise anything
-        raise InputError(f"model={cell.model.short}: it cannot be made: {_last_line(e)}") from e
+        raise InputError(
+            f"model={cell.model.short_name}: it cannot be made: {_last_line(e)}"
+        ) from e
 
 
-def _answer(each: Check, subject: Audited, before: list[Verdict]) -> tuple[str, str]:
+def _answer(each: Check, subject: Audited, before: list[CheckResult]) -> tuple[str, str]:
     """The result and sentence of one check."""
     if each.needs in {verdict.check for verdict in before if verdict.result != PASSED}:
         return SKIPPED, f"not checked, as {each.needs!r} has not passed"

@@ -15,8 +15,8 @@ from rich.progress import (
 )
 
 from bench.ground import progress
-from bench.ground.progress import about, span
-from bench.running.results import FoldResult, reason_of
+from bench.ground.progress import format_estimate, format_seconds
+from bench.running.results import FoldResult, one_line_reason
 
 ALWAYS = 1e9  # seconds that rich looks back to estimate the time left
 
@@ -53,7 +53,7 @@ class Bar(Progress):
         """The run that goes on."""
         return self.tasks[0]
 
-    def begin(self, title: str, folds: int, missing: Sequence[str]) -> None:
+    def begin_run(self, title: str, folds: int, missing: Sequence[str]) -> None:
         """Add the bar of a run, of which some folds are missing; they are done in this order."""
         self.begun += 1
         self.title, self.missing = title, [*missing]
@@ -63,11 +63,11 @@ class Bar(Progress):
 
     def _refresh(self, left: float | None, done: int = 0) -> None:
         """Show the run, its number among several, the time left for all of these, and the first fold under way."""
-        time = f", {about(left)} left" if left and left >= 1 else ""
+        time = f", {format_estimate(left)} left" if left and left >= 1 else ""
         words = (
             f"run {self.begun} of {self.runs}{time}: {self.title}" if self.runs > 1 else self.title
         )
-        now = named(self.missing[0]) if self.missing else ""
+        now = fold_title(self.missing[0]) if self.missing else ""
         self.update(self.run.id, advance=done, description=words, now=now)
 
     @property
@@ -92,9 +92,9 @@ class Bar(Progress):
         run = self.run
         self.missing.remove(result.name)
         self._refresh(self.left, 1)
-        lines = [f"{named(result.name)} failed: {result.reason}"] if result.error else []
+        lines = [f"{fold_title(result.name)} failed: {result.reason}"] if result.error else []
         lines += [
-            f"{named(result.name)}, {key}= failed: {reason_of(error)}"
+            f"{fold_title(result.name)}, {key}= failed: {one_line_reason(error)}"
             for key, error in result.failed.items()
         ]
         for line in lines:
@@ -102,15 +102,15 @@ class Bar(Progress):
         if not self.console.is_terminal:
             how = "failed" if result.error else "done"
             left = (
-                f", {span(run.time_remaining)} left"
+                f", {format_seconds(run.time_remaining)} left"
                 if run.time_remaining and self.runs == 1
                 else ""
             )
-            done = f"{how} after {span(result.seconds)}, {run.completed:.0f} of {run.total:.0f} folds{left}"
-            line = f"{run.description}: {named(result.name)} {done}"
+            done = f"{how} after {format_seconds(result.seconds)}, {run.completed:.0f} of {run.total:.0f} folds{left}"
+            line = f"{run.description}: {fold_title(result.name)} {done}"
             self.console.print(line, markup=False, highlight=False, soft_wrap=True)
 
-    def end(self) -> None:
+    def end_run(self) -> None:
         """Print the bar of a run that has ended for good."""
         self.done, self.seconds = (
             self.done + self.now[0] - len(self.missing),
@@ -124,10 +124,10 @@ class Bar(Progress):
     def stop(self) -> None:
         """Leave the bar of a run that is cut off where it is."""
         if self.tasks:
-            self.end()
+            self.end_run()
         super().stop()
 
 
-def named(fold: str) -> str:
+def fold_title(fold: str) -> str:
     """Name of a fold in a line; some protocols call their folds fold01."""
     return fold if fold.startswith("fold") else f"fold {fold}"

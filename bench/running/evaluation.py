@@ -1,142 +1,135 @@
-"""What is done in a fold, and what is measured of a run: fit, decide on the test captures, and each circumstance."""
+"""Evaluation of a fold, and measures of a run: fit, predict the test captures, then circumstances."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from bench import contract
-from bench.ground.words import LABELS
+from bench.corpora.corpus import Corpus
+from bench.plan.cells import Cell
+from bench.plan.plan import Fold, Plan
 from bench.plan.splits import Tested
+from bench.running.fitted import FittedFold
 from bench.running.fold import (
-    batch_effects,
     check_agreement,
-    computing,
-    decisions,
-    fitted,
-    footprint,
-    latency,
+    find_batch_effects,
+    fit_timed,
+    limit_threads,
+    measure_footprint,
+    measure_latency,
+    predictions_table,
 )
-from bench.running.results import FoldResult, costs, failure, measured, tables_of
+from bench.running.results import (
+    FoldResult,
+    combine_costs,
+    format_traceback,
+    join_tables,
+    score_run,
+)
 from bench.values import scores
-from bench.values.result import Result
+from bench.values.result import LABELS_TABLE, Result
+from bench.values.stability import clean_labels, find_failing_slices
 
-ALL_FOLDS = "all"  # of predictions of windows that a protocol deals to folds: a capture's label needs all its windows
-
-if TYPE_CHECKING:
-    from bench.corpora.corpus import Corpus
-    from bench.plan.cells import Cell
-    from bench.plan.plan import Fold, Plan
+ALL_FOLDS = "all"  # fold of windows that a protocol deals to folds: a label needs all of a capture
 
 
-def folded(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-    """One fold with its tracked numbers; a circumstance that fails leaves the rest."""
-    if cell.study:
-        result = cell.study.fold(cell, corpus, fold, threads)
-        result.scored = cell.study.fold_metrics(result, corpus.rate_hz)
-        return result
-    system, result = evaluated(cell, corpus, fold, threads)
+def evaluate_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+    """Evaluate one fold and its circumstances; a circumstance that fails leaves the rest."""
+    if cell.run_kind:
+        return cell.run_kind.evaluate_fold(cell, corpus, fold, threads)
+    system, result = fit_and_predict(cell, corpus, fold, threads)
+    fitted = FittedFold(cell, corpus, fold, system, result.table, threads)
     if cell.circumstances:
-        from bench.running.fitted import Fitted
-
-        at = Fitted(cell, corpus, fold, system, result.table, threads)
-        result.tables = {LABELS: at.clean()}
+        result.tables = {LABELS_TABLE: fitted.clean_rows()}
     for circumstance in cell.circumstances:
         try:
-            done = circumstance.fold(at)
+            case_result = circumstance.evaluate_fold(fitted)
         except (Exception, SystemExit):  # a system may raise anything
-            result.failed[circumstance.key] = failure()
+            result.failed[circumstance.key] = format_traceback()
             continue
-        result.metrics |= done.metrics
-        result.times |= done.times
-        result.batch_effects += done.batch_effects
-        for name, table in done.tables.items():
-            before = [result.tables[name]] if name in result.tables else []
-            result.tables[name] = pd.concat([*before, table], ignore_index=True)
-        result.scored |= circumstance.fold_metrics(result, corpus.rate_hz)
-    result.scored |= scores.accuracies(result.table) | costs([result])
+        metrics = circumstance.fold_metrics(case_result.tables, corpus.rate_hz)
+        result.metrics |= case_result.metrics
+        result.times |= case_result.times
+        result.batch_effects += case_result.batch_effects
+        result.tables = join_tables([result, case_result])
+        result.tracked_metrics |= metrics
+    result.tracked_metrics |= scores.fold_accuracies(result.table) | combine_costs([result])
     return result
 
 
-def systems(cell: Cell, corpus: Corpus, fold: Fold) -> Iterable[Tested]:
-    """The fitted systems of a fold: one, if the protocol has no others."""
-    if own := getattr(cell.splitter, "systems", None):
-        return own(cell, corpus, fold)
-    estimator = cell.estimator()
-    seconds = fitted(estimator, corpus[fold.train])
+def fitted_systems(cell: Cell, corpus: Corpus, fold: Fold) -> Iterable[Tested]:
+    """Fit the systems of a fold: one, if the protocol has no others."""
+    if own_systems := getattr(cell.splitter, "systems", None):
+        return own_systems(cell, corpus, fold)
+    system = cell.estimator()
+    seconds = fit_timed(system, corpus[fold.train])
     name = ALL_FOLDS if corpus.steps else fold.name
-    return [
-        Tested(name, estimator, tested, seconds)
-        for _, tested in fold.pairs or [(fold.train, fold.test)]
-    ]
+    pairs = fold.pairs or [(fold.train, fold.test)]
+    return [Tested(name, system, tested, seconds) for _, tested in pairs]
 
 
-def evaluated(
+def fit_and_predict(
     cell: Cell, corpus: Corpus, fold: Fold, threads: int
 ) -> tuple[contract.System, FoldResult]:
-    """The fitted system of a fold, the last of several; predictions of the test captures, and their costs."""
-    parts, effects = [], []
-    with computing(threads):
-        for one in systems(cell, corpus, fold):
-            parts.append(decisions(one.estimator, corpus, one.name, one.tested))
-            effects += batch_effects(
-                one.estimator, corpus, one.tested, parts[-1], len(fold.pairs) or 1
-            )
-        if not effects:  # of other predictions in each batch
-            check_agreement(one.estimator, corpus, one.tested, parts[-1])
-        estimator, metrics, predictions = (
-            one.estimator,
-            one.metrics,
-            pd.concat(parts, ignore_index=True),
-        )
-    with computing(1):
-        predict_ms, decide_ms, walls, pace = latency(
-            estimator, corpus[fold.test], int(predictions["frames"].max())
-        )
-    metrics |= footprint(estimator, corpus) | pace
-    if (searched := contract.search_seconds(estimator)) is not None:
-        metrics["search_seconds"] = searched
-    told = contract.history(estimator), contract.chosen(estimator), contract.trials(estimator)
-    return estimator, FoldResult(
+    """Fit the systems of a fold, predict its test captures, and measure costs.
+
+    Returns:
+        The system, the last of several, and the result of the fold.
+    """
+    tables, effects, parts = [], [], len(fold.pairs) or 1
+    with limit_threads(threads):
+        for part in fitted_systems(cell, corpus, fold):
+            system, test, metrics = part.estimator, part.tested, part.metrics
+            tables.append(predictions_table(system, corpus, part.name, test))
+            effects += find_batch_effects(system, corpus, test, tables[-1], parts)
+        if not effects:  # else labels differ in each batch
+            check_agreement(system, corpus, test)
+    predictions = pd.concat(tables, ignore_index=True)
+    with limit_threads(1):
+        latency = measure_latency(system, corpus[fold.test], int(predictions["frames"].max()))
+    metrics |= measure_footprint(system, corpus) | latency.metrics
+    if (seconds := contract.search_seconds(system)) is not None:
+        metrics["search_seconds"] = seconds
+    return system, FoldResult(
         fold.name,
         predictions,
         metrics,
-        predict_ms,
-        decide_ms,
-        *told,
-        batch_effects=effects,
-        times=walls,
+        latency.predict_ms,
+        latency.decide_ms,
+        contract.history(system),
+        contract.chosen_values(system),
+        contract.trials(system),
+        effects,
+        times=latency.wall_times,
     )
 
 
-def run_of(plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
-    """The run from the folds that went well, at least one, in the order of the protocol.
+def measure_run(plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
+    """Return the run of the folds that went well, at least one, in the protocol's order.
 
-    Scores and costs; confusions, subjects and classes; what each circumstance changes, where it failed in no fold.
+    It has scores and costs; tables of confusions, subjects and classes; and the numbers and tables
+    of each circumstance that failed in no fold. Its tags and parameters are ``about``.
     """
-    if plan.cell.study:
-        return plan.cell.study.result(plan, about, folds)
-    rate_hz = plan.corpus.rate_hz
-    numbers, tables, unit = measured(
-        folds, rate_hz, [name for c in plan.cell.circumstances for name in c.spent]
-    )
-    stored = tables_of(folds)
-    more: dict[str, float] = {}
-    whole = [c for c in plan.cell.circumstances if not any(c.key in fold.failed for fold in folds)]
-    if whole:
-        from bench.values.stability import sliced, unharmed
-
-        every = {"predictions": tables["predictions"], **stored}
-        for circumstance in whole:
-            own, made = circumstance.result(every, folds, rate_hz)
-            more, tables = more | own, tables | made
-        tested = [c for c in whole if c.sliced]
-        labels = pd.concat(
-            [unharmed(stored[LABELS]), *(c.labels(every, rate_hz) for c in tested)],
-            ignore_index=True,
-        )
-        own, made = sliced(labels, {c.key: c.word for c in tested}, about["target"])
-        more, tables = more | own, tables | made
-    return Result({**about, "unit": unit}, more | numbers, tables | stored)
+    if plan.cell.run_kind:
+        return plan.cell.run_kind.measure_run(plan, about, folds)
+    rate_hz, circumstances = plan.corpus.rate_hz, plan.cell.circumstances
+    seconds = [name for each in circumstances for name in each.timing_metrics]
+    scored, tables, unit = score_run(folds, rate_hz, seconds)
+    fold_tables = join_tables(folds)
+    numbers: dict[str, float] = {}
+    failed = {key for fold in folds for key in fold.failed}
+    if complete := [each for each in circumstances if each.key not in failed]:
+        inputs = {"predictions": tables["predictions"], **fold_tables}
+        labels, nouns = [clean_labels(fold_tables[LABELS_TABLE])], {}
+        for circumstance in complete:
+            own_numbers, own_tables = circumstance.measure_run(inputs, folds, rate_hz)
+            numbers, tables = numbers | own_numbers, tables | own_tables
+            if circumstance.has_slices:
+                labels.append(circumstance.label_rows(inputs, rate_hz))
+                nouns[circumstance.key] = circumstance.case_noun
+        all_labels = pd.concat(labels, ignore_index=True)
+        own_numbers, own_tables = find_failing_slices(all_labels, nouns, about["target"])
+        numbers, tables = numbers | own_numbers, tables | own_tables
+    return Result({**about, "unit": unit}, numbers | scored, tables | fold_tables)

@@ -14,16 +14,22 @@ from bench.corpora.library import ASIDE
 from bench.errors import InputError
 from bench.ground.machine import this_machine
 from bench.ground.progress import console, warn
-from bench.ground.scratch import made_whole, new_folder
+from bench.ground.scratch import check_empty_folder, fill_then_rename
 from bench.plan.cells import Cell
-from bench.plan.plan import Plan, checked, corpus_of, usable_cores
-from bench.running.fold import computing, fitted, footprint, forget_peak, latency
-from bench.running.replay import Stopping, learned, unlearnable
-from bench.running.results import FoldResult, costs
-from bench.running.tracking import params_of, tags_of
+from bench.plan.plan import Plan, captures_of_cell, check_system, usable_cores
+from bench.running.fold import (
+    fit_timed,
+    limit_threads,
+    measure_footprint,
+    measure_latency,
+    reset_peak_memory,
+)
+from bench.running.replay import Stopping, learn_stopping_rule, why_unlearnable
+from bench.running.results import FoldResult, combine_costs
+from bench.running.tracking import identity_tags, run_params
 from bench.running.workers import fill_cache
-from bench.store.client import connect, reached
-from bench.store.database import only_one, store_uri
+from bench.store.client import connect, report_store_errors
+from bench.store.database import lock_run, store_uri
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
@@ -46,7 +52,7 @@ class Fitted:
     def __str__(self) -> str:
         kind = "synthetic " if self.recogniser.synthetic else ""
         return (
-            f"{self.uri}  {self.cell.system()}, {self.captures} {kind}captures of {self.cell.data}, "
+            f"{self.uri}  {self.cell.system_name()}, {self.captures} {kind}captures of {self.cell.data}, "
             f"run runs:/{self.run_id}/model"
         )
 
@@ -60,13 +66,13 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
     learns what else is saved with the system, as an added key of ``bench fit`` asks.
     """
     if out is not None:
-        new_folder(out)
-    checked(cell)
+        check_empty_folder(out)
+    check_system(cell)
     estimator, corpus = (
         cell.estimator(),
-        corpus_of(cell) if learner is None else learner.captures(cell),
+        captures_of_cell(cell) if learner is None else learner.captures(cell),
     )
-    if conditions := contract.conditions(estimator):
+    if conditions := contract.required_conditions(estimator):
         raise InputError(
             f"model={cell.model}: it predicts with {', '.join(conditions)}, which a saved model does not get; "
             "remove its conditions, or evaluate it with bench run"
@@ -74,47 +80,54 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
     contract.check_training(estimator, corpus, corpus.gestures)
     store, threads = connect(writes=True), usable_cores()
     plan = Plan(cell, corpus, (), 1, threads)
-    forget_peak()
+    reset_peak_memory()
     fill_cache(plan.cell, plan.corpus)
-    with console.status(f"training {cell.system()}"):
-        with computing(threads):
+    with console.status(f"training {cell.system_name()}"):
+        with limit_threads(threads):
             learned_stopping = _stopping(cell, corpus) if stopping else None
-            metrics = fitted(estimator, corpus)
+            metrics = fit_timed(estimator, corpus)
             more = None if learner is None else _more(learner, cell, estimator, corpus)
-    with computing(1):
-        milliseconds = latency(estimator, corpus, int(corpus.lengths.max()))[:2]
-    metrics = costs([FoldResult("", None, metrics | footprint(estimator, corpus), *milliseconds)])
+    with limit_threads(1):
+        milliseconds = measure_latency(estimator, corpus, int(corpus.lengths.max()))[:2]
+    metrics = combine_costs(
+        [FoldResult("", None, metrics | measure_footprint(estimator, corpus), *milliseconds)]
+    )
 
     import mlflow
 
-    from bench.running.saved import Recogniser, by_value, own_code, quiet
+    from bench.running.saved import Recogniser, copy_own_code, pickle_user_code, silence_mlflow
 
     recogniser = Recogniser(estimator, corpus, learned_stopping, more)
     plugins = [part.name for part in (cell.model, cell.features) if part]
-    model = recogniser.model(plugins, corpus[0][:EXAMPLE_FRAMES], cell.model.packages())
-    by_value()
+    model = recogniser.mlflow_arguments(plugins, corpus[0][:EXAMPLE_FRAMES], cell.model.packages())
+    pickle_user_code()
     how = f" {learner.params}" if learner else ""
     key = hashlib.sha256(f"{plan.key} fit{how}".encode()).hexdigest()[:20]
-    tags = tags_of(plan) | {"touchbench.kind": "fit", "touchbench.cell": key}
-    with only_one(key):
-        for cut_off in store.runs(
+    tags = identity_tags(plan) | {"touchbench.kind": "fit", "touchbench.cell": key}
+    with lock_run(key):
+        for cut_off in store.search_runs(
             f"tags.`touchbench.cell` = '{key}' and attributes.status = 'RUNNING'"
         ):
-            store.delete(cut_off.info.run_id)
-        params = params_of(plan) | this_machine()._asdict() | {"captures": len(corpus)}
+            store.delete_run(cut_off.info.run_id)
+        params = run_params(plan) | this_machine()._asdict() | {"captures": len(corpus)}
         params |= {} if more is None else learner.params
-        run_id = store.create(
-            f"fit {cell.system()} | {cell.data} | all captures", tags, params
+        run_id = store.create_run(
+            f"fit {cell.system_name()} | {cell.data} | all captures", tags, params
         ).info.run_id
-        store.log(run_id, metrics)
+        store.log_values(run_id, metrics)
         mlflow.set_tracking_uri(store_uri())
-        with own_code() as code, quiet(), reached(), mlflow.start_run(run_id=run_id):
+        with (
+            copy_own_code() as code,
+            silence_mlflow(),
+            report_store_errors(),
+            mlflow.start_run(run_id=run_id),
+        ):
             model["code_paths"] = [code]
             saved = mlflow.pyfunc.log_model(name="model", **model)
             if (
                 out is not None
             ):  # last, so that what is killed before can be repeated: the folder is not there yet
-                with made_whole(out) as beside:
+                with fill_then_rename(out) as beside:
                     mlflow.pyfunc.save_model(str(beside), **model)
     gestures = int((~np.isin(corpus.gestures, corpus.info.get(ASIDE, []))).sum())
     return Fitted(
@@ -143,10 +156,10 @@ def _more(learner: Any, cell: Cell, estimator: contract.System, corpus: Corpus) 
 def _stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
     """How sure the system of a cell may be, and when it can decide; None where its captures cannot teach it."""
     try:
-        why = unlearnable(cell.untrained, corpus)
+        why = why_unlearnable(cell.untrained_system, corpus)
     except InputError as e:
         why = str(e)
     if why:
         warn(f"warning: the model has no calibration and no stopping threshold: {why}")
         return None
-    return learned(cell.estimator, corpus, np.arange(len(corpus)))[0]
+    return learn_stopping_rule(cell.estimator, corpus, np.arange(len(corpus)))[0]

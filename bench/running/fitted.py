@@ -1,33 +1,31 @@
-"""A system fitted in a fold, which circumstances have label the test captures again."""
+"""A fitted fold, whose test captures circumstances predict again."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.ground.words import CLEAN
-from bench.running.fold import batch_effects, decisions
+from bench.corpora.corpus import Corpus
+from bench.corpora.fault_names import NO_FAULT
+from bench.plan.cells import Cell
+from bench.plan.plan import Fold
+from bench.running.circumstances.base import Case
+from bench.running.fold import find_batch_effects, predictions_table
 from bench.values import scores
-
-if TYPE_CHECKING:
-    from bench.corpora.corpus import Corpus
-    from bench.plan.cells import Cell
-    from bench.plan.plan import Fold
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """A fitted system with all that it was fitted on."""
+class FittedFold:
+    """A fitted system with the fold that it was fitted in."""
 
     cell: Cell
     corpus: Corpus
     fold: Fold
     system: contract.System  # fitted to the training captures
-    predictions: pd.DataFrame  # its decisions on the test captures as they are
+    predictions: pd.DataFrame  # of the unchanged test captures
     threads: int  # for computing
 
     @property
@@ -35,46 +33,46 @@ class Fitted:
         """The training captures."""
         return self.corpus[self.fold.train]
 
-    @property
-    def train_subjects(self) -> int:
-        """Number of subjects of the training captures."""
-        return len(set(self.corpus.subjects[self.fold.train]))
+    def fit_again(self, positions: np.ndarray) -> contract.System:
+        """Fit a new system to some of the training captures."""
+        part = self.corpus[positions]
+        return self.cell.estimator().fit(part, part.gestures)
 
-    def refitted(self, positions: np.ndarray) -> contract.System:
-        """A new system, fitted to some of the training captures."""
-        return self.cell.estimator().fit(self.corpus[positions], self.corpus.gestures[positions])
+    def clean_rows(self) -> pd.DataFrame:
+        """Labels of the unchanged test captures, a row each, as in `label_case`."""
+        return self._label_rows(self.predictions, "", Case(NO_FAULT))
 
-    def labels(self, key: str, case: Any) -> pd.DataFrame:
-        """The label of each test capture in a `bench.running.circumstances.base.Case`, a row each, as `labelled` has them."""
-        system, corpus = (
-            case.system or self.system,
-            self.corpus if case.corpus is None else case.corpus,
+    def label_case(self, key: str, case: Case) -> pd.DataFrame:
+        """Predict the test captures in a case; a row each (`bench.values.stability`)."""
+        corpus = self.corpus if case.corpus is None else case.corpus
+        system = case.system or self.system
+        predictions = predictions_table(system, corpus, self.fold.name, self.fold.test)
+        return self._label_rows(predictions, key, case)
+
+    def _label_rows(self, predictions: pd.DataFrame, key: str, case: Case) -> pd.DataFrame:
+        train_subjects = case.train_subjects
+        if train_subjects is None:
+            train_subjects = len(set(self.corpus.subjects[self.fold.train]))
+        return labels_with_probability(predictions).assign(
+            length=self.corpus.lengths[self.fold.test],
+            circumstance=key,
+            case=case.name or key,
+            level=case.level,
+            amount=case.amount,
+            train_subjects=train_subjects,
         )
-        predictions = decisions(system, corpus, self.fold.name, self.fold.test)
-        subjects = self.train_subjects if case.train_subjects is None else case.train_subjects
-        return self._rows(predictions, key, case.case or key, case.level, case.amount, subjects)
 
-    def clean(self) -> pd.DataFrame:
-        """The same of the captures as they are."""
-        return self._rows(self.predictions, "", CLEAN, 0, "", self.train_subjects)
-
-    def _rows(self, predictions: pd.DataFrame, *about: Any) -> pd.DataFrame:
-        names = ("circumstance", "case", "level", "amount", "train_subjects")
-        rows = labelled(predictions).assign(length=self.corpus.lengths[self.fold.test])
-        return rows.assign(**dict(zip(names, about, strict=True)))
-
-    def effects(self, case: Any) -> list[str]:
-        """Captures of a changed corpus whose prediction depends on the captures predicted together with them."""
-        if case is None or case.corpus is None:
+    def find_batch_effects(self, case: Case) -> list[str]:
+        """Name changed captures whose prediction depends on others in the batch."""
+        if case.corpus is None:
             return []
-        return batch_effects(case.system or self.system, case.corpus, self.fold.test)
+        return find_batch_effects(case.system or self.system, case.corpus, self.fold.test)
 
 
-def labelled(predictions: pd.DataFrame) -> pd.DataFrame:
-    """Captures, a row each, with the label of ``bench run`` and the probability of the true class, ``p_true``."""
-    proba = [scores.PREFIX + c for c in scores.classes_of(predictions)]
-    mean = predictions.groupby(["fold", "capture"], sort=False)[proba].mean().to_numpy()
-    rows = scores.captures(predictions).drop(columns=["start", "frames"])
-    true = pd.Index(scores.PREFIX + rows["true"].astype(str))
-    p_true = mean[np.arange(len(rows)), pd.Index(proba).get_indexer(true)]
-    return rows.assign(p_true=p_true)
+def labels_with_probability(predictions: pd.DataFrame) -> pd.DataFrame:
+    """Captures, a row each, with their label and the probability of the true class, ``p_true``."""
+    columns = [scores.PREFIX + name for name in scores.classes_of(predictions)]
+    mean = predictions.groupby(["fold", "capture"], sort=False)[columns].mean().to_numpy()
+    rows = scores.label_captures(predictions).drop(columns=["start", "frames"])
+    true = pd.Index(columns).get_indexer(scores.PREFIX + rows["true"].astype(str))
+    return rows.assign(p_true=mean[np.arange(len(rows)), true])

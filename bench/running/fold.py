@@ -17,19 +17,19 @@ from threadpoolctl import threadpool_limits
 from bench import contract
 from bench.corpora.corpus import COPY, Corpus
 from bench.errors import PredictionError
-from bench.ground.timing import Times, timed, timed_once
-from bench.models.sizes import sizes
+from bench.ground.timing import Times, time_once, time_repeatedly
+from bench.models.sizes import measure_sizes
 
-AGAIN = 32  # test captures of a fold that are predicted again, in a batch and an order of their own
-ALONE = 8  # of these, predicted alone as well: for some systems one capture takes as long as all together
-TOLERANCE = 1e-3  # of a probability: float32 rounds otherwise in a batch of another size
+AGAIN = 32  # test captures of a fold that are predicted again, in another batch and order
+ALONE = 8  # of these, also predicted alone, which takes some systems as long as all together
+TOLERANCE = 1e-3  # of a probability: float32 rounds differently in another batch
 TIMED_CAPTURES = 5
 WARM_UP = 1
 
 
 @contextmanager
-def computing(threads: int) -> Iterator[None]:
-    """Limit computing to so many threads; libraries that are not loaded yet are not reached.
+def limit_threads(threads: int) -> Iterator[None]:
+    """Limit computing to some threads; libraries that are loaded later are not limited.
 
     PyTorch keeps its own count, which threadpoolctl does not reach.
     """
@@ -39,173 +39,186 @@ def computing(threads: int) -> Iterator[None]:
         yield
 
 
-def fitted(estimator: contract.System, corpus: Corpus) -> dict[str, float]:
-    """Fit to all captures of a corpus; its seconds, as `seconds_of` has them.
+def fit_timed(system: contract.System, corpus: Corpus) -> dict[str, float]:
+    """Fit a system to all captures of a corpus; return its `seconds_metrics`.
 
-    Of a system that searches, the last fit alone: the search before it may have been stored in part.
+    Of a search they are those of the last fit: trials before it may be read from a file.
     """
-    counted = partial(contract.fit_seconds, estimator)
-    return seconds_of(
-        "fit", *timed_once(partial(estimator.fit, corpus, corpus.gestures), counted)[1:]
-    )
+    fit = partial(system.fit, corpus, corpus.gestures)
+    _, times, cpu_ms = time_once(fit, partial(contract.reported_fit_seconds, system))
+    return seconds_metrics("fit", times, cpu_ms)
 
 
-def seconds_of(name: str, times: Times, cpu_ms: float) -> dict[str, float]:
-    """Seconds of work that was done once: on the quiet machine, by the wall clock, and of the processor."""
-    spent = (times.ms[0], times.wall_ms[0], cpu_ms)
-    return {
-        f"{name}{kind}_seconds": ms / 1000
-        for kind, ms in zip(("", "_wall", "_cpu"), spent, strict=True)
-    }
+def seconds_metrics(name: str, times: Times, cpu_ms: float) -> dict[str, float]:
+    """Seconds of work done once: on the quiet machine, by the wall clock, and of the processor."""
+    milliseconds = {"": times.ms[0], "_wall": times.wall_ms[0], "_cpu": cpu_ms}
+    return {f"{name}{clock}_seconds": ms / 1000 for clock, ms in milliseconds.items()}
 
 
-def footprint(estimator: contract.System, corpus: Corpus) -> dict[str, float]:
-    """Most memory that this process has held since `forget_peak`, and the sizes of a fitted system."""
+def measure_footprint(system: contract.System, corpus: Corpus) -> dict[str, float]:
+    """Measure the sizes of a fitted system, and the memory peak since `reset_peak_memory`."""
     taxels = corpus.grid[0] * corpus.grid[1]
-    return {"peak_rss_bytes": peak_memory(), **sizes(estimator, taxels, int(corpus.lengths.max()))}
+    sizes = measure_sizes(system, taxels, int(corpus.lengths.max()))
+    return {"peak_rss_bytes": peak_memory(), **sizes}
 
 
-def forget_peak() -> None:
-    """Begin anew to watch for the most memory that this process holds: a worker runs fold after fold.
+def reset_peak_memory() -> None:
+    """Reset this process's memory peak: a worker runs fold after fold.
 
-    Only Linux can do this. Elsewhere the peak is that of the whole process, which may have run larger systems before.
+    Only Linux can do this. Elsewhere the peak may be that of an earlier, larger system.
     """
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
 
 
 def peak_memory() -> int:
-    """Most bytes of memory that this process has held at once."""
+    """Memory peak of this process, in bytes."""
     with suppress(OSError, StopIteration):
         lines = Path("/proc/self/status").read_text().splitlines()
         return 1024 * int(next(line for line in lines if line.startswith("VmHWM:")).split()[1])
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return most if sys.platform == "darwin" else 1024 * most
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
 
 
-def decisions(
-    estimator: contract.System,
+def predictions_table(
+    system: contract.System,
     corpus: Corpus,
     fold: str,
     test: np.ndarray,
     classes: list[str] | None = None,
 ) -> pd.DataFrame:
-    """The predictions table of one fold, described in `bench.values.scores`.
+    """Predict test captures; return a predictions table (`bench.values.scores`).
 
-    Its classes are those of the corpus, unless they are given, sorted.
+    Args:
+        system: a fitted system.
+        corpus: captures.
+        fold: name of the fold.
+        test: positions of the captures to predict.
+        classes: columns of probabilities, sorted; None for the classes of the corpus.
+
+    Raises:
+        ValueError: a capture has no decision, or a probability is not finite.
     """
     tested = corpus[test]
-    table, proba = contract.decide(estimator, tested)
-    position = table["capture"].to_numpy()
-    if len(without := np.setdiff1d(np.arange(len(tested)), position)):
-        raise ValueError(f"there is no decision on capture {tested.index[without[0]]}")
-    start = (
-        table["start"].to_numpy() + tested.piece[position] % COPY
-    )  # of a window that is split as a capture
-    table = table.assign(
-        fold=fold, capture=tested.index[position], start=start, true=tested.gestures[position]
-    )
-    about = tested.captures.drop(columns=tested.target if tested.target == "gesture" else [])
-    about = about.iloc[position].reset_index(drop=True)
+    decisions, proba = contract.predict_decisions(system, tested)
+    position = decisions["capture"].to_numpy()
+    if len(missing := np.setdiff1d(np.arange(len(tested)), position)):
+        raise ValueError(f"there is no decision on capture {tested.index[missing[0]]}")
     names = np.unique(corpus.gestures.astype(str) if classes is None else classes)
-    columns = np.zeros((len(table), len(names)), dtype=np.float32)
-    columns[:, np.searchsorted(names, np.asarray(estimator.classes_).astype(str))] = proba
+    columns = np.zeros((len(decisions), len(names)), dtype=np.float32)
+    columns[:, np.searchsorted(names, _class_names(system))] = proba
     if not np.isfinite(columns).all():
         raise ValueError(f"{int((~np.isfinite(columns)).sum())} probabilities are not finite")
-    named = pd.DataFrame(columns, columns=[f"p_{c}" for c in names])
-    return pd.concat([table[["fold", "capture", "start", "frames", "true"]], about, named], axis=1)
-
-
-def disagreement(estimator: contract.System, tested: Corpus, decided: Decided | None = None) -> str:
-    """The captures that ``predict`` labels otherwise than the probabilities do, in words; empty if there is none.
-
-    A label agrees if its probability is the highest within `TOLERANCE`, on average or in one decision on the capture,
-    as of a system that votes. Where a system abstains in its probabilities, each label agrees.
-    """
-    decided, names = decided or _decided(estimator, tested), _names(estimator)
-    found = []
-    for place, label in enumerate(contract.labels(estimator, tested)):
-        own = decided.of(place).proba
-        every = np.vstack([own, own.mean(axis=0)])
-        given = every[:, names.index(label)] if label in names else -1.0
-        if not (every.max(axis=1) - given <= TOLERANCE).any() and every.any():
-            found.append((tested.index[place], str(label), names[int(every[-1].argmax())]))
-    if not found:
-        return ""
-    capture, label, probable = found[0]
-    return (
-        f"predict and the probabilities disagree on {len(found)} of {len(tested)} captures; on capture {capture}, "
-        f"predict gives {label!r} and {probable!r} has the highest probability; the columns of probabilities need the "
-        "order of classes_; without predict_proba, the labels of predict count"
+    table = decisions.assign(
+        fold=fold,
+        capture=tested.index[position],
+        start=decisions["start"].to_numpy() + tested.piece[position] % COPY,  # in its capture
+        true=tested.gestures[position],
+    )[["fold", "capture", "start", "frames", "true"]]
+    captures = tested.captures.iloc[position].reset_index(drop=True)
+    if tested.target == "gesture":
+        captures = captures.drop(columns="gesture")
+    return pd.concat(
+        [table, captures, pd.DataFrame(columns, columns=[f"p_{name}" for name in names])], axis=1
     )
 
 
-def batch_effects(
-    estimator: contract.System,
+def describe_disagreement(system: contract.System, tested: Corpus) -> str:
+    """Say on which captures ``predict`` and the probabilities disagree; "" if they agree.
+
+    A label agrees if its probability is the highest within `TOLERANCE`, on average or in one
+    decision on the capture, as of a system that votes. Where a system abstains, each label agrees.
+    """
+    decisions, names = _predict_together(system, tested), _class_names(system)
+    wrong = []
+    for place, label in enumerate(contract.predict_labels(system, tested)):
+        rows = decisions.on_capture(place).proba
+        proba = np.vstack([rows, rows.mean(axis=0)])
+        of_label = proba[:, names.index(label)] if label in names else -1.0
+        if not (proba.max(axis=1) - of_label <= TOLERANCE).any() and proba.any():
+            wrong.append((tested.index[place], str(label), names[int(proba[-1].argmax())]))
+    if not wrong:
+        return ""
+    capture, label, probable = wrong[0]
+    return (
+        f"predict and the probabilities disagree on {len(wrong)} of {len(tested)} captures; on "
+        f"capture {capture}, predict gives {label!r} and {probable!r} has the highest probability; "
+        "the columns of probabilities need the order of classes_; without predict_proba, the "
+        "labels of predict count"
+    )
+
+
+def check_agreement(system: contract.System, corpus: Corpus, test: np.ndarray) -> None:
+    """Verify on a few test captures that ``predict`` and the probabilities agree.
+
+    Raises:
+        PredictionError: they disagree.
+    """
+    if words := describe_disagreement(system, corpus[take_evenly(test, ALONE)]):
+        raise PredictionError(words)
+
+
+def find_batch_effects(
+    system: contract.System,
     corpus: Corpus,
     test: np.ndarray,
     predictions: pd.DataFrame | None = None,
     parts: int = 1,
 ) -> list[str]:
-    """Test captures whose prediction depends on the captures that are predicted together with them.
+    """Name test captures whose prediction depends on the captures predicted with them.
 
-    Some test captures are copied out of the corpus, so that no cache knows them, and predicted together in reverse
-    order, without the others, and some of them alone. Their windows and labels must be those of the fold, their
-    probabilities within 0.001. A fold has several ``parts``, which share the work.
+    Some test captures are copied out of the corpus, so that no cache knows them. They are predicted
+    together in reverse order, without the others, and some of them alone. Their windows and labels
+    must be those of the fold, their probabilities within 0.001.
+
+    Args:
+        system: the fitted system.
+        corpus: captures.
+        test: positions of the test captures.
+        predictions: their predictions table; None to predict them here.
+        parts: number of parts of the fold, which share the work.
+
+    Returns:
+        A sentence for each capture.
     """
     if predictions is None:
-        predictions = decisions(estimator, corpus, "", test)
-    chosen, names = some_of(test, -(-AGAIN // parts))[::-1], _names(estimator)
-    alone = {*some_of(chosen, ALONE).tolist()}
-    together = _decided(estimator, corpus[chosen].detached())
-    expected = Decided.from_table(
-        predictions, predictions[[f"p_{name}" for name in names]].to_numpy()
-    )
+        predictions = predictions_table(system, corpus, "", test)
+    names = _class_names(system)
+    proba = predictions[[f"p_{name}" for name in names]].to_numpy()
+    in_fold = Decisions.from_table(predictions, proba)
+    sample = take_evenly(test, -(-AGAIN // parts))[::-1]
+    sample_alone = {*take_evenly(sample, ALONE).tolist()}
+    reordered = _predict_together(system, corpus[sample].detach())
     effects = []
-    for place, position in enumerate(chosen):
-        capture = corpus.index[position]
-        rows, again = expected.of(capture), {"in another order": together.of(place)}
-        rows = rows._replace(start=rows.start - corpus.piece[position] % COPY)
-        if position in alone:
-            again = {"alone": _decided(estimator, corpus[[position]].detached()), **again}
-        for how, other in again.items():
-            if effect := _difference(rows, other, names):
-                one = corpus[[position]].detached()
-                if _difference(_decided(estimator, one), _decided(estimator, one), names):
-                    effects.append(f"capture {capture} is predicted differently each time")
-                else:
-                    before, now = effect
-                    effects.append(
-                        f"capture {capture} has {now} {how}, {before} among {len(test)} test captures"
-                    )
-                break
+    for place, position in enumerate(sample):
+        capture, alone = corpus.index[position], corpus[[position]].detach()
+        before = in_fold.on_capture(capture)
+        before = before._replace(start=before.start - corpus.piece[position] % COPY)
+        again = {"in another order": reordered.on_capture(place)}
+        if position in sample_alone:
+            again = {"alone": _predict_together(system, alone), **again}
+        for how, now in again.items():
+            if not (difference := _describe_difference(before, now, names)):
+                continue
+            first, second = _predict_together(system, alone), _predict_together(system, alone)
+            if _describe_difference(first, second, names):
+                effects.append(f"capture {capture} is predicted differently each time")
+            else:
+                old, new = difference
+                batch = f"among {len(test)} test captures"
+                effects.append(f"capture {capture} has {new} {how}, {old} {batch}")
+            break
     return effects
 
 
-def check_agreement(
-    estimator: contract.System,
-    corpus: Corpus,
-    test: np.ndarray,
-    predictions: pd.DataFrame | None = None,
-) -> None:
-    """Verify on a few test captures that ``predict`` and the probabilities agree."""
-    tested, decided = corpus[some_of(test, ALONE)], None
-    if predictions is not None:
-        rows = predictions[predictions["capture"].isin(tested.index)]
-        place = pd.Index(tested.index).get_indexer(rows["capture"])
-        names = [f"p_{name}" for name in _names(estimator)]
-        decided = Decided.from_table(rows.assign(capture=place), rows[names].to_numpy())
-    if words := disagreement(estimator, tested, decided):
-        raise PredictionError(words)
+def take_evenly(values: np.ndarray, most: int) -> np.ndarray:
+    """Take at most so many of some values, evenly spread."""
+    places = np.linspace(0, len(values) - 1, min(most, len(values)))
+    return values[np.unique(places.astype(int))]
 
 
-def some_of(test: np.ndarray, most: int) -> np.ndarray:
-    """At most so many of the positions of test captures, evenly spread."""
-    return test[np.unique(np.linspace(0, len(test) - 1, min(most, len(test))).astype(int))]
-
-
-class Decided(NamedTuple):
-    """Decisions on some captures: arrays [decisions], and float64 probabilities [decisions, classes]."""
+class Decisions(NamedTuple):
+    """Decisions on some captures: arrays [decisions], float64 probabilities [decisions, classes]."""
 
     capture: np.ndarray
     start: np.ndarray
@@ -213,75 +226,84 @@ class Decided(NamedTuple):
     proba: np.ndarray
 
     @classmethod
-    def from_table(cls, table: pd.DataFrame, proba: np.ndarray) -> Decided:
-        """From a table with these columns, such as `bench.contract.decide` gives, and the probabilities beside it."""
-        capture, start, frames = (table[name].to_numpy() for name in ("capture", "start", "frames"))
-        return cls(capture, start, frames, np.asarray(proba, dtype=np.float64))
+    def from_table(cls, table: pd.DataFrame, proba: np.ndarray) -> Decisions:
+        """Make decisions of a table with these columns, and the probabilities of its rows."""
+        columns = (table[name].to_numpy() for name in ("capture", "start", "frames"))
+        return cls(*columns, np.asarray(proba, dtype=np.float64))
 
-    def of(self, capture: object) -> Decided:
-        """The decisions on one capture."""
+    def on_capture(self, capture: object) -> Decisions:
+        """Return the decisions on one capture."""
         rows = self.capture == capture
-        return Decided(*(values[rows] for values in self))
+        return Decisions(*(values[rows] for values in self))
 
 
-def _decided(estimator: contract.System, corpus: Corpus) -> Decided:
-    """All captures predicted together."""
-    return Decided.from_table(*contract.decide(estimator, corpus))
+def _predict_together(system: contract.System, corpus: Corpus) -> Decisions:
+    """Predict all captures in one batch."""
+    return Decisions.from_table(*contract.predict_decisions(system, corpus))
 
 
-def _names(estimator: contract.System) -> list[str]:
-    return np.asarray(estimator.classes_).astype(str).tolist()
+def _class_names(system: contract.System) -> list[str]:
+    return np.asarray(system.classes_).astype(str).tolist()
 
 
-def _difference(before: Decided, now: Decided, names: list[str]) -> tuple[str, str] | None:
-    """What decisions on one capture do not have in common, in words; None if they agree."""
+def _describe_difference(
+    before: Decisions, now: Decisions, names: list[str]
+) -> tuple[str, str] | None:
+    """Say how decisions on one capture differ, before and now; None if they agree."""
     if len(before.proba) != len(now.proba):
         return f"{len(before.proba)} decisions", f"{len(now.proba)}"
-    what = ("a window that begins at frame", "a window with a number of frames of")
-    for words, old, new in zip(what, before[1:3], now[1:3], strict=True):
+    windows = {"a window that begins at frame": (before.start, now.start)}
+    windows["a window with a number of frames of"] = before.frames, now.frames
+    for words, (old, new) in windows.items():
         if (moved := old != new).any():
             first = int(moved.argmax())
             return f"{words} {old[first]}", f"{words} {new[first]}"
-    one, other = _label(now.proba), _label(before.proba)
-    if one != other:
-        return f"label {names[other]}", f"label {names[one]}"
+    label, other = _label_index(now.proba), _label_index(before.proba)
+    if label != other:
+        return f"label {names[other]}", f"label {names[label]}"
     if np.abs(before.proba - now.proba).max() <= TOLERANCE:
         return None
-    old, new = before.proba[:, one].mean(), now.proba[:, one].mean()
-    return f"label {names[one]} with {old:.3f}", f"label {names[one]} with {new:.3f}"
+    means = (decisions.proba[:, label].mean() for decisions in (before, now))
+    old_words, new_words = (f"label {names[label]} with {mean:.3f}" for mean in means)
+    return old_words, new_words
 
 
-def _label(proba: np.ndarray) -> int:
+def _label_index(proba: np.ndarray) -> int:
     """Index of the class with the highest mean probability."""
     return int(np.float32(proba).mean(axis=0).argmax())
 
 
-def latency(
-    estimator: contract.System, tested: Corpus, frames: int
-) -> tuple[list[float], list[float], dict[str, list[float]], dict[str, float]]:
-    """Milliseconds from raw frames to a label, one capture at a time, warm, on one thread (`bench.ground.timing`).
+class Latency(NamedTuple):
+    """Milliseconds of some predictions, one at a time."""
 
-    For each timed capture as a whole, and for no more of it than one decision needs (timed once where this is all of
-    it); both by the wall clock, by name; and ``predict_relative``, the mean time of a whole capture as a multiple of
-    the reference workload's, with `paced`.
+    predict_ms: list[float]  # from raw frames to the label, of whole captures
+    decide_ms: list[float]  # the same of the frames that one decision needs
+    wall_times: dict[str, list[float]]  # both by the wall clock, by name
+    metrics: dict[str, float]  # `pace_metrics`, and ``predict_relative``
+
+
+def measure_latency(system: contract.System, tested: Corpus, frames: int) -> Latency:
+    """Time predictions of single captures, warm, on one thread (`bench.ground.timing`).
+
+    ``predict_relative`` is the mean time of a whole capture as a multiple of the reference
+    workload's. Whole captures of at most ``frames`` frames, which one decision needs, are timed
+    once.
     """
-    chosen = some_of(np.arange(len(tested)), TIMED_CAPTURES)
-    whole = [contract.blinded(estimator, tested[i : i + 1].detached()) for i in chosen]
-    first = [one.changed(lengths=np.minimum(one.lengths, frames)) for one in whole]
-    for one in (whole * WARM_UP)[:WARM_UP]:
-        estimator.predict(one)
-    predict = decide = timed(partial(estimator.predict, one) for one in whole)
-    if any(len(early.frames) < len(one.frames) for early, one in zip(first, whole, strict=True)):
-        decide = timed(partial(estimator.predict, one) for one in first)
+    sample = take_evenly(np.arange(len(tested)), TIMED_CAPTURES)
+    captures = [contract.blind_captures(system, tested[i : i + 1].detach()) for i in sample]
+    starts = [one.with_fields(lengths=np.minimum(one.lengths, frames)) for one in captures]
+    for capture in captures[:WARM_UP]:
+        system.predict(capture)
+    predict = decide = time_repeatedly(partial(system.predict, one) for one in captures)
+    if any(one.lengths[0] > frames for one in captures):
+        decide = time_repeatedly(partial(system.predict, one) for one in starts)
     walls = {"predict_wall_ms": predict.wall_ms, "decide_wall_ms": decide.wall_ms}
     relative = float(np.mean(predict.ms)) / predict.quiet_ms
-    return predict.ms, decide.ms, walls, paced(predict) | {"predict_relative": relative}
+    metrics = pace_metrics(predict) | {"predict_relative": relative}
+    return Latency(predict.ms, decide.ms, walls, metrics)
 
 
-def paced(times: Times) -> dict[str, float]:
-    """How fast the machine was: the reference workload's milliseconds, now and at best, and how busy it was."""
-    return {
-        "reference_ms": times.reference_ms,
-        "quiet_ms": times.quiet_ms,
-        "slowdown": times.slowdown,
-    }
+def pace_metrics(times: Times) -> dict[str, float]:
+    """Speed of the machine: ms of the reference workload, now and at best, and its slowdown."""
+    names = ("reference_ms", "quiet_ms", "slowdown")
+    return {name: getattr(times, name) for name in names}

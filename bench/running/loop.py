@@ -1,73 +1,80 @@
-"""The one loop: plans in, folds done by workers and stored as they finish, runs measured."""
+"""The one loop: run the missing folds of plans, store each as it finishes, and measure the runs."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bench import contract
-from bench.corpora.duplicates import named
-from bench.corpora.library import briefly, left_out
+from bench.corpora.duplicates import describe_capture
+from bench.corpora.library import first_warnings, left_out_message
 from bench.errors import ClusterError
-from bench.ground.machine import LOCAL_BACKEND, Backend
 from bench.ground.progress import console, warn
-from bench.ground.registry import import_object
-from bench.plan.plan import Plan, usable_cores
+from bench.plan.plan import Plan
 from bench.running.bar import Bar
-from bench.running.tracking import FOLDS, finished, is_whole, tracked, whole
-from bench.running.workers import Here, Processes
+from bench.running.tracking import (
+    FOLDS,
+    has_fold_files,
+    is_finished,
+    load_finished_folds,
+    load_finished_run,
+    open_run,
+)
+from bench.running.workers import FoldExecutor, local_executor
 from bench.store.client import Store, connect
-from bench.store.database import only_one
-from bench.values.result import Result, several
+from bench.store.database import lock_run
+from bench.values.result import Result, format_count
 
 if TYPE_CHECKING:
     from mlflow.entities import Run
 
-
-NEWEST = 20  # runs among which one like another is looked for: a store may have thousands
-FREE = (
-    "seed",
-    "protocol",
-)  # arguments in which runs that take about as long may differ, as in parameters of parts
+NEWEST = 20  # runs among which a similar one is looked for: a store may have thousands
+FREE = ("seed", "protocol")  # arguments in which similar runs may differ, as in those with a dot
 
 
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C after finished results were stored."""
 
 
-def execute(plans: Sequence[Plan], backend: Backend = LOCAL_BACKEND, grid: str = "") -> list[Result]:
-    """Run missing folds, plan after plan; a run that is finished is read from the store.
+def run_plans(
+    plans: Sequence[Plan], executor: FoldExecutor | None = None, grid: str = ""
+) -> list[Result]:
+    """Run the missing folds of plans; read finished runs from the store.
 
-    ``grid`` is the digest of the file that names the runs, which is tracked with them.
+    Args:
+        plans: the runs.
+        executor: runs the folds; None for worker processes of this machine.
+        grid: digest of the file that names the runs, which is tracked with them.
+
+    Returns:
+        The run of each plan.
     """
     try:
-        with _workers(plans, backend) as workers:
+        with executor or local_executor() as workers:
             if workers.threads:
                 plans = [replace(plan, threads=workers.threads) for plan in plans]
-            for line in dict.fromkeys(line for plan in plans for line in warnings(plan)):
+            for line in dict.fromkeys(line for plan in plans for line in warnings_of_plan(plan)):
                 warn(line)
             store = connect(writes=True)
-            stored, todo = lookup(store, plans)
-            runs = len(stored) + len(todo)
+            stored, unfinished = find_stored_runs(store, plans)
+            count = len(stored) + len(unfinished)
             if stored:
-                console.print(
-                    f"{len(stored)} of {several(runs, 'run')} already stored", highlight=False
-                )
-            seconds = expected(store, todo) if len(todo) > 1 else [None] * len(todo)
-            times = [
-                (one.folds, time) for one, time in zip(todo, seconds, strict=True) if one.folds
-            ]
-            results = {key: whole(store, run, grid) for key, run in stored.items()}
-            with Bar(runs, len(stored), times) as bar:
-                for plan, _ in todo:
-                    results[plan.key] = _run(store, plan, workers, bar, grid)
+                line = f"{len(stored)} of {format_count(count, 'run')} already stored"
+                console.print(line, highlight=False)
+            folds = [count for _, count in unfinished]
+            times = estimate_seconds(store, unfinished) if len(folds) > 1 else [None] * len(folds)
+            waiting = [pair for pair in zip(folds, times, strict=True) if pair[0]]
+            results = {key: load_finished_run(store, run, grid) for key, run in stored.items()}
+            with Bar(count, len(stored), waiting) as bar:
+                for plan, _ in unfinished:
+                    results[plan.key] = _run_plan(store, plan, workers, bar, grid)
             for plan in plans:
-                if why := results[plan.key].get("touchbench.batch_effect"):
-                    warn(f"warning: {plan.cell.system()}: {why}")
+                if effect := results[plan.key].get("touchbench.batch_effect"):
+                    warn(f"warning: {plan.cell.system_name()}: {effect}")
             return [results[plan.key] for plan in plans]
     except KeyboardInterrupt as e:
         raise Interrupted(
@@ -75,119 +82,107 @@ def execute(plans: Sequence[Plan], backend: Backend = LOCAL_BACKEND, grid: str =
         ) from e
 
 
-def _workers(plans: Sequence[Plan], backend: Backend) -> Here:
-    if backend.workers:
-        return import_object(backend.workers)(backend.address, plans, warn)
-    if backend.jobs and backend.jobs > usable_cores():
-        cores = f"this machine has {usable_cores()} cores"
-        console.print(f"warning: jobs={backend.jobs}: {cores}, more workers do not help")
-    return Here() if backend.jobs == 1 else Processes()
-
-
-def _run(store: Store, plan: Plan, workers: Here, bar: Bar, grid: str) -> Result:
-    """Find or make the run of a plan, have its missing folds done, and measure it."""
-    with only_one(plan.key):
-        stored = store.find(plan.key, plan.cell.kind)
-        if stored and is_whole(
-            stored
-        ):  # by another process, or by a command that was cut off at the very end
-            if store.names(stored.info.run_id, stored.info.artifact_uri, FOLDS):
-                store.drop(stored.info.artifact_uri, FOLDS)
-            return whole(store, stored, grid)
-        run = tracked(store, plan, stored, grid)
-        if missing := run.missing:
-            bar.begin(plan.cell.title(), len(plan.folds), [fold.name for fold in missing])
+def _run_plan(store: Store, plan: Plan, workers: FoldExecutor, bar: Bar, grid: str) -> Result:
+    """Run the missing folds of a plan, and measure its run."""
+    with lock_run(plan.key):
+        stored = store.find_run(plan.key, plan.cell.kind)
+        if stored and is_finished(stored):  # by another process, or cut off at the very end
+            if has_fold_files(store, stored):
+                store.delete_artifact(stored.info.artifact_uri, FOLDS)
+            return load_finished_run(store, stored, grid)
+        run = open_run(store, plan, stored, grid)
+        missing = run.missing_folds
+        if not missing:
+            return run.store_result()
+        bar.begin_run(plan.cell.title(), len(plan.folds), [fold.name for fold in missing])
         try:
-            for done in workers.folds(plan, missing) if missing else ():
-                run.add(done)
-                bar.end_fold(done)
+            for fold_result in workers.run_folds(plan, missing):
+                run.store_fold(fold_result)
+                bar.end_fold(fold_result)
         except (KeyboardInterrupt, ClusterError):
-            store.mark(run.made.run_id, "KILLED")  # stored folds stay and are found again
+            store.set_status(run.info.run_id, "KILLED")  # stored folds stay and are found again
             raise
-        result = run.close()
-        if missing:
-            bar.end()
+        result = run.store_result()
+        bar.end_run()
         return result
 
 
-def warnings(plan: Plan) -> list[str]:
-    """Warnings before the run."""
+def warnings_of_plan(plan: Plan) -> list[str]:
+    """Return warnings before the run."""
     cell, corpus = plan.cell, plan.corpus
-    damage = corpus.info.get("warnings", [])
-    lines = (
-        [f"warning: {cell.data}: {briefly(damage, f'bench data show {cell.data}')}"]
-        if damage
-        else []
-    )
-    if (line := left_out(corpus)) and not cell.study:
-        lines.append(line)
+    lines, prefix = [], f"warning: {cell.data}: "
+    if damage := corpus.info.get("warnings"):
+        lines.append(prefix + first_warnings(damage, f"bench data show {cell.data}"))
+    if not cell.run_kind and (message := left_out_message(corpus)):
+        lines.append(message)
     if plan.mixes_subjects:
         lines.append(
-            f"warning: protocol={cell.protocol} trains and tests on the same subjects; expect lower accuracy for a new "
-            "person"
+            f"warning: protocol={cell.protocol} trains and tests on the same subjects; expect "
+            "lower accuracy for a new person"
         )
-    if plan.repeated_captures:
-        tested, trained = plan.repeated_captures[0]
+    if repeated := plan.repeated_captures:
+        tested, trained = (describe_capture(corpus, position) for position in repeated[0])
         lines.append(
-            f"warning: {cell.data}: {len(plan.repeated_captures)} test captures have the same frames as a training capture, "
-            f"such as {named(corpus, tested)} and {named(corpus, trained)}; accuracy is too high"
+            f"{prefix}{len(repeated)} test captures have the same frames as a training capture, "
+            f"such as {tested} and {trained}; accuracy is too high"
         )
-    plain = replace(cell, tuning=None) if cell.tuning else cell
-    frames = contract.window(plain.untrained, corpus.rate_hz)
+    untuned = replace(cell, tuning=None) if cell.tuning else cell
+    frames = contract.window_frames(untuned.untrained_system, corpus.rate_hz)
     if frames is not None and (short := int((corpus.lengths < frames).sum())):
         lines.append(
-            f"warning: {cell.data}: {short} of {len(corpus)} captures are shorter than the {frames}-frame window "
+            f"{prefix}{short} of {len(corpus)} captures are shorter than the {frames}-frame window "
             f"of {cell.model.short_name}; they are padded"
         )
-    return [*lines, *(line for one in cell.measurements for line in one.warnings(plan))]
+    for measurement in cell.measurements:
+        lines += measurement.warnings_of_plan(plan)
+    return lines
 
 
-class Left(NamedTuple):
-    """A run that is not stored whole, and the number of its missing folds."""
-
-    plan: Plan
-    folds: int
-
-
-def lookup(store: Store, plans: Iterable[Plan]) -> tuple[dict[str, Run], list[Left]]:
-    """The runs that are stored whole, by their key, and the others."""
-    stored, todo = {}, []
+def find_stored_runs(
+    store: Store, plans: Iterable[Plan]
+) -> tuple[dict[str, Run], list[tuple[Plan, int]]]:
+    """Find the finished runs by their key, and the other plans with their number of missing folds."""
+    stored, unfinished = {}, []
     for plan in {plan.key: plan for plan in plans}.values():
-        run = store.find(plan.key, plan.cell.kind)
-        if run and is_whole(run) and not store.names(run.info.run_id, run.info.artifact_uri, FOLDS):
+        run = store.find_run(plan.key, plan.cell.kind)
+        if run is None:
+            unfinished.append((plan, len(plan.folds)))
+        elif is_finished(run) and not has_fold_files(store, run):
             stored[plan.key] = run
         else:
-            todo.append(Left(plan, len(plan.folds) - (len(finished(store, run)) if run else 0)))
-    return stored, todo
+            unfinished.append((plan, len(plan.folds) - len(load_finished_folds(store, run))))
+    return stored, unfinished
 
 
-def expected(store: Store, todo: Iterable[Left]) -> list[float | None]:
-    """Seconds that the missing folds of each run take with its workers; None where no run like it has a fold."""
+def estimate_seconds(store: Store, unfinished: Iterable[tuple[Plan, int]]) -> list[float | None]:
+    """Estimate the seconds of the missing folds of each plan; None without a similar stored run."""
     seconds = []
-    for plan, folds in todo:
+    for plan, folds in unfinished:
         cell = plan.cell  # objects cannot be typed
-        each = None if cell.objects else _of_a_fold(store, cell.kind, cell.arguments())
-        seconds.append(each and each * folds / max(1, min(plan.workers, folds)))
+        mean = None if cell.objects else _mean_fold_seconds(store, cell.kind, cell.arguments())
+        seconds.append(mean and mean * folds / max(1, min(plan.workers, folds)))
     return seconds
 
 
-def _of_a_fold(store: Store, kind: str, arguments: Mapping[str, str]) -> float | None:
-    """Mean seconds of a fold of the stored run in which fewest arguments differ, or itself; the newest of several."""
+def _mean_fold_seconds(store: Store, kind: str, arguments: Mapping[str, str]) -> float | None:
+    """Mean seconds of a fold of the most similar stored run, the newest of several."""
     names = {key: arguments[key] for key in ("data", "model", "features") if key in arguments}
-    like = []
-    for run in store.newest(kind, NEWEST, **names):
-        theirs = json.loads(run.data.tags.get("touchbench.arguments", "{}"))
-        if _fixed(theirs) == _fixed(arguments):
-            like.append((len(arguments.items() ^ theirs.items()), run))
-    for _, run in sorted(like, key=lambda one: one[0]):
-        if (table := store.result(run).tables.get(FOLDS)) is not None:
-            done = [*table["seconds"][table["status"] == "FINISHED"]]
-        else:  # it was cut off
-            done = [result.seconds for result in finished(store, run).values()]
-        if done:
-            return float(np.mean(done))
+    similar = []
+    for run in store.newest_runs(kind, NEWEST, **names):
+        stored = json.loads(run.data.tags.get("touchbench.arguments", "{}"))
+        if _fixed_arguments(stored) == _fixed_arguments(arguments):
+            similar.append((len(arguments.items() ^ stored.items()), run))
+    for _, run in sorted(similar, key=lambda pair: pair[0]):
+        table = store.load_result(run).tables.get(FOLDS)
+        if table is None:  # it was cut off
+            seconds = [fold.seconds for fold in load_finished_folds(store, run).values()]
+        else:
+            seconds = [*table["seconds"][table["status"] == "FINISHED"]]
+        if seconds:
+            return float(np.mean(seconds))
     return None
 
 
-def _fixed(arguments: Mapping[str, str]) -> dict[str, str]:
+def _fixed_arguments(arguments: Mapping[str, str]) -> dict[str, str]:
+    """Arguments in which similar runs are equal."""
     return {key: value for key, value in arguments.items() if "." not in key and key not in FREE}

@@ -1,9 +1,9 @@
-"""Captures seen by a robot, only the touch so far: decisions at instants, and early stopping.
+"""Captures seen so far: decisions at instants, and early stopping.
 
-The replay table has one row per capture and instant at which there was something new: the columns of the predictions
-table (`bench.values.scores`), where ``start`` and ``frames`` are what had been seen, ``instant`` (the frames that a
-capture that is long enough would have given by then), ``confidence`` (calibrated) and ``settled`` (1 less what waiting
-is expected to gain). After its last row a capture keeps its last decision.
+The replay table has a row per capture and instant with new frames: the columns of the predictions
+table (`bench.values.scores`), where ``start`` and ``frames`` are those seen, ``instant`` (the frames
+that a long enough capture would have given by then), ``confidence`` (calibrated) and ``settled`` (1
+less the expected gain of waiting). After its last row a capture keeps its last decision.
 """
 
 from __future__ import annotations
@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -21,63 +19,53 @@ from scipy.special import logsumexp, softmax
 from sklearn.linear_model import Ridge
 
 from bench import contract
-from bench.corpora.corpus import Corpus, storage, untrained
-from bench.ground.timing import Times, timed
-from bench.models.search.inner_folds import inner_folds
-from bench.running.fold import TIMED_CAPTURES, batch_effects, computing, decisions, some_of
+from bench.corpora.corpus import Corpus, shared_frames, untrained_classes
+from bench.ground.timing import Times, time_repeatedly
+from bench.models.search.inner_folds import split_subjects
+from bench.running.circumstances.instants import Instants
+from bench.running.fitted import FittedFold
+from bench.running.fold import (
+    TIMED_CAPTURES,
+    find_batch_effects,
+    limit_threads,
+    predictions_table,
+    take_evenly,
+)
 from bench.running.results import FoldResult
-from bench.values.scores import PREFIX, classes_of, windows
+from bench.values.scores import PREFIX, classes_of, label_windows
 from bench.values.stopping import learn_stopping
 
-if TYPE_CHECKING:
-    from bench.running.fitted import Fitted
-
-    Instants = Any  # `bench.running.circumstances.instants.Instants`: the settings of a replay
-
 FIRST_MS = 62.5
-GROWTH = 2**0.5  # of what has been seen, from one instant to the next
+GROWTH = 2**0.5  # of the touch seen, from one instant to the next
 INNER = "3"  # groups of training subjects, each left out once
 LEAST = 1e-6  # probability that is taken for impossible
-HOTTEST = 100.0
+HOTTEST = 100.0  # temperature of a calibration
 RIDGE = 1e-2
-STATE = (
-    *(
-        "one",
-        "first",
-        "first_squared",
-        "second",
-        "third",
-        "time",
-        "time_squared",
-        "first_time",
-        "second_time",
-    ),
-    *("same", "same_time"),
+STATE = (  # variables of a decision
+    *("one", "first", "first_squared", "second", "third"),
+    *("time", "time_squared", "first_time", "second_time", "same", "same_time"),
 )
 TIMED_INSTANTS = 8
-USUAL = SimpleNamespace(
-    after=(), hop_ms=None, start="onset"
-)  # settings of the replay that a saved system learns from
 
 
-def begun(corpus: Corpus, start: str) -> Corpus:
-    """The captures from where a replay begins: at their ``onset``, or in the ``middle``."""
+def skip_to_start(corpus: Corpus, start: str) -> Corpus:
+    """Return captures from the start of a replay: their ``onset``, or their ``middle``."""
     if start == "onset":
         return corpus
     skipped = corpus.lengths // 2
-    return uncached(corpus, storage(corpus)[1] + skipped, corpus.lengths - skipped)
+    return without_digest(corpus, shared_frames(corpus)[1] + skipped, corpus.lengths - skipped)
 
 
-def instants_of(how: Instants, longest: int, rate_hz: float) -> np.ndarray:
+def decision_instants(replay: Instants, longest: int, rate_hz: float) -> np.ndarray:
     """Frames seen at each decision, rising to ``longest``, int64 [instants].
 
     Without times and a hop, it decides whenever 1.41 times as much has been seen, from 62.5 ms on.
     """
     per_ms = rate_hz / 1000
-    if how.after:
-        ms = np.sort(how.after)
-    elif how.hop_ms is not None:
-        ms = how.hop_ms * np.arange(1, int(longest / per_ms / how.hop_ms) + 2)
+    if replay.after:
+        ms = np.sort(replay.after)
+    elif replay.hop_ms is not None:
+        ms = replay.hop_ms * np.arange(1, int(longest / per_ms / replay.hop_ms) + 2)
     else:
         octaves = max(0.0, np.log2(longest / per_ms / FIRST_MS))
         ms = FIRST_MS * GROWTH ** np.arange(np.ceil(octaves / np.log2(GROWTH)) + 1)
@@ -85,77 +73,70 @@ def instants_of(how: Instants, longest: int, rate_hz: float) -> np.ndarray:
     return np.unique(np.append(seen[(seen > 0) & (seen < longest)], longest))
 
 
-def uncached(corpus: Corpus, starts: np.ndarray, lengths: np.ndarray) -> Corpus:
-    """Parts of captures; without the digest, under which the features of whole captures are cached."""
-    return corpus.changed(starts=starts, lengths=lengths, digest="", path=None)
+def without_digest(corpus: Corpus, starts: np.ndarray, lengths: np.ndarray) -> Corpus:
+    """Return parts of captures; features of whole ones are cached under the digest."""
+    return corpus.with_fields(starts=starts, lengths=lengths, digest="", path=None)
 
 
-def prefix(corpus: Corpus, frames: int) -> Corpus:
-    """The first frames of each capture, at most ``frames``; no frame is copied."""
+def first_frames(corpus: Corpus, frames: int) -> Corpus:
+    """Return the first frames of each capture, at most ``frames``; no frame is copied."""
     if (corpus.lengths <= frames).all():
         return corpus
-    return uncached(corpus, storage(corpus)[1], np.minimum(corpus.lengths, frames))
+    return without_digest(corpus, shared_frames(corpus)[1], np.minimum(corpus.lengths, frames))
 
 
-def replay_fold(how: Instants, at: Fitted) -> FoldResult:
+def replay_fold(replay: Instants, at: FittedFold) -> FoldResult:
     """Replay the test captures of a fold through its system, and time decisions.
 
-    Its table ``replay`` is the replay table; where stopping is learned, ``rules`` has what was learned on training
-    subjects, and ``thresholds`` what each threshold gives there. Calibration and threshold see only these.
+    Its table ``replay`` is the replay table. Where stopping is learned, on training subjects alone,
+    ``rules`` has the rule, and ``thresholds`` the result of each threshold there.
     """
     corpus, fold, system = at.corpus, at.fold, at.system
-    touch = begun(corpus, how.start)
-    instants = instants_of(how, int(touch.lengths.max()), corpus.rate_hz)
+    touch = skip_to_start(corpus, replay.start)
+    instants = decision_instants(replay, int(touch.lengths.max()), corpus.rate_hz)
     tables = {}
-    with computing(at.threads):
-        table = replayed(system, touch, fold.name, fold.test, instants)
-        early = prefix(touch, int(instants[len(instants) // 2]))
-        effects = batch_effects(system, early, fold.test)
-        if how.stopping:
-            rule, series = learned(at.cell.estimator, corpus, fold.train, how)
-            table = weighed(table, rule.calibration, rule.waiting, corpus.rate_hz)
-            row: dict[str, object] = {"fold": fold.name, "threshold": rule.threshold}
-            row |= {f"temperature_{k}": v for k, v in asdict(rule.calibration).items()}
-            row |= {
-                f"waiting_{name}": weight
-                for name, weight in zip(STATE, rule.waiting.weights, strict=True)
-            }
+    with limit_threads(at.threads):
+        table = replay_captures(system, touch, fold.name, fold.test, instants)
+        early = first_frames(touch, int(instants[len(instants) // 2]))
+        effects = find_batch_effects(system, early, fold.test)
+        if replay.stopping:
+            rule, series = learn_stopping_rule(at.cell.estimator, corpus, fold.train, replay)
+            table = add_settledness(table, rule.calibration, rule.waiting, corpus.rate_hz)
+            row = {"fold": fold.name, "threshold": rule.threshold}
+            row |= {f"temperature_{k}": value for k, value in asdict(rule.calibration).items()}
+            weights = zip(STATE, rule.waiting.weights, strict=True)
+            row |= {f"waiting_{name}": weight for name, weight in weights}
             tables = {"rules": pd.DataFrame([row]), "thresholds": series.assign(fold=fold.name)}
-    with computing(1):
-        spent = decision_latency(system, touch[fold.test], instants)
-    times = {"replay_ms": spent.ms, "replay_wall_ms": spent.wall_ms}
-    return FoldResult(
-        fold.name, tables={"replay": table} | tables, times=times, batch_effects=effects
-    )
+    with limit_threads(1):
+        latency = time_decisions(system, touch[fold.test], instants)
+    times = {"replay_ms": latency.ms, "replay_wall_ms": latency.wall_ms}
+    tables = {"replay": table} | tables
+    return FoldResult(fold.name, tables=tables, times=times, batch_effects=effects)
 
 
-def replayed(
-    estimator: contract.System,
+def replay_captures(
+    system: contract.System,
     corpus: Corpus,
     fold: str,
     positions: np.ndarray,
     instants: np.ndarray,
 ) -> pd.DataFrame:
-    """The replay table of some captures, without ``confidence`` and ``settled``; sorted by capture, then instant.
+    """Replay some captures; return their replay table without ``confidence`` and ``settled``.
 
-    A system that decides per window has the mean probability of its windows so far.
+    It is sorted by capture, then instant. A system that decides per window has the mean probability
+    of its windows so far.
     """
     parts, before = [], 0
     for frames in instants:
         alive = positions[corpus.lengths[positions] > before]
         if not len(alive):
             break
-        seen = prefix(corpus, frames)
-        table = decisions(estimator, seen, fold, alive)
-        columns = [PREFIX + c for c in classes_of(table)]
-        mean = table.groupby("capture", sort=False)[columns].mean().reindex(corpus.index[alive])
-        rows = (
-            table.drop_duplicates("capture")
-            .set_index("capture")
-            .loc[corpus.index[alive]]
-            .reset_index()
-        )
-        rows[columns] = mean.to_numpy()
+        seen, captures = first_frames(corpus, frames), corpus.index[alive]
+        table = predictions_table(system, seen, fold, alive)
+        columns = [PREFIX + name for name in classes_of(table)]
+        by_capture = table.groupby("capture", sort=False)[columns].mean()
+        rows = table.drop_duplicates("capture").set_index("capture").loc[captures].reset_index()
+        rows[columns] = by_capture.reindex(captures).to_numpy()
         parts.append(rows.assign(start=0, frames=seen.lengths[alive], instant=frames))
         before = frames
     table = pd.concat(parts, ignore_index=True)
@@ -164,21 +145,27 @@ def replayed(
 
 @dataclass(frozen=True)
 class Calibration:
-    """Temperature scaling (Guo et al. 2017) with a temperature that changes with the amount of touch seen.
+    """Temperature scaling (Guo et al. 2017); the temperature changes with the touch seen.
 
-    Probabilities become softmax(log p / T), where log T goes in a straight line over log milliseconds from the first
-    instant to the last. One temperature for all instants would trust early decisions too much, and one for each would
-    rest on few captures at late instants.
+    Probabilities become softmax(log p / T). log T is a straight line over log ms, from the first
+    instant to the last. One temperature for all instants would trust early decisions too
+    much, and one for each would rest on few captures at late instants.
     """
 
     first_ms: float  # seen at the first instant, before which T stays the same
-    last_ms: float  # at the last instant, after which T stays the same
+    last_ms: float  # seen at the last instant, after which T stays the same
     first: float  # temperature at the first instant
-    last: float  # at the last instant
+    last: float  # temperature at the last instant
 
     @classmethod
     def fit(cls, proba: np.ndarray, true: np.ndarray, ms: np.ndarray) -> Calibration:
-        """Maximum likelihood over decisions; temperatures stay within 1/100 and 100."""
+        """Fit to decisions by maximum likelihood; temperatures stay within 1/100 and 100.
+
+        Args:
+            proba: probabilities [decisions, classes].
+            true: index of the true class [decisions].
+            ms: milliseconds seen [decisions].
+        """
         logs = np.log(np.maximum(proba, LEAST))
         late = _lateness(ms, ms.min(), ms.max())
         rows = np.arange(len(logs))
@@ -189,18 +176,17 @@ class Calibration:
             total = logsumexp(scaled, axis=1)
             expected = (np.exp(scaled - total[:, None]) * logs).sum(axis=1)
             slope = -sharp * (expected - logs[rows, true])  # of the loss in log T
-            return (total - scaled[rows, true]).mean(), np.array(
-                [(slope * (1 - late)).mean(), (slope * late).mean()]
-            )
+            gradient = np.array([(slope * (1 - late)).mean(), (slope * late).mean()])
+            return (total - scaled[rows, true]).mean(), gradient
 
         most = np.log(HOTTEST)
-        first, last = np.exp(
-            minimize(loss, np.zeros(2), jac=True, method="L-BFGS-B", bounds=[(-most, most)] * 2).x
-        )
+        bounds = [(-most, most)] * 2
+        ends = minimize(loss, np.zeros(2), jac=True, method="L-BFGS-B", bounds=bounds).x
+        first, last = np.exp(ends)
         return cls(float(ms.min()), float(ms.max()), float(first), float(last))
 
     def __call__(self, proba: np.ndarray, ms: np.ndarray) -> np.ndarray:
-        """Calibrated probabilities [decisions, classes] of decisions that had seen ``ms``; zeros stay zeros."""
+        """Calibrate probabilities [decisions, classes] of decisions that saw ``ms``; 0 stays 0."""
         late = _lateness(ms, self.first_ms, self.last_ms)
         temperature = np.exp(np.log(self.first) * (1 - late) + np.log(self.last) * late)
         calibrated = softmax(np.log(np.maximum(proba, LEAST)) / temperature[:, None], axis=1)
@@ -208,36 +194,37 @@ class Calibration:
 
 
 def _lateness(ms: np.ndarray, first: float, last: float) -> np.ndarray:
-    """Where each time lies between first (0) and last (1) on a logarithmic scale."""
-    return (
-        np.clip(np.log(ms / first) / np.log(last / first), 0, 1)
-        if last > first
-        else np.zeros(len(ms))
-    )
+    """Place of each time between first (0) and last (1) on a logarithmic scale."""
+    if last <= first:
+        return np.zeros(len(ms))
+    return np.clip(np.log(ms / first) / np.log(last / first), 0, 1)
 
 
 @dataclass(frozen=True)
 class Waiting:
-    """The expected gain in accuracy from the rest of a capture: least squares over replayed training captures.
+    """Expected gain in accuracy from the rest of a capture, by least squares over replays.
 
-    A capture that would be labelled no better at its end can be decided on at once, however unsure its label is: two
-    gestures that look the same look the same for ever. So it is not confidence that says when to stop.
+    A capture that would get no better label at its end can be decided on at once, however unsure
+    its label is: gestures that look the same do so for ever. So confidence does not tell when to
+    stop.
     """
 
     weights: tuple[float, ...]  # of the variables of a decision, in the order of `STATE`
 
     @classmethod
     def fit(cls, table: pd.DataFrame, rate_hz: float) -> Waiting:
-        """Fit to a replay table: the target is 1 if only the last decision is right, -1 if only this one is."""
-        right = table["true"].astype(str) == windows(table)["predicted"]
+        """Fit to a replay table.
+
+        The target is 1 if only the last decision is right, -1 if only the present one is.
+        """
+        right = table["true"].astype(str) == label_windows(table)["predicted"]
         last = right.groupby([table["fold"], table["capture"]], sort=False).transform("last")
-        regression = Ridge(RIDGE, fit_intercept=False).fit(
-            _state(table, rate_hz), last.astype(float) - right
-        )
+        regression = Ridge(RIDGE, fit_intercept=False)
+        regression.fit(_state(table, rate_hz), last.astype(float) - right)
         return cls(tuple(regression.coef_.tolist()))
 
     def __call__(self, table: pd.DataFrame, rate_hz: float) -> np.ndarray:
-        """Expected gain of each row, -1 to 1."""
+        """Return the expected gain of each row, -1 to 1."""
         return np.clip(_state(table, rate_hz) @ np.array(self.weights), -1, 1)
 
 
@@ -250,33 +237,23 @@ def _milliseconds_seen(table: pd.DataFrame, rate_hz: float) -> np.ndarray:
 
 
 def _state(table: pd.DataFrame, rate_hz: float) -> np.ndarray:
-    """The variables of each decision [rows, STATE]: its three largest probabilities, time, and the label before it."""
+    """Variables of each decision [rows, STATE]: largest probabilities, time, the label before."""
     proba = -np.sort(-_probabilities(table), axis=1)
-    first, second, third = (
-        proba[:, i] if i < proba.shape[1] else np.zeros(len(proba)) for i in range(3)
-    )
+    proba = np.pad(proba, ((0, 0), (0, max(0, 3 - proba.shape[1]))))
+    first, second, third = proba[:, :3].T
     time = np.log(_milliseconds_seen(table, rate_hz) / FIRST_MS)
-    label = windows(table)["predicted"]
+    label = label_windows(table)["predicted"]
     before = label.groupby([table["fold"], table["capture"]], sort=False).shift(1)
     same = (label == before).to_numpy(dtype=float)
-    columns = [
-        np.ones(len(table)),
-        first,
-        first**2,
-        second,
-        third,
-        time,
-        time**2,
-        first * time,
-        second * time,
-    ]
-    return np.column_stack([*columns, same, same * time])
+    of_proba = [np.ones(len(table)), first, first**2, second, third]
+    of_time = [time, time**2, first * time, second * time]
+    return np.column_stack([*of_proba, *of_time, same, same * time])
 
 
-def weighed(
+def add_settledness(
     table: pd.DataFrame, calibration: Calibration, waiting: Waiting, rate_hz: float
 ) -> pd.DataFrame:
-    """A replay table with the calibrated probability of each decision's label, and how settled it is."""
+    """Add the calibrated probability of each decision's label, and how settled it is."""
     confidence = calibration(_probabilities(table), _milliseconds_seen(table, rate_hz)).max(axis=1)
     return table.assign(confidence=confidence, settled=np.clip(1 - waiting(table, rate_hz), 0, 1))
 
@@ -295,67 +272,64 @@ class Stopping:
         return bool(np.isfinite(self.threshold))
 
 
-def unlearnable(estimator: contract.System, corpus: Corpus) -> str:
-    """The reason why no `Stopping` can be learned from some training captures; empty if it can."""
+def why_unlearnable(system: contract.System, corpus: Corpus) -> str:
+    """Return why no `Stopping` can be learned from training captures; "" if it can."""
     gestures, subjects = corpus.gestures, corpus.subjects.astype(str)
     if len(set(subjects)) < 2:
         return "only one subject trains"
-    for inner, judged in inner_folds(subjects, INNER):
+    for inner, judged in split_subjects(subjects, INNER):
         if len(set(gestures[inner])) < 2:
             return "leaving subjects out leaves one class"
-        if lacking := untrained(gestures, inner, judged):
+        if lacking := untrained_classes(gestures, inner, judged):
             return f"without some of them nobody is left who shows {lacking[0]}"
-        contract.check_training(estimator, corpus[inner], gestures[inner])
+        contract.check_training(system, corpus[inner], gestures[inner])
     return ""
 
 
-def learned(
-    untrained: Callable[[], contract.System],
+def learn_stopping_rule(
+    make_system: Callable[[], contract.System],
     corpus: Corpus,
     train: np.ndarray,
-    how: Instants = USUAL,
+    replay: Instants = Instants(),  # noqa: B008 - it is frozen
 ) -> tuple[Stopping, pd.DataFrame]:
-    """Learn the stopping rule from the training part; also return the result of each threshold there.
+    """Learn the stopping rule from the training part; no other capture is looked at.
 
-    Each of its subjects is replayed by a system that was not trained on it. No other capture is looked at.
+    Each of its subjects is replayed by a system that was not trained on them.
+
+    Returns:
+        The rule, and a row for each threshold tried.
     """
-    part = corpus[train]
-    touch = begun(part, how.start)
-    instants = instants_of(how, int(touch.lengths.max()), corpus.rate_hz)
+    part, rate_hz = corpus[train], corpus.rate_hz
+    touch = skip_to_start(part, replay.start)
+    instants = decision_instants(replay, int(touch.lengths.max()), rate_hz)
     tables = []
-    for number, (inner, judged) in enumerate(inner_folds(part.subjects.astype(str), INNER)):
-        estimator = untrained().fit(part[inner], part.gestures[inner])
-        tables.append(replayed(estimator, touch, str(number), judged, instants))
+    for number, (inner, judged) in enumerate(split_subjects(part.subjects.astype(str), INNER)):
+        system = make_system().fit(part[inner], part.gestures[inner])
+        tables.append(replay_captures(system, touch, str(number), judged, instants))
     table = pd.concat(tables, ignore_index=True)
     true = np.searchsorted(classes_of(table), table["true"].to_numpy(dtype=str))
-    calibration = Calibration.fit(
-        _probabilities(table), true, _milliseconds_seen(table, corpus.rate_hz)
-    )
+    ms = _milliseconds_seen(table, rate_hz)
+    calibration = Calibration.fit(_probabilities(table), true, ms)
     parts = []
-    for (
-        rows
-    ) in tables:  # what waiting gains is learned from other subjects than what stopping loses
+    for rows in tables:  # the gain of waiting is learned from other subjects than the threshold
         others = pd.concat([other for other in tables if other is not rows], ignore_index=True)
-        parts.append(
-            weighed(rows, calibration, Waiting.fit(others, corpus.rate_hz), corpus.rate_hz)
-        )
-    threshold, series = learn_stopping(pd.concat(parts, ignore_index=True), corpus.rate_hz)
-    return Stopping(calibration, Waiting.fit(table, corpus.rate_hz), threshold), series
+        parts.append(add_settledness(rows, calibration, Waiting.fit(others, rate_hz), rate_hz))
+    threshold, series = learn_stopping(pd.concat(parts, ignore_index=True), rate_hz)
+    return Stopping(calibration, Waiting.fit(table, rate_hz), threshold), series
 
 
-def decision_latency(estimator: contract.System, touch: Corpus, instants: np.ndarray) -> Times:
-    """Times from raw frames to a decision: one at a time, warm, over the instants of single captures.
+def time_decisions(system: contract.System, touch: Corpus, instants: np.ndarray) -> Times:
+    """Time decisions from raw frames: one at a time, warm, over instants of single captures.
 
     A system that decides on windows sees its newest one, as it has decided on those before.
     """
-    chosen = some_of(np.arange(len(touch)), TIMED_CAPTURES)
-    seen = some_of(instants, TIMED_INSTANTS)
-    each = []
-    for i in chosen:
-        for frames in np.unique(np.minimum(seen, touch.lengths[i])):  # its end is a decision, too
-            first = frames - contract.frames_at_once(estimator, int(frames))
-            newest = uncached(
-                touch[i : i + 1], storage(touch)[1][i : i + 1] + first, np.array([frames - first])
-            )
-            each.append(partial(estimator.predict, contract.blinded(estimator, newest.detached())))
-    return timed(each)
+    calls = []
+    for i in take_evenly(np.arange(len(touch)), TIMED_CAPTURES):
+        capture, start = touch[i : i + 1], shared_frames(touch)[1][i : i + 1]
+        ends = np.minimum(take_evenly(instants, TIMED_INSTANTS), touch.lengths[i])
+        for frames in np.unique(ends):  # the end of a capture is a decision, too
+            first = frames - contract.frames_at_once(system, int(frames))
+            newest = without_digest(capture, start + first, np.array([frames - first]))
+            blind = contract.blind_captures(system, newest.detach())
+            calls.append(partial(system.predict, blind))
+    return time_repeatedly(calls)

@@ -1,9 +1,9 @@
 """A plan's run in the store, resumed if it exists.
 
-A finished fold is one file of the run, ``folds/N.zip`` by its place in the protocol, and its scores are numbers of the
-run at this step. A file that was cut off while it was written is no zip file, so that a fold is whole or
-missing. When all folds are done, their tables become those of the run, and their files go. A fold that fails leaves
-``folds/N.txt``.
+A finished fold is one file of the run, ``folds/N.zip`` by its index in the protocol, and its scores
+are metrics of the run at this step. A file that was cut off is no zip file, so that a fold is
+complete or missing. When all folds are done, their tables become those of the run, and their files
+go. A fold that fails leaves ``folds/N.txt``.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import hashlib
 import json
 import tempfile
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from io import BytesIO
 from pathlib import Path
@@ -24,73 +25,71 @@ import pandas as pd
 from bench import contract
 from bench.errors import InputError
 from bench.ground.machine import Machine
-from bench.ground.source import git_revision, versions
+from bench.ground.source import git_revision, package_versions
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan
-from bench.running.evaluation import run_of
-from bench.running.results import FoldResult, costs
-from bench.store.client import OF_FOLDS, Store, about_of
-from bench.store.tables import FOR_PEOPLE, file_of, read_table, uniform, write_table
-from bench.values.result import FAILED, Failure, Result
+from bench.running.evaluation import measure_run
+from bench.running.results import FoldResult, combine_costs
+from bench.store.client import FOLD_PREFIX, Store, run_attributes
+from bench.store.tables import CSV_TABLES, as_stored, read_table, table_file, write_table
+from bench.values.result import FAILED_TAG, Failure, Result
 
 if TYPE_CHECKING:
     from mlflow.entities import Run, RunInfo
 
-TABLES = (
-    "predictions",
-    "trials",
-    "tables",
-)  # fields of a fold that are stored as tables; the others as text
-FOLDS = "folds"  # folder of a run with its folds, until they are its tables
-GRIDS = "touchbench.grids"  # tag: digests of the files of grids that name the run; its key does not cover them
+TABLES = ("predictions", "trials", "tables")  # fields of a fold stored as tables; others as text
+FOLDS = "folds"  # folder of a run with its folds; later the name of their table
+GRIDS = "touchbench.grids"  # tag: digests of the files that name the run; not part of its key
 
 
-def tags_of(plan: Plan) -> dict[str, str]:
+def identity_tags(plan: Plan) -> dict[str, str]:
     """Tags that identify a run's data and system in tables."""
     cell, corpus = plan.cell, plan.corpus
-    conditions = ",".join(contract.conditions(cell.untrained))
-    given = {
-        "touchbench.conditions": conditions,
+    optional = {
+        "touchbench.conditions": ",".join(contract.required_conditions(cell.untrained_system)),
         "touchbench.changes": str(corpus.info.get("changes", "")),
     }
-    return {name: text for name, text in given.items() if text} | {
+    return {name: text for name, text in optional.items() if text} | {
         "data": cell.data,
         "synthetic": str(corpus.synthetic).lower(),
         "subset": cell.where or "all",
         "target": cell.target,
         "features": ", ".join(cell.feature_sets()) or "raw frames",
         "model": str(cell.model),
-        "system": cell.system(),
+        "system": cell.system_name(),
         "seed": "none" if cell.seed is None else str(cell.seed),
     }
 
 
-def params_of(plan: Plan) -> dict[str, str]:
-    """Every parameter that a run depends on, and the versions; of the protocol, if there is one."""
+def run_params(plan: Plan) -> dict[str, str]:
+    """Parameters that a run depends on, and versions; of the protocol, if there are folds."""
     cell = plan.cell
     params: dict[str, object] = {
         "data": cell.data,
         "where": cell.where or "all",
         "target": cell.target,
+        "corpus_digest": plan.corpus.digest,
     }
-    params |= {"corpus_digest": plan.corpus.digest} | {
-        f"data.{k}": v for k, v in cell.data_parameters.items()
-    }
+    params |= _with_prefix("data", cell.data_parameters)
     for name, part in (("features", cell.features), ("model", cell.model)):
         if part:
-            params |= {name: part.name} | {f"{name}.{k}": v for k, v in part.parameters.items()}
+            params |= {name: part.name} | _with_prefix(name, part.parameters)
         if part and part.module:
             content = Path(part.name.rpartition(":")[0]).read_bytes()
             params[f"{name}_file"] = hashlib.sha256(content).hexdigest()
-    params |= {f"tuning.{k}": v for k, v in (cell.tuning or {}).items()}
+    params |= _with_prefix("tuning", cell.tuning or {})
     params |= {"threads": plan.threads, "git": git_revision()}
-    params |= {f"version.{k}": v for k, v in versions(cell.model.packages()).items()}
+    params |= _with_prefix("version", package_versions(cell.model.packages()))
     if plan.folds:
-        split = cell.protocol.parameters | cell.protocol.changed()
-        params |= {"protocol": cell.protocol.name} | {f"protocol.{k}": v for k, v in split.items()}
-    for one in cell.producers:
-        params |= one.params()
+        options = cell.protocol.parameters | cell.protocol.changed_parameters()
+        params |= {"protocol": cell.protocol.name} | _with_prefix("protocol", options)
+    for measurement in cell.measurements:
+        params |= measurement.params()
     return {name: str(value) for name, value in params.items()}
+
+
+def _with_prefix(group: str, values: Mapping[str, object]) -> dict[str, object]:
+    return {f"{group}.{name}": value for name, value in values.items()}
 
 
 @dataclass(eq=False)
@@ -99,245 +98,244 @@ class TrackedRun:
 
     store: Store
     plan: Plan
-    made: RunInfo  # what the store knows of the run
+    info: RunInfo  # of MLflow
     params: dict[str, str]
     tags: dict[str, str]
-    done: dict[str, FoldResult] = field(
-        default_factory=dict
-    )  # finished folds by name, as they were stored
-    errors: dict[str, Failure] = field(
-        default_factory=dict
-    )  # by fold that failed, or circumstances in it, in words
-    reasons: dict[str, str] = field(default_factory=dict)  # the same by fold name, in a line
+    finished_folds: dict[str, FoldResult] = field(default_factory=dict)  # by name, as stored
+    errors: dict[str, Failure] = field(default_factory=dict)  # by fold, with failed circumstances
+    reasons: dict[str, str] = field(default_factory=dict)  # of the same, in a line, by fold name
 
     @property
-    def missing(self) -> list[Fold]:
-        """Folds that were neither stored before nor done by now, in the order of the protocol."""
-        return [
-            fold
-            for fold in self.plan.folds
-            if fold.name not in self.done and fold.name not in self.errors
-        ]
+    def missing_folds(self) -> list[Fold]:
+        """Folds that were neither stored before nor run by now, in the order of the protocol."""
+        tried = self.finished_folds.keys() | self.errors.keys()
+        return [fold for fold in self.plan.folds if fold.name not in tried]
 
-    def add(self, result: FoldResult) -> None:
-        """Store one fold, whole or not at all."""
+    def store_fold(self, result: FoldResult) -> None:
+        """Store one fold, completely or not at all."""
+        run_id, artifacts = self.info.run_id, self.info.artifact_uri
         if result.machine and "cpu" not in self.params:
             self.params |= result.machine._asdict()
-            self.store.log(self.made.run_id, params=result.machine._asdict())
-        place = [fold.name for fold in self.plan.folds].index(result.name)
+            self.store.log_values(run_id, params=result.machine._asdict())
+        index = [fold.name for fold in self.plan.folds].index(result.name)
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / f"{place}.txt"
+            path = Path(folder) / f"{index}.txt"
             if result.error or result.failed:
                 path.write_text(result.error or "\n".join(result.failed.values()), encoding="utf-8")
-                self.store.keep(self.made.artifact_uri, path, FOLDS)
+                self.store.log_artifact(artifacts, path, FOLDS)
                 name = ", ".join([result.name, *(f"{key}=" for key in result.failed)])
-                self.reasons[result.name] = result.reason
-                where = self.store.where(self.made.artifact_uri, f"{FOLDS}/{path.name}")
+                where = self.store.describe_artifact(artifacts, f"{FOLDS}/{path.name}")
                 self.errors[name] = Failure(result.reason, where)
+                self.reasons[result.name] = result.reason
             if result.error:
                 return
-            result = _uniform(result)
-            _write(result, path.with_suffix(".zip"))
-            scored = set(result.scored) - set(costs([result]))
-            numbers = {
-                OF_FOLDS + name: result.scored[name] for name in result.scored if name in scored
-            }
-            self.store.log(self.made.run_id, numbers, step=place)
-            self.store.keep(self.made.artifact_uri, path.with_suffix(".zip"), FOLDS)
-        self.done[result.name] = result
+            result = _as_read_back(result)
+            path = path.with_suffix(".zip")
+            _write_fold(result, path)
+            costs = combine_costs([result])
+            scores = {k: value for k, value in result.tracked_metrics.items() if k not in costs}
+            metrics = {FOLD_PREFIX + name: value for name, value in scores.items()}
+            self.store.log_values(run_id, metrics, step=index)
+            self.store.log_artifact(artifacts, path, FOLDS)
+        self.finished_folds[result.name] = result
 
-    def close(self) -> Result:
-        """Measure the run from its folds, and end it; the result reads its tables from the store."""
-        run_id, artifacts, folds = self.made.run_id, self.made.artifact_uri, self.plan.folds
-        results = [self.done[fold.name] for fold in folds if fold.name in self.done]
-        self.tags |= _batch_effects(results) | self._machines()
-        if failed := dict.fromkeys(key for r in results for key in r.failed):
-            self.tags[FAILED] = ", ".join(failed)
-        status = "FINISHED" if len(results) == len(folds) else "FAILED"
-        about = about_of(self.made, self.params, self.tags) | {"status": status}
-        result = run_of(self.plan, about, results) if results else Result(about, {}, {})
-        added = {name: text for name, text in result.about.items() if name not in about}
-        tables = dict(result.tables) | _choices(results) | {FOLDS: self._table()}
-        numbers = result.metrics | {
-            "folds": len(results),
-            "folds_failed": len(folds) - len(results),
-        }
-        self.store.log(run_id, numbers, tags=added | self.tags)
+    def store_result(self) -> Result:
+        """Measure the run from its folds, and end it.
+
+        Returns:
+            The result, which reads its tables from the store.
+        """
+        run_id, artifacts = self.info.run_id, self.info.artifact_uri
+        done = self.finished_folds
+        folds = [done[fold.name] for fold in self.plan.folds if fold.name in done]
+        failed_folds = len(self.plan.folds) - len(folds)
+        self.tags |= _batch_effect_tags(folds) | self._machine_tags()
+        if failed := dict.fromkeys(key for fold in folds for key in fold.failed):
+            self.tags[FAILED_TAG] = ", ".join(failed)
+        status = "FAILED" if failed_folds else "FINISHED"
+        about = run_attributes(self.info, self.params, self.tags) | {"status": status}
+        result = measure_run(self.plan, about, folds) if folds else Result(about, {}, {})
+        own_tags = {k: text for k, text in result.attributes.items() if k not in about}
+        tables = dict(result.tables) | _training_tables(folds) | {FOLDS: self._folds_table()}
+        metrics = result.metrics | {"folds": len(folds), "folds_failed": failed_folds}
+        self.store.log_values(run_id, metrics, tags=own_tags | self.tags)
         with tempfile.TemporaryDirectory() as folder:
             for name, table in tables.items():
-                write_table(table, Path(folder) / file_of(name))
-                if name in FOR_PEOPLE:
+                write_table(table, Path(folder) / table_file(name))
+                if name in CSV_TABLES:
                     table.to_csv(Path(folder) / f"{name}.csv", index=False)
-            self.store.keep(artifacts, Path(folder))
-        self.store.mark(run_id, status)
-        if status == "FINISHED" and not failed:
-            self.store.drop(artifacts, FOLDS)
-        return Result(
-            result.about,
-            numbers,
-            self.store.tables(run_id, artifacts, result.system, [*tables]),
-            self.errors,
-        )
+            self.store.log_artifact(artifacts, Path(folder))
+        self.store.set_status(run_id, status)
+        if not failed_folds and not failed:
+            self.store.delete_artifact(artifacts, FOLDS)
+        stored = self.store.tables_of_run(run_id, artifacts, result.system, [*tables])
+        return Result(result.attributes, metrics, stored, self.errors)
 
-    def _machines(self) -> dict[str, str]:
-        """Tags that say so where the folds are of several machines; they hide the parameters of these names."""
-        several = {result.machine for result in self.done.values() if result.machine}
-        if all(machine._asdict().items() <= self.params.items() for machine in several):
+    def _machine_tags(self) -> dict[str, str]:
+        """Tags with all machines of the folds; they hide the parameters with one machine."""
+        machines = {fold.machine for fold in self.finished_folds.values() if fold.machine}
+        if all(machine._asdict().items() <= self.params.items() for machine in machines):
             return {}
-        return {
-            name: "; ".join(sorted({getattr(m, name) for m in several})) for name in Machine._fields
-        }
+        columns = zip(Machine._fields, zip(*machines, strict=True), strict=True)
+        return {name: "; ".join(sorted({*values})) for name, values in columns}
 
-    def _table(self) -> pd.DataFrame:
-        """A row for each fold: whether it went well, its seconds and numbers, its machine, or why it failed."""
+    def _folds_table(self) -> pd.DataFrame:
+        """A row for each fold: status, seconds, numbers and machine, and why it failed."""
         rows: list[dict[str, object]] = []
         for fold in self.plan.folds:
-            well = fold.name in self.done and fold.name not in self.reasons
-            row: dict[str, object] = {"fold": fold.name, "status": "FINISHED" if well else "FAILED"}
-            if result := self.done.get(fold.name):
-                row |= {"seconds": result.seconds} | result.scored
+            result, reason = self.finished_folds.get(fold.name), self.reasons.get(fold.name, "")
+            row: dict[str, object] = {"fold": fold.name, "status": "FINISHED"}
+            if result is None or reason:
+                row["status"] = "FAILED"
+            if result:
+                row |= {"seconds": result.seconds} | result.tracked_metrics
                 row |= result.machine._asdict() if result.machine else {}
-            rows.append(row | {"error": self.reasons.get(fold.name, "")})
-        return uniform(pd.DataFrame(rows))
+            rows.append(row | {"error": reason})
+        return as_stored(pd.DataFrame(rows))
 
 
-def is_whole(run: Run) -> bool:
-    """Whether a run is stored with all that was asked of it."""
-    return run.info.status == "FINISHED" and not run.data.tags.get(FAILED)
+def is_finished(run: Run) -> bool:
+    """True if a run is stored with all its folds and circumstances."""
+    return run.info.status == "FINISHED" and not run.data.tags.get(FAILED_TAG)
 
 
-def finished(store: Store, run: Run) -> dict[str, FoldResult]:
-    """The finished folds of a run that is not whole, by name."""
-    run_id, artifacts, done = run.info.run_id, run.info.artifact_uri, {}
-    for name in store.names(run_id, artifacts, FOLDS):
-        path = store.path(run_id, artifacts, f"{FOLDS}/{name}")
-        result = _read(path) if path and path.suffix == ".zip" else None
+def has_fold_files(store: Store, run: Run) -> bool:
+    """True if a run still has files of folds: it was cut off, or some failed."""
+    return bool(store.artifact_names(run.info.run_id, run.info.artifact_uri, FOLDS))
+
+
+def load_finished_folds(store: Store, run: Run) -> dict[str, FoldResult]:
+    """Load the finished folds of an unfinished run, by name."""
+    run_id, artifacts, folds = run.info.run_id, run.info.artifact_uri, {}
+    for name in store.artifact_names(run_id, artifacts, FOLDS):
+        path = store.artifact_path(run_id, artifacts, f"{FOLDS}/{name}")
+        result = _read_fold(path) if path and path.suffix == ".zip" else None
         if result and not result.failed:
-            done[result.name] = result
-    return done
+            folds[result.name] = result
+    return folds
 
 
-def whole(store: Store, run: Run, grid: str = "") -> Result:
-    """The result of a run that is stored whole."""
+def load_finished_run(store: Store, run: Run, grid: str = "") -> Result:
+    """Load the result of a finished run, and track the digest of a file that names it."""
     if grid:
-        store.log(run.info.run_id, tags=_grids(run, grid))
-    return store.result(run)
+        store.log_values(run.info.run_id, tags=_grids_tag(run, grid))
+    return store.load_result(run)
 
 
-def tracked(store: Store, plan: Plan, run: Run | None, grid: str = "") -> TrackedRun:
-    """The run of a plan with the folds that it has, which goes on from there; a new one if there is none."""
+def open_run(store: Store, plan: Plan, run: Run | None, grid: str = "") -> TrackedRun:
+    """Open the stored run of a plan, to go on with it, or create one."""
     cell = plan.cell
-    tags = (
-        tags_of(plan) | plan.facts | {"protocol": str(cell.protocol), "protocol_label": plan.label}
-    )
+    tags = identity_tags(plan) | plan.facts
     tags |= {
+        "protocol": str(cell.protocol),
+        "protocol_label": plan.label,
         "touchbench.kind": cell.kind,
         "touchbench.cell": plan.key,
         "touchbench.command": cell.command,
     }
     if not cell.objects:  # an object cannot be typed
         tags["touchbench.arguments"] = json.dumps(cell.arguments())
-    tags |= _grids(run, grid) if grid else {}
-    if run and not run.data.params:
-        store.delete(run.info.run_id)  # cut off while it was made
+    if grid:
+        tags |= _grids_tag(run, grid)
+    if run and not run.data.params:  # it was cut off while it was created
+        store.delete_run(run.info.run_id)
         run = None
     if run is None:
-        params = params_of(plan)
-        made = store.create(_name(cell), {"mlflow.source.name": "bench"} | tags, params).info
-        return TrackedRun(store, plan, made, params, tags)
-    tags |= {FAILED: ""} if FAILED in run.data.tags else {}
-    store.mark(run.info.run_id, "RUNNING")
-    return TrackedRun(store, plan, run.info, dict(run.data.params), tags, finished(store, run))
+        params = run_params(plan)
+        new_tags = {"mlflow.source.name": "bench"} | tags
+        info = store.create_run(_run_name(cell), new_tags, params).info
+        return TrackedRun(store, plan, info, params, tags)
+    if FAILED_TAG in run.data.tags:
+        tags[FAILED_TAG] = ""
+    store.set_status(run.info.run_id, "RUNNING")
+    folds = load_finished_folds(store, run)
+    return TrackedRun(store, plan, run.info, dict(run.data.params), tags, folds)
 
 
-def _grids(run: Run | None, grid: str) -> dict[str, str]:
-    """The tag with the digests of the files that name a run, one of which is new."""
-    known = run.data.tags.get(GRIDS, "").split(", ") if run else []
-    return {GRIDS: ", ".join(dict.fromkeys([*filter(None, known), grid]))}
+def _grids_tag(run: Run | None, grid: str) -> dict[str, str]:
+    """The tag with the digests of the files that name a run, and a new one."""
+    digests = run.data.tags.get(GRIDS, "").split(", ") if run else []
+    return {GRIDS: ", ".join(dict.fromkeys([*filter(None, digests), grid]))}
 
 
-def _name(cell: Cell) -> str:
-    """What a run is called on MLflow's page: its command and title, and what else may tell it from its neighbours."""
-    words = [
-        f"{cell.command} {cell.title()}",
-        cell.where,
-        cell.target if cell.target != "gesture" else "",
-    ]
-    words += [f"{key}={value}" for one in cell.producers for key, value in one.arguments().items()]
-    return " | ".join(filter(None, [*words, "" if cell.seed is None else f"seed {cell.seed}"]))
+def _run_name(cell: Cell) -> str:
+    """Name of a run on MLflow's page: command, title, and what tells it from similar runs."""
+    words = [f"{cell.command} {cell.title()}", cell.where]
+    words.append(cell.target if cell.target != "gesture" else "")
+    for measurement in cell.measurements:
+        words += [f"{key}={value}" for key, value in measurement.typed_arguments().items()]
+    words.append("" if cell.seed is None else f"seed {cell.seed}")
+    return " | ".join(filter(None, words))
 
 
-def _uniform(result: FoldResult) -> FoldResult:
-    """A fold as it is read back."""
+def _as_read_back(result: FoldResult) -> FoldResult:
+    """Return a fold as it is read from its file."""
     return replace(
         result,
-        predictions=uniform(result.table),
-        tables={name: uniform(table) for name, table in result.tables.items()},
-        trials=None if result.trials is None else uniform(result.trials),
-        chosen={str(name): _plain(value) for name, value in result.chosen.items()},
+        predictions=as_stored(result.table),
+        tables={name: as_stored(table) for name, table in result.tables.items()},
+        trials=None if result.trials is None else as_stored(result.trials),
+        chosen={str(name): _json_value(value) for name, value in result.chosen.items()},
     )
 
 
-def _write(result: FoldResult, path: Path) -> None:
+def _write_fold(result: FoldResult, path: Path) -> None:
     """Write a finished fold as a file."""
-    about = {
-        each.name: getattr(result, each.name) for each in fields(result) if each.name not in TABLES
-    }
-    tables = {"predictions": result.table} | {
-        f"tables/{name}": table for name, table in result.tables.items()
-    }
-    if result.trials is not None:  # a system may tell what it chose and not among what
+    names = [each.name for each in fields(result) if each.name not in TABLES]
+    values = {name: getattr(result, name) for name in names}
+    tables = {f"tables/{name}": table for name, table in result.tables.items()}
+    tables["predictions"] = result.table
+    if result.trials is not None:  # a system may tell its choice, but not its trials
         tables["trials"] = result.trials
     with ZipFile(path, "w") as file:
-        file.writestr("fold.json", json.dumps(about | {"tables": [*tables]}, default=_plain))
+        file.writestr("fold.json", json.dumps(values | {"tables": [*tables]}, default=_json_value))
         for name, table in tables.items():
             write_table(table, buffer := BytesIO())
-            file.writestr(file_of(name), buffer.getvalue())
+            file.writestr(table_file(name), buffer.getvalue())
 
 
-def _read(path: Path) -> FoldResult | None:
-    """A finished fold; None of a file that was cut off or is damaged."""
+def _read_fold(path: Path) -> FoldResult | None:
+    """Read a finished fold; None if the file was cut off or is damaged."""
     try:
         with ZipFile(path) as file:
-            about = json.loads(file.read("fold.json"))
-            read = {
-                name: read_table(BytesIO(file.read(file_of(name))), name)
-                for name in about["tables"]
-            }
-            about["machine"] = Machine(*about["machine"]) if about["machine"] else None
+            values, tables = json.loads(file.read("fold.json")), {}
+            for name in values["tables"]:
+                tables[name] = read_table(BytesIO(file.read(table_file(name))), name)
+            values["machine"] = Machine(*values["machine"]) if values["machine"] else None
     except (BadZipFile, zlib.error, KeyError, ValueError, OSError, InputError):
         return None
-    about |= {name: read.pop(name, None) for name in ("predictions", "trials")}
-    return FoldResult(
-        **about | {"tables": {name.removeprefix("tables/"): table for name, table in read.items()}}
-    )
+    values |= {name: tables.pop(name, None) for name in ("predictions", "trials")}
+    values["tables"] = {name.removeprefix("tables/"): table for name, table in tables.items()}
+    return FoldResult(**values)
 
 
-def _plain(value: object) -> object:
-    """A value as JSON gives it back: a text, a number, a truth or None; anything else as it is printed."""
+def _json_value(value: object) -> object:
+    """Return a text, number, truth or None as JSON gives it back; anything else as text."""
     if isinstance(value, np.generic):
         value = value.item()
     return value if value is None or type(value) in (str, int, float, bool) else str(value)
 
 
-def _batch_effects(results: list[FoldResult]) -> dict[str, str]:
-    """Tags that say whether predictions depend on the captures predicted together, and on which capture it showed."""
-    effects = [f"fold {r.name}: {r.batch_effects[0]}" for r in results if r.batch_effects]
-    why = {"touchbench.batch_effect": effects[0]} if effects else {}
-    return {"touchbench.depends_on_batch": str(bool(effects)).lower()} | why
+def _batch_effect_tags(folds: list[FoldResult]) -> dict[str, str]:
+    """Tags: whether predictions depend on other captures of the batch, and the first sentence."""
+    effects = [f"fold {fold.name}: {fold.batch_effects[0]}" for fold in folds if fold.batch_effects]
+    tags = {"touchbench.depends_on_batch": str(bool(effects)).lower()}
+    return tags | ({"touchbench.batch_effect": effects[0]} if effects else {})
 
 
-def _choices(results: list[FoldResult]) -> dict[str, pd.DataFrame]:
-    """What was chosen on each training part, and what among, and numbers by epoch, as far as systems tell."""
+def _training_tables(folds: list[FoldResult]) -> dict[str, pd.DataFrame]:
+    """Tables of choices and trials of each training part, and numbers by epoch, if there are any."""
     tables: dict[str, pd.DataFrame] = {}
-    if any(r.chosen for r in results):
-        tables["chosen"] = uniform(
-            pd.DataFrame([{"fold": r.name} | r.chosen for r in results], dtype=object)
-        )
-    if trials := [r.trials.assign(fold=r.name) for r in results if r.trials is not None]:
-        tables["trials"] = uniform(pd.concat(trials, ignore_index=True))
-    if rows := [
-        {"fold": r.name, "epoch": i} | row for r in results for i, row in enumerate(r.history, 1)
-    ]:
-        tables["history"] = pd.DataFrame(rows)
+    if any(fold.chosen for fold in folds):
+        rows = [{"fold": fold.name} | fold.chosen for fold in folds]
+        tables["chosen"] = as_stored(pd.DataFrame(rows, dtype=object))
+    trials = [fold.trials.assign(fold=fold.name) for fold in folds if fold.trials is not None]
+    if trials:
+        tables["trials"] = as_stored(pd.concat(trials, ignore_index=True))
+    epochs = []
+    for fold in folds:
+        for epoch, numbers in enumerate(fold.history, 1):
+            epochs.append({"fold": fold.name, "epoch": epoch} | numbers)
+    if epochs:
+        tables["history"] = pd.DataFrame(epochs)
     return tables

@@ -12,7 +12,7 @@ LEVEL = 1e-4  # of the full scale; smaller differences count little
 LEAST = np.array([LEVEL, LEVEL, LEVEL, LEVEL, LEVEL, LEVEL, 1.0])
 
 
-def looks(corpus: Corpus) -> np.ndarray:
+def capture_statistics(corpus: Corpus) -> np.ndarray:
     """Seven numbers of each capture that depend little on its gesture.
 
     Mean reading, largest reading, least mean of a frame, in parts of the full scale; mean difference of neighbours in
@@ -24,7 +24,7 @@ def looks(corpus: Corpus) -> np.ndarray:
     rows = np.empty((len(corpus), len(LEAST)))
     for i, capture in enumerate(corpus):
         frames = capture.astype(np.float64) / corpus.full_scale
-        mean, across, down = (frames.mean(), *(gap(frames, axis) + LEVEL for axis in (2, 1)))
+        mean, across, down = (frames.mean(), *(mean_gap(frames, axis) + LEVEL for axis in (2, 1)))
         level = mean + LEVEL
         numbers = [
             mean,
@@ -38,20 +38,20 @@ def looks(corpus: Corpus) -> np.ndarray:
     return rows
 
 
-def gap(frames: np.ndarray, axis: int) -> float:
+def mean_gap(frames: np.ndarray, axis: int) -> float:
     """Mean difference of neighbours along an axis; 0 where it has one taxel."""
     return float(np.abs(np.diff(frames, axis=axis)).mean()) if frames.shape[axis] > 1 else 0.0
 
 
-def usual(corpus: Corpus) -> np.ndarray:
+def usual_range(corpus: Corpus) -> np.ndarray:
     """Least and largest of each number that is usual, [2, 7]: the range in these captures, a little wider."""
-    numbers = looks(corpus)
+    numbers = capture_statistics(corpus)
     least, most = numbers.min(axis=0), numbers.max(axis=0)
     wider = MARGIN * (most - least) + 1e-6  # a number that never differs differs by rounding
     return np.stack([least - wider, most + wider])
 
 
-def unlike(corpus: Corpus, range_: np.ndarray) -> np.ndarray:
+def is_unlike_training(corpus: Corpus, range_: np.ndarray) -> np.ndarray:
     """Which captures have a number outside the usual range."""
-    numbers = looks(corpus)
+    numbers = capture_statistics(corpus)
     return ((numbers < range_[0]) | (numbers > range_[1])).any(axis=1)

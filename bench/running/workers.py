@@ -1,4 +1,4 @@
-"""Workers for folds: this process, or processes of this machine."""
+"""Executors of folds: this process, or worker processes of this machine."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from types import TracebackType
 from typing import Any, Self
 
 from joblib.externals.loky import get_reusable_executor
@@ -19,62 +18,78 @@ from joblib.externals.loky import get_reusable_executor
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.ground.machine import this_machine
+from bench.ground.progress import console
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
-from bench.running.evaluation import folded
-from bench.running.fold import forget_peak
-from bench.running.results import FoldResult, failure
+from bench.running.evaluation import evaluate_fold
+from bench.running.fold import reset_peak_memory
+from bench.running.results import FoldResult, format_traceback
 
 
-class Here:
-    """This process: of one fold at a time, starting another one takes longer than most folds.
+class FoldExecutor:
+    """Runs folds in this process, one at a time; the base of other executors.
 
-    Other workers have the same methods. Every fold gives one result, a crashed worker a failed one. Left with an
-    exception (Ctrl-C), they end the folds that are under way.
+    Every fold gives one result, a crashed worker a failed one. Leaving it with an exception
+    (Ctrl-C) ends the folds under way.
+
+    Args:
+        jobs: number of worker processes; None for one per core.
     """
 
     threads = 0  # of each fold; 0 for those of its plan
+    is_remote = False  # True if other machines may run the folds
+
+    def __init__(self, jobs: int | None = None) -> None:
+        self.jobs = jobs
 
     def __enter__(self) -> Self:
+        if self.jobs and self.jobs > usable_cores():
+            cores = f"this machine has {usable_cores()} cores"
+            console.print(f"warning: jobs={self.jobs}: {cores}, more workers do not help")
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         pass
 
-    def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[FoldResult]:
-        """Do folds of a plan; each result as soon as it is there."""
+    def run_folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[FoldResult]:
+        """Run folds of a plan; yield each result as soon as it is there."""
         fill_cache(plan.cell, plan.corpus)
         for fold in missing:
-            yield do_fold(plan.cell, plan.corpus, fold, plan.threads)
+            yield run_fold(plan.cell, plan.corpus, fold, plan.threads)
 
 
-class Processes(Here):
-    """Worker processes of this machine, which stay for the next plan: importing torch takes seconds."""
+def local_executor(jobs: int | None = None) -> FoldExecutor:
+    """Return an executor on this machine; one job needs no process of its own."""
+    return FoldExecutor(jobs) if jobs == 1 else ProcessExecutor(jobs)
+
+
+class ProcessExecutor(FoldExecutor):
+    """Worker processes of this machine, which stay for the next plan: importing torch is slow."""
 
     pool: Any = None  # of loky, which has no types
 
-    def __exit__(
-        self, kind: type[BaseException] | None, e: BaseException | None, at: TracebackType | None
-    ) -> None:
-        if kind and self.pool:  # else the folds that wait would be run before the process ends
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind and self.pool:  # else the waiting folds would be run before the process ends
             self.pool.shutdown(wait=True, kill_workers=True)
 
-    def folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[FoldResult]:
-        """Do folds side by side; after a worker has died (out of memory, say), one at a time, to see which kills it."""
+    def run_folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[FoldResult]:
+        """Run folds side by side.
+
+        After a worker has died (out of memory, say) they run one at a time, to see which kills it.
+        """
         waiting, running, count = deque(missing), dict[Any, tuple[Fold, float]](), plan.workers
-        self._start(count, plan.threads)
+        self._start_pool(count, plan.threads)
         fill_cache(plan.cell, plan.corpus)  # meanwhile
         while waiting or running:
-            # One more than can run, so that no worker waits while a result is stored; all of them at once is what loky
-            # stumbles over when it is killed.
-            while waiting and len(running) < (count + 1 if count > 1 else 1):
+            # One more than can run, so that no worker waits while a result is stored. loky, when
+            # killed, stumbles over all of them at once.
+            most = count + 1 if count > 1 else 1
+            while waiting and len(running) < most:
                 fold = waiting.popleft()
-                task = self.pool.submit(do_fold, plan.cell, plan.corpus, fold, plan.threads)
+                task = self.pool.submit(run_fold, plan.cell, plan.corpus, fold, plan.threads)
                 running[task] = fold, time.perf_counter()
             done = next(as_completed(running))
-            fold, began = running.pop(done)
+            fold, started = running.pop(done)
             try:
                 yield done.result()
             except BrokenProcessPool as e:
@@ -85,52 +100,53 @@ class Processes(Here):
                     count = 1
                 else:
                     error = f"The worker process died; out of memory?\n{e}"
-                    yield FoldResult(fold.name, error=error, seconds=time.perf_counter() - began)
-                self._start(count, plan.threads)
+                    yield FoldResult(fold.name, error=error, seconds=time.perf_counter() - started)
+                self._start_pool(count, plan.threads)
 
-    def _start(self, count: int, threads: int) -> None:
-        """Have so many processes with so many threads each; those of the last plan, if they are like that."""
+    def _start_pool(self, count: int, threads: int) -> None:
+        """Start worker processes with some threads each; equal ones of the last plan go on."""
         names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
         env = dict.fromkeys(names, str(threads))
         self.pool = get_reusable_executor(
-            count, timeout=60, initializer=_begin, initargs=(os.getpid(),), env=env
+            count, timeout=60, initializer=_init_worker, initargs=(os.getpid(),), env=env
         )
         for _ in range(count):
-            self.pool.submit(usable_cores)  # imports what they need
+            self.pool.submit(usable_cores)  # a worker then imports its modules
 
 
-def _begin(parent: int) -> None:
-    """Ctrl-C reaches the whole process group, only the parent acts on it; a parent that is killed cannot."""
+def _init_worker(parent: int) -> None:
+    """Leave Ctrl-C, which reaches the whole process group, to the parent; end if that is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    threading.Thread(target=_exit_with_parent, args=(parent,), daemon=True).start()
 
 
-def _end_with(parent: int) -> None:
-    """End this process, in the middle of a fold, once its parent is gone: nobody would take the result."""
+def _exit_with_parent(parent: int) -> None:
+    """End this process, even within a fold, once its parent is gone: the result has no use."""
     while os.getppid() == parent:
         time.sleep(0.5)
     os._exit(1)
 
 
-def do_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-    """Do one fold, in a worker; an exception becomes the result's ``error``."""
-    forget_peak()
-    began = time.perf_counter()
+def run_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+    """Run one fold, in a worker; an exception becomes the result's ``error``."""
+    reset_peak_memory()
+    started = time.perf_counter()
     try:
-        result = folded(cell, corpus, fold, threads)
+        result = evaluate_fold(cell, corpus, fold, threads)
     except KeyboardInterrupt:  # in this process
         raise
-    except (
-        BaseException
-    ):  # whatever a system raises is this fold's result; even `sys.exit` does not end the command
-        result = FoldResult(fold.name, error=failure())
-    result.seconds, result.machine = time.perf_counter() - began, this_machine()
+    except BaseException:  # a system may raise anything; even `sys.exit` only fails its fold
+        result = FoldResult(fold.name, error=format_traceback())
+    result.seconds, result.machine = time.perf_counter() - started, this_machine()
     return result
 
 
 def fill_cache(cell: Cell, corpus: Corpus) -> None:
-    """Compute once for all folds the features that need no learning; failures recur in every fold, recorded there."""
+    """Compute the features that need no learning, once for all folds.
+
+    A failure recurs in every fold and is recorded there.
+    """
     for features in cell.feature_sets().values():
         with suppress(Exception, SystemExit):
-            for seen in contract.seen_by_features(cell.untrained, corpus[:1]):
+            for seen in contract.input_of_features(cell.untrained_system, corpus[:1]):
                 features.fit_transform(seen, seen.gestures)

@@ -11,163 +11,159 @@ import numpy as np
 import pandas as pd
 
 from bench.values.intervals import mean_and_error, within_one_standard_error
-from bench.values.scores import over_people, windows
+from bench.values.scores import label_windows, mean_over_subjects
 
 THRESHOLDS = (
     *np.round(np.arange(0.05, 0.96, 0.05), 2).tolist(),
-    0.97,
-    0.98,
-    0.99,
-    0.995,
-    0.999,
-    np.inf,
+    *(0.97, 0.98, 0.99, 0.995, 0.999, np.inf),
 )
 NO_SAVING = "no saving found by deciding early"
+CAPTURE = ["fold", "capture"]
 
 
-def standing(table: pd.DataFrame, frames: int) -> pd.DataFrame:
-    """The latest decision of each capture within ``frames`` frames, with its label."""
-    return windows(
-        table[table["instant"] <= frames].groupby(["fold", "capture"], sort=False).tail(1)
-    )
+def standing_decisions(table: pd.DataFrame, frames: int) -> pd.DataFrame:
+    """The latest decision on each capture within ``frames`` frames, with its label."""
+    decisions = table[table["instant"] <= frames]
+    return label_windows(decisions.groupby(CAPTURE, sort=False).tail(1))
 
 
-def stopped(table: pd.DataFrame, threshold: float) -> pd.DataFrame:
-    """The first decision of each capture that is settled enough, else its last, with its label."""
-    keys = [table["fold"], table["capture"]]
-    reached = (table["settled"] >= threshold).astype(int)
-    before = reached.groupby(keys, sort=False).cumsum() - reached
-    return windows(table[before == 0].groupby(["fold", "capture"], sort=False).tail(1))
+def stopping_decisions(table: pd.DataFrame, threshold: float) -> pd.DataFrame:
+    """The first decision on each capture that is settled enough, else the last, with its label."""
+    settled = (table["settled"] >= threshold).astype(int)
+    before = settled.groupby([table[name] for name in CAPTURE], sort=False).cumsum() - settled
+    return label_windows(table[before == 0].groupby(CAPTURE, sort=False).tail(1))
 
 
 def learn_stopping(table: pd.DataFrame, rate_hz: float) -> tuple[float, pd.DataFrame]:
-    """The threshold that saves most time without loss on training subjects, and what each of the series gives.
+    """Find the threshold that saves most time without loss on training subjects.
 
-    It has the smallest mean observed time whose accuracy, as a mean over subjects, is not below that of whole captures
-    by more than one standard error of the difference.
+    It has the smallest mean observed time whose accuracy, as a mean over subjects, is not below
+    that of whole captures by more than one standard error of the difference.
+
+    Returns:
+        The threshold, and a row for each threshold tried.
     """
-    at_the_end = _hits(stopped(table, np.inf))
+    at_the_end = _accuracy_by_subject(stopping_decisions(table, np.inf))
     rows = []
     for threshold in THRESHOLDS:
-        labelled = stopped(table, threshold)
-        losses = (at_the_end - _hits(labelled)).to_numpy()
+        decisions = stopping_decisions(table, threshold)
+        losses = (at_the_end - _accuracy_by_subject(decisions)).to_numpy()
         lost, error = mean_and_error(losses)
         rows.append(
             {
                 "threshold": threshold,
-                "accuracy": (labelled["true"] == labelled["predicted"]).mean(),
+                "accuracy": (decisions["true"] == decisions["predicted"]).mean(),
                 "lost": lost,
                 "error": error,
                 "allowed": within_one_standard_error(losses),
-                "mean_ms": 1000 / rate_hz * labelled["frames"].mean(),
+                "mean_ms": 1000 / rate_hz * decisions["frames"].mean(),
             }
         )
     series = pd.DataFrame(rows)
-    allowed = series[series["allowed"]]
-    best = allowed.sort_values(
+    fastest = series[series["allowed"]].sort_values(
         ["mean_ms", "threshold"], ascending=[True, False], kind="stable"
-    ).iloc[0]
-    return float(best["threshold"]), series
+    )
+    return float(fastest["threshold"].iloc[0]), series
 
 
-def _hits(labelled: pd.DataFrame) -> pd.Series:
-    """Accuracy of each subject."""
+def _accuracy_by_subject(labelled: pd.DataFrame) -> pd.Series:
     return (labelled["true"] == labelled["predicted"]).groupby(labelled["subject"]).mean()
 
 
-def by_instant(table: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-    """Accuracy of the standing decisions at every instant, with ``ms`` and ``mean_ms``, as shorter captures end."""
-    instants = np.sort(table["instant"].unique())
-    return pd.DataFrame(
-        {"ms": 1000 / rate_hz * frames} | _scored(standing(table, frames), rate_hz)
-        for frames in instants
-    )
+def accuracy_by_instant(table: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
+    """Accuracy of the standing decisions at every instant (``ms``).
+
+    ``mean_ms`` is the mean observed time: shorter captures end before.
+    """
+    rows = []
+    for frames in np.sort(table["instant"].unique()):
+        scores = _score_decisions(standing_decisions(table, frames), rate_hz)
+        rows.append({"ms": 1000 / rate_hz * frames} | scores)
+    return pd.DataFrame(rows)
 
 
-def by_threshold(table: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
-    """Accuracy and mean observed time of stopping at every threshold of the series."""
-    return pd.DataFrame({"threshold": t} | _scored(stopped(table, t), rate_hz) for t in THRESHOLDS)
+def accuracy_by_threshold(table: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
+    """Accuracy and mean observed time of stopping at every threshold of `THRESHOLDS`."""
+    rows = []
+    for threshold in THRESHOLDS:
+        scores = _score_decisions(stopping_decisions(table, threshold), rate_hz)
+        rows.append({"threshold": threshold} | scores)
+    return pd.DataFrame(rows)
 
 
-def learned_point(
-    table: pd.DataFrame, thresholds: dict[str, float], rate_hz: float
+def accuracy_when_stopping(
+    table: pd.DataFrame, rules: pd.DataFrame, rate_hz: float
 ) -> dict[str, float]:
-    """Accuracy and mean observed time where each fold stops at the threshold that its training part gave."""
-    parts = [
-        stopped(rows, thresholds[str(fold)]) for fold, rows in table.groupby("fold", sort=False)
-    ]
-    return _scored(pd.concat(parts, ignore_index=True), rate_hz)
+    """Accuracy and mean observed time where each fold stops at its learned threshold."""
+    thresholds = rules.set_index(rules["fold"].astype(str))["threshold"]
+    parts = []
+    for fold, rows in table.groupby("fold", sort=False):
+        parts.append(stopping_decisions(rows, float(thresholds[str(fold)])))
+    return _score_decisions(pd.concat(parts, ignore_index=True), rate_hz)
 
 
-def _scored(labelled: pd.DataFrame, rate_hz: float) -> dict[str, float]:
-    return {"mean_ms": 1000 / rate_hz * labelled["frames"].mean()} | over_people(labelled)
+def _score_decisions(decisions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
+    mean_ms = 1000 / rate_hz * decisions["frames"].mean()
+    return {"mean_ms": mean_ms} | mean_over_subjects(decisions)
 
 
-def after(table: pd.DataFrame, times: Iterable[float], rate_hz: float) -> dict[float, float]:
-    """Accuracy of the latest decisions after some milliseconds, of those with any decisions."""
-    accuracy = {}
-    for ms in times:
-        frames = int(ms * rate_hz / 1000 + 1e-6)
-        if table["instant"].min() <= frames <= table["instant"].max():
-            labelled = standing(table, frames)
-            accuracy[ms] = over_people(labelled)["accuracy"]
-    return accuracy
-
-
-def standing_labels(
+def labels_after(
     table: pd.DataFrame, times: Iterable[float], key: str, rate_hz: float
 ) -> pd.DataFrame:
-    """The label that stands after each time, in the columns of ``labels`` (`bench.values.stability`)."""
+    """Labels after each time in ms, in the columns of ``labels`` (`bench.values.stability`)."""
     parts = []
     for ms in times:
-        rows = standing(table, int(ms * rate_hz / 1000 + 1e-6))[
-            ["fold", "capture", "subject", "true", "predicted"]
-        ]
+        rows = standing_decisions(table, _frames_after(ms, rate_hz))
+        rows = rows[["fold", "capture", "subject", "true", "predicted"]]
         parts.append(rows.assign(circumstance=key, case=key, level=ms, amount=f"{ms:g} ms"))
     return pd.concat(parts, ignore_index=True)
 
 
-def _thresholds(tables: Mapping[str, pd.DataFrame]) -> dict[str, float]:
-    """Thresholds of settledness, learned from the training part of each fold."""
-    rules = tables["rules"]
-    return {
-        str(fold): float(value)
-        for fold, value in zip(rules["fold"], rules["threshold"], strict=True)
-    }
+def _frames_after(ms: float, rate_hz: float) -> int:
+    return int(ms * rate_hz / 1000 + 1e-6)
 
 
-def fold_numbers(tables: Mapping[str, pd.DataFrame], rate_hz: float) -> dict[str, float]:
-    """Accuracy of whole captures, and of stopping at the learned threshold where one was learned."""
+def replay_fold_metrics(tables: Mapping[str, pd.DataFrame], rate_hz: float) -> dict[str, float]:
+    """Accuracy of whole captures, and of stopping where a threshold was learned."""
     table = tables["replay"]
-    labelled = standing(table, int(table["instant"].max()))
-    numbers = {"replay_accuracy": over_people(labelled)["accuracy"]}
+    whole = mean_over_subjects(standing_decisions(table, int(table["instant"].max())))
+    metrics = {"replay_accuracy": whole["accuracy"]}
     if "rules" in tables:
-        point = learned_point(table, _thresholds(tables), rate_hz)
-        numbers |= {"adaptive_accuracy": point["accuracy"], "adaptive_ms": point["mean_ms"]}
-    return numbers
+        stopping = accuracy_when_stopping(table, tables["rules"], rate_hz)
+        metrics["adaptive_accuracy"] = stopping["accuracy"]
+        metrics["adaptive_ms"] = stopping["mean_ms"]
+    return metrics
 
 
-def replay_numbers(
-    tables: Mapping[str, pd.DataFrame], times: Iterable[float], spent_p95: float, rate_hz: float
+def replay_run_metrics(
+    tables: Mapping[str, pd.DataFrame], times: Iterable[float], decision_ms: float, rate_hz: float
 ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
-    """Numbers and curves of a replay: accuracy by instant, and of adaptive stopping where it was learned."""
+    """Return numbers and curves of a replay, and of early stopping where it was learned.
+
+    Args:
+        tables: ``replay``, and ``rules`` where stopping was learned.
+        times: ms of the numbers ``accuracy_at_..._ms``.
+        decision_ms: 95th percentile of the time of a decision.
+        rate_hz: frames per second.
+    """
     table = tables["replay"]
-    instants = by_instant(table, rate_hz)
-    end = instants.iloc[-1]
-    numbers = {
+    curves = {"instants": accuracy_by_instant(table, rate_hz)}
+    end = curves["instants"].iloc[-1]
+    metrics = {
         "replay_accuracy": end["accuracy"],
         "mean_ms": end["mean_ms"],
-        "decisions_per_second": 1000 / spent_p95,
+        "decisions_per_second": 1000 / decision_ms,
+        "replay_accuracy_low": end["low"],
+        "replay_accuracy_high": end["high"],
     }
-    numbers |= {f"replay_accuracy_{side}": end[side] for side in ("low", "high")}
-    numbers |= {
-        f"accuracy_at_{ms:g}_ms": value for ms, value in after(table, times, rate_hz).items()
-    }
-    made = {"instants": instants}
+    for ms in times:
+        frames = _frames_after(ms, rate_hz)
+        if table["instant"].min() <= frames <= table["instant"].max():
+            decisions = mean_over_subjects(standing_decisions(table, frames))
+            metrics[f"accuracy_at_{ms:g}_ms"] = decisions["accuracy"]
     if "rules" in tables:
-        point = learned_point(table, _thresholds(tables), rate_hz)
-        numbers |= {"adaptive_ms": point["mean_ms"]} | {
-            f"adaptive_{k}": point[k] for k in ("accuracy", "low", "high")
-        }
-        made["stopping"] = by_threshold(table, rate_hz)
-    return {k: float(v) for k, v in numbers.items() if v == v}, made
+        stopping = accuracy_when_stopping(table, tables["rules"], rate_hz)
+        metrics["adaptive_ms"] = stopping["mean_ms"]
+        metrics |= {f"adaptive_{name}": stopping[name] for name in ("accuracy", "low", "high")}
+        curves["stopping"] = accuracy_by_threshold(table, rate_hz)
+    return {name: float(value) for name, value in metrics.items() if not np.isnan(value)}, curves

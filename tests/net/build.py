@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.running.workers import Here
+from bench.running.workers import FoldExecutor
 
 GESTURES = {
     4: "pat",
@@ -174,7 +174,6 @@ RUNS = {  # commands that fill the store, by the name of what they print
             "features=jung28",
             "seed=0,1",
             "faults=noise",
-            "out=seeds",
         ],
     ],
     "replay": [
@@ -208,8 +207,10 @@ def inside(folder: Path, template: Path | None = None) -> Iterator[None]:
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
         patch.chdir(folder)
         if template:
-            patch.setattr("bench.store.client.create", lambda path: shutil.copy(template, path))
-        patch.setattr("bench.running.loop.Processes", Here)
+            patch.setattr(
+                "bench.store.client.create_database", lambda path: shutil.copy(template, path)
+            )
+        patch.setattr("bench.running.workers.ProcessExecutor", FoldExecutor)
         patch.setattr(
             "bench.commands.printing.WIDTH", 250
         )  # room for all columns, however long times are

@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bench.running.loop as loop
+import bench.running.workers as workers
 from bench.cli import main
 from bench.ground.registry import load_part, parameter_defaults, registered_parts
-from bench.ground.words import format_value
+from bench.ground.typed import format_value
 from bench.running.workers import FoldExecutor
 from tests.nightly.bounded import bounded
 
@@ -114,7 +115,7 @@ def lines(draw):
 def ended(words):
     """Exit code and error output of a command."""
     os.environ["OMP_NUM_THREADS"] = "1"
-    loop.ProcessExecutor = FoldExecutor
+    workers.ProcessExecutor = FoldExecutor
     with (
         contextlib.redirect_stderr(io.StringIO()) as errors,
         contextlib.redirect_stdout(io.StringIO()),

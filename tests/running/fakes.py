@@ -14,8 +14,8 @@ from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 
 from bench.protocols.subjects import LOSO
-from bench.running.circumstances.base import Study, option
-from bench.running.results import FoldResult, table_of
+from bench.running.circumstances.base import RunKind, option
+from bench.running.results import FoldResult, join_predictions
 from bench.store.client import Store
 from bench.values.result import Result
 
@@ -26,7 +26,7 @@ class Memory(Store):
     def __init__(self):
         self.kept, self.ids = {}, count()
 
-    def create(self, name, tags, params=None):
+    def create_run(self, name, tags, params=None):
         run_id = str(next(self.ids))
         data = SimpleNamespace(tags=dict(tags), params=dict(params or {}), metrics={}, steps={})
         info = SimpleNamespace(
@@ -36,38 +36,40 @@ class Memory(Store):
         self.kept[run_id] = SimpleNamespace(info=info, data=data, folder=Path(info.artifact_uri))
         return self.kept[run_id]
 
-    def log(self, run_id, metrics=None, params=None, tags=None, step=0):
+    def log_values(self, run_id, metrics=None, params=None, tags=None, step=0):
         data = self.kept[run_id].data
         data.metrics.update(metrics or {})
         data.params.update({k: str(v) for k, v in (params or {}).items()})
         data.tags.update(tags or {})
         data.steps.setdefault(step, {}).update(metrics or {})
 
-    def keep(self, address, path, where=""):
+    def log_artifact(self, address, path, where=""):
         folder = Path(address) / where
         folder.mkdir(exist_ok=True)
         copytree(path, folder, dirs_exist_ok=True) if path.is_dir() else copy(path, folder)
 
-    def drop(self, address, name):
+    def delete_artifact(self, address, name):
         rmtree(Path(address) / name, ignore_errors=True)
 
-    def mark(self, run_id, status):
+    def set_status(self, run_id, status):
         self.kept[run_id].info.status = status
 
-    def delete(self, run_id):
+    def delete_run(self, run_id):
         del self.kept[run_id]
 
-    def find(self, key, kind="cell"):
-        return next((r for r in self.of_kind(kind) if r.data.tags["touchbench.cell"] == key), None)
+    def find_run(self, key, kind="cell"):
+        return next(
+            (r for r in self.runs_of_kind(kind) if r.data.tags["touchbench.cell"] == key), None
+        )
 
-    def of_kind(self, kind, data=""):
+    def runs_of_kind(self, kind, data=""):
         return [r for r in self.kept.values() if r.data.tags["touchbench.kind"] == kind]
 
-    def newest(self, kind, most, **params):
-        return self.of_kind(kind)[::-1][:most]
+    def newest_runs(self, kind, most, **params):
+        return self.runs_of_kind(kind)[::-1][:most]
 
     def statuses(self, kind="echo"):
-        return [r.info.status for r in self.of_kind(kind)]
+        return [r.info.status for r in self.runs_of_kind(kind)]
 
 
 DONE = []  # (number, fold) in the order in which they were done
@@ -75,7 +77,7 @@ MEASURED = {}  # folds that a run was measured from, by number
 
 
 @dataclass(frozen=True)
-class Echo(Study):
+class Echo(RunKind):
     """Predicts nothing: a row for each test capture; fails, or tells more, as dictionaries say."""
 
     key: ClassVar[str] = "echo"
@@ -83,23 +85,22 @@ class Echo(Study):
 
     number: int = option(0, "number", type="count")
 
-    def fold(self, cell, corpus, fold, threads):
+    def evaluate_fold(self, cell, corpus, fold, threads):
         DONE.append((self.number, fold.name))
         if fold.name in self.fails:
             raise self.fails[fold.name]
         table = pd.DataFrame(
             {"fold": fold.name, "capture": corpus.index[fold.test], "value": 8 / (1 + fold.test)}
         )
-        return FoldResult(
-            fold.name, table, {"tested": len(fold.test), "third": 1 / 3}, [0.1], [0.2]
-        )
+        metrics = {"tested": len(fold.test), "third": 1 / 3}
+        return FoldResult(fold.name, table, metrics, [0.1], [0.2], tracked_metrics=metrics)
 
-    def result(self, plan, about, folds):
+    def measure_run(self, plan, about, folds):
         MEASURED[self.number] = folds
         return Result(
             about,
             {"captures": sum(r.metrics["tested"] for r in folds)},
-            {"predictions": table_of(folds)},
+            {"predictions": join_predictions(folds)},
         )
 
 
@@ -131,5 +132,5 @@ class Level(ClassifierMixin, BaseEstimator):
 
 def cell_of(system, *circumstances):
     """What a fold needs of a cell: it makes systems of a class of tests."""
-    known = {"title": lambda: "a cell", "seed": 0, "study": None, "splitter": LOSO()}
+    known = {"title": lambda: "a cell", "seed": 0, "run_kind": None, "splitter": LOSO()}
     return SimpleNamespace(estimator=system, circumstances=circumstances, **known)

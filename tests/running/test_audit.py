@@ -9,11 +9,11 @@ import pytest
 
 import bench
 from bench.cli import main
-from bench.corpora.corpus import storage
-from bench.ground.registry import load, names, parameters
+from bench.corpora.corpus import shared_frames
+from bench.ground.registry import load_part, parameter_defaults, registered_parts
 from bench.models.classic import rf
 from bench.models.search.tuning import Search
-from bench.running.audit import CHECKS, FAILED, PASSED, SKIPPED, captures
+from bench.running.audit import CHECKS, FAILED, PASSED, SKIPPED, audit_captures
 from tests.net.numbers import QUICK
 from tests.running.fakes import Level
 
@@ -81,7 +81,7 @@ class HasSeenTheTest(Nearest):
     def predict_proba(self, X):
         table = {
             frames[0].tobytes(): label
-            for frames, label in zip(captures(), captures().gestures, strict=True)
+            for frames, label in zip(audit_captures(), audit_captures().gestures, strict=True)
         }
         labels = [table.get(frames[0].tobytes(), self.classes_[0]) for frames in X]
         return (np.array(labels)[:, None] == self.classes_).astype(float)
@@ -130,7 +130,7 @@ class KeepsState(Nearest):
 
 class ReadsTestFrames(Nearest):
     def training(self, X, y):
-        self.scale_ = float(storage(X)[0].mean())
+        self.scale_ = float(shared_frames(X)[0].mean())
         return X, y
 
     def of(self, frames):
@@ -239,7 +239,7 @@ def test_what_cannot_be_audited_is_one_line_and_exit_code_2(code, fact, capsys):
 
 def test_the_limit_of_chance_by_hand():
     """28 captures of 14 classes: 9 hits or more have a probability below 0.0005, 8 have not."""
-    assert len(captures()) == 70 and len(set(captures().gestures)) == 14
+    assert len(audit_captures()) == 70 and len(set(audit_captures().gestures)) == 14
     tail = [
         sum(comb(28, n) * 13 ** (28 - n) for n in range(least, 29)) / 14**28 for least in (8, 9)
     ]
@@ -249,15 +249,15 @@ def test_the_limit_of_chance_by_hand():
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("name", names("models"))
+@pytest.mark.parametrize("name", registered_parts("models"))
 def test_built_in_systems_pass(name, monkeypatch):
     """With little to learn: the rules are the same."""
-    forest, search = rf._forest, Search.__init__
+    forest, search = rf._make_pipeline, Search.__init__
     monkeypatch.setattr(
-        rf, "_forest", lambda kind, features, trees, *rest: forest(kind, features, 20, *rest)
+        rf, "_make_pipeline", lambda kind, features, trees, *rest: forest(kind, features, 20, *rest)
     )
     monkeypatch.setattr(search, "__defaults__", (None, "3", 4, *search.__defaults__[3:]))
-    usual = parameters(load("models", name))
+    usual = parameter_defaults(load_part("models", name))
     few = dict.fromkeys({"epochs", "pretraining", "runs"} & {*usual}, 1) | QUICK.get(name, {})
     table = bench.audit(model=name, **{f"model__{key}": value for key, value in few.items()})
     assert not (failed := table["sentence"][table["result"] == FAILED].tolist()), failed

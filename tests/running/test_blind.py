@@ -17,7 +17,7 @@ from bench.features.base import FeatureSet
 from bench.features.jung28 import Jung28
 from bench.models.classic.lda import Discriminants
 from bench.models.steps import DamagedCopies, Repair, Scale
-from bench.plan.cells import make_cells
+from bench.plan.grid import make_cells
 from bench.plan.plan import Fold, make_plans
 from bench.running.circumstances.faults import Faults
 from bench.running.circumstances.instants import Instants

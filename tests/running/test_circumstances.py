@@ -8,18 +8,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.corpora.faults import FAULTS, as_shares, damaged
+from bench.corpora.faults import FAULTS, as_shares, damage_captures
 from bench.errors import InputError
 from bench.ground.registry import load_views
-from bench.plan.cells import make_cells
+from bench.plan.grid import make_cells
 from bench.plan.plan import Fold, make_plans
 from bench.running import loop
 from bench.running.circumstances.faults import Faults
 from bench.running.circumstances.instants import Instants
-from bench.running.circumstances.subjects import Subjects, subset
-from bench.running.evaluation import folded, run_of
+from bench.running.circumstances.subjects import Subjects, captures_of_subjects
+from bench.running.evaluation import evaluate_fold, measure_run
 from bench.values import scores
-from bench.values.stability import COLUMNS, unharmed
+from bench.values.stability import COLUMNS, clean_labels
 from tests.conftest import random_corpus, with_other_values
 from tests.running.fakes import Level, Memory, cell_of
 
@@ -47,13 +47,13 @@ class Recorder(Level):
 def once(*circumstances, system=Level):
     """A fold of a system of tests, and the run of it."""
     cell = cell_of(system, *circumstances)
-    result = folded(cell, CORPUS, FOLD, 1)
-    return result, run_of(SimpleNamespace(corpus=CORPUS, cell=cell), ABOUT, [result])
+    result = evaluate_fold(cell, CORPUS, FOLD, 1)
+    return result, measure_run(SimpleNamespace(corpus=CORPUS, cell=cell), ABOUT, [result])
 
 
 def recorded(corpus, *more):
     Recorder.seen = []
-    return folded(cell_of(Recorder, Faults(FEW), *more), corpus, FOLD, 1), Recorder.seen
+    return evaluate_fold(cell_of(Recorder, Faults(FEW), *more), corpus, FOLD, 1), Recorder.seen
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_only_clean_training_captures_are_seen_and_faults_leave_what_was_learned
     assert set(table) == {"fold", "capture", "true", *(COLUMNS - {"hit"}), "subject", "repetition"}
     noisy = table[table["case"] == "noise"].groupby("level")["amount"].first()
     assert noisy.to_dict() == {s: FAULTS["noise"].describe(s) for s in range(1, 6)}
-    assert (unharmed(table)["length"].to_numpy() == CORPUS.lengths[TEST]).all()
+    assert (clean_labels(table)["length"].to_numpy() == CORPUS.lengths[TEST]).all()
 
 
 def test_fewer_training_subjects_are_among_more_and_never_tested(stressed):
@@ -87,7 +87,7 @@ def test_fewer_training_subjects_are_among_more_and_never_tested(stressed):
     fewer = result.tables["labels"].query("circumstance == 'train_subjects'")
     assert len(fewer) == 2 * len(TEST) and (fewer["level"] == fewer["train_subjects"]).all()
     drawn = {
-        tuple(sorted(set(CORPUS.subjects[subset(CORPUS, TRAIN, TEST, 1, seed)])))
+        tuple(sorted(set(CORPUS.subjects[captures_of_subjects(CORPUS, TRAIN, TEST, 1, seed)])))
         for seed in range(20)
     }
     assert len(drawn) == 3  # other seeds, other subjects
@@ -99,13 +99,13 @@ def test_labels_under_a_fault_are_those_of_the_damaged_captures_and_clean_ones_t
     result = stressed[0]
     table, whole = result.tables["labels"], once()[0].table
     pd.testing.assert_frame_equal(result.table, whole)
-    expected, clean = scores.captures(whole), unharmed(table)
+    expected, clean = scores.label_captures(whole), clean_labels(table)
     for column in ("fold", "capture", "true", "predicted", "subject"):
         assert clean[column].tolist() == expected[column].tolist()
     system, shares = Level().fit(CORPUS[TRAIN], CORPUS.gestures[TRAIN]), as_shares(CORPUS, TEST)
     for fault in map(FAULTS.__getitem__, FEW):
         for severity in range(6):
-            worse = damaged(CORPUS, TEST, shares, fault, severity)
+            worse = damage_captures(CORPUS, TEST, shares, fault, severity)
             part = (
                 table[(table["case"] == fault.name) & (table["level"] == severity)]
                 if severity
@@ -139,7 +139,9 @@ def test_abstentions_are_wrong_in_every_circumstance_and_their_share_is_told():
     _, run = once(Faults(("noise",)), Instants((250.0, 1000.0)), system=Shy)
     system, shares = Shy().fit(CORPUS[TRAIN], CORPUS.gestures[TRAIN]), as_shares(CORPUS, TEST)
     for severity, row in run.tables["faults"].set_index("severity").iterrows():
-        proba = system.predict_proba(damaged(CORPUS, TEST, shares, FAULTS["noise"], severity)[TEST])
+        proba = system.predict_proba(
+            damage_captures(CORPUS, TEST, shares, FAULTS["noise"], severity)[TEST]
+        )
         gone = np.isnan(proba[:, 0])
         hit = system.classes_[np.nan_to_num(proba).argmax(axis=1)] == CORPUS.gestures[TEST]
         assert (row["accuracy"], row["abstained"]) == ((hit & ~gone).mean(), gone.mean())
@@ -163,11 +165,15 @@ def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
         assert len(same) > 3 and same.items() <= measured.metrics.items()
     labels = together.tables["labels"].assign(hit=lambda rows: rows["true"] == rows["predicted"])
     noisy = labels.loc[(labels["case"] == "noise") & (labels["level"] == 3), "hit"].mean()
-    assert measured.metrics["accuracy.noise.3"] == together.scored["accuracy.noise.3"] == noisy
+    assert (
+        measured.metrics["accuracy.noise.3"]
+        == together.tracked_metrics["accuracy.noise.3"]
+        == noisy
+    )
     fewer = labels.loc[labels["train_subjects"] == 1, "hit"].mean()
     assert (
         measured.metrics["accuracy.train_subjects.1"]
-        == together.scored["accuracy.train_subjects.1"]
+        == together.tracked_metrics["accuracy.train_subjects.1"]
         == fewer
     )
     assert "stopping" not in measured.tables and {"fault", "time"} <= {
@@ -178,7 +184,7 @@ def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
 def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_again(
     monkeypatch, capsys
 ):
-    memory, replayed = Memory(), Instants.fold
+    memory, replayed = Memory(), Instants.evaluate_fold
     monkeypatch.setattr(loop, "connect", lambda writes: memory)
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: CORPUS)
     (cell,) = make_cells({"model": "bayes", "features": "jung28"})
@@ -186,7 +192,7 @@ def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_agai
     def run(circumstance):
         monkeypatch.setattr(Instants, "fold", circumstance)
         every = (Faults(("noise",)), Instants((250.0,)))
-        return *loop.execute(
+        return *loop.run_plans(
             make_plans([replace(cell, circumstances=every)], 1)
         ), capsys.readouterr().err
 
@@ -197,11 +203,19 @@ def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_agai
 
     first, said = run(fails)
     assert said.count("fold 2, after= failed: ValueError: no replay") == 1
-    assert first.complete and load_views()["under"].holds(first) and not load_views()["after"].holds(first)
+    assert (
+        first.is_complete
+        and load_views()["under"].applies_to(first)
+        and not load_views()["after"].applies_to(first)
+    )
     assert {"accuracy", "loss.noise"} <= {*first.metrics} and "replay_accuracy" not in first
     second, said = run(replayed)
     assert "fold 2 done" in said and "fold 1 done" not in said
-    assert load_views()["after"].holds(second) and second["replay_accuracy"] > 0 and not second.failed
+    assert (
+        load_views()["after"].applies_to(second)
+        and second["replay_accuracy"] > 0
+        and not second.failed_circumstances
+    )
 
 
 def test_times_in_another_order_are_the_same_run():
@@ -215,7 +229,7 @@ def test_times_in_another_order_are_the_same_run():
 
 def test_a_column_that_tables_of_labels_need_is_refused_before_anything_runs(monkeypatch):
     (cell,) = make_cells({"model": "bayes", "features": "jung28"})
-    named = CORPUS.changed(captures=CORPUS.captures.assign(level=1))
+    named = CORPUS.with_fields(captures=CORPUS.captures.assign(level=1))
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: named)
     with pytest.raises(InputError, match="'level'"):
         make_plans([replace(cell, circumstances=(Faults(FEW),))], 1)

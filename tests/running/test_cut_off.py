@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
-from bench.plan.cells import cells
-from bench.plan.plan import planned
+from bench.plan.grid import make_cells
+from bench.plan.plan import make_plans
 from bench.running import loop
-from bench.running.loop import execute
+from bench.running.loop import run_plans
 from bench.running.tracking import TrackedRun
 from bench.store.client import connect
 from tests import conftest
@@ -45,16 +45,16 @@ def store(monkeypatch):
 
 
 def command():
-    plans = planned(cells(dict(word.split("=") for word in SMALL)), 1)
-    return execute([plan.of(replace(plan.cell, study=Echo())) for plan in plans])
+    plans = make_plans(make_cells(dict(word.split("=") for word in SMALL)), 1)
+    return run_plans([plan.with_cell(replace(plan.cell, run_kind=Echo())) for plan in plans])
 
 
-@pytest.mark.parametrize("step", ["log", "keep", "mark", "drop"])
+@pytest.mark.parametrize("step", ["log_values", "log_artifact", "set_status", "delete_artifact"])
 def test_a_run_that_was_only_begun_is_made_again_with_all_it_needs(step, store, monkeypatch):
     """Killed at each step of the store in turn."""
     killed_in(monkeypatch, store, step, command)
     (outcome,) = command()
-    (run,) = store.of_kind("echo")
+    (run,) = store.runs_of_kind("echo")
     assert run.info.status == "FINISHED" and run.data.params["model"] == "bayes"
     assert (
         len(outcome.tables["folds"]) == 3
@@ -67,8 +67,8 @@ def test_a_run_that_was_only_begun_is_made_again_with_all_it_needs(step, store, 
     "harm", [lambda b: b[:-20], lambda b: b[: len(b) // 2] + b"x" + b[len(b) // 2 + 1 :]]
 )
 def test_a_fold_that_is_cut_off_or_damaged_is_done_again(harm, store, monkeypatch):
-    killed_in(monkeypatch, TrackedRun, "close", command)
-    (run,) = store.of_kind("echo")
+    killed_in(monkeypatch, TrackedRun, "store_result", command)
+    (run,) = store.runs_of_kind("echo")
     path = run.folder / "folds" / "1.zip"
     path.write_bytes(harm(path.read_bytes()))
     DONE.clear()
@@ -87,11 +87,11 @@ def test_trials_and_choices_of_any_type_are_the_same_in_memory_and_after_a_resum
     among = pd.DataFrame([[Echo, 8 / 3, "auto"], [Echo, 0.25, 8]], columns=["kind", 7, "C"])
     told = {"trials": among, "chosen": {"states": ("stuck", "dead"), "n": np.int64(3), 7: None}}
     told["history"] = [{"loss": 1 / 3}, {"loss": 1 / 9}]
-    fold, tables = Echo.fold, []
+    fold, tables = Echo.evaluate_fold, []
     monkeypatch.setattr(Echo, "fold", lambda *all: replace(fold(*all), **told))
     for killed in (True, False):
         if killed:
-            killed_in(monkeypatch, TrackedRun, "close", command)
+            killed_in(monkeypatch, TrackedRun, "store_result", command)
         (result,) = command()
         tables.append([result.tables[name] for name in ("trials", "chosen", "history")])
         store.kept.clear()
@@ -121,11 +121,11 @@ def test_a_fit_that_is_cut_off_can_be_repeated(monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(mlflow.pyfunc, "log_model", lambda **_: None)
         patched.setattr(mlflow.pyfunc, "save_model", half)
-        patched.setattr("bench.ground.scratch.owner", lambda: "nowhere-0-")
+        patched.setattr("bench.ground.scratch.owner_prefix", lambda: "nowhere-0-")
         with pytest.raises(Killed):
             fit()
     assert not Path("saved").exists()
     killed_in(monkeypatch, connect().__class__, "log", fit)
     assert "RUNNING" in [r.info.status for r in runs("fit")[1]]
     assert fit() == 0 and (Path("saved") / "MLmodel").is_file()
-    assert "RUNNING" not in [r.info.status for r in connect().of_kind("fit")]
+    assert "RUNNING" not in [r.info.status for r in connect().runs_of_kind("fit")]

@@ -16,7 +16,7 @@ from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
-from bench.plan.cells import make_cells
+from bench.plan.grid import make_cells
 from bench.running.fit import fit
 from bench.running.replay import STATE, Calibration, Stopping, Waiting, learn_stopping_rule
 from bench.running.saved import Recogniser, load_recogniser, reading_step

@@ -11,29 +11,29 @@ from filelock import FileLock
 
 from bench.errors import ClusterError, InputError
 from bench.ground.machine import Machine
-from bench.ground.scratch import home
-from bench.plan.cells import cells
-from bench.plan.plan import planned, share_cores
-from bench.running import loop
-from bench.running.fold import forget_peak, peak_memory
-from bench.running.loop import Interrupted, Left, execute, expected
-from bench.running.workers import Here
+from bench.ground.scratch import data_folder
+from bench.plan.grid import make_cells
+from bench.plan.plan import make_plans, share_cores
+from bench.running import loop, workers
+from bench.running.fold import peak_memory, reset_peak_memory
+from bench.running.loop import Interrupted, estimate_seconds, run_plans
+from bench.running.workers import FoldExecutor
 from tests.running.fakes import DONE, MEASURED, Echo, Memory
 
 SMALL = ["data.subjects=4", "data.variants=normal", "jobs=2"]
 TINY = {"data.subjects": 4, "data.variants": "normal", "data.repetitions": 1}
 
 
-class Backwards(Here):
+class Backwards(FoldExecutor):
     """Folds in this process, the last one first; they are cut off before fold number ``stop`` is done."""
 
     stop, how = -1, KeyboardInterrupt
 
-    def folds(self, plan, missing):
+    def run_folds(self, plan, missing):
         for fold in reversed(missing):
             if len(DONE) == self.stop:
                 raise self.how
-            yield from super().folds(plan, [fold])
+            yield from super().run_folds(plan, [fold])
 
 
 @pytest.fixture
@@ -41,19 +41,19 @@ def store(monkeypatch):
     DONE.clear()
     memory = Memory()
     monkeypatch.setattr(loop, "connect", lambda writes: memory)
-    monkeypatch.setattr(loop, "Processes", Backwards)
+    monkeypatch.setattr(workers, "ProcessExecutor", Backwards)
     monkeypatch.setattr(Echo, "fails", {})
     return memory
 
 
 @pytest.fixture(scope="module")
 def plan():
-    (plan,) = planned(cells({"model": "bayes", "features": "jung28", **TINY}), 1)
+    (plan,) = make_plans(make_cells({"model": "bayes", "features": "jung28", **TINY}), 1)
     return plan
 
 
 def todo(plan, *numbers):
-    return [plan.of(replace(plan.cell, study=Echo(number))) for number in numbers]
+    return [plan.with_cell(replace(plan.cell, run_kind=Echo(number))) for number in numbers]
 
 
 def test_outcomes_come_in_the_order_of_the_plans_and_folds_in_that_of_the_protocol(
@@ -62,16 +62,17 @@ def test_outcomes_come_in_the_order_of_the_plans_and_folds_in_that_of_the_protoc
     monkeypatch.setattr(
         Echo, "fold_metrics", lambda self, result, rate_hz: {"score": int(result.name) / 3}
     )
-    outcomes = execute(todo(plan, 0, 1, 0))  # the same again is computed once
+    outcomes = run_plans(todo(plan, 0, 1, 0))  # the same again is computed once
     assert [o["echo.number"] for o in outcomes] == ["0", "1", "0"] and store.statuses() == [
         "FINISHED"
     ] * 2
     assert "run 2 of 2" in (said := capsys.readouterr().err) and "stored" not in said
     assert (
-        len(execute(todo(plan, 1))) == 1 and "1 of 1 run already stored" in capsys.readouterr().err
+        len(run_plans(todo(plan, 1))) == 1
+        and "1 of 1 run already stored" in capsys.readouterr().err
     )
     assert (
-        len(execute(todo(plan, 1, 0, 1))) == 3
+        len(run_plans(todo(plan, 1, 0, 1))) == 3
         and capsys.readouterr().err.strip() == "2 of 2 runs already stored"
     )
     assert (
@@ -81,7 +82,7 @@ def test_outcomes_come_in_the_order_of_the_plans_and_folds_in_that_of_the_protoc
     for outcome in outcomes:
         predictions, folds = outcome.tables["predictions"], outcome.tables["folds"]
         assert predictions["capture"].tolist() == [int(i) for i in plan.corpus.index]
-        assert outcome.complete and not outcome.errors and "fold/score" not in outcome
+        assert outcome.is_complete and not outcome.errors and "fold/score" not in outcome
         assert outcome.metrics == {"captures": len(plan.corpus), "folds": 4, "folds_failed": 0}
         assert folds["fold"].tolist() == [*"1234"] and folds["score"].tolist() == [
             1 / 3,
@@ -90,21 +91,23 @@ def test_outcomes_come_in_the_order_of_the_plans_and_folds_in_that_of_the_protoc
             4 / 3,
         ]
         assert {*folds["status"]} == {"FINISHED"} and {*folds["error"]} == {""}
-    for run in store.of_kind("echo"):  # the folds are tables of the run, and steps of its numbers
+    for run in store.runs_of_kind(
+        "echo"
+    ):  # the folds are tables of the run, and steps of its numbers
         assert [run.data.steps[i]["fold/score"] for i in range(4)] == [1 / 3, 2 / 3, 1, 4 / 3]
         assert not (run.folder / "folds").exists()
 
 
 def test_the_time_left_is_that_of_finished_folds(store, plan):
     """Of the run itself, else of one that differs in its protocol; the folds that failed do not count."""
-    execute(todo(plan, 0))
+    run_plans(todo(plan, 0))
     table = pd.DataFrame(
         {"status": ["FINISHED", "FINISHED", "FAILED"], "seconds": [2.0, 4.0, 90.0]}
     )
-    table.to_parquet(store.of_kind("echo")[0].folder / "folds.parquet")
+    table.to_parquet(store.runs_of_kind("echo")[0].folder / "folds.parquet")
     protocol = replace(plan.cell.protocol, name="kfold")
-    like = Left(plan.of(replace(plan.cell, study=Echo(0), protocol=protocol)), 4)
-    other, none = expected(store, [like, Left(todo(plan, 2)[0], 4)])
+    like = (plan.with_cell(replace(plan.cell, run_kind=Echo(0), protocol=protocol)), 4)
+    other, none = estimate_seconds(store, [like, (todo(plan, 2)[0], 4)])
     assert other == pytest.approx(4 * 3 / min(plan.workers, 4)) and none is None
 
 
@@ -115,14 +118,14 @@ def test_what_is_cut_off_goes_on_and_ends_the_same(how, error, store, plan, monk
     monkeypatch.setattr(Backwards, "stop", 5)
     monkeypatch.setattr(Backwards, "how", how)
     with pytest.raises(error):
-        execute(todo(plan, 0, 1))
+        run_plans(todo(plan, 0, 1))
     assert len(DONE) == 5 and store.statuses() == ["FINISHED", "KILLED"]
     monkeypatch.setattr(Backwards, "stop", -1)
-    resumed = execute(todo(plan, 0, 1))
+    resumed = run_plans(todo(plan, 0, 1))
     assert len(DONE) == 8 and len({*DONE}) == 8 and store.statuses() == ["FINISHED"] * 2
     folds = {**MEASURED}
     monkeypatch.setattr(loop, "connect", lambda writes: Memory())
-    for number, (a, b) in enumerate(zip(resumed, execute(todo(plan, 0, 1)), strict=True)):
+    for number, (a, b) in enumerate(zip(resumed, run_plans(todo(plan, 0, 1)), strict=True)):
         assert a.tables["predictions"].equals(b.tables["predictions"]) and a.metrics == b.metrics
         assert [vars(r) | {"predictions": 0, "seconds": 0, "scored": 0} for r in folds[number]] == [
             vars(r) | {"predictions": 0, "seconds": 0, "scored": 0} for r in MEASURED[number]
@@ -137,10 +140,10 @@ def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
         "fails",
         {"2": SystemExit("enough \udcff"), "3": ValueError("not finite\n  at frame 7")},
     )
-    (outcome,) = execute(todo(plan, 0))
+    (outcome,) = run_plans(todo(plan, 0))
     assert (
         [r.name for r in MEASURED[0]] == ["1", "4"]
-        and not outcome.complete
+        and not outcome.is_complete
         and set(outcome.errors) == {"2", "3"}
     )
     assert "ValueError: not finite" in Path(outcome.errors["3"].where).read_text()
@@ -160,12 +163,12 @@ def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
     assert f"fold 2 failed: {errors[1]}\n" in err and f"fold 3 failed: {errors[2]}\n" in err
     Echo.fails.clear()
     DONE.clear()
-    (outcome,) = execute(todo(plan, 0))
+    (outcome,) = run_plans(todo(plan, 0))
     assert DONE == [(0, "3"), (0, "2")] and not outcome.errors and store.statuses() == ["FINISHED"]
     monkeypatch.setattr(Echo, "fails", {f: ValueError() for f in "1234"})
-    (outcome,) = execute(todo(plan, 1))
+    (outcome,) = run_plans(todo(plan, 1))
     assert (
-        not outcome.scored
+        not outcome.has_scores
         and outcome.metrics == {"folds": 0, "folds_failed": 4}
         and store.statuses()[1] == "FAILED"
     )
@@ -173,31 +176,31 @@ def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
 
 def test_a_run_of_another_process_ends_the_command_after_those_before_it(store, plan):
     one, two = todo(plan, 0, 1)
-    (home() / "locks").mkdir(parents=True)
+    (data_folder() / "locks").mkdir(parents=True)
     with (
-        FileLock(home() / "locks" / f"{two.key}.lock"),
+        FileLock(data_folder() / "locks" / f"{two.key}.lock"),
         pytest.raises(InputError, match="another process"),
     ):
-        execute([one, two])
+        run_plans([one, two])
     assert {number for number, _ in DONE} == {0} and store.statuses() == ["FINISHED"]
-    assert len(execute([one, two])) == 2  # all locks are free again
+    assert len(run_plans([one, two])) == 2  # all locks are free again
 
 
 def test_a_run_names_its_machines(store, plan, monkeypatch):
     machines = iter([Machine("fast", "avx2"), Machine("slow", "sse")] * 2)
     monkeypatch.setattr("bench.running.workers.this_machine", lambda: next(machines))
     for _ in range(2):  # as it ends, and as it is stored
-        (run,) = execute(todo(plan, 0))
+        (run,) = run_plans(todo(plan, 0))
         assert run["cpu"] == "fast; slow" and run["simd"] == "avx2; sse"
 
 
 def test_peak_memory_is_that_of_the_fold_alone():
-    forget_peak()
+    reset_peak_memory()
     before = peak_memory()
     array = np.ones(60_000_000)  # 480 MB
     assert peak_memory() > before + array.nbytes / 2
     del array
-    forget_peak()
+    reset_peak_memory()
     assert peak_memory() < before + 240_000_000
 
 

@@ -10,31 +10,31 @@ from hypothesis import strategies as st
 from scipy.special import softmax
 from sklearn.base import BaseEstimator, ClassifierMixin
 
-from bench.corpora.corpus import Corpus, storage, unblinded
+from bench.corpora.corpus import Corpus, shared_frames, unblind
 from bench.features.jung54 import Jung54
 from bench.plan.plan import Fold
 from bench.running.circumstances.instants import Instants
-from bench.running.evaluation import folded, run_of
+from bench.running.evaluation import evaluate_fold, measure_run
 from bench.running.replay import (
     STATE,
     Calibration,
     Waiting,
-    begun,
-    decision_latency,
-    instants_of,
-    learned,
-    prefix,
-    replayed,
-    unlearnable,
-    weighed,
+    add_settledness,
+    decision_instants,
+    first_frames,
+    learn_stopping_rule,
+    replay_captures,
+    skip_to_start,
+    time_decisions,
+    why_unlearnable,
 )
 from bench.values.stopping import (
-    by_instant,
-    by_threshold,
+    accuracy_by_instant,
+    accuracy_by_threshold,
+    accuracy_when_stopping,
     learn_stopping,
-    learned_point,
-    standing,
-    stopped,
+    standing_decisions,
+    stopping_decisions,
 )
 from tests.conftest import random_corpus, with_other_values
 from tests.running.fakes import Level, cell_of
@@ -102,12 +102,12 @@ def test_a_prefix_is_the_first_frames(lengths, frames):
         arrays, pd.DataFrame({"subject": ["1"] * len(lengths), "gesture": "a"}), 50.0
     )
     corpus = corpus[::-1]
-    cut, half = prefix(corpus, frames), begun(corpus, "middle")
+    cut, half = first_frames(corpus, frames), skip_to_start(corpus, "middle")
     for first, rest, capture in zip(cut, half, arrays[::-1], strict=True):
         assert np.array_equal(first, capture[:frames])
         assert np.array_equal(rest, capture[len(capture) // 2 :]) and len(rest)
-    assert storage(cut)[0] is storage(corpus)[0]
-    assert begun(corpus, "onset") is corpus
+    assert shared_frames(cut)[0] is shared_frames(corpus)[0]
+    assert skip_to_start(corpus, "onset") is corpus
 
 
 @given(st.integers(1, 2000), st.floats(1, 500), st.one_of(st.none(), st.floats(1, 5000)))
@@ -119,14 +119,16 @@ def test_instants_rise_to_the_longest_capture(longest, rate, hop_ms):
         ms = now * hop_ms if hop_ms else 62.5 * 2 ** ((now - 1) / 2)
         times.append(int(np.floor(ms * rate / 1000 + 1e-6)))
     naive = sorted({n for n in times if 0 < n < longest} | {longest})
-    assert instants_of(Instants((), hop_ms), longest, rate).tolist() == naive
+    assert decision_instants(Instants((), hop_ms), longest, rate).tolist() == naive
 
 
 def test_features_of_prefixes_are_not_those_kept_for_whole_captures(stored):
     features = Jung54()
     features.fit_transform(stored)
     naive = Corpus.from_captures([f[:7] for f in stored], stored.captures, stored.rate_hz)
-    pd.testing.assert_frame_equal(features.transform(prefix(stored, 7)), features.extract(naive))
+    pd.testing.assert_frame_equal(
+        features.transform(first_frames(stored, 7)), features.extract(naive)
+    )
 
 
 @given(lengths_of, st.sampled_from([Rising, Thirds]))
@@ -152,7 +154,7 @@ def test_a_replay_decides_on_every_prefix_once(lengths, system):
                     else estimator.decide(one)[1].mean(axis=0)
                 )
                 naive.append((i, len(one[0]), frames, *proba))
-    found = replayed(estimator, corpus, "x", positions, instants)
+    found = replay_captures(estimator, corpus, "x", positions, instants)
     columns = ["capture", "frames", "instant", "p_a", "p_b", "p_c"]
     np.testing.assert_allclose(found[columns].to_numpy(dtype=float), naive, rtol=1e-5)
 
@@ -165,7 +167,7 @@ def test_decisions_are_timed_one_by_one():
             seen.append(X.lengths.tolist())
             return super().predict(X)
 
-    spent = decision_latency(Timed().fit(corpus, corpus.gestures), corpus[:3], np.array([4, 300]))
+    spent = time_decisions(Timed().fit(corpus, corpus.gestures), corpus[:3], np.array([4, 300]))
     assert seen == [[4], [10], [3], [4], [7]] and len(spent.ms) == 5 and min(spent.ms) > 0
 
 
@@ -220,7 +222,9 @@ def test_waiting_is_the_ridge_regression_of_what_the_last_decision_gains():
         by_hand.T @ by_hand + 0.01 * np.eye(len(STATE)), by_hand.T @ [1, 1, 0, 0]
     )
     np.testing.assert_allclose(Waiting.fit(table, 80.0).weights, expected, atol=1e-8)
-    unsure = weighed(table, Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.6, -1.0, *[0.0] * 9)), 80.0)
+    unsure = add_settledness(
+        table, Calibration(1.0, 1.0, 1.0, 1.0), Waiting((0.6, -1.0, *[0.0] * 9)), 80.0
+    )
     assert unsure["settled"].tolist() == pytest.approx(
         [0.9, 0.8, 1, 1]
     )  # 1 - 0.6 + the largest probability, at most 1
@@ -230,14 +234,16 @@ def test_waiting_is_the_ridge_regression_of_what_the_last_decision_gains():
 def test_stopping_as_calculated_by_hand():
     corpus = coded_corpus()
     table = surely(
-        replayed(Rising().fit(corpus, corpus.gestures), corpus, "x", np.arange(6), np.arange(1, 13))
+        replay_captures(
+            Rising().fit(corpus, corpus.gestures), corpus, "x", np.arange(6), np.arange(1, 13)
+        )
     )
     # n / (n + 1) >= 0.8 from 4 frames on; the capture of 3 frames never gets there and is labelled at its end, wrongly
-    early = stopped(table, 0.8)
+    early = stopping_decisions(table, 0.8)
     assert early["frames"].tolist() == [4, 3, 4, 4, 4, 4]
     assert (early["true"] == early["predicted"]).tolist() == [True, False, True, True, True, True]
-    assert stopped(table, 0.0)["frames"].tolist() == [1] * 6
-    assert stopped(table, np.inf)["frames"].tolist() == [10, 3, 7, 12, 5, 9]
+    assert stopping_decisions(table, 0.0)["frames"].tolist() == [1] * 6
+    assert stopping_decisions(table, np.inf)["frames"].tolist() == [10, 3, 7, 12, 5, 9]
     threshold, series = learn_stopping(table, corpus.rate_hz)
     assert threshold == 0.8  # 0.75 stops after three frames
     row = series[series["threshold"] == 0.8].iloc[0]
@@ -247,16 +253,17 @@ def test_stopping_as_calculated_by_hand():
         and row["lost"] == 0
     )
     # after 4 frames the standing decisions are those of 4 frames; after 9 nothing has changed but what was seen
-    assert standing(table, 4)["frames"].tolist() == [4, 3, 4, 4, 4, 4]
-    curve = by_instant(table, corpus.rate_hz).set_index("ms")
+    assert standing_decisions(table, 4)["frames"].tolist() == [4, 3, 4, 4, 4, 4]
+    curve = accuracy_by_instant(table, corpus.rate_hz).set_index("ms")
     assert curve.loc[30.0, "accuracy"] == 0 and curve.loc[40.0, "accuracy"] == pytest.approx(5 / 6)
     assert curve.loc[120.0, "mean_ms"] == pytest.approx(10 * 46 / 6)
-    swept = by_threshold(table, corpus.rate_hz).set_index("threshold")
+    rules = pd.DataFrame({"fold": ["x"], "threshold": 0.8})
+    swept = accuracy_by_threshold(table, corpus.rate_hz).set_index("threshold")
     assert (
         swept.loc[0.8, "accuracy"] == pytest.approx(5 / 6)
         and swept.loc[0.8, "mean_ms"] == row["mean_ms"]
     )
-    assert learned_point(table, {"x": 0.8}, corpus.rate_hz)["mean_ms"] == row["mean_ms"]
+    assert accuracy_when_stopping(table, rules, corpus.rate_hz)["mean_ms"] == row["mean_ms"]
 
 
 def test_a_loss_within_one_standard_error_is_allowed():
@@ -283,16 +290,19 @@ def test_stopping_never_looks_at_later_frames(seed, threshold):
     )
 
     def stops(corpus):
-        table = replayed(estimator, corpus, "x", np.arange(len(corpus)), np.array([1, 2, 4, 6, 12]))
-        return stopped(
-            surely(table) if seed % 2 else weighed(table, calibration, waiting, 100.0), threshold
+        table = replay_captures(
+            estimator, corpus, "x", np.arange(len(corpus)), np.array([1, 2, 4, 6, 12])
+        )
+        return stopping_decisions(
+            surely(table) if seed % 2 else add_settledness(table, calibration, waiting, 100.0),
+            threshold,
         )
 
     before, frames = stops(corpus), corpus.frames.copy()
     for i, seen in enumerate(before["frames"]):
         rest = slice(corpus.starts[i] + seen, corpus.starts[i] + corpus.lengths[i])
         frames[rest] = rng.integers(0, 3, frames[rest].shape)
-    pd.testing.assert_frame_equal(before, stops(corpus.changed(frames=frames)))
+    pd.testing.assert_frame_equal(before, stops(corpus.with_fields(frames=frames)))
 
 
 @pytest.fixture(scope="module")
@@ -300,16 +310,16 @@ def leveled():
     """A small corpus, a fold of it, and what a replay makes of it with a system that learns from levels."""
     corpus = random_corpus(subjects=4, per_class=2, grid=(3, 4))
     fold = Fold("2", np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2"))
-    return corpus, fold, folded(cell_of(Level, STREAM), corpus, fold, 1)
+    return corpus, fold, evaluate_fold(cell_of(Level, STREAM), corpus, fold, 1)
 
 
 def test_no_test_subject_has_a_say_in_calibration_and_threshold(leveled):
     corpus, fold, first = leveled
-    other = folded(cell_of(Level, STREAM), with_other_values(corpus, fold.test), fold, 1)
+    other = evaluate_fold(cell_of(Level, STREAM), with_other_values(corpus, fold.test), fold, 1)
     for name in ("rules", "thresholds"):
         assert first.tables[name].equals(other.tables[name])
     assert not first.tables["replay"].equals(other.tables["replay"])
-    stopping, _ = learned(
+    stopping, _ = learn_stopping_rule(
         Level, with_other_values(corpus, fold.train[::2]), fold.train, Instants((), 100.0)
     )
     assert first.tables["rules"]["temperature_first"].item() != stopping.calibration.first
@@ -325,10 +335,10 @@ def test_training_subjects_are_judged_by_systems_that_were_not_trained_on_them()
             return super().fit(X, y)
 
         def predict_proba(self, X):
-            pairs.append((self.subjects_, set(unblinded(X)[0].subjects)))
+            pairs.append((self.subjects_, set(unblind(X)[0].subjects)))
             return super().predict_proba(X)
 
-    learned(Watched, corpus, np.flatnonzero(corpus.subjects != "3"), Instants((), 30.0))
+    learn_stopping_rule(Watched, corpus, np.flatnonzero(corpus.subjects != "3"), Instants((), 30.0))
     assert pairs and all(
         not trained & judged and "3" not in trained | judged for trained, judged in pairs
     )
@@ -336,31 +346,31 @@ def test_training_subjects_are_judged_by_systems_that_were_not_trained_on_them()
 
 def test_captures_that_cannot_teach_when_to_stop_are_refused_in_words():
     corpus = coded_corpus()
-    assert unlearnable(Rising(), corpus) == ""
+    assert why_unlearnable(Rising(), corpus) == ""
     two = corpus[np.isin(corpus.subjects, ["0", "1"])]
     for part in (two.subjects == "0", (two.subjects == "0") | (two.gestures != "c")):
-        assert unlearnable(Rising(), two[part])
+        assert why_unlearnable(Rising(), two[part])
 
 
 def test_a_fold_scores_whole_captures_as_bench_run_and_stops_as_it_has_learned(leveled):
     """Labels of whole captures are those of a plain run; times are 10 ms a frame."""
     corpus, fold, result = leveled
-    plain, replay = folded(cell_of(Level), corpus, fold, 1), result.tables["replay"]
+    plain, replay = evaluate_fold(cell_of(Level), corpus, fold, 1), result.tables["replay"]
     pd.testing.assert_frame_equal(result.table, plain.table)
-    labelled = stopped(replay, np.inf).set_index("capture").loc[plain.table["capture"]]
+    labelled = stopping_decisions(replay, np.inf).set_index("capture").loc[plain.table["capture"]]
     np.testing.assert_allclose(labelled.filter(like="p_"), plain.table.filter(like="p_"), rtol=1e-6)
     early, by_hand = (
-        stopped(replay, result.tables["rules"]["threshold"].item()),
-        standing(replay, 25),
+        stopping_decisions(replay, result.tables["rules"]["threshold"].item()),
+        standing_decisions(replay, 25),
     )
-    run = run_of(
+    run = measure_run(
         SimpleNamespace(corpus=corpus, cell=cell_of(Level, STREAM)), {"target": "gesture"}, [result]
     ).metrics
     assert (
         result.scored["replay_accuracy"]
         == run["replay_accuracy"]
         == run["accuracy"]
-        == plain.scored["accuracy"]
+        == plain.tracked_metrics["accuracy"]
     )
     assert result.scored["adaptive_accuracy"] == (early["true"] == early["predicted"]).mean()
     assert (

@@ -6,7 +6,7 @@ import pytest
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
-from bench.running.unlike import LEVEL, looks, unlike, usual
+from bench.running.unlike import LEVEL, capture_statistics, is_unlike_training, usual_range
 
 
 def corpus_of(*captures, full_scale=1023.0):
@@ -22,21 +22,23 @@ def test_looks_of_a_capture_by_hand():
     mean, across, down = 0.74 / 12, 0.42 / 8 + LEVEL, 0.34 / 6 + LEVEL
     expected = [mean, 0.2, 0.14 / 6, across / (mean + LEVEL), down / (mean + LEVEL), across / down]
     expected = np.log([*(np.array(expected) + LEVEL), 1 + 4 / 12])
-    np.testing.assert_allclose(looks(corpus_of(frames, full_scale=100.0))[0], expected, rtol=1e-6)
+    np.testing.assert_allclose(
+        capture_statistics(corpus_of(frames, full_scale=100.0))[0], expected, rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("shape", [(1, 4), (4, 1), (1, 1)])
 def test_a_sensor_of_one_row_or_column_is_told_from_its_inverse(shape):
     frames = np.random.default_rng(0).integers(0, 300, (3, 20, *shape))
     captures = corpus_of(*frames)
-    assert not unlike(captures, usual(captures)).any()
-    assert unlike(corpus_of(*(1023 - frames)), usual(captures)).all()
+    assert not is_unlike_training(captures, usual_range(captures)).any()
+    assert is_unlike_training(corpus_of(*(1023 - frames)), usual_range(captures)).all()
 
 
 def test_a_left_out_person_is_usual_and_other_readings_are_not():
     corpus = generate(subjects=6, rows=5, cols=5)
     left_out = corpus.subjects == "1"
-    range_, rest = usual(corpus[np.flatnonzero(~left_out)]), corpus[np.flatnonzero(left_out)]
-    assert unlike(rest, range_).mean() <= 0.05
+    range_, rest = usual_range(corpus[np.flatnonzero(~left_out)]), corpus[np.flatnonzero(left_out)]
+    assert is_unlike_training(rest, range_).mean() <= 0.05
     for change in (lambda f: 1023 - f, lambda f: f // 8):
-        assert unlike(rest.changed(frames=change(rest.frames)), range_).mean() > 0.9
+        assert is_unlike_training(rest.with_fields(frames=change(rest.frames)), range_).mean() > 0.9

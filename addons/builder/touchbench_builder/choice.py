@@ -17,27 +17,33 @@ from bench.commands import run as commands
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
-from bench.grammar.options import backend_of, keys, limits_of, settings, values_of
-from bench.ground.progress import about, span
+from bench.grammar.options import (
+    cost_limits,
+    key_options,
+    make_executor,
+    typed_settings,
+    values_from_keywords,
+)
+from bench.ground.progress import format_estimate, format_seconds
 from bench.models.search import portfolio
-from bench.plan.cells import cells
-from bench.plan.plan import corpus_of
+from bench.plan.grid import make_cells
+from bench.plan.plan import captures_of_cell
 from bench.reading import choice as rule
-from bench.reading.scene import Scene, boards
+from bench.reading.scene import Scene, load_boards
 from bench.running.fit import fit
-from bench.running.loop import Left, execute, expected, lookup
-from bench.running.saved import Recogniser, load
+from bench.running.loop import estimate_seconds, find_stored_runs, run_plans
+from bench.running.saved import Recogniser, load_recogniser
 from bench.store.client import connect
-from bench.values.measures import costs
-from bench.values.scores import captures
-from touchbench_chip.measure import ROOMY, lacking, measured, measured_watching
-from touchbench_chip.tables import check
-from touchbench_chip.write import digest, files_of
+from bench.values.measures import all_costs
+from bench.values.scores import label_captures
+from touchbench_chip.measure import ROOMY, measure_footprint, measure_watching, missing_programs
+from touchbench_chip.tables import check_exportable
+from touchbench_chip.write import hash_fixed_code, write_c_sources
 from touchbench_streams.teaching import Watching
 
 if TYPE_CHECKING:
     from bench.contract import System
-    from bench.ground.machine import Backend
+    from bench.running.workers import FoldExecutor
     from bench.plan.cells import Cell
     from bench.plan.plan import Plan
     from bench.values.result import Result
@@ -103,20 +109,20 @@ def systems(corpus: Corpus) -> list[tuple[dict[str, Any], float]]:
     They are the first trials of ``model=auto`` on windows of ``touch``, one for each model and window, behind the
     repair of broken taxels; the smallest system, and the most accurate one of the models with C.
     """
-    every = [portfolio.complete(trial) for trial in portfolio.FIRST]
+    every = [portfolio.with_defaults(trial) for trial in portfolio.FIRST_TRIALS]
     trials: dict[tuple, dict[str, Any]] = {}
     for trial in [t for t in every if t["window"]] + [
         t | {"window": 1.0} for t in every if not t["window"]
     ]:
         try:
-            check(portfolio.system(trial, 0))
+            check_exportable(portfolio.make_system(trial, 0))
         except InputError:
             continue
         if trial["features"] == "touch":
             trials.setdefault((trial["model"], trial["window"]), trial)
     width = len(TouchFeatures().fit(corpus[:1]).names_)
     found: list[tuple[dict[str, Any], float]] = [
-        (SMALLEST, portfolio.LEAST_S),
+        (SMALLEST, portfolio.MIN_FIT_S),
         (LARGEST, LARGEST_S),
     ]
     for (model, window), trial in trials.items():
@@ -130,7 +136,12 @@ def systems(corpus: Corpus) -> list[tuple[dict[str, Any], float]]:
             f"model.{key.partition('.')[2]}": value for key, value in trial.items() if "." in key
         }
         values |= {"model.bits": BITS} if model in ROUNDED else {}
-        found.append((values, portfolio.work(trial, corpus, width, len(set(corpus.gestures)))))
+        found.append(
+            (
+                values,
+                portfolio.expected_fit_seconds(trial, corpus, width, len(set(corpus.gestures))),
+            )
+        )
     return sorted(found, key=lambda pair: pair[1])
 
 
@@ -145,8 +156,8 @@ def compared(
 
     ``limits``, budgets of the command line, replace these; ``on`` has the keys of ``bench run`` that name the captures.
     """
-    progress.begin(f"systems on people left out, within {span(progress.left)}")
-    under = {"under": [*scene.faults.names]} if scene.faults else {}
+    progress.begin_run(f"systems on people left out, within {format_seconds(progress.left)}")
+    under = {"under": [*scene.faults]} if scene.faults else {}
     every = [
         pair for pair in systems(corpus) if not (scene_watches(scene) and pair[0] == SMALLEST)
     ]  # its C cannot
@@ -154,20 +165,22 @@ def compared(
     results, left_out, longest, slowest = [], [], 0.0, 0.0
     for number, (values, work) in enumerate(every, 1):
         name, before = shown(values), progress.left
-        plan, backend = planned(on | {"protocol": "loso"} | values | under)
+        plan, executor = planned(on | {"protocol": "loso"} | values | under)
         seconds = max(slowest, work * len(plan.folds) / plan.workers)
         need = max(longest, seconds) + sum(afterwards(plan, scene, seconds))
-        if results and before < need and lookup(connect(), [plan])[1]:
+        if results and before < need and find_stored_runs(connect(), [plan])[1]:
             left_out.append(
-                f"{name}: with its tests and its last fit, it would take {about(need)}; raise seconds="
+                f"{name}: with its tests and its last fit, it would take {format_estimate(need)}; raise seconds="
             )
             continue
-        progress.say(f"system {number} of {len(every)}: {name}; {span(before)} left")
+        progress.say(f"system {number} of {len(every)}: {name}; {format_seconds(before)} left")
         try:
-            result = run(plan, backend)
-            linked = {} if lacking() else _linked(on, values, str(result["run_id"]))
+            result = run(plan, executor)
+            linked = {} if missing_programs() else _linked(on, values, str(result["run_id"]))
             result.metrics |= {
-                costs()[cost].source: linked[name] for cost, name in LIMITED.items() if linked
+                all_costs()[cost].source_name: linked[name]
+                for cost, name in LIMITED.items()
+                if linked
             }
         except InputError as e:
             left_out.append(f"{name}: {e}")
@@ -181,16 +194,16 @@ def compared(
     if left_out:
         more = f"; {len(left_out) - 1} more in the certificate" * (len(left_out) > 1)
         progress.say(f"{len(results)} of {len(every)} systems compared; not {left_out[0]}{more}")
-    progress.begin("choice")
+    progress.begin_run("choice")
     found = _choose(results, scene, limits)
-    if found.choice.chosen is None:
-        raise InputError(nothing_fits(found.choice, found.by))
+    if found.chosen is None:
+        raise InputError(nothing_fits(found))
     name, runs = str(found.system), {r.system: str(r["run_id"]) for r in results}
-    table = found.choice.table[["system", "accuracy", "flash", "ram", "verdict"]]
+    table = found.table[["system", "accuracy", "flash", "ram", "verdict"]]
     values, plan = kept[name]
     tests, last = afterwards(plan, scene, seconds_of(plan))
     progress.say(
-        f"{name}; {f'{about(tests)} more for its tests, ' * (tests > 0)}{about(last)} for its last fit"
+        f"{name}; {f'{format_estimate(tests)} more for its tests, ' * (tests > 0)}{format_estimate(last)} for its last fit"
     )
     labels = nested(found, results)
     return Choice(
@@ -204,25 +217,25 @@ def shown(values: Mapping[str, Any]) -> str:
     return f"{values['model']}{' on ' + str(values['features']) if 'features' in values else ''}{window}"
 
 
-def planned(values: Mapping[str, Any], command: str = "run") -> tuple[Plan, Backend]:
+def planned(values: Mapping[str, Any], command: str = "run") -> tuple[Plan, FoldExecutor]:
     """The plan of a run by the keys of a command, and its workers."""
-    typed = values_of(values, keys(command, values))
-    backend = backend_of(typed)
-    (plan,) = commands.planned(command, {"": typed}, backend)
-    return plan, backend
+    typed = values_from_keywords(values, key_options(command, values))
+    executor = make_executor(typed)
+    (plan,) = commands.plan_grids(command, {"": typed}, executor)
+    return plan, executor
 
 
-def run(plan: Plan, backend: Backend) -> Result:
+def run(plan: Plan, executor: FoldExecutor) -> Result:
     """The run of a plan; stored folds are not repeated."""
-    (result,) = execute([plan], backend)
-    if not result.complete:
+    (result,) = run_plans([plan], executor)
+    if not result.is_complete:
         raise InputError(f"{len(result.errors)} of {len(plan.folds)} folds failed")
     return result
 
 
 def seconds_of(plan: Plan) -> float:
     """Seconds that a stored run took, or would have taken at once."""
-    return expected(connect(), [Left(plan, len(plan.folds))])[0] or 0.0
+    return estimate_seconds(connect(), [(plan, len(plan.folds))])[0] or 0.0
 
 
 def afterwards(plan: Plan, scene: Scene, seconds: float) -> tuple[float, float]:
@@ -230,11 +243,11 @@ def afterwards(plan: Plan, scene: Scene, seconds: float) -> tuple[float, float]:
 
     The last fit has one process; the comparison took so many seconds with all workers.
     """
-    plain = seconds / (1 + FAULTED * len(scene.faults.names)) if scene.faults else seconds
+    plain = seconds / (1 + FAULTED * len(scene.faults)) if scene.faults else seconds
     tests = WATCHED * len(plan.folds) * scene_watches(scene) + FAULTED * len(FAULTS) * (
         not scene.faults
     )
-    last = LAST_WATCHING if check(plan.cell.untrained) else LAST
+    last = LAST_WATCHING if check_exportable(plan.cell.untrained_system) else LAST
     return tests * plain, last * plain * plan.workers
 
 
@@ -248,7 +261,7 @@ class Beside(Watching):
 
     def __init__(self, cell: Cell) -> None:
         super().__init__({})
-        self.captures, self.recordings = corpus_of, Watching.captures(cell)
+        self.captures, self.recordings = captures_of_cell, Watching.captures(cell)
 
     def learned(
         self, make_system: Callable[[], System], system: System, captures: Corpus
@@ -266,13 +279,15 @@ def fitted(
 ) -> tuple[str, Recogniser]:
     """The id of the run of a model that was trained on all captures, and the model; trained if it is not stored."""
     store = connect(writes=True)
-    for stored in store.runs(f"tags.`{BUILT}` = '{key}'"):
-        return stored.info.run_id, load(f"runs:/{stored.info.run_id}/model")
-    (cell,) = cells({k: v for k, v in on.items() if k != "jobs"} | dict(values))
+    for stored in store.search_runs(f"tags.`{BUILT}` = '{key}'"):
+        return stored.info.run_id, load_recogniser(f"runs:/{stored.info.run_id}/model")
+    (cell,) = make_cells({k: v for k, v in on.items() if k != "jobs"} | dict(values))
     made = fit(
-        cell, stopping=stopping, learner=Beside(cell) if watch and check(cell.untrained) else None
+        cell,
+        stopping=stopping,
+        learner=Beside(cell) if watch and check_exportable(cell.untrained_system) else None,
     )
-    store.log(made.run_id, tags={BUILT: key})
+    store.log_values(made.run_id, tags={BUILT: key})
     return made.run_id, made.recogniser
 
 
@@ -284,27 +299,29 @@ def key_of(*parts: object) -> str:
 def _linked(on: Mapping[str, Any], values: Mapping[str, Any], run_id: str) -> dict[str, float]:
     """Bytes and instructions of a system in C on a Cortex-M4F, trained on all captures; stored with this model."""
     store, key = connect(writes=True), _key_of_linked(run_id)
-    numbers = next((model.data.metrics for model in store.runs(f"tags.`{BUILT}` = '{key}'")), {})
+    numbers = next(
+        (model.data.metrics for model in store.search_runs(f"tags.`{BUILT}` = '{key}'")), {}
+    )
     if not {*COSTS} <= {name.removeprefix("linked_") for name in numbers}:
         found, recogniser = fitted(on, values, key, stopping=False, watch=False)
         numbers = {f"linked_{name}": value for name, value in on_chip(recogniser).items()}
-        store.log(found, numbers)
+        store.log_values(found, numbers)
     return {name: numbers[f"linked_{name}"] for name in COSTS}
 
 
 def _key_of_linked(run_id: str) -> str:
-    return key_of("linked", run_id, digest())
+    return key_of("linked", run_id, hash_fixed_code())
 
 
 def on_chip(recogniser: Recogniser) -> dict[str, float]:
     """`COSTS` of a model in C on a Cortex-M4F. A model that watches a stream costs what `touch_watch` costs."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for file, text in files_of(recogniser, BITS, "a system of bench build").items():
+        for file, text in write_c_sources(recogniser, BITS, "a system of bench build").items():
             (folder / file).write_text(text, encoding="utf-8")
         watches = "#define TOUCH_WATCH 1" in (folder / "touch.h").read_text(encoding="utf-8")
         try:
-            numbers = measured_watching(folder) if watches else measured(folder, *ROOMY)
+            numbers = measure_watching(folder) if watches else measure_footprint(folder, *ROOMY)
         except ValueError as e:  # such as a program that does not fit into the emulated chip
             raise InputError(str(e)) from e
     return {name: numbers[f"chip_{'watch_' * watches}{name}"] for name in COSTS}
@@ -318,7 +335,7 @@ def trained(
     Id of its run, the model, its `COSTS` (None if they cannot be measured), and what the budgets left out, in words.
     """
     run_id, recogniser = fitted(on, choice.values, key_of(choice.run_id, "built"))
-    if lacking():
+    if missing_programs():
         return run_id, recogniser, None, ""
     watches = recogniser.watcher is not None
     less = [] if scene_watches(scene) else [(False, True)] * watches + [(False, False)]
@@ -350,21 +367,22 @@ def trained(
     )
 
 
-def _choose(results: list[Result], scene: Scene, limits: Mapping[str, float]) -> rule.Chosen:
+def _choose(results: list[Result], scene: Scene, limits: Mapping[str, float]) -> rule.Choice:
     """What ``bench choose`` finds among some results."""
-    given = settings(
+    given = typed_settings(
         "choose", {k: v for k, v in scene.values.items() if k not in ("clock", "unit", *OF_STREAMS)}
     )
-    budgets = limits_of(given) | dict(limits)
-    return rule.choose(results, {}, given["by"], budgets, scene=scene, margin=given["margin"])
+    budgets = cost_limits(given) | dict(limits)
+    return rule.choose_from_runs(
+        results, {}, given["by"], budgets, scene=scene, margin=given["margin"]
+    )
 
 
-def nested(found: rule.Chosen, results: list[Result]) -> pd.DataFrame:
+def nested(found: rule.Choice, results: list[Result]) -> pd.DataFrame:
     """Labels of each subject's captures by the system that the other subjects alone would have chosen."""
-    labels = {r.system: captures(r.tables["predictions"]) for r in results}
-    among, parts = found.among, []
-    others = rule.without_each(among, found.by, found.budgets, found.margin)
-    for subject, other in zip(among.subjects, others, strict=True):
+    labels = {r.system: label_captures(r.tables["predictions"]) for r in results}
+    among, parts = found.candidates, []
+    for subject, other in zip(among.subjects, found.choices_without_each(), strict=True):
         name = "" if other is None else str(among.table.loc[other, "system"])
         mine = labels[name or str(found.system)]
         mine = mine[mine["subject"].astype(str) == str(subject)]
@@ -372,20 +390,17 @@ def nested(found: rule.Chosen, results: list[Result]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def nothing_fits(choice: rule.Choice, by: str) -> str:
+def nothing_fits(choice: rule.Choice) -> str:
     """Why no system fits, in the sentences of ``bench choose``, and what would help."""
-    binding = [limit for limit in choice.budgets if limit.over or limit.unknown]
-    lines = rule.said(
-        "verdict prices", **rule.told(choice._replace(budgets=binding), by, None, 0, False)
-    )
-    if (missing := lacking()) and any(limit.unknown for limit in binding):
+    lines = choice.why_nothing_fits()
+    if (missing := missing_programs()) and any(limit["unknown"] for limit in choice.limits):
         lines.append(f"Install {', '.join(missing)}, which measure C.")
     sizes = choice.table[["flash", "ram"]]
     holding = [
         (board.flash_kb, name)
-        for name, board in boards().items()
+        for name, board in load_boards().items()
         if (sizes <= [board.flash_kb, board.ram_kb]).all(axis=1).any()
     ]
-    if holding and any(limit.over and limit.cost in sizes for limit in choice.budgets):
+    if holding and any(limit["over"] and limit["cost"].key in sizes for limit in choice.limits):
         lines.append(f"The smallest board that holds one of them is {min(holding)[1]}.")
     return " ".join(lines).removesuffix(".")

@@ -1,6 +1,6 @@
 """What Dask adds: a key of the commands that make runs."""
 
-from bench.ground.words import Option
+from bench.ground.typed import Option
 
 CLUSTER = Option(
     "cluster",

@@ -1,4 +1,4 @@
-"""Circumstances, a file each: what is changed while a fitted system labels the test captures again."""
+"""Circumstances, a file each: changes under which a fitted system predicts test captures again."""
 
 PARTS = {  # by their key of bench run
     "after": "bench.running.circumstances.instants:Instants",

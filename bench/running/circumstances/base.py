@@ -1,6 +1,6 @@
-"""What runs measure: circumstances, in which a fitted system labels its test captures again, and studies of other data.
+"""Measurements of a run: circumstances of its test captures, or a kind of run on other data.
 
-The loop fits, decides, checks and times; then each circumstance follows in turn (`bench.running.evaluation`).
+The loop fits, predicts, checks and times; each circumstance follows (`bench.running.evaluation`).
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from bench.ground.words import LABELS as LABELS
-from bench.ground.words import Options, typed_as
-from bench.ground.words import option as option
+from bench.ground.typed import Options, format_option
+from bench.ground.typed import option as option
+from bench.values.result import LABELS_TABLE as LABELS_TABLE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,154 +22,152 @@ if TYPE_CHECKING:
     from bench.ground.source import Code
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
-    from bench.running.fitted import Fitted
+    from bench.running.fitted import FittedFold
     from bench.running.results import FoldResult
     from bench.values.result import Result
 
 
 @dataclass(frozen=True)
 class Case:
-    """What a circumstance changes, once."""
+    """One change of a circumstance."""
 
-    case: str = ""  # its name, such as that of a fault; empty for the key of the circumstance
+    name: str = ""  # such as that of a fault; empty for the key of the circumstance
     level: float = 0  # size of the change, to sort and draw by
     amount: str = ""  # size of the change, in words
-    corpus: Corpus | None = (
-        None  # the captures as they are changed; None for the captures as they are
-    )
-    system: contract.System | None = None  # which labels in place of the fitted one
-    train_subjects: int | None = None  # on which that was fitted
+    corpus: Corpus | None = None  # the changed captures; None for unchanged ones
+    system: contract.System | None = None  # predicts in place of the fitted system
+    train_subjects: int | None = None  # number of training subjects of that system
 
 
 @dataclass(frozen=True)
-class Producer(Options):
-    """What a run measures; its options are tracked, and part of the key of the run."""
+class Measurement(Options):
+    """A measurement of a run; its options are tracked, and part of the key of the run."""
 
-    key: ClassVar[str]  # of ``bench run``; of a study, its command and the tag of its runs
-    study: ClassVar[bool] = False  # whether it does whole folds
-    view: ClassVar[str] = (
-        "bench.reports.views.base:View"  # what shows it; imported only when something is shown
-    )
+    key: ClassVar[str]  # of ``bench run``; of a kind of run, its command and the tag of its runs
+    is_run_kind: ClassVar[bool] = False  # True if it evaluates whole folds
+    view: ClassVar[str] = "bench.reports.views.base:View"  # imported when something is shown
     tracked: ClassVar[tuple[str, ...]] = ()  # names of its options as parameters of a run
-    columns: ClassVar[frozenset[str]] = (
-        frozenset()
-    )  # further columns of its tables; a corpus cannot have them
+    columns: ClassVar[frozenset[str]] = frozenset()  # further columns of its tables
 
     def params(self) -> dict[str, object]:
-        """Its options, as they are tracked."""
+        """Return its options as they are tracked."""
         raise NotImplementedError
 
     def identity(self) -> object:
-        """Identity of its options."""
+        """Return the identity of its options."""
         return repr(self)
 
     def code(self) -> list[Code]:
-        """Modules, classes or functions whose files its numbers depend on, with all that these import."""
+        """Return modules, classes or functions whose files its numbers depend on."""
         return [type(self)]
 
-    def refuse(self, plan: Plan) -> None:
-        """Refuse impossible plans before anything is run, with an `InputError`."""
+    def refuse_plan(self, plan: Plan) -> None:
+        """Raise an `InputError` for impossible plans, before anything is run."""
 
-    def warnings(self, plan: Plan) -> list[str]:
-        """Warnings before the run; equal ones of several runs are printed once."""
+    def warnings_of_plan(self, plan: Plan) -> list[str]:
+        """Return warnings before the run; equal ones of several runs are printed once."""
         return []
 
 
 @dataclass(frozen=True)
-class Circumstance(Producer):
-    """Labels the test captures again, in some cases."""
+class Circumstance(Measurement):
+    """Predicts the test captures again in some cases."""
 
-    sliced: ClassVar[bool] = True  # whether groups of captures are tested in its cases, too
-    word: ClassVar[str] = "case"  # for one of its cases
+    has_slices: ClassVar[bool] = True  # True if groups of captures are tested in its cases
+    case_noun: ClassVar[str] = "case"
 
     def params(self) -> dict[str, object]:
-        """Its options, as they are tracked."""
-        texts = {name: typed_as(getattr(self, name)) for name in self.fields()}
-        return {
-            f"{self.key}.{name}" if i else self.key: text
-            for i, (name, text) in enumerate(texts.items())
-        }
+        """Return its options as they are tracked."""
+        first, *others = self.options_by_key()
+        names = {first: self.key} | {name: f"{self.key}.{name}" for name in others}
+        return {tracked: format_option(getattr(self, name)) for name, tracked in names.items()}
 
     @property
-    def spent(self) -> tuple[str, ...]:
-        """Names of the seconds of a fold, of which a run has the mean; the first are those of all cases."""
+    def timing_metrics(self) -> tuple[str, ...]:
+        """Names of seconds of a fold, of which a run has the mean; the total comes first."""
         return (f"{self.key}_seconds",)
 
-    def cases(self, at: Fitted) -> Iterator[Case]:
-        """What is changed, a case at a time, of the fitted system of a fold and its captures."""
+    def cases(self, at: FittedFold) -> Iterator[Case]:
+        """Yield each change of the captures or the system of a fold."""
         raise NotImplementedError
 
-    def fold(self, at: Fitted) -> FoldResult:
-        """Label the test captures of a fold in every case."""
+    def evaluate_fold(self, at: FittedFold) -> FoldResult:
+        """Predict the test captures of a fold in every case."""
         import pandas as pd
 
-        from bench.running.fold import computing
+        from bench.running.fold import limit_threads
         from bench.running.results import FoldResult
 
-        begun, parts, last = time.perf_counter(), [], None
-        with computing(at.threads):
-            for last in self.cases(at):
-                parts.append(at.labels(self.key, last))
-            effects = at.effects(last)
-        tables = {LABELS: pd.concat(parts, ignore_index=True)} if parts else {}
-        seconds = {self.spent[0]: time.perf_counter() - begun}
+        started, parts, case = time.perf_counter(), [], None
+        with limit_threads(at.threads):
+            for case in self.cases(at):
+                parts.append(at.label_case(self.key, case))
+            effects = at.find_batch_effects(case) if case else []
+        tables = {LABELS_TABLE: pd.concat(parts, ignore_index=True)} if parts else {}
+        seconds = {self.timing_metrics[0]: time.perf_counter() - started}
         return FoldResult(at.fold.name, metrics=seconds, tables=tables, batch_effects=effects)
 
-    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
-        """Tracked numbers of a fold: the accuracy in each case, by name."""
-        if LABELS not in result.tables:
+    def fold_metrics(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> dict[str, float]:
+        """Return tracked numbers of the tables of a fold: the accuracy in each case, by name."""
+        if LABELS_TABLE not in tables:
             return {}
-        rows = self.labels(result.tables, rate_hz)
-        hits = (
-            (rows["true"] == rows["predicted"])
-            .groupby([rows["case"], rows["level"]], sort=False)
-            .mean()
+        rows = self.label_rows(tables, rate_hz)
+        hits = (rows["true"] == rows["predicted"]).groupby(
+            [rows["case"], rows["level"]], sort=False
         )
-        return {f"accuracy.{case}.{level:g}": float(value) for (case, level), value in hits.items()}
+        return {f"accuracy.{name}.{level:g}": float(x) for (name, level), x in hits.mean().items()}
 
-    def result(
+    def measure_run(
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
     ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
-        """Numbers and further tables of a run from the tables of all folds: ``predictions``, and what `fold` returns.
+        """Return numbers and further tables of a run.
 
-        ``labels`` has the captures as they are, too.
+        Args:
+            tables: of all folds: ``predictions``, and the tables of `evaluate_fold`. ``labels``
+                also has the unchanged captures.
+            folds: the folds that went well.
+            rate_hz: frames per second.
         """
-        from bench.values.stability import curve, loss
+        from bench.values.stability import accuracy_curve, mean_losses
 
-        table = curve(tables[LABELS], self.key)
-        numbers = {f"accuracy.{r.case}.{r.level:g}": r.accuracy for r in table.itertuples()}
-        numbers |= {f"loss.{case}": lost for case, lost in loss(table).items()}
-        return numbers | {f"loss.{self.key}": float(table["loss"].mean())}, {self.key: table}
+        curve = accuracy_curve(tables[LABELS_TABLE], self.key)
+        numbers = {f"accuracy.{r.case}.{r.level:g}": r.accuracy for r in curve.itertuples()}
+        numbers |= {f"loss.{name}": loss for name, loss in mean_losses(curve).items()}
+        return numbers | {f"loss.{self.key}": float(curve["loss"].mean())}, {self.key: curve}
 
-    def labels(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
-        """Its rows of the table ``labels``, also where its own table has more than labels."""
-        return tables[LABELS][tables[LABELS]["circumstance"] == self.key]
+    def label_rows(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
+        """Return its rows of the table ``labels``, or rows like these from its own table."""
+        labels = tables[LABELS_TABLE]
+        return labels[labels["circumstance"] == self.key]
 
 
 @dataclass(frozen=True)
-class Study(Producer):
-    """Whole folds on other data than single captures; its command has its key."""
+class RunKind(Measurement):
+    """A kind of run: whole folds on other data than single captures; its command has its key."""
 
-    study: ClassVar[bool] = True
+    is_run_kind: ClassVar[bool] = True
 
     def params(self) -> dict[str, object]:
-        """Its options, as they are tracked."""
-        return {f"{self.key}.{name}": getattr(self, name) for name in self.fields()}
+        """Return its options as they are tracked."""
+        return {f"{self.key}.{name}": getattr(self, name) for name in self.options_by_key()}
 
-    def captures(self, cell: Cell) -> Corpus | None:
-        """What it is done on, None for the captures of the cell; an `InputError` where they cannot be opened."""
+    def open_captures(self, cell: Cell) -> Corpus | None:
+        """Open its own captures; None for those of the cell.
+
+        Raises:
+            InputError: they cannot be opened.
+        """
         return None
 
-    def fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-        """Do one fold of a corpus, in a worker process; an exception is recorded as the fold's failure."""
+    def evaluate_fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+        """Evaluate one fold, in a worker process, and set its tracked numbers.
+
+        An exception is recorded as the fold's failure.
+        """
         raise NotImplementedError
 
-    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
-        """Tracked numbers of one fold."""
-        return result.metrics
-
-    def result(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
-        """The run from the folds that went well, at least one, in the order of the protocol.
+    def measure_run(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
+        """Return the run of the folds that went well, at least one, in the protocol's order.
 
         Its tags and parameters are ``about``; tags that the result adds are stored, too.
         """

@@ -1,4 +1,4 @@
-"""The touch so far: the label of a capture after some of its time, and the time at which waiting gains no more."""
+"""The touch so far: labels after some of a capture, and the time when waiting gains no more."""
 
 from __future__ import annotations
 
@@ -7,34 +7,30 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from bench.errors import InputError
-from bench.ground.words import Values, items
-from bench.running.circumstances.base import Circumstance, option, typed_as
+from bench.ground.typed import Values, split_values
+from bench.running.circumstances.base import Circumstance, format_option, option
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from bench.plan.plan import Plan
-    from bench.running.fitted import Fitted
+    from bench.running.fitted import FittedFold
     from bench.running.results import FoldResult
 
 EACH = "each"
 SHOWN_MS = (250, 500, 1000, 2000)  # times of the numbers of a series
-REPLAY = "replay"  # table with the probabilities at every instant
 
 
 @dataclass(frozen=True)
 class Instants(Circumstance):
-    """Captures are replayed through a system that was fitted on whole ones; it may learn when to stop."""
+    """Replays captures through a system fitted on whole ones; it may learn when to stop."""
 
     key: ClassVar[str] = "after"
     view: ClassVar[str] = "bench.reports.views.instants:Instants"
-    tracked: ClassVar[tuple[str, ...]] = (
-        "stream.start",
-        "stream.hop_ms",
-        "stream.after",
-        "stream.stopping",
+    tracked: ClassVar[tuple[str, ...]] = tuple(
+        f"stream.{name}" for name in ("start", "hop_ms", "after", "stopping")
     )
-    word: ClassVar[str] = "time"
+    case_noun: ClassVar[str] = "time"
     columns: ClassVar[frozenset[str]] = frozenset({"instant", "confidence", "settled"})
 
     after: tuple[float, ...] = option(
@@ -55,88 +51,90 @@ class Instants(Circumstance):
         object.__setattr__(self, "after", tuple(sorted({*self.after})))
 
     @classmethod
-    def of(cls, values: Values) -> list[Self]:
-        """Every combination of the typed values."""
-        times = items("after", values["after"])
-        if EACH not in times:
-            if "hop_ms" in values:
-                raise InputError(
-                    f"hop_ms={values['hop_ms']}: after= names the times; leave one of them out"
-                )
-            return super().of(values)
-        if len(times) > 1:
+    def from_typed(cls, values: Values) -> list[Self]:
+        """Return every combination of the typed values."""
+        times = split_values("after", values["after"])
+        if EACH in times:
+            if len(times) > 1:
+                typed = ",".join(map(str, times))
+                raise InputError(f"after={typed}: each stands alone; give each, or times")
+            values = {key: value for key, value in values.items() if key != "after"}
+        elif "hop_ms" in values:
             raise InputError(
-                f"after={','.join(map(str, times))}: each stands alone; give each, or times"
+                f"hop_ms={values['hop_ms']}: after= names the times; leave one of them out"
             )
-        return super().of({k: v for k, v in values.items() if k != "after"})
+        return super().from_typed(values)
 
     def params(self) -> dict[str, object]:
-        """Times, hop, start, and whether stopping is learned."""
-        times = ", ".join(map(typed_as, self.after)) or EACH
+        """Return its options as they are tracked."""
+        times = ", ".join(map(format_option, self.after)) or EACH
         return dict(zip(self.tracked, (self.start, self.hop_ms, times, self.stopping), strict=True))
 
-    def arguments(self) -> dict[str, str]:
-        """The options as typed."""
-        times = ",".join(f"{typed_as(ms)}ms" for ms in self.after) or EACH
-        return {"after": times} | {k: v for k, v in super().arguments().items() if k != "after"}
+    def typed_arguments(self) -> dict[str, str]:
+        """Return the options as typed."""
+        times = ",".join(f"{format_option(ms)}ms" for ms in self.after) or EACH
+        others = super().typed_arguments()
+        others.pop("after", None)
+        return {"after": times} | others
 
-    def refuse(self, plan: Plan) -> None:
-        """Refuse a replay that cannot be, and training parts from which no threshold can be learned."""
-        from bench.running.replay import unlearnable
+    def refuse_plan(self, plan: Plan) -> None:
+        """Refuse impossible times, and training parts from which no threshold can be learned."""
+        from bench.running.replay import why_unlearnable
 
         frame_ms = 1000 / plan.corpus.rate_hz
-        least = f"one frame takes {frame_ms:.4g} ms; give at least that"
+        advice = f"one frame takes {frame_ms:.4g} ms; give at least that"
         if self.after and min(self.after) < frame_ms:
-            raise InputError(f"after={min(self.after):g}ms: {least}")
+            raise InputError(f"after={min(self.after):g}ms: {advice}")
         if self.hop_ms is not None and not frame_ms <= self.hop_ms < float("inf"):
-            raise InputError(f"hop_ms={self.hop_ms:g}: {least}, or leave it out")
+            raise InputError(f"hop_ms={self.hop_ms:g}: {advice}, or leave it out")
         for fold in plan.folds if self.stopping else ():
-            if why := unlearnable(plan.cell.untrained, plan.corpus[fold.train]):
+            if why := why_unlearnable(plan.cell.untrained_system, plan.corpus[fold.train]):
                 raise InputError(
-                    f"protocol={plan.cell.protocol}: fold {fold.name} learns when to stop by leaving training subjects "
-                    f"out, and {why}; choose another protocol or more captures"
+                    f"protocol={plan.cell.protocol}: fold {fold.name} learns when to stop by "
+                    f"leaving training subjects out, and {why}; choose another protocol or more "
+                    "captures"
                 )
 
-    def warnings(self, plan: Plan) -> list[str]:
-        """Warn of times at which no capture goes on, and of captures of equal length."""
-        lines, longest = [], 1000 * max(plan.corpus.lengths) / plan.corpus.rate_hz
-        if late := [typed_as(ms) + "ms" for ms in self.after if ms > longest]:
+    def warnings_of_plan(self, plan: Plan) -> list[str]:
+        """Warn of times that no capture reaches, and of captures of equal length."""
+        lines, prefix = [], f"warning: {plan.cell.data}: "
+        longest_ms = 1000 * max(plan.corpus.lengths) / plan.corpus.rate_hz
+        if late := [format_option(ms) + "ms" for ms in self.after if ms > longest_ms]:
             lines.append(
-                f"warning: {plan.cell.data}: after={','.join(late)}: no capture lasts so long; the longest takes "
-                f"{longest:.0f} ms"
+                f"{prefix}after={','.join(late)}: no capture lasts so long; the longest takes "
+                f"{longest_ms:.0f} ms"
             )
         if len(set(plan.corpus.lengths)) == 1:
             lines.append(
-                f"warning: {plan.cell.data}: all captures have the same length, so features that grow with time are "
+                f"{prefix}all captures have the same length, so features that grow with time are "
                 "trained on one duration only; early labels of these features may be wrong"
             )
         return lines
 
-    def fold(self, at: Fitted) -> FoldResult:
-        """Labels at every instant; calibration and threshold see training captures alone."""
+    def evaluate_fold(self, at: FittedFold) -> FoldResult:
+        """Predict the test captures at every instant."""
         from bench.running.replay import replay_fold
 
         return replay_fold(self, at)
 
-    def fold_metrics(self, result: FoldResult, rate_hz: float) -> dict[str, float]:
-        """Accuracy of whole captures, and of stopping at the learned threshold."""
-        from bench.values.stopping import fold_numbers
+    def fold_metrics(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> dict[str, float]:
+        """Return the accuracy of whole captures, and of stopping at the learned threshold."""
+        from bench.values.stopping import replay_fold_metrics
 
-        return fold_numbers(result.tables, rate_hz)
+        return replay_fold_metrics(tables, rate_hz)
 
-    def result(
+    def measure_run(
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
     ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
-        """Accuracy after each time and of adaptive stopping; both curves."""
-        from bench.running.results import costs
-        from bench.values.stopping import replay_numbers
+        """Return accuracies after each time and of early stopping, and both curves."""
+        from bench.running.results import combine_costs
+        from bench.values.stopping import replay_run_metrics
 
-        return replay_numbers(
-            tables, self.after or SHOWN_MS, costs([*folds])["replay_ms_p95"], rate_hz
-        )
+        decision_ms = combine_costs(folds)["replay_ms_p95"]
+        return replay_run_metrics(tables, self.after or SHOWN_MS, decision_ms, rate_hz)
 
-    def labels(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
-        """The label that stands after each time that was asked for, or after round ones."""
-        from bench.values.stopping import standing_labels
+    def label_rows(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
+        """Return the labels after each typed time, or after `SHOWN_MS`."""
+        from bench.values.stopping import labels_after
 
-        return standing_labels(tables[REPLAY], self.after or SHOWN_MS, self.key, rate_hz)
+        return labels_after(tables["replay"], self.after or SHOWN_MS, self.key, rate_hz)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from bench.errors import InputError
-from bench.running.circumstances.base import LABELS, Case, Circumstance, option
+from bench.running.circumstances.base import LABELS_TABLE, Case, Circumstance, option
 
 if TYPE_CHECKING:
     import numpy as np
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
 
     from bench.corpora.corpus import Corpus
     from bench.plan.plan import Plan
-    from bench.running.fitted import Fitted
+    from bench.running.fitted import FittedFold
     from bench.running.results import FoldResult
 
 
 @dataclass(frozen=True)
 class Subjects(Circumstance):
-    """The system is fitted on fewer training subjects, and labels the test captures as they are."""
+    """Fits the system on fewer training subjects, and predicts the unchanged test captures."""
 
     key: ClassVar[str] = "train_subjects"
     view: ClassVar[str] = "bench.reports.views.subjects:Subjects"
-    sliced: ClassVar[bool] = (
-        False  # a slice is compared with the system itself, and every system is worse with less
+    has_slices: ClassVar[bool] = (
+        False  # slices are compared with the system itself, which is better
     )
 
     train_subjects: tuple[int, ...] = option(
@@ -39,66 +39,73 @@ class Subjects(Circumstance):
         object.__setattr__(self, "train_subjects", tuple(sorted({*self.train_subjects})))
 
     def params(self) -> dict[str, object]:
-        """Numbers of subjects."""
+        """Return the numbers of subjects."""
         return {self.key: ", ".join(map(str, self.train_subjects))}
 
-    def refuse(self, plan: Plan) -> None:
-        """Refuse numbers of training subjects that a fold has not, or that the system cannot learn from."""
+    def refuse_plan(self, plan: Plan) -> None:
+        """Refuse numbers that a fold does not have, or that the system cannot learn from."""
         from bench import contract
-        from bench.corpora.corpus import untrained
+        from bench.corpora.corpus import untrained_classes
 
-        estimator, corpus = plan.cell.untrained, plan.corpus
+        corpus, protocol = plan.corpus, f"protocol={plan.cell.protocol}"
         for fold in plan.folds:
             subjects = len(set(corpus.subjects[fold.train]))
             for count in self.train_subjects:
+                prefix = f"train_subjects={count}: "
                 if count >= subjects:
                     raise InputError(
-                        f"train_subjects={count}: fold {fold.name} of protocol={plan.cell.protocol} has {subjects} "
-                        f"training subjects; give fewer than that (all of them are always used too)"
+                        f"{prefix}fold {fold.name} of {protocol} has {subjects} training subjects; "
+                        "give fewer than that (all of them are always used too)"
                     )
-                part = subset(corpus, fold.train, fold.test, count, plan.cell.seed or 0)
-                if lacking := untrained(corpus.gestures, part, fold.test):
+                seed = plan.cell.seed or 0
+                part = captures_of_subjects(corpus, fold.train, fold.test, count, seed)
+                if lacking := untrained_classes(corpus.gestures, part, fold.test):
                     raise InputError(
-                        f"train_subjects={count}: in fold {fold.name} of protocol={plan.cell.protocol} nobody is left "
-                        f"who shows {lacking[0]}; give larger numbers"
+                        f"{prefix}in fold {fold.name} of {protocol} nobody is left who shows "
+                        f"{lacking[0]}; give larger numbers"
                     )
-                contract.check_training(estimator, corpus[part], corpus.gestures[part])
+                system = plan.cell.untrained_system
+                contract.check_training(system, corpus[part], corpus.gestures[part])
 
     @property
-    def spent(self) -> tuple[str, ...]:
-        """Wall time of the fits."""
+    def timing_metrics(self) -> tuple[str, ...]:
+        """Name of the wall time of the fits."""
         return ("refit_seconds",)
 
-    def cases(self, at: Fitted) -> Iterator[Case]:
-        """A system fitted on each number of training subjects."""
+    def cases(self, at: FittedFold) -> Iterator[Case]:
+        """Yield a system fitted on each number of training subjects."""
         for count in self.train_subjects:
-            part = subset(at.corpus, at.fold.train, at.fold.test, count, at.cell.seed or 0)
-            yield Case(level=count, system=at.refitted(part), train_subjects=count)
+            part = captures_of_subjects(
+                at.corpus, at.fold.train, at.fold.test, count, at.cell.seed or 0
+            )
+            yield Case(level=count, system=at.fit_again(part), train_subjects=count)
 
-    def result(
+    def measure_run(
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
     ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
-        """The learning curve, which ends with all training subjects."""
-        from bench.values.stability import learning
+        """Return the learning curve, which ends with all training subjects."""
+        from bench.values.stability import learning_curve
 
-        curve = learning(tables[LABELS])
+        curve = learning_curve(tables[LABELS_TABLE])
         numbers = {
             f"accuracy.train_subjects.{r.train_subjects:g}": r.accuracy for r in curve.itertuples()
         }
         return numbers, {"learning": curve}
 
 
-def subset(
+def captures_of_subjects(
     corpus: Corpus, train: np.ndarray, test: np.ndarray, count: int, seed: int
 ) -> np.ndarray:
     """Positions of the training captures of ``count`` training subjects.
 
-    The subjects come in one random order per seed and test subjects, so that fewer are among more, and every system
-    learns from the same ones.
+    The subjects have one random order per seed and test subjects, so that fewer are among more, and
+    every system learns from the same ones.
     """
     import numpy as np
 
     subjects = sorted(set(corpus.subjects[train]))
-    drawn = hashlib.sha256(repr((seed, sorted(set(corpus.subjects[test])))).encode()).digest()
-    order = np.random.default_rng(int.from_bytes(drawn[:16], "little")).permutation(len(subjects))
-    return train[np.isin(corpus.subjects[train], [subjects[i] for i in order[:count]])]
+    identity = repr((seed, sorted(set(corpus.subjects[test]))))
+    digest = hashlib.sha256(identity.encode()).digest()
+    rng = np.random.default_rng(int.from_bytes(digest[:16], "little"))
+    chosen = [subjects[i] for i in rng.permutation(len(subjects))[:count]]
+    return train[np.isin(corpus.subjects[train], chosen)]
