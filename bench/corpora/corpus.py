@@ -19,6 +19,7 @@ from bench.errors import HiddenError, InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+SATURATED_ONE_IN = 10  # a frame is saturated if one of so many taxels reads full scale; not tuned
 COPY = 1 << 40  # of a piece: times the number of the copy, and below that its first frame
 RESERVED = frozenset(
     {"fold", "capture", "start", "frames", "true", "predicted"}

@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 
 from bench.corpora.corpus import Corpus, shared_frames
+from bench.corpora.fault_names import ALL_FAULTS
+from bench.corpora.fault_names import SEVERITIES as SEVERITIES
 from bench.errors import InputError, suggest_names
-from bench.ground.words import ALL_FAULTS
-from bench.ground.words import SEVERITIES as SEVERITIES
 
 Damage = Callable[..., Any]  # of the arguments above; gives frames
 VIBRATION_HZ = 3.0  # of a motor or a step

@@ -1,7 +1,8 @@
 """Imported corpora in the user's data folder, and the generated one.
 
-``corpora/<name>/<digest>`` holds the corpus, ``corpora/<name>/current`` says which digest is meant. Both are written
-beside their names and renamed, so a kill leaves the old corpus or the new one.
+``corpora/<name>/<digest>`` holds a corpus, ``corpora/<name>/current`` the digest that the name
+stands for. Both are written under other names and then renamed, so that a kill leaves the old
+corpus or the new one.
 """
 
 from __future__ import annotations
@@ -9,114 +10,138 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
-import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from filelock import FileLock, Timeout
+from filelock import FileLock
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import (
-    Damaged,
     content_digest,
+    damaged_error,
     find_damage,
     open_folder,
-    small_file,
     write_folder,
 )
 from bench.errors import InputError, one_line, suggest_names
 from bench.ground.registry import load_part
 from bench.ground.scratch import data_folder, remove_path, write_then_rename
 
-ASIDE = "aside"  # in the corpus's info: classes of captures without a gesture, which runs on captures leave out
+ASIDE = "aside"  # in a corpus's info: classes of captures without a gesture, which runs leave out
 UNTAUGHT = "untaught"  # classes that teach nothing, and so may be tested without training
 NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 
 
 def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
-    """Read a file of a known format and store it under the option ``name``; if that fails, what was stored stays.
+    """Read a file and store it under the option ``name``; if that fails, an earlier corpus stays.
 
-    Options are those of the reader, as text, and changes of captures (`bench.corpora.cuts.OPTIONS`).
+    Args:
+        kind: format, of `bench.corpora.PARTS` or of an add-on.
+        source: file, folder or archive.
+        options: ``name``, options of the reader, and changes (`bench.corpora.cuts.OPTIONS`).
+
+    Raises:
+        InputError: the file or an option does not fit, or the data folder cannot be written.
     """
     from bench.corpora import cuts
-    from bench.corpora.doubts import find_doubts
-    from bench.corpora.survey import Survey
 
-    reader = load_part("corpora", kind)
     changes = {key: options[key] for key in cuts.OPTIONS if key in options}
-    rest = {key: text for key, text in options.items() if key not in changes}
-    arguments = _arguments(kind, reader, rest, source)
-    aligned = changes.get("align", "no") not in ("no", "false")
-    name = options.get("name", f"{kind}-aligned" if aligned else kind)
+    is_aligned = changes.get("align", "no") not in ("no", "false")
+    name = options.get("name", f"{kind}-aligned" if is_aligned else kind)
     if not re.fullmatch(NAME, name):
         raise InputError(f"name={name[:60]}: use letters, digits, - and _, at most 100")
     if name == "synth":
         raise InputError("name=synth is the generated corpus; choose another name")
-    folder = data_folder() / "corpora" / name
+    reader = load_part("corpora", kind)
+    arguments = _reader_arguments(kind, reader, options)
+    try:
+        corpus = reader(source, **arguments)
+    except OSError as e:
+        reason = e.strerror or e
+        raise InputError(f"{one_line(source, 160)}: cannot be read ({reason}); check the path") from e
+    if changes:
+        if corpus.info.get(ASIDE):
+            raise InputError(f"{next(iter(changes))}=: {kind} is imported whole; leave it out")
+        unchanged = content_digest(corpus)
+        corpus = cuts.apply_changes(corpus, kind, changes)
+        corpus = corpus.with_fields(info=corpus.info | {"unchanged": unchanged})
+    info = corpus.info | {"format": kind, "warnings": _import_warnings(corpus)}
+    return _store(corpus.with_fields(name=name, info=info))
+
+
+def _reader_arguments(kind: str, reader: Callable, options: dict[str, str]) -> dict[str, object]:
+    """Options of a reader, as the types that its signature names."""
+    from bench.corpora.cuts import OPTIONS
+
+    _, *parameters = inspect.signature(reader, eval_str=True).parameters.values()
+    types = {parameter.name: parameter.annotation for parameter in parameters}
+    arguments: dict[str, object] = {}
+    for key, text in options.items():
+        if key in ("name", *OPTIONS):
+            continue
+        if key not in types:
+            hint = suggest_names(key, {"name", *OPTIONS, *types})
+            raise InputError(f"format {kind} has no option {key!r}; {hint}")
+        try:
+            arguments[key] = float(text) if types[key] is float else text
+        except ValueError as e:
+            raise InputError(f"{key}={text}: give a number") from e
+    required = [p.name for p in parameters if p.default is inspect.Parameter.empty]
+    if missing := [f"{key}=" for key in required if key not in arguments]:
+        raise InputError(f"format {kind} also needs {', '.join(missing)}")
+    return arguments
+
+
+def _import_warnings(corpus: Corpus) -> list[str]:
+    """Warnings of a reader, and what looks wrong with its captures."""
+    from bench.corpora.doubts import find_doubts
+    from bench.corpora.survey import Survey
+
+    touches = corpus[~np.isin(corpus.gestures, corpus.info.get(ASIDE, []))]
+    repeats = Survey(corpus).repeat_warnings()
+    return [*repeats, *find_doubts(touches), *corpus.info.get("warnings", [])]
+
+
+def _store(corpus: Corpus) -> Corpus:
+    """Store a corpus under its name, in place of an earlier one, and map it."""
+    digest = content_digest(corpus)
+    folder = data_folder() / "corpora" / corpus.name
+    pointer, stored = folder / "current", folder / digest[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with FileLock(folder.parent / f".{name}.lock", timeout=0):
-            try:
-                corpus = reader(source, **arguments)
-            except OSError as e:  # none of the data folder
-                raise InputError(
-                    f"{one_line(source, 160)}: cannot be read ({e.strerror or e}); check the path"
-                ) from e
-            if changes and corpus.info.get(ASIDE):
-                raise InputError(f"{next(iter(changes))}=: {kind} is imported whole; leave it out")
-            if changes:
-                unchanged = content_digest(corpus)
-                corpus = cuts.apply_changes(corpus, kind, changes)
-                corpus = corpus.with_fields(info=corpus.info | {"unchanged": unchanged})
-            touches = corpus[np.flatnonzero(~np.isin(corpus.gestures, corpus.info.get(ASIDE, [])))]
-            warnings = [
-                *Survey(corpus).repeat_warnings(),
-                *find_doubts(touches),
-                *corpus.info.get("warnings", []),
-            ]
-            corpus = corpus.with_fields(
-                name=name, info=corpus.info | {"format": kind, "warnings": warnings}
-            )
-            digest = content_digest(corpus)
-            stored = folder / digest[:16]
+        with FileLock(folder.parent / f".{corpus.name}.lock"):
             write_folder(corpus, stored, digest)
-            pointer = folder / "current"
-            if os.path.lexists(pointer) and (pointer.is_symlink() or not pointer.is_file()):
-                remove_path(pointer)
             with write_then_rename(pointer) as beside:
                 beside.write_text(stored.name)
-            for old in folder.iterdir():  # nobody else writes here, the lock is ours
+            for old in folder.iterdir():  # the lock is ours, so nobody else writes here
                 if old not in (pointer, stored):
                     remove_path(old)
-    except Timeout as e:
-        raise InputError(
-            f"another import of name={name} is under way; wait for it or choose another name="
-        ) from e
     except OSError as e:
-        raise _unwritable(folder, e) from e
-    finally:
-        if folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()
+        raise _unwritable_error(folder, e) from e
     return open_folder(stored)
 
 
-def _unwritable(folder: Path, error: OSError) -> InputError:
+def _unwritable_error(folder: Path, error: OSError) -> InputError:
     reason = one_line(error.strerror or error)
-    return InputError(
-        f"{one_line(folder, 150)} cannot be written ({reason}); set TOUCHBENCH_HOME to a folder that can"
-    )
+    advice = "set TOUCHBENCH_HOME to a folder that can"
+    return InputError(f"{one_line(folder, 150)} cannot be written ({reason}); {advice}")
 
 
-def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
-    """Open an imported corpus, several joined by ``+``, or the generated one with its parameters.
+def open_corpus(name: str, parameters: Mapping[str, object]) -> Corpus:
+    """Open the captures with a gesture of a corpus.
 
-    Captures without a gesture are left out.
+    Args:
+        name: an imported corpus, several joined by ``+``, or ``synth``.
+        parameters: those of `bench.corpora.synth.generate`.
+
+    Raises:
+        InputError: there is no such corpus, it is damaged, or has no capture with a gesture.
     """
     if "+" in name:
-        return _together(name)
+        return _open_joined(name)
     if name == "synth":
         from bench.corpora import synth
 
@@ -125,157 +150,110 @@ def open_corpus(name: str, parameters: dict[str, object]) -> Corpus:
 
 
 def captures_with_gesture(corpus: Corpus) -> Corpus:
-    """The captures with a gesture, of all that a format has stored."""
+    """Captures of a corpus without those of classes that are no gestures, such as background."""
     if not (aside := corpus.info.get(ASIDE)):
         return corpus
     captures = corpus[~np.isin(corpus.gestures, aside)]
     if not len(captures):
-        raise InputError(
-            f"data={corpus.name}: all captures are {' or '.join(aside)}; label some with a gesture"
-        )
+        reason = f"all captures are {' or '.join(aside)}; label some with a gesture"
+        raise InputError(f"data={corpus.name}: {reason}")
     return captures
 
 
 def left_out_message(corpus: Corpus) -> str:
-    """A line on what `captures_with_gesture` has left out; empty for nothing."""
+    """Message on captures that `captures_with_gesture` has left out, or ``""``."""
     if not (aside := corpus.info.get(ASIDE)):
         return ""
-    return f"{corpus.name}: its {len(corpus)} captures with a gesture are used; {' and '.join(aside)} are left out"
+    used = f"{corpus.name}: its {len(corpus)} captures with a gesture are used"
+    return f"{used}; {' and '.join(aside)} are left out"
 
 
 def open_imported(name: str) -> Corpus:
     """Open all that is imported under a name, also captures without a gesture."""
-    try:
-        folder = _folder(name)
-        corpus = open_folder(folder, folder.name)
-        if corpus.name != name:
-            raise Damaged(f"it is {corpus.name[:40]}")
-    except Damaged as e:
+    corpus = open_folder(_imported_folder(name))
+    if corpus.name != name:
         folder = data_folder() / "corpora" / name
-        raise InputError(
-            f"{one_line(folder, 150)} was changed or damaged ({e}); import it again"
-        ) from e
+        raise damaged_error(folder, f"it is a copy of {corpus.name[:40]}")
     return corpus
 
 
-def _folder(name: str) -> Path:
-    """The folder of an imported corpus, which its file ``current`` names."""
-    pointer = data_folder() / "corpora" / name / "current"
-    if not re.fullmatch(NAME, name) or not os.path.lexists(pointer):
+def _imported_folder(name: str) -> Path:
+    """Folder of an imported corpus, which its file ``current`` names."""
+    if name not in imported_names():
         names = one_line(suggest_names(name[:60], ["synth", *imported_names()]), 150)
-        raise InputError(
-            f"data={name[:60]}: not imported; {names}. Import it with: bench data import ..."
-        )
-    digest = small_file(pointer, most=100).decode(errors="replace").strip()
+        advice = "Import it with: bench data import ..."
+        raise InputError(f"data={name[:60]}: not imported; {names}. {advice}")
+    folder = data_folder() / "corpora" / name
+    digest = (folder / "current").read_bytes().decode(errors="replace").strip()
     if not re.fullmatch("[0-9a-f]{16}", digest):
-        raise Damaged("current names no corpus")
-    return pointer.parent / digest
+        raise damaged_error(folder, "current names no corpus")
+    return folder / digest
 
 
 def find_corpus_damage(name: str) -> dict[str, str]:
-    """Every file of an imported corpus, or of all generated ones, with its defect, ``""`` for none."""
-    if "+" in name:
-        raise InputError(f"bench data verify {name[:100]}: give one corpus at a time")
-    if name == "synth":
-        folders = sorted(
-            f for f in (data_folder() / "corpora" / "synth").glob("[0-9a-f]*") if f.is_dir()
-        )
-        return {
-            f"{f.name}/{file}": wrong
-            for f in folders
-            for file, wrong in find_damage(f, f.name).items()
-        }
-    try:
-        folder = _folder(name)
-    except Damaged as e:
-        return {"current": str(e)}
-    wrong = {"current": "", **find_damage(folder, folder.name)}
-    if not any(wrong.values()):
-        try:
-            open_imported(name)
-        except InputError as e:
-            wrong["corpus.json"] = str(e)
-    return wrong
+    """Read all files of an imported corpus, or of all generated ones.
+
+    Returns:
+        The defect of each file by name, ``""`` for none.
+    """
+    if name != "synth":
+        return {"current": ""} | find_damage(_imported_folder(name))
+    defects = {}
+    for folder in sorted((data_folder() / "corpora" / "synth").glob("[0-9a-f]*")):
+        for file, defect in find_damage(folder).items():
+            defects[f"{folder.name}/{file}"] = defect
+    return defects
 
 
 def imported_names() -> list[str]:
-    """Names of the corpora that are stored."""
-    pointers = (data_folder() / "corpora").glob(
-        "*/current"
-    )  # a dangling link is one to some versions of Python
-    return sorted(
-        p.parent.name for p in pointers if p.exists() and re.fullmatch(NAME, p.parent.name)
-    )
+    """Names of the imported corpora, sorted."""
+    pointers = (data_folder() / "corpora").glob("*/current")
+    names = [pointer.parent.name for pointer in pointers if pointer.is_file()]
+    return sorted(name for name in names if re.fullmatch(NAME, name))
 
 
-def _arguments(
-    kind: str, reader: Callable, options: dict[str, str], source: Path
-) -> dict[str, object]:
-    """Options as the types that the reader's signature names."""
-    taken = dict(list(inspect.signature(reader, eval_str=True).parameters.items())[1:])
-    arguments: dict[str, object] = {}
-    for key, text in options.items():
-        if key == "name":
-            continue
-        if key not in taken:
-            from bench.corpora.cuts import OPTIONS
+def make_once(
+    kind: str, arguments: object, make: Callable[[], Corpus], *code: ModuleType
+) -> Corpus:
+    """Open a corpus that code makes; make and store it if it is missing or damaged.
 
-            raise InputError(
-                f"format {kind} has no option {key!r}; {suggest_names(key, {'name', *OPTIONS, *taken})}"
-            )
-        try:
-            arguments[key] = float(text) if taken[key].annotation is float else text
-        except ValueError as e:
-            raise InputError(f"{key}={text}: give a number") from e
-    missing = [
-        k for k, p in taken.items() if p.default is inspect.Parameter.empty and k not in arguments
-    ]
-    if missing:
-        if not os.path.lexists(source):  # what is asked for would not help
-            raise InputError(
-                f"{one_line(source, 160)}: there is no such file; give the path of a file"
-            )
-        raise InputError(f"format {kind} also needs {', '.join(f'{k}=' for k in missing)}")
-    return arguments
-
-
-def make_once(kind: str, about: object, make: Callable[[], Corpus], *code: ModuleType) -> Corpus:
-    """A corpus of a kind that modules make out of ``about`` (JSON); made and stored if missing or damaged."""
+    Args:
+        kind: folder of such corpora.
+        arguments: JSON values on which the corpus depends.
+        make: function that makes it.
+        code: modules on which it depends.
+    """
     source = b"".join(Path(str(module.__file__)).read_bytes() for module in code)
-    key = hashlib.sha256(json.dumps(about, sort_keys=True).encode() + source).hexdigest()[:16]
+    key = hashlib.sha256(json.dumps(arguments, sort_keys=True).encode() + source).hexdigest()[:16]
     folder = data_folder() / "corpora" / kind / key
     try:
-        return open_folder(folder, folder.name)
+        return open_folder(folder)
     except InputError:
         corpus = make()
     try:
         write_folder(corpus, folder)
     except OSError as e:
-        raise _unwritable(folder, e) from e
-    return open_folder(folder, folder.name)
+        raise _unwritable_error(folder, e) from e
+    return open_folder(folder)
 
 
-def _together(name: str) -> Corpus:
+def _open_joined(name: str) -> Corpus:
     """Several corpora as one."""
     from bench.corpora import joined
 
     names = name.split("+")
     if len(set(names)) < len(names) or {"", "synth"} & {*names}:
         raise InputError(f"data={name[:100]}: join the names of imported corpora by +, each once")
-    corpora = [open_imported(each) for each in names]
-    if partly := [corpus.name for corpus in corpora if corpus.info.get(ASIDE)]:
-        raise InputError(
-            f"data={name[:100]}: {partly[0]} has captures without a gesture; give it alone"
-        )
-    return make_once(
-        ".joined",
-        [[c.digest, c.name] for c in corpora],
-        lambda: joined.join_corpora(corpora),
-        joined,
-    )
+    corpora = [open_imported(part) for part in names]
+    for corpus in corpora:
+        if corpus.info.get(ASIDE):
+            reason = f"{corpus.name} has captures without a gesture; give it alone"
+            raise InputError(f"data={name[:100]}: {reason}")
+    identities = [[corpus.digest, corpus.name] for corpus in corpora]
+    return make_once(".joined", identities, lambda: joined.join_corpora(corpora), joined)
 
 
-def first_warnings(warnings: list[str], rest: str) -> str:
-    """Warnings of an import in one line: the first three, and the command that prints all."""
+def first_warnings(warnings: list[str], command: str) -> str:
+    """The first three warnings of an import in one line, and the command that prints all."""
     text = "; ".join(warnings[:3])
-    return text if len(warnings) <= 3 else f"{len(warnings)} of them: {text}; for all: {rest}"
+    return text if len(warnings) <= 3 else f"{len(warnings)} of them: {text}; for all: {command}"

@@ -286,21 +286,21 @@ def side_of_table(table: Table, name: str) -> Side:
 
 def _read_rows(table: Table) -> pd.DataFrame:
     """The columns `COLUMNS` as text; only the prediction may be missing."""
-    check_columns(table.columns, COLUMNS, table.header)
+    check_columns(table.columns, COLUMNS, table.header_prefix)
     blocks, first = [], table.first
     for batch in table.read_batches([]):
         cells = {
             name: batch.column(table.columns.index(name)).cast(pa.string()) for name in COLUMNS
         }
         words = {
-            n: text_categories(cell, n, table.where, first, n == "prediction")
+            n: text_categories(cell, n, table.row_prefix, first, n == "prediction")
             for n, cell in cells.items()
         }
         blocks.append(pd.DataFrame({name: np.asarray(column) for name, column in words.items()}))
         first += len(batch)
     if not blocks:
         raise InputError(
-            f"{table.header}: there are no predictions in it; give a row for each capture"
+            f"{table.header_prefix}: there are no predictions in it; give a row for each capture"
         )
     return pd.concat(blocks, ignore_index=True)
 

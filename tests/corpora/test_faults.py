@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.corpora import faults
+from bench.corpora import fault_names, faults
 from bench.corpora.faults import FAULTS, SEVERITIES, as_shares, damage_captures, fault
-from bench.ground import words
 from tests.conftest import random_corpus
 
 ALL = list(FAULTS.values())
@@ -190,9 +189,9 @@ def test_damage_depends_on_the_capture_alone_and_no_cache_knows_the_damaged_corp
 
 
 def test_help_names_every_fault():
-    assert words.FAULTS.split() == [f.name for f in ALL if not f.later]
-    assert words.MORE_FAULTS.split() == [f.name for f in ALL if f.later]
-    assert words.FRAME_LOSSES.split() == [f.name for f in ALL if f.shortens]
+    assert [*fault_names.FAULT_NAMES] == [f.name for f in ALL if not f.later]
+    assert [*fault_names.MORE_FAULT_NAMES] == [f.name for f in ALL if f.later]
+    assert [*fault_names.SHORTENING_FAULTS] == [f.name for f in ALL if f.shortens]
 
 
 def test_a_fault_of_ones_own_is_one_function(monkeypatch):

@@ -1,9 +1,8 @@
-"""A stored corpus that was changed, damaged or swapped is refused in one line, or made again if it was generated."""
+"""Stored corpora: damage is refused in one line and mended; generated corpora are made again."""
 
 import json
 import multiprocessing
 import os
-import shutil
 from itertools import product
 from pathlib import Path
 
@@ -13,11 +12,9 @@ import pytest
 from bench.cli import main
 from bench.corpora import library, synth
 from bench.corpora.folder import content_digest, find_damage, open_folder, write_folder
-from bench.corpora.library import import_corpus, imported_names, open_corpus
+from bench.corpora.library import import_corpus, open_corpus
 from bench.errors import InputError
 from bench.ground.scratch import data_folder, use_scratch_folder
-from bench.plan.cells import make_cells
-from bench.plan.plan import make_plans
 from tests.conftest import random_corpus
 from tests.corpora.made import GOOD, csv
 
@@ -28,165 +25,132 @@ def stored(corpus, tmp_path):
     return tmp_path / "c"
 
 
-def refused(opened, *arguments):
-    """The one line."""
+def refusal(function, *arguments):
+    """The one line with which a damaged corpus is refused."""
     with pytest.raises(InputError) as error:
-        opened(*arguments)
+        function(*arguments)
     message = str(error.value)
     assert "import it again" in message and "\n" not in message and len(message) <= 300
     return message
 
 
-def flip(path, as_before=False):
-    """Turn one byte over, and set the times back."""
+def flip_bit(path, keep_time=False):
     times, content = path.stat(), bytearray(path.read_bytes())
     content[len(content) // 2] ^= 16
     path.write_bytes(content)
-    if as_before:
+    if keep_time:
         os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
 
 
-def rewrite(change):
-    return lambda path: path.write_text(change(path.read_text()))
+def halve(path):
+    os.truncate(path, path.stat().st_size // 2)
+
+
+def halve_rate(path):
+    path.write_text(path.read_text().replace('"rate_hz": 100.0', '"rate_hz": 50.0'))
 
 
 HARMS = [
-    flip,
-    lambda path: flip(path, as_before=True),
-    lambda path: os.truncate(path, 1 << 40),  # a hole of a terabyte
-    Path.unlink,
-    lambda path: (path.unlink(), os.mkfifo(path)),
-    lambda path: (path.unlink(), path.symlink_to("/dev/zero")),
+    *product(["frames.npy", "lengths.npy", "captures.parquet"], [flip_bit, halve, Path.unlink]),
+    ("frames.npy", lambda path: flip_bit(path, keep_time=True)),
+    *product(["corpus.json"], [Path.unlink, halve, halve_rate]),
+    *(("corpus.json", lambda path, text=text: path.write_text(text)) for text in ("null", "{}")),
 ]
-TEXTS = [
-    rewrite(lambda text: text.replace('"rate_hz": 100.0', '"rate_hz": 50.0')),
-    rewrite(lambda text: text.replace('"files"', '"others"')),
-    *(
-        rewrite(lambda _, text=text: text)
-        for text in ("null", "[" * 100_000, '{"a": ' + "9" * 5000 + "}")
-    ),
-]
-HARMED = [*product(["frames.npy"], HARMS), *product(["corpus.json"], HARMS + TEXTS)]
 
 
-@pytest.mark.parametrize(
-    ("name", "harm"), [*HARMED, ("lengths.npy", flip), ("captures.parquet", Path.unlink)]
-)
-def test_a_harmed_file_is_refused_found_and_mended(stored, corpus, name, harm):
+@pytest.mark.parametrize(("name", "harm"), HARMS)
+def test_a_damaged_file_is_refused_found_and_replaced(stored, corpus, name, harm):
     harm(stored / name)
-    assert name in refused(open_folder, stored)
-    wrong = find_damage(stored)
-    assert wrong[name] and (name == "corpus.json" or sum(map(bool, wrong.values())) == 1)
+    assert name in refusal(open_folder, stored)
+    defects = find_damage(stored)
+    assert defects[name] and (name == "corpus.json" or sum(map(bool, defects.values())) == 1)
     write_folder(corpus, stored)
-    assert not any(find_damage(stored, "c").values())
+    assert not any(find_damage(stored).values())
     assert np.array_equal(open_folder(stored).frames, corpus.frames)
-    assert [p.name for p in stored.parent.iterdir() if p.name != "home"] == ["c"]
+    assert [path.name for path in stored.parent.iterdir() if path.name != "home"] == ["c"]
 
 
-def test_frames_are_hashed_when_they_look_different_and_only_then(stored, corpus):
+def test_frames_are_hashed_only_when_they_look_different(stored, corpus):
     frames, seal = stored / "frames.npy", stored / "seal.json"
-    written = {seal.stat().st_mtime_ns}
-    assert (
-        open_folder(stored).digest == content_digest(corpus)
-        and {seal.stat().st_mtime_ns} == written
-    )
+    first = seal.stat().st_mtime_ns
+    assert open_folder(stored).digest == content_digest(corpus)
+    assert seal.stat().st_mtime_ns == first
     os.utime(frames)
-    for _ in range(3):
-        assert np.array_equal(open_folder(stored).frames, corpus.frames)
-        written.add(seal.stat().st_mtime_ns)
-    assert len(written) == 2  # the new look is remembered
-    flip(frames)
-    assert "frames.npy differs" in refused(open_folder, stored)
-    flip(frames)  # undone
+    open_folder(stored)
+    second = seal.stat().st_mtime_ns
+    open_folder(stored)
+    assert first != second == seal.stat().st_mtime_ns
+    flip_bit(frames)
+    assert "frames.npy differs" in refusal(open_folder, stored)
+    flip_bit(frames)  # undone
     assert np.array_equal(open_folder(stored).frames, corpus.frames)
 
 
-def test_a_byte_with_all_clocks_set_back_is_found_by_verifying(stored):
+def test_damage_that_cannot_be_seen_from_outside_is_found_by_verifying(stored):
     frames, seal = stored / "frames.npy", stored / "seal.json"
-    flip(frames, as_before=True)
-    look = json.loads(seal.read_text())
-    seal.write_text(json.dumps([*look[:3], frames.stat().st_ctime_ns, *look[4:]]))
-    open_folder(stored)  # all that is cheap to see is as it was
-    assert [name for name, wrong in find_damage(stored).items() if wrong] == ["frames.npy"]
-    refused(open_folder, stored)  # from now on
+    flip_bit(frames, keep_time=True)
+    contents = json.loads(seal.read_text())
+    seal.write_text(json.dumps([*contents[:3], frames.stat().st_ctime_ns, *contents[4:]]))
+    open_folder(stored)
+    assert [name for name, defect in find_damage(stored).items() if defect] == ["frames.npy"]
+    refusal(open_folder, stored)  # from now on
 
 
 OPTIONS = {"name": "arm", "rate_hz": "50", "grid": "1x2"}
 
 
-def hidden():
-    return [p.name for p in data_folder().rglob(".*") if not p.name.endswith(".lock")]
+def leftovers():
+    return [path.name for path in data_folder().rglob(".*") if not path.name.endswith(".lock")]
 
 
-@pytest.mark.parametrize("at", ["numpy.save", "pathlib.Path.rename", "os.replace"])
-def test_an_import_that_dies_leaves_the_earlier_corpus(tmp_path, monkeypatch, at):
+@pytest.mark.parametrize("step", ["numpy.save", "pathlib.Path.rename", "os.replace"])
+def test_an_import_that_dies_leaves_the_earlier_corpus(tmp_path, monkeypatch, step):
     path = csv(tmp_path)
     import_corpus("table", path, OPTIONS)
     csv(tmp_path, *(row.replace("ann", "bob") for row in GOOD))
     with monkeypatch.context() as patch:
-        patch.setattr(at, lambda *_, **__: os._exit(9))  # without any clean-up
+        patch.setattr(step, lambda *_, **__: os._exit(9))  # without any clean-up
         process = multiprocessing.get_context("fork").Process(
             target=import_corpus, args=("table", path, OPTIONS)
         )
         process.start()
         process.join(60)
     assert process.exitcode == 9
-    assert hidden() and open_corpus("arm", {}).subjects.tolist() == ["ann"]
+    assert leftovers() and open_corpus("arm", {}).subjects.tolist() == ["ann"]
     with use_scratch_folder():  # as the next command does
-        assert not hidden()
+        assert not leftovers()
     assert import_corpus("table", path, OPTIONS).subjects.tolist() == ["bob"]
     folder = data_folder() / "corpora" / "arm"
-    assert {p.name for p in folder.iterdir()} == {"current", (folder / "current").read_text()}
+    assert {path.name for path in folder.iterdir()} == {"current", (folder / "current").read_text()}
 
 
 @pytest.fixture
-def bring(monkeypatch):
-    """A function that imports a corpus; ``arm`` is imported."""
-    monkeypatch.setattr(
-        library,
-        "load",
-        lambda *_: lambda path, seed: random_corpus(seed=int(seed), info={"source": "x"}),
-    )
+def import_random(monkeypatch):
+    """A function that imports a random corpus; ``arm`` is imported."""
 
-    def bring(name="arm", seed="0"):
+    def reader(path, seed):
+        return random_corpus(seed=int(seed), info={"source": "x"})
+
+    def import_random(name="arm", seed="0"):
         return import_corpus("any", data_folder(), {"name": name, "seed": seed})
 
-    bring()
-    return bring
+    monkeypatch.setattr(library, "load_part", lambda *_: reader)
+    import_random()
+    return import_random
 
 
-POINTERS = {
-    "folder": lambda path: path.mkdir(),
-    "pipe": os.mkfifo,
-    "loop": lambda path: path.symlink_to("current"),
-    "nowhere": lambda path: path.symlink_to("nothing"),
-    "no text": lambda path: path.write_bytes(b"\xff\xfe\x00" * 5000),
-    "outside": lambda path: path.write_text("../other/0123456789abcdef"),
-    "none": lambda path: path.write_text("0123456789abcdef"),
-}
-
-
-@pytest.mark.parametrize("how", POINTERS)
-def test_what_points_nowhere_or_outside_is_refused_and_mended_by_an_import(bring, how, capsys):
+@pytest.mark.parametrize("text", ["", "../other/0123456789abcdef", "0123456789abcdef"])
+def test_a_name_without_its_corpus_is_refused_until_the_next_import(import_random, text):
     pointer = data_folder() / "corpora" / "arm" / "current"
     good = pointer.read_text()
-    pointer.unlink()
-    POINTERS[how](pointer)
-    refused(open_corpus, "arm", {})
-    assert main(["data", "verify", "arm"]) == 1
-    assert "arm: damaged" in capsys.readouterr().out
-    if how in ("loop", "nowhere"):
-        assert imported_names() == []
-    bring()
-    assert (
-        pointer.read_text() == good
-        and not pointer.is_symlink()
-        and len(open_corpus("arm", {})) == 36
-    )
+    pointer.write_text(text)
+    refusal(open_corpus, "arm", {})
+    import_random()
+    assert pointer.read_text() == good and len(open_corpus("arm", {})) == 36
 
 
-def test_a_damaged_corpus_does_not_hide_the_others(bring, capsys):
-    flip(bring("leg", "1").path / "frames.npy")
+def test_a_damaged_corpus_does_not_hide_the_others(import_random, capsys):
+    flip_bit(import_random("leg", "1").path / "frames.npy")
     assert main(["data"]) == 0
     out = capsys.readouterr().out
     assert "import it again" in out and "arm\n  36 captures" in out
@@ -195,44 +159,24 @@ def test_a_damaged_corpus_does_not_hide_the_others(bring, capsys):
     assert error.count("\n") == 1 and "frames.npy differs" in error and "import it again" in error
 
 
-SYNTH = {"subjects": 1, "variants": ("normal",), "repetitions": 1}
-
-
-def test_a_damaged_generated_corpus_is_generated_again(monkeypatch):
-    expected = synth.generate(**SYNTH)
-    generated, real = [], synth.generate
-    monkeypatch.setattr(synth, "generate", lambda **how: (generated.append(1), real(**how))[1])
-
-    def right():
-        corpus = open_corpus("synth", SYNTH)
-        return np.array_equal(corpus.frames, expected.frames) and corpus.captures.equals(
-            expected.captures
-        )
-
-    assert right() and right() and len(generated) == 1
-    place, other = (open_corpus("synth", SYNTH | more).path for more in ({}, {"seed": 1}))
-    harms = [lambda: place.write_text("a file"), lambda: shutil.copytree(other, place)]
-    for count, harm in enumerate(harms, 3):
-        shutil.rmtree(place)
-        harm()
-        assert right() and right() and len(generated) == count
-    flip(place / "frames.npy")
+def test_a_damaged_generated_corpus_is_generated_again():
+    parameters = {"subjects": 1, "variants": ("normal",), "repetitions": 1}
+    expected = synth.generate(**parameters)
+    folder = open_corpus("synth", parameters).path
+    flip_bit(folder / "frames.npy")
     assert main(["data", "verify", "synth"]) == 1
-    assert right() and len(generated) == 5 and main(["data", "verify", "synth"]) == 0
+    again = open_corpus("synth", parameters)
+    assert np.array_equal(again.frames, expected.frames) and again.path == folder
+    assert again.captures.equals(expected.captures)
+    assert main(["data", "verify", "synth"]) == 0
 
 
-def test_several_corpora_are_opened_as_one_for_any_protocol(bring):
-    for name, seed in (("leg", "1"), ("hip", "2")):
-        bring(name, seed)
-    (plan,) = make_plans(
-        make_cells({"data": "arm+leg+hip", "where": "corpus != 'hip'", "model": "lda"}), 1
-    )
-    assert (
-        plan.corpus.name == "arm+leg+hip" and len(set(plan.corpus.subjects)) == len(plan.folds) == 8
-    )
-    before = open_corpus("arm+leg", {}).digest
-    bring("leg", "3")
-    assert open_corpus("arm+leg", {}).digest != before
+def test_joined_corpora_follow_their_parts(import_random):
+    import_random("leg", "1")
+    before = open_corpus("arm+leg", {})
+    assert len({*before.subjects}) == 8
+    import_random("leg", "3")
+    assert open_corpus("arm+leg", {}).digest != before.digest
     for name in ("arm+arm", "arm+synth", "arm+", "arm+toe"):
         with pytest.raises(InputError, match=r"join the names|not imported"):
             open_corpus(name, {})

@@ -72,11 +72,11 @@ def read(path: Path) -> Corpus:
     """
     path = Path(path)
     table = CsvTable(path, file_name(path), counts=[*LABELS, SYNTHETIC], whole=True)
-    check_columns(table.columns, LABELS + CHANNELS, table.header)
+    check_columns(table.columns, LABELS + CHANNELS, table.header_prefix)
     made = SYNTHETIC in table.columns
     if extra := set(table.columns) - {*LABELS, SYNTHETIC, *CHANNELS}:
         raise InputError(
-            f"{table.header}: column {quote_text(min(extra))} is not one of CoST's; import it as a table instead"
+            f"{table.header_prefix}: column {quote_text(min(extra))} is not one of CoST's; import it as a table instead"
         )
     rows = table.read_rows(CHANNELS, FULL_SCALE)
     labels = rows.labels

@@ -81,7 +81,7 @@ def _part(source: bytes, name: str, split: str) -> tuple[pd.DataFrame, np.ndarra
         ("ParticipantNo", []) if split == "train" else ("ParticipantID", ["Sequence"])
     )
     conditions = [participant, "Gesture", "Substrate", "Cover"]
-    check_columns(table.columns, [*conditions, *numbered, *CELLS], table.header)
+    check_columns(table.columns, [*conditions, *numbered, *CELLS], table.header_prefix)
     rows = table.read_rows(CELLS, FULL_SCALE)
     frame = (
         rows.labels["Sequence"].to_numpy() if numbered else np.arange(len(rows.labels)) % FRAMES + 1

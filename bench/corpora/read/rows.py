@@ -83,8 +83,8 @@ class Table:
     """A table with one frame per row; subclasses give the rows in batches."""
 
     columns: list[str]  # without spaces around them
-    header: str  # beginning of messages about columns
-    where: str  # the table and the word for a row in messages: "my.csv, line"
+    header_prefix: str  # beginning of messages about columns
+    row_prefix: str  # the table and the word for a row in messages: "my.csv, line"
     first = 1  # number of the first row
     labels: (
         pd.DataFrame
@@ -99,7 +99,7 @@ class Table:
 
     def read_rows(self, channels: list[str], full_scale: float, blank: str = "") -> Self:
         """Read all rows, the values of the channels in this order; in the column ``blank`` cells may be empty."""
-        check_condition_count(len(self.columns) - len(channels), self.header)
+        check_condition_count(len(self.columns) - len(channels), self.header_prefix)
         labels: dict[str, list[pa.Array]] = {}
         blocks, first = [], self.first
         for batch in self.read_batches(channels):
@@ -108,7 +108,7 @@ class Table:
                 columns.pop(name).to_numpy(zero_copy_only=False) for name in channels
             ]  # a gap becomes NaN
             for name, column in zip(channels, sensors, strict=True):
-                check_values(column[:, None], full_scale, self.where, first, [name])
+                check_values(column[:, None], full_scale, self.row_prefix, first, [name])
             block = np.stack(sensors, axis=1)
             blocks.append(block.astype(smallest_dtype(block)))
             for name, column in columns.items():
@@ -116,7 +116,7 @@ class Table:
             first += len(batch)
         if not blocks:
             raise InputError(
-                f"{self.where.partition(',')[0]}: there are no frames in it; give one row per frame"
+                f"{self.row_prefix.partition(',')[0]}: there are no frames in it; give one row per frame"
             )
         table = {
             name: self._joined(pa.chunked_array(parts), name, name == blank)
@@ -127,7 +127,7 @@ class Table:
 
     def refuse_row(self, row: int, reason: str) -> NoReturn:
         """End with a message about a row."""
-        raise InputError(f"{self.where} {self.first + row}: {reason}")
+        raise InputError(f"{self.row_prefix} {self.first + row}: {reason}")
 
     def check_labels(self, column: str, good: pd.Series, wanted: str) -> None:
         """Refuse the first label that is not good; ``wanted`` describes valid ones."""
@@ -192,7 +192,11 @@ class Table:
         """A column of labels; whole numbers stay whole where some are missing."""
         if _is_text(column.type):
             return text_categories(
-                column.unify_dictionaries().combine_chunks(), name, self.where, self.first, blank
+                column.unify_dictionaries().combine_chunks(),
+                name,
+                self.row_prefix,
+                self.first,
+                blank,
             )
         if kinds.is_integer(column.type) and column.null_count:
             whole = pd.UInt64Dtype() if kinds.is_unsigned_integer(column.type) else pd.Int64Dtype()
@@ -260,7 +264,7 @@ class PandasTable(Table):
     """A table in memory, which messages call ``label``."""
 
     def __init__(self, table: pd.DataFrame, label: str, row: str = "row") -> None:
-        self.columns, self.header, self.where = [*table], label, f"{label}, {row}"
+        self.columns, self.header_prefix, self.row_prefix = [*table], label, f"{label}, {row}"
         try:
             self._rows = pa.Table.from_pandas(table, preserve_index=False).combine_chunks()
         except (pa.ArrowException, TypeError, ValueError) as e:
@@ -270,7 +274,7 @@ class PandasTable(Table):
 
     def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
         """The whole table."""
-        _check_types(self._rows.schema, self.columns, {*channels, "frame"}, self.header)
+        _check_types(self._rows.schema, self.columns, {*channels, "frame"}, self.header_prefix)
         yield from (batch for batch in self._rows.to_batches() if len(batch))
 
     def label_columns(self) -> pd.DataFrame:
@@ -286,7 +290,11 @@ class ParquetTable(Table):
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self.header, self.where = path, file_name(path), f"{file_name(path)}, row"
+        self.path, self.header_prefix, self.row_prefix = (
+            path,
+            file_name(path),
+            f"{file_name(path)}, row",
+        )
         with self._readable():
             with pq.ParquetFile(path) as file:
                 metadata, schema = file.metadata, file.schema_arrow
@@ -301,7 +309,7 @@ class ParquetTable(Table):
         check_unpacked_size(needed, path, "save it as CSV")
         self._schema = pa.schema([field for field in schema if field.name not in index])
         self.columns = [name.strip() for name in self._schema.names]
-        check_column_names(self.columns, self.header)
+        check_column_names(self.columns, self.header_prefix)
 
     @contextmanager
     def _readable(self) -> Iterator[None]:
@@ -313,7 +321,7 @@ class ParquetTable(Table):
             Exception
         ) as e:  # pyarrow and the text within a file raise a dozen types for damaged bytes
             raise InputError(
-                f"{self.header}: not a readable parquet file ({one_line(e)}); save it again"
+                f"{self.header_prefix}: not a readable parquet file ({one_line(e)}); save it again"
             ) from e
 
     def read_rows(self, channels: list[str], full_scale: float, blank: str = "") -> Self:
@@ -323,7 +331,7 @@ class ParquetTable(Table):
 
     def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
         """Rows as they are unpacked."""
-        _check_types(self._schema, self.columns, {*channels, "frame"}, self.header)
+        _check_types(self._schema, self.columns, {*channels, "frame"}, self.header_prefix)
         text = [field.name for field in self._schema if _is_text(field.type)]
         with pq.ParquetFile(
             self.path, read_dictionary=text, page_checksum_verification=True
@@ -355,7 +363,11 @@ class CsvTable(Table):
         counts: Collection[str] = ("frame",),
         whole: bool = False,
     ) -> None:
-        self.label, self.header, self.where = label, f"{label}, line 1", f"{label}, line"
+        self.label, self.header_prefix, self.row_prefix = (
+            label,
+            f"{label}, line 1",
+            f"{label}, line",
+        )
         self.counts, self.kinds = (
             counts,
             (pa.int64(), pa.uint16()) if whole else (pa.float64(), pa.float64()),
@@ -369,12 +381,12 @@ class CsvTable(Table):
             cells = next(csv.reader([text], delimiter=self.separator, skipinitialspace=True), [])
         except (UnicodeDecodeError, csv.Error) as e:
             raise InputError(
-                f"{self.header}: not the header of a CSV file in UTF-8 ({one_line(e)}); give the CSV file itself"
+                f"{self.header_prefix}: not the header of a CSV file in UTF-8 ({one_line(e)}); give the CSV file itself"
             ) from e
         self.columns = [name.strip().strip('"').strip() for name in cells]
         if not any(self.columns):
-            raise InputError(f"{self.header}: empty; begin the file with its header")
-        check_column_names(self.columns, self.header)
+            raise InputError(f"{self.header_prefix}: empty; begin the file with its header")
+        check_column_names(self.columns, self.header_prefix)
 
     def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
         """Rows of a block of lines at a time."""
@@ -423,7 +435,7 @@ class CsvTable(Table):
             reason = f"{shorten(self.columns[int(match[1])])} {wrong}; correct the cell"
         else:
             reason = "cannot be read as CSV; check quotes and line ends"
-        raise InputError(f"{self.where} {line}: {reason}")
+        raise InputError(f"{self.row_prefix} {line}: {reason}")
 
 
 def _content(source: Path | bytes, label: str) -> memoryview:

@@ -211,11 +211,11 @@ def read_table_rows(
     table: Table = (
         ParquetTable(path) if path.suffix.lower() == ".parquet" else CsvTable(path, file_name(path))
     )
-    check_columns(table.columns, required, table.header)
-    channels = channel_columns(table.columns, size, table.header)
+    check_columns(table.columns, required, table.header_prefix)
+    channels = channel_columns(table.columns, size, table.header_prefix)
     if len(table.columns) < len(channels) + len(required) or {*known} & set(channels):
         raise InputError(
-            f"{table.header}: {len(table.columns)} columns cannot hold {', '.join(required)} and then {len(channels)} "
+            f"{table.header_prefix}: {len(table.columns)} columns cannot hold {', '.join(required)} and then {len(channels)} "
             "channels; check grid= and put the channels last"
         )
     chosen = set(channels)
