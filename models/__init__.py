@@ -3,6 +3,8 @@
 The first ones go with any feature set, the others are published systems as a whole.
 """
 
+from bench.features import HAART_NOTE
+
 PARTS = {
     "bayes": "bench.models.classic.bayes:bayes",
     "tree": "bench.models.classic.tree:tree",
@@ -43,3 +45,4 @@ PARTS = {
     "touchnet": "bench.models.nets.touchnet:TouchNet",
     "reflex": "bench.models.reflex:Reflex",
 }
+DESIGNED_ON = dict.fromkeys(("reflex", "rocket", "touchnet"), ("haart", HAART_NOTE))

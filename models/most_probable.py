@@ -1,4 +1,4 @@
-"""The common part of classifiers with probabilities."""
+"""The common base of classifiers with probabilities."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bench.corpora.corpus import Corpus
 
 
 class MostProbable(ClassifierMixin, BaseEstimator):
-    """A classifier whose label is the class with the largest probability; of equal ones the first."""
+    """A classifier that predicts the class with the largest probability, of equal ones the first."""
 
     classes_: np.ndarray
 
@@ -21,3 +21,9 @@ class MostProbable(ClassifierMixin, BaseEstimator):
     def predict(self, X: Corpus | pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class names [captures or rows]."""
         return self.classes_[self.predict_proba(X).argmax(axis=1)]
+
+
+def mean_by_capture(proba: np.ndarray, capture: np.ndarray) -> np.ndarray:
+    """Mean of the rows of each capture, which are consecutive [captures, classes]."""
+    first = np.flatnonzero(np.diff(capture, prepend=-1))
+    return np.add.reduceat(proba, first) / np.bincount(capture)[:, None]

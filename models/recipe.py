@@ -22,7 +22,7 @@ from bench.features.cache import PIECE_COLUMNS, load_after_steps
 from bench.ground.machine import check_memory
 from bench.ground.registry import parameter_defaults as defaults_of
 from bench.models.by_person import PerPersonPipeline
-from bench.models.most_probable import MostProbable
+from bench.models.most_probable import MostProbable, mean_by_capture
 from bench.models.quantised import BITS, can_quantise, quantise_pipeline
 from bench.models.steps import DamagedCopies, Repair, Scale, TurnedCopies
 
@@ -87,7 +87,7 @@ class Recipe(MostProbable):
                 f"model.bits={self.bits}: reflex, lda, softmax, bayes and hughes2017_cnn have it; leave it out"
             )
         self.training_steps()
-        contract.check(self.system)
+        contract.check_parameters(self.system)
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Forwarded to the wrapped system; refuses copies that need more memory than there is."""
@@ -178,9 +178,9 @@ class Recipe(MostProbable):
         return contract.window_frames(self.system, rate_hz)
 
     features = _forward_hook(contract.feature_sets, "system")
-    searches = _forward_hook(contract.searches, "system")
+    searches = _forward_hook(contract.searches_itself, "system")
     best_ = _forward_hook(contract.inner_system, "system_")
-    chosen_ = _forward_hook(contract.chosen, "system_")
+    chosen_ = _forward_hook(contract.chosen_values, "system_")
     history_ = _forward_hook(contract.history, "system_")
     search_seconds_ = _forward_hook(contract.search_seconds, "system_")
     trials_ = _forward_hook(contract.trials, "system_")
@@ -259,11 +259,3 @@ def split_causal_steps(system: contract.System) -> tuple[list[Step], contract.Sy
     if not isinstance(recipe, Recipe):
         return [], system
     return [step for step in recipe.steps() if not isinstance(step, Windows)], recipe.system_
-
-
-def mean_by_capture(proba: np.ndarray, capture: np.ndarray) -> np.ndarray:
-    """Mean of the rows of each capture, which lie together [captures, classes]."""
-    return (
-        np.add.reduceat(proba, np.flatnonzero(np.diff(capture, prepend=-1)))
-        / np.bincount(capture)[:, None]
-    )

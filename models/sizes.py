@@ -40,12 +40,12 @@ def count_working_numbers(estimator: contract.System, taxels: int, frames: int) 
     """Numbers in memory while the system decides once.
 
     A network counts its input and the outputs of its layers (`nets.training.activations`). A classifier on features
-    counts what the features are computed from (`bench.contract.kept`), the features, what it works in, and a score per
+    counts what the features are computed from (`bench.contract.memory_of_features`), the features, what it works in, and a score per
     class; any other system the whole capture and a score per class. What a frame goes through first is added.
     """
     frames = contract.frames_at_once(estimator, frames)
     *around, chosen = _unwrap_system(estimator)
-    before = sum(contract.kept_before(part, taxels) for part in (*around, chosen))
+    before = sum(contract.memory_before(part, taxels) for part in (*around, chosen))
     if together := contract.members(chosen):  # one after the other
         return before + max(count_working_numbers(member, taxels, frames) for member in together)
     if (numbers := contract.numbers_in_memory(chosen)) is not None:
@@ -55,7 +55,7 @@ def count_working_numbers(estimator: contract.System, taxels: int, frames: int) 
     if len(steps) > 1 and width:
         return int(
             before
-            + contract.kept(steps[0], frames, taxels)
+            + contract.memory_of_features(steps[0], frames, taxels)
             + width
             + _count_classifier_work(steps[-1])
             + classes

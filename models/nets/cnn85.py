@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError
+from bench.errors import check_value
 from bench.models.nets.taxel_major import run_taxel_major
 from bench.models.nets.training import LearnRows, Optimiser, Samples, Windows
 from bench.models.nets.window import FrameNet
@@ -16,6 +16,7 @@ RATES = {
     "paper": (1.0, 0.5, 0.1, 0.05, 0.001),
     "toolbox": (1.0, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001, 0.0005),
 }
+PADDINGS = ("zero", "edge")
 SEARCH_EVERY = 10  # epochs
 SEARCH_BATCHES = 30
 
@@ -23,17 +24,18 @@ SEARCH_BATCHES = 30
 class CNN85(FrameNet):
     """Three convolutions over 85 frames, 630 ms of CoST, as channels (Albawi et al. 2018, Table 1).
 
-    Input [batch, frames, rows, cols] scaled to 0..1; output one logit per class. The paper's pooling "pad 2" is read
-    as stride 2 with ceiling, the only reading that gives its 256 x 2 x 2 (docs/notes/systems.md, cnn85). Trained by SGD
-    with momentum, whose learning rate is searched anew every ten epochs on the training windows themselves
-    (`SelectiveSGD`).
+    Input [batch, frames, rows, cols] scaled to 0..1; output one logit per class. The paper's
+    pooling "pad 2" is read as stride 2 with ceiling, the only reading that gives its 256 x 2 x 2
+    (docs/notes/systems.md, cnn85). It is trained by SGD with momentum, whose learning rate is
+    searched every ten epochs on the training windows (`SelectiveSGD`).
 
     Args:
-        hop: frames from one training window to the next, None for windows that do not overlap; those that are scored
-            never do.
-        padding: padding of the last window of a capture: ``zero``, as published, or ``edge``, which repeats its last
-            frame.
-        rates: learning rates that are tried: those that the ``paper`` lists, or those of its ``toolbox``.
+        hop: frames from one training window to the next, None for windows that do not overlap;
+            windows of predictions never overlap.
+        padding: padding of the last window of a capture: ``zero``, as published, or ``edge``, which
+            repeats its last frame.
+        rates: candidate learning rates: those that the ``paper`` lists, or those of its
+            ``toolbox``.
         width: share of the published number of filters and units.
         frames, epochs, batch, seed, device, seconds, precision: see `WindowNet`.
     """
@@ -47,22 +49,17 @@ class CNN85(FrameNet):
     batch: int = 250
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run."""
+        """Check the parameters."""
         super().check()
-        if not 0 < self.width <= 16:
-            raise InputError(
-                f"model.width={self.width:g}: give a share of the published width, above 0 and up to 16"
-            )
-        for name, names in (("padding", ("zero", "edge")), ("rates", tuple(RATES))):
-            if (value := getattr(self, name)) not in names:
-                raise InputError(f"model.{name}={value}: give {' or '.join(names)}")
+        advice = "a share of the published width, above 0 and up to 16"
+        check_value("model.width", self.width, 0 < self.width <= 16, advice)
+        check_value("model.padding", self.padding, self.padding in PADDINGS, "zero or edge")
+        check_value("model.rates", self.rates, self.rates in RATES, "paper or toolbox")
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Refuse a training part before anything is run."""
-        if (self.hop or 1) > (frames := self.length(X.rate_hz)):
-            raise InputError(
-                f"model.hop={self.hop}: frames between windows of {frames} would never be seen"
-            )
+        """Check the training captures."""
+        frames = self.length(X.rate_hz)
+        check_value("model.hop", self.hop, (self.hop or 1) <= frames, f"at most a window, {frames}")
         super().check_training(X, y)
 
     def samples(self, corpus: Corpus) -> Windows:
@@ -70,7 +67,7 @@ class CNN85(FrameNet):
         return Windows(corpus, self.window, self.window, self.padding)
 
     def training_samples(self, corpus: Corpus) -> Windows:
-        """Windows that are trained on."""
+        """Training windows, which may overlap."""
         return Windows(corpus, self.window, self.hop or self.window, self.padding)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
@@ -93,30 +90,34 @@ class CNN85(FrameNet):
         )
 
     def forward(self, net: nn.Module, x: torch.Tensor) -> torch.Tensor:
-        """The output of ``net(x)``; in training in taxel-major order, in half the bits with channels last."""
+        """Output of ``net(x)``; taxel-major in training, with channels last in bfloat16."""
         if self.precision == "bfloat16":
             return net(x.contiguous(memory_format=torch.channels_last))
         return run_taxel_major(net, x) if net.training else net(x)
 
-    def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]]:
-        """Weights from He's normal, biases 0.
+    def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]] | None:
+        """Draw weights from He's normal and set biases to 0.
 
-        The paper does not say how weights start. The toolbox's examples use a normal of SD 0.01, from which this
-        network did not leave chance on HAART, nor did it from PyTorch's default; from He's normal it did.
+        The paper does not state the initial weights. From the normal of SD 0.01 of the toolbox's
+        examples, and from PyTorch's default, this network stayed at chance on HAART; from He's
+        normal it learned.
         """
         for p in net.parameters():
-            nn.init.kaiming_normal_(p) if p.ndim > 1 else nn.init.zeros_(p)
-        return []
+            if p.ndim > 1:
+                nn.init.kaiming_normal_(p)
+            else:
+                nn.init.zeros_(p)
 
     def optimiser(self, net: nn.Module, samples: Samples) -> SelectiveSGD:
-        """The toolbox's, with its search of the learning rate."""
+        """SGD of the paper's toolbox, which searches the learning rate."""
         return SelectiveSGD(net, RATES[self.rates])
 
 
 class SelectiveSGD(Optimiser):
-    """SGD with bias-corrected momentum 0.9 and a searched rate, as the paper's toolbox (LightNet) does it.
+    """SGD with bias-corrected momentum 0.9 and a searched rate, as in the toolbox LightNet.
 
-    m <- 0.9 m - 0.1 gradient - 1e-4 weight (no decay of biases); weight <- weight + rate m / (1 - 0.9^t).
+    m <- 0.9 m - 0.1 gradient - 1e-4 weight (no decay of biases); weight <- weight + rate m / (1 -
+    0.9^t).
     """
 
     def __init__(self, net: nn.Module, rates: tuple[float, ...]) -> None:
@@ -152,9 +153,10 @@ class SelectiveSGD(Optimiser):
         self.steps = steps
 
     def before_epoch(self, epoch: int, batches: np.ndarray, step: LearnRows) -> None:
-        """Every ten epochs, keep that rate whose last loss on up to 30 batches from the current weights is the lowest.
+        """Every ten epochs, keep the rate with the lowest loss after up to 30 batches.
 
-        The trial weights are discarded. Rates above the first one ever kept are not tried again.
+        Each rate starts from the current weights; its weights are discarded. Rates above the first
+        one kept are not tried again.
         """
         if epoch % SEARCH_EVERY:
             return
@@ -166,9 +168,7 @@ class SelectiveSGD(Optimiser):
             self.rate = rate
             for rows in batches[:SEARCH_BATCHES]:
                 loss = step(rows)
-                if not np.isfinite(
-                    loss
-                ):  # it cannot come back, so the remaining batches would be wasted
+                if not np.isfinite(loss):  # it stays so
                     break
             losses.append(loss if np.isfinite(loss) else np.inf)
             self._restore(weights, momentum, steps)

@@ -1,35 +1,48 @@
 """The three networks of Hughes, Krauthammer and Correll 2017: CNN, CNN-RNN and autoencoder-RNN.
 
-All are trained by RMSProp at 1e-4 on values divided by full scale, from weights of a truncated normal of SD 0.1 and
-biases of 0.1, until the training loss stands still. The paper tells neither batch size nor how weights start nor when
-the loss has converged; these are our readings (docs/notes/systems.md, hughes2017).
+All are trained by RMSProp at 1e-4 on values divided by full scale, until the training loss has
+converged. Weights start from a truncated normal of SD 0.1, biases at 0.1. The paper states neither
+the batch size nor the initial weights nor when the loss has converged; these are our readings
+(docs/notes/systems.md, hughes2017).
 """
 
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import nn
 
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError
+from bench.errors import check_value
 from bench.models.nets.time_blocks import TimeConv3d, convolve_and_pool
 from bench.models.nets.training import Forward, Optimiser, Samples, Sequences, Windows, to_device
 from bench.models.nets.window import WindowNet
 from bench.models.quantised import BITS, round_weights
 
-# By corpus: rate in Hz, frames and hop of a window, then filters and kernel (frames, rows, columns) of both layers.
-COST = (135.0, 45, 15, (30, (20, 2, 2)), (10, (5, 2, 2)))
-HAART = (54.0, 27, 9, (30, (10, 3, 3)), (20, (5, 2, 2)))
-CHUNKS = {COST: 270, HAART: 432}  # frames of a sequence of single frames
 UNITS = 50
 ENCODER = (200, 100, 50, 25, 10)
 
 
+class Design(NamedTuple):
+    """The paper's numbers for one corpus."""
+
+    rate_hz: float
+    frames: int  # of a window
+    hop: int  # frames
+    convolutions: tuple  # filters and kernel (frames, rows, columns) of each of the two layers
+    sequence: int  # most windows of a sequence of the CNN-RNN
+    chunk: int  # most frames of a sequence of the autoencoder-RNN
+
+
+COST = Design(135.0, 45, 15, ((30, (20, 2, 2)), (10, (5, 2, 2))), sequence=36, chunk=270)
+HAART = Design(54.0, 27, 9, ((30, (10, 3, 3)), (20, (5, 2, 2))), sequence=46, chunk=432)
+
+
 class Hughes2017(WindowNet):
-    """Base of the three: the design for the corpus, CoST or HAART, whose rate is nearer, and the training.
+    """Base of the three networks: the training, and the design for the corpus with the nearer rate.
 
     Attributes:
         design_: `COST` or `HAART`.
@@ -43,17 +56,16 @@ class Hughes2017(WindowNet):
 
     def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
         """Train on captures and their class names."""
-        self.design_ = min(COST, HAART, key=lambda design: abs(np.log(design[0] / X.rate_hz)))
+        self.design_ = min(COST, HAART, key=lambda design: abs(np.log(design.rate_hz / X.rate_hz)))
         return super().fit(X, y)
 
     def samples(self, corpus: Corpus) -> Samples:
         """Windows of captures: 45 frames every 15 with CoST's network, 27 every 9 with HAART's."""
-        return Windows(corpus, *self.design_[1:3])
+        return Windows(corpus, self.design_.frames, self.design_.hop)
 
-    def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]]:
-        """Initialise the weights by `initialise_weights`."""
+    def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]] | None:
+        """Initialise the weights."""
         initialise_weights(net)
-        return []
 
     def optimiser(self, net: nn.Module, samples: Samples) -> Optimiser:
         """RMSProp."""
@@ -63,8 +75,8 @@ class Hughes2017(WindowNet):
 class Hughes2017CNN(Hughes2017):
     """Two 3-D convolutions over windows of a third to half a second; a decision per window.
 
-    Windows are 45 frames every 15 with CoST's network, or 27 every 9 with HAART's, whichever corpus's rate is nearer.
-    On grids that are too small for a kernel or a pooling, these are cut to what is there.
+    Windows are 45 frames every 15 with CoST's network, or 27 every 9 with HAART's, whichever
+    corpus's rate is nearer. Kernels and poolings that are larger than the grid are cut to its size.
 
     Args:
         bits: bits of a learnt weight in prediction: 32, or 8 as `bench export` stores them.
@@ -75,14 +87,13 @@ class Hughes2017CNN(Hughes2017):
     bits: int = 32
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
+        """Check the parameters.
 
         Raises:
             InputError: as of `WindowNet.check`, or other bits than 32 and 8.
         """
         super().check()
-        if self.bits not in BITS:
-            raise InputError(f"model.bits={self.bits}: give 32 or 8")
+        check_value("model.bits", self.bits, self.bits in BITS, "32 or 8")
 
     def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
         """Train on captures and their class names."""
@@ -106,10 +117,11 @@ class Hughes2017CNN(Hughes2017):
 
 
 class Hughes2017CNNRNN(Hughes2017):
-    """The same convolutions on each window, then a plain recurrent layer over up to 36 windows; majority vote.
+    """The same convolutions on each window, a plain recurrent layer over windows, majority vote.
 
-    A capture with more windows makes several sequences, which is what a decision is of. On HAART the 46 windows of a
-    capture are one sequence. The cell is tanh, the paper contrasts it with LSTM; the loss is a mean over windows.
+    A sequence has at most 36 windows with CoST's network and 46 with HAART's, which is a whole
+    capture; each sequence gets one decision. The cell is tanh, as the paper contrasts it with LSTM;
+    the loss is a mean over windows.
 
     Args:
         epochs, batch, rate, seed, device: see `WindowNet`; ``batch`` sequences per step.
@@ -117,7 +129,7 @@ class Hughes2017CNNRNN(Hughes2017):
 
     def samples(self, corpus: Corpus) -> Sequences:
         """Sequences of windows."""
-        return Sequences(super().samples(corpus), 36 if self.design_ == COST else 46)
+        return Sequences(super().samples(corpus), self.design_.sequence)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """16 254 parameters for CoST, 22 207 for HAART."""
@@ -125,16 +137,17 @@ class Hughes2017CNNRNN(Hughes2017):
         return Recurrent(nn.Sequential(*convolution_layers(self.design_, rows, cols)), UNITS, head)
 
     def forward(self, net: nn.Module, x: tuple[torch.Tensor, torch.Tensor]) -> torch.Tensor:
-        """The output of ``net(x)``, with the encoder of each window as `Hughes2017CNN` runs it."""
+        """Output of ``net(x)``, whose encoder runs as that of `Hughes2017CNN`."""
         return net(x, partial(run_with_pooled_input, net.encoder))
 
 
 class Hughes2017AERNN(Hughes2017):
-    """The code of an autoencoder of single frames, a recurrent layer over them; majority vote over chunks of frames.
+    """The code of an autoencoder of single frames, a recurrent layer over frames, majority vote.
 
-    The autoencoder, 64-200-100-50-25-10 and back, learns to reconstruct training frames; then the recurrent layer is
-    attached to its code and everything is trained. A chunk, which is what a decision is of, has at most 270 frames
-    (2 s) with CoST, and 432, a whole capture, with HAART, whichever corpus's rate is nearer.
+    The autoencoder, 64-200-100-50-25-10 and back, learns to reconstruct training frames; then the
+    recurrent layer is attached to its code and everything is trained. Each chunk of frames gets one
+    decision. It has at most 270 frames (2 s) with CoST's network, and 432, a whole capture, with
+    HAART's, whichever corpus's rate is nearer.
 
     Args:
         pretraining: passes of the autoencoder over the training frames.
@@ -144,41 +157,37 @@ class Hughes2017AERNN(Hughes2017):
     pretraining: int = 20
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
+        """Check the parameters.
 
         Raises:
-            InputError: a count below 1.
+            InputError: as of `WindowNet.check`, or no pass of pretraining.
         """
         super().check()
-        if self.pretraining < 1:
-            raise InputError(f"model.pretraining={self.pretraining}: give at least 1")
+        check_value("model.pretraining", self.pretraining, self.pretraining >= 1, "at least 1")
 
     def samples(self, corpus: Corpus) -> Sequences:
         """Chunks of frames."""
-        return Sequences(Windows(corpus, 1, 1), CHUNKS[self.design_])
+        return Sequences(Windows(corpus, 1, 1), self.design_.chunk)
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
-        """40 949 parameters for CoST, 40 767 for HAART, and the decoder, which is not kept."""
-        sizes = [rows * cols, *ENCODER]
-        return Recurrent(
-            nn.Sequential(nn.Flatten(), *dense_layers(sizes)), 25, nn.Linear(25, classes)
-        )
+        """40 949 parameters for CoST, 40 767 for HAART, without the decoder."""
+        encoder = nn.Sequential(nn.Flatten(), *dense_layers([rows * cols, *ENCODER]))
+        return Recurrent(encoder, 25, nn.Linear(25, classes))
 
     def prepare(self, net: nn.Module, samples: Sequences) -> list[dict[str, float]]:
-        """Train the autoencoder on frames; its losses by pass."""
+        """Train the autoencoder on frames; return its loss of each pass."""
         initialise_weights(net)
         sizes = [net.encoder[1].in_features, *ENCODER][::-1]
         decoder = nn.Sequential(*dense_layers(sizes)).to(self.device)
         initialise_weights(decoder)
         autoencoder = nn.Sequential(net.encoder, decoder)
         rmsprop = torch.optim.RMSprop(autoencoder.parameters(), self.rate)
-        order = np.random.default_rng(self.seed)
+        generator = np.random.default_rng(self.seed)
+        batches = -(-len(samples) // self.batch)
         losses = []
         for _ in range(self.pretraining):
             summed = 0.0
-            for rows in np.array_split(
-                order.permutation(len(samples)), -(-len(samples) // self.batch)
-            ):
+            for rows in np.array_split(generator.permutation(len(samples)), batches):
                 frames = to_device(samples.make_batch(rows), torch.device(self.device))[0]
                 rmsprop.zero_grad()
                 loss = nn.functional.mse_loss(autoencoder(frames), frames.flatten(1))
@@ -190,10 +199,10 @@ class Hughes2017AERNN(Hughes2017):
 
 
 class Recurrent(nn.Module):
-    """An encoder of windows, a plain recurrent layer over the windows of a sequence, and a head at each of them.
+    """An encoder of windows, a plain recurrent layer over a sequence of windows, a head at each.
 
-    Called with the windows of some sequences, one sequence after another, and how many each has; gives logits
-    [windows, classes] in the same order.
+    It is called with the windows of some sequences, one sequence after another, and the number of
+    windows of each, and returns logits [windows, classes] in the same order.
     """
 
     def __init__(self, encoder: nn.Module, units: int, head: nn.Module) -> None:
@@ -208,95 +217,101 @@ class Recurrent(nn.Module):
         self, batch: tuple[torch.Tensor, torch.Tensor], encode: Forward | None = None
     ) -> torch.Tensor:
         """Logits at each window; ``encode`` is a faster way to compute ``encoder(x)``."""
-        windows, steps = batch
+        windows, lengths = batch
         inputs = self.input_layer((encode or self.encoder)(windows))
-        # Longest sequences first: those that still run at a step are then the first ones.
-        order = torch.argsort(steps, descending=True, stable=True)
-        first = (steps.cumsum(0) - steps)[order]
-        runs = steps[order][None] > torch.arange(int(steps.max()), device=steps.device)[:, None]
-        index = (first + torch.arange(len(runs), device=steps.device)[:, None])[runs]
-        states = _TanhStates.apply(inputs[index], self.recurrent_layer.weight, runs.sum(1).tolist())
+        # With the longest sequences first, those that have a window at a step are the first ones.
+        order = torch.argsort(lengths, descending=True, stable=True)
+        first = (lengths.cumsum(0) - lengths)[order]
+        step = torch.arange(int(lengths.max()), device=lengths.device)[:, None]
+        running = lengths[order][None] > step
+        index = (first + step)[running]
+        counts = running.sum(1).tolist()
+        states = _TanhStates.apply(inputs[index], self.recurrent_layer.weight, counts)
         return self.head(torch.empty_like(states).index_copy(0, index, states))
 
 
 class _TanhStates(torch.autograd.Function):
-    """States of a tanh layer [windows, units] from its inputs, all first windows, then all second ones and so on.
+    """States of a tanh layer [windows, units] from its inputs.
 
-    ``running`` counts the sequences at each step, which are the first ones of the step before.
+    Inputs are the first windows of all sequences, then the second ones and so on. ``counts`` has
+    the number of sequences at each step; they are the first ones of the step before.
     """
 
     @staticmethod
     def forward(
-        ctx: object, inputs: torch.Tensor, weight: torch.Tensor, running: list[int]
+        ctx: object, inputs: torch.Tensor, weight: torch.Tensor, counts: list[int]
     ) -> torch.Tensor:
         states = inputs.clone()
-        steps = states.split(running)
+        steps = states.split(counts)
         steps[0].tanh_()
         for before, now in zip(steps, steps[1:], strict=False):
             now.addmm_(before[: len(now)], weight.T).tanh_()
         ctx.save_for_backward(states, weight)
-        ctx.running = running
+        ctx.counts = counts
         return states
 
     @staticmethod
     def backward(ctx: object, gradient: torch.Tensor) -> tuple:
         states, weight = ctx.saved_tensors
-        slope = (1 - states.square()).split(ctx.running)
+        slopes = (1 - states.square()).split(ctx.counts)
         gradient = gradient.clone()
-        steps = gradient.split(ctx.running)
+        steps = gradient.split(ctx.counts)
         for t in reversed(range(len(steps))):
-            steps[t].mul_(slope[t])
+            steps[t].mul_(slopes[t])
             if t:
                 steps[t - 1][: len(steps[t])].addmm_(steps[t], weight)
         for_weight = torch.zeros_like(weight)
-        for before, now in zip(states.split(ctx.running), steps[1:], strict=False):
+        for before, now in zip(states.split(ctx.counts), steps[1:], strict=False):
             for_weight.addmm_(now.T, before[: len(now)])
         return gradient, for_weight, None
 
 
 def run_with_pooled_input(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
-    """The output of `convolution_layers` and later layers for windows; the first is pooled before its bias is added."""
+    """Output of ``net(x)``, with the first convolution pooled before its bias is added."""
     conv, pool, relu, *rest = net
     return nn.Sequential(*rest)(convolve_and_pool(conv, x, pool.kernel_size).relu_())
 
 
-def convolution_layers(design: tuple, rows: int, cols: int) -> list[nn.Module]:
+def convolution_layers(design: Design, rows: int, cols: int) -> list[nn.Module]:
     """Convolution, pooling and ReLU, twice, down to a vector."""
-    (filters, kernel), (filters2, kernel2) = design[3:]
-    stack: list[nn.Module] = []
-    shape = (design[1], rows, cols)
-    for number, (outputs, size) in enumerate(((filters, kernel), (filters2, kernel2))):
-        size = tuple(min(k, n) for k, n in zip(size, shape, strict=True))
-        stack.append(
-            TimeConv3d(outputs, size) if number == 0 else nn.Conv3d(filters, outputs, size)
-        )
+    layers: list[nn.Module] = []
+    shape, channels = (design.frames, rows, cols), 1
+    for filters, kernel in design.convolutions:
+        size = tuple(min(k, n) for k, n in zip(kernel, shape, strict=True))
+        layers.append(nn.Conv3d(channels, filters, size) if layers else TimeConv3d(filters, size))
         shape = tuple(n - k + 1 for n, k in zip(shape, size, strict=True))
         pool = tuple(min(2, n) for n in shape)
-        stack += [nn.MaxPool3d(pool), nn.ReLU()]
-        shape = tuple(n // p for n, p in zip(shape, pool, strict=True))
-    return [*stack, nn.Flatten()]
+        layers += [nn.MaxPool3d(pool), nn.ReLU()]
+        shape, channels = tuple(n // p for n, p in zip(shape, pool, strict=True)), filters
+    return [*layers, nn.Flatten()]
 
 
 def round_network(net: nn.Module, bits: int) -> int:
-    """Round the weights of a network in place, in steps of their own for each filter or unit; how many. Biases stay."""
+    """Round the weights of a network in place, each filter or unit in its own steps; biases stay.
+
+    Returns:
+        Number of rounded weights.
+    """
     weights = [p for p in net.parameters() if p.ndim > 1]
     with torch.no_grad():
         for p in weights:
-            p.copy_(torch.from_numpy(round_weights(p.flatten(1).cpu().numpy(), bits)).view_as(p))
+            rounded = round_weights(p.flatten(1).cpu().numpy(), bits)
+            p.copy_(torch.from_numpy(rounded).view_as(p))
     return sum(p.numel() for p in weights)
 
 
 def dense_layers(sizes: list[int]) -> list[nn.Module]:
     """Linear layers with ReLU between them, none after the last."""
-    stack: list[nn.Module] = []
+    layers: list[nn.Module] = []
     for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
-        stack += [nn.Linear(inputs, outputs), nn.ReLU()]
-    return stack[:-1]
+        layers += [nn.Linear(inputs, outputs), nn.ReLU()]
+    return layers[:-1]
 
 
 def initialise_weights(net: nn.Module) -> None:
-    """Weights from a truncated normal of SD 0.1, biases 0.1."""
+    """Draw weights from a truncated normal of SD 0.1; set biases to 0.1."""
     for p in net.parameters():
-        nn.init.trunc_normal_(p, std=0.1, a=-0.2, b=0.2) if p.ndim > 1 else nn.init.constant_(
-            p, 0.1
-        )
+        if p.ndim > 1:
+            nn.init.trunc_normal_(p, std=0.1, a=-0.2, b=0.2)
+        else:
+            nn.init.constant_(p, 0.1)

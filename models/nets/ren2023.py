@@ -1,4 +1,4 @@
-"""The attention network of Ren, Hou and Belpaeme 2023 (HRI companion), trained without a look at the test part."""
+"""The attention network of Ren, Hou and Belpaeme 2023 (HRI companion)."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ LAYERS = 6
 
 
 class Ren2023Transformer(FrameNet):
-    """Six layers of self-attention over 144 frames, without feed-forward layers, positions or masks.
+    """Six layers of self-attention over 144 frames, no feed-forward layers, positions or masks.
 
-    The authors pick the epoch that is best on the test part. Here one training subject, who is not trained on, picks.
-
-    Windows do not overlap; a capture of HAART has three.
+    The authors keep the epoch that is best on the test part. Here it is the best one for a held-out
+    training subject. Windows do not overlap; a capture of HAART has three.
 
     Args:
         frames, epochs, batch, rate, seed, device, seconds, precision: see `WindowNet`.
@@ -61,14 +60,13 @@ class _Attention(nn.Module):
 
 
 class _SelfAttention(nn.MultiheadAttention):
-    """The layer for queries, keys and values of the same windows, as products that can be of half the bits."""
+    """Attention of windows to themselves, by matrix products that can be computed in bfloat16."""
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         windows, frames, _ = x.shape
-        three = nn.functional.linear(x, self.in_proj_weight, self.in_proj_bias)
-        query, key, value = (
-            three.view(windows, frames, 3, HEADS, -1).permute(2, 0, 3, 1, 4).flatten(1, 2)
-        )
+        projected = nn.functional.linear(x, self.in_proj_weight, self.in_proj_bias)
+        by_head = projected.view(windows, frames, 3, HEADS, -1).permute(2, 0, 3, 1, 4)
+        query, key, value = by_head.flatten(1, 2)
         scores = torch.bmm(query, key.transpose(1, 2)) * (HEADS / WIDTH) ** 0.5
-        mixed = torch.bmm(scores.softmax(-1).to(value.dtype), value)
-        return self.out_proj(mixed.view(windows, HEADS, frames, -1).transpose(1, 2).flatten(2))
+        attended = torch.bmm(scores.softmax(-1).to(value.dtype), value)
+        return self.out_proj(attended.view(windows, HEADS, frames, -1).transpose(1, 2).flatten(2))

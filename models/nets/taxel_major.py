@@ -1,9 +1,10 @@
-"""Small images, fast: convolutions on [rows, cols, batch, channels] as plain matrix products.
+"""Fast convolutions of small images: matrix products on [rows, cols, batch, channels].
 
-A touch frame has 8 x 8 taxels and a network halves that twice, so a library convolution spends up to two fifths of its
-work on zero padding. With the grid as the outer axes, one row of one kernel tap is a contiguous matrix, and taps that
-fall on padding are not computed at all. The network stays an ordinary `nn.Sequential` with its ordinary parameters;
-`run_taxel_major` only runs it in another order (tests/models/test_taxel_major.py compares outputs and gradients).
+A touch frame has 8 x 8 taxels, which a network halves twice, so a library convolution spends up to
+two fifths of its work on zero padding. With the grid as the outer axes, one row of one kernel tap
+is a contiguous matrix, and taps on padding are not computed at all. The network stays an ordinary
+`nn.Sequential`; `run_taxel_major` only runs it in another order (tests/models/test_taxel_major.py
+compares outputs and gradients).
 """
 
 from __future__ import annotations
@@ -18,14 +19,16 @@ def run_taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
     """Run a stack of convolutions, ReLUs and 2 x 2 poolings, then the layers after `nn.Flatten`.
 
     Args:
-        net: ``Conv2d`` (stride 1, zero padding), ``ReLU`` and ``MaxPool2d(2, ceil_mode=True)`` up to a ``Flatten``.
-        x: [batch, channels, rows, cols]; fastest when it is laid out as [rows, cols, batch, channels].
+        net: ``Conv2d`` (stride 1, zero padding), ``ReLU`` and ``MaxPool2d(2, ceil_mode=True)`` up
+            to a ``Flatten``.
+        x: [batch, channels, rows, cols]; fastest with the memory layout [rows, cols, batch,
+            channels].
 
     Returns:
         The output of ``net(x)``, up to rounding.
 
     Raises:
-        TypeError: a layer before ``Flatten`` that is none of these.
+        TypeError: another layer stands before ``Flatten``.
     """
     layers = list(net)
     end = next(i for i, layer in enumerate(layers) if isinstance(layer, nn.Flatten))
@@ -34,9 +37,8 @@ def run_taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
     while i < end:
         layer, following = layers[i], layers[i + 1]
         if isinstance(layer, nn.ReLU) and isinstance(following, nn.MaxPool2d):
-            grid = max_pool(
-                grid
-            ).relu()  # the two commute, and after pooling there is a quarter to do
+            # they commute, and pooling leaves a quarter of the work
+            grid = max_pool(grid).relu()
             i += 1
         elif isinstance(layer, nn.Conv2d):
             weight = layer.weight.permute(2, 3, 1, 0).contiguous()
@@ -55,12 +57,12 @@ def run_taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
 
 
 def max_pool(grid: torch.Tensor) -> torch.Tensor:
-    """Largest of 2 x 2 positions, stride 2, incomplete ones at the end included."""
+    """Maximum of 2 x 2 positions, stride 2, incomplete ones at the end included."""
     return _Halving.apply(_Halving.apply(grid, 0), 1)
 
 
 class _Halving(torch.autograd.Function):
-    """The larger of each two neighbours along an axis; an odd one at the end stays. Of equals the first is taken."""
+    """The larger of each pair along an axis (the first of equal ones); an odd last one stays."""
 
     @staticmethod
     def forward(ctx: object, grid: torch.Tensor, axis: int) -> torch.Tensor:
@@ -93,7 +95,10 @@ def _split_pairs(
 
 
 class _Convolution(torch.autograd.Function):
-    """Cross-correlation of [rows, cols, batch, in] with [kernel rows, kernel cols, in, out], stride 1, zero padding."""
+    """Cross-correlation, stride 1, zero padding.
+
+    Input [rows, cols, batch, in], weight [kernel rows, kernel cols, in, out].
+    """
 
     @staticmethod
     def forward(
@@ -106,9 +111,8 @@ class _Convolution(torch.autograd.Function):
     ) -> torch.Tensor:
         rows, cols, batch, channels = x.shape
         high, wide, _, outputs = weight.shape
-        out = bias.expand(
-            rows + 2 * down - high + 1, cols + 2 * right - wide + 1, batch, outputs
-        ).contiguous()
+        shape = rows + 2 * down - high + 1, cols + 2 * right - wide + 1, batch, outputs
+        out = bias.expand(shape).contiguous()
         for tap, into, source in _iter_kernel_rows(x.shape, weight.shape, down, right):
             out[into].view(-1, outputs).addmm_(x[source].view(-1, channels), weight[tap])
         ctx.save_for_backward(x, weight)
@@ -135,9 +139,9 @@ halve_axis = _Halving.apply
 
 
 def _iter_kernel_rows(x: torch.Size, weight: torch.Size, down: int, right: int) -> Iterator[tuple]:
-    """Every kernel tap with the stretch of an output row it adds to and the stretch of an input row it reads.
+    """Yield each kernel tap with its part of an output row and of an input row.
 
-    Row by row, as what a row needs is then still in the cache.
+    Rows follow one another, so that the data of a row is still in the cache.
     """
     rows, cols = x[:2]
     high, wide = weight[:2]

@@ -1,8 +1,9 @@
 """The one training loop that the networks share.
 
-Windows are cut from the corpus batch by batch: one gather of frames by index, laid out grid first, as `taxel_major`
-and `time_blocks` want it. These two are what beats a plain loop over a DataLoader; the rest of the loop is at par with
-it (benchmarks/bench_training.py).
+Windows are cut from the corpus batch by batch: one gather of frames by index, in the memory layout
+    of `taxel_major` and
+`time_blocks`. These two are faster than a plain loop over a DataLoader; the rest of the loop is as
+fast (benchmarks/bench_training.py).
 """
 
 from __future__ import annotations
@@ -18,22 +19,24 @@ from bench.corpora.corpus import Corpus, shared_frames
 
 
 class Windows:
-    """Windows of equal length over ragged captures, the tail of a capture padded.
+    """Windows of equal length over captures of any length, the last one of a capture padded.
 
-    A capture of T frames has max(1, ceil((T - frames) / hop) + 1) windows, as Hughes et al. 2017 count them: 1 to 85
-    for 10 to 1297 frames at 45 / 15.
+    A capture of T frames has max(1, ceil((T - frames) / hop) + 1) windows, as in Hughes et al.
+    2017: 1 to 85 for 10 to 1297 frames at 45 / 15.
 
     Args:
         corpus: the captures.
         frames: length of a window.
         hop: frames from one window's start to the next.
-        padding: padding of windows that reach beyond their capture: ``zero``, or ``edge`` to repeat its last frame.
+        padding: padding of windows that reach beyond their capture: ``zero``, or ``edge`` to repeat
+            its last frame.
 
     Attributes:
-        capture: int64 [windows], position in the corpus of the capture that a window is cut from.
+        capture: int64 [windows], position of the window's capture in the corpus.
         start: int64 [windows], first frame within the capture.
-        seen: int64 [windows], frames of touch in the window; fewer than ``frames`` where it is padded.
-        steps: int64 [windows], decisions that a network makes on each: one.
+        seen: int64 [windows], frames of the capture in the window; fewer than ``frames`` where it
+            is padded.
+        steps: int64 [windows], decisions of a network on each: one.
     """
 
     def __init__(self, corpus: Corpus, frames: int, hop: int, padding: str = "zero") -> None:
@@ -55,11 +58,11 @@ class Windows:
         return len(self.capture)
 
     def make_example(self) -> torch.Tensor:
-        """The first window, a batch of one."""
+        """A batch of the first window."""
         return self.make_batch(np.arange(1))
 
     def make_batch(self, rows: np.ndarray) -> torch.Tensor:
-        """Windows scaled to 0..1, float32 [rows, frames, grid rows, grid cols], in memory grid first."""
+        """Windows scaled to 0..1, float32 [rows, frames, grid rows, grid cols]."""
         seen = self.seen[rows]
         index = self._begin[rows, None] + np.minimum(np.arange(self.frames), seen[:, None] - 1)
         values = self._values[index].astype(np.float32)  # [rows, frames, taxels]
@@ -70,9 +73,9 @@ class Windows:
 
 
 class Sequences:
-    """Runs of at most ``longest`` consecutive windows of a capture, for networks that read them one after another.
+    """Sequences of at most ``longest`` consecutive windows of a capture, for recurrent networks.
 
-    Attributes are those of `Windows`, ``steps`` the number of windows of each.
+    Attributes are those of `Windows`; ``steps`` is the number of windows of each sequence.
     """
 
     def __init__(self, windows: Windows, longest: int) -> None:
@@ -89,16 +92,15 @@ class Sequences:
         return len(self._first)
 
     def make_example(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """The first window, as a sequence of one step."""
+        """A batch of the first window, as a sequence of one step."""
         return self._windows.make_example(), torch.ones(1, dtype=torch.int64)
 
     def make_batch(self, rows: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-        """The windows of some sequences, one sequence after another, and how many each has."""
+        """Windows of some sequences, one sequence after another, and the length of each."""
         steps = self.steps[rows]
         within = np.arange(steps.sum()) - np.repeat(np.cumsum(steps) - steps, steps)
-        return self._windows.make_batch(
-            np.repeat(self._first[rows], steps) + within
-        ), torch.from_numpy(steps)
+        windows = self._windows.make_batch(np.repeat(self._first[rows], steps) + within)
+        return windows, torch.from_numpy(steps)
 
 
 Samples = Windows | Sequences
@@ -107,7 +109,7 @@ Forward = Callable[[object], torch.Tensor]
 
 
 class Optimiser:
-    """An optimiser of PyTorch as the loop wants it.
+    """An optimiser of PyTorch with the interface of the training loop.
 
     Attributes:
         rate: the learning rate.
@@ -118,14 +120,14 @@ class Optimiser:
         self.rate = inner.param_groups[0]["lr"]
 
     def before_epoch(self, epoch: int, batches: np.ndarray, step: LearnRows) -> None:
-        """Set the rate of an epoch (from 0), whose batches [batches, samples] may be tried with ``step``; it stays."""
+        """Set the rate of an epoch, from 0; ``step`` can try its batches [batches, samples]."""
 
     def zero_grad(self) -> None:
         """Forget the gradients."""
         self.inner.zero_grad()
 
     def step(self) -> None:
-        """Move the parameters along their gradients."""
+        """Update the parameters."""
         self.inner.step()
 
 
@@ -136,9 +138,7 @@ class Schedule:
     epochs: int  # most passes over the samples
     batch: int  # samples per step; with fewer than that, all of them are one batch
     seed: int  # of the shuffles
-    patience: int | None = (
-        None  # stop when the median loss of so many epochs is not 0.1 % below that of those before
-    )
+    patience: int | None = None  # epochs, see `_has_converged`
     smoothing: float = 0.0  # share of a label that is spread over all classes
 
 
@@ -151,7 +151,7 @@ def train_network(
     forward: Forward | None = None,
     judge: Callable[[], float] | None = None,
 ) -> list[dict[str, float]]:
-    """Minimise cross-entropy over shuffled batches; the incomplete last batch of an epoch is left out.
+    """Minimise cross-entropy over shuffled batches; an epoch leaves out its incomplete last batch.
 
     Args:
         net: maps a batch to logits [decisions, classes]; trained in place.
@@ -160,18 +160,20 @@ def train_network(
         optimiser: optimiser of the parameters of ``net``.
         schedule: epochs, batches, and when to stop.
         forward: a faster way to compute ``net(x)`` (`WindowNet.compute_logits`).
-        judge: accuracy of the network on captures it is not trained on; the first epoch with the highest is kept. The
-            loss may then become infinite.
+        judge: measures the accuracy on held-out captures; the first epoch with the highest one is
+            kept. The loss may then become infinite.
 
     Returns:
         Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a judge.
     """
-    order, history = np.random.default_rng(schedule.seed), []
-    best: tuple[float, dict] | None = None  # accuracy and weights of the best epoch that was judged
+    generator, history = np.random.default_rng(schedule.seed), []
+    best: tuple[float, dict] | None = None  # accuracy and weights of the best epoch
     step = _make_step(net, samples, target, optimiser, schedule.smoothing, forward or net)
+    batch = min(schedule.batch, len(samples))
     for epoch in range(schedule.epochs):
         net.train()
-        batches = _draw_batches(len(samples), schedule.batch, order)
+        order = generator.permutation(len(samples))
+        batches = order[: len(samples) // batch * batch].reshape(-1, batch)
         optimiser.before_epoch(epoch, batches, step)
         losses = [step(rows) for rows in batches]
         history.append({"loss": float(np.mean(losses)), "rate": optimiser.rate})
@@ -179,8 +181,8 @@ def train_network(
             if best:
                 break
             raise FloatingPointError(
-                f"training diverged: the loss of epoch {epoch + 1} is not finite at a learning rate of "
-                f"{optimiser.rate:g}; give a lower one"
+                f"training diverged: the loss of epoch {epoch + 1} is not finite at a learning "
+                f"rate of {optimiser.rate:g}; give a lower one"
             )
         if judge:
             accuracy = history[-1]["held_accuracy"] = judge()
@@ -195,12 +197,6 @@ def train_network(
     return history
 
 
-def _draw_batches(samples: int, batch: int, order: np.random.Generator) -> np.ndarray:
-    """The batches of an epoch [batches, samples]."""
-    batch = min(batch, samples)
-    return order.permutation(samples)[: samples // batch * batch].reshape(-1, batch)
-
-
 def _make_step(
     net: nn.Module,
     samples: Samples,
@@ -209,7 +205,7 @@ def _make_step(
     smoothing: float,
     forward: Forward,
 ) -> LearnRows:
-    """A function that learns from the samples of some rows and returns their loss before."""
+    """Make a function that trains on the samples of some rows and returns their previous loss."""
     device = next(net.parameters()).device
     labels = torch.from_numpy(np.asarray(target, dtype=np.int64))
     steps = torch.from_numpy(samples.steps)
@@ -227,68 +223,72 @@ def _make_step(
 
 
 def _has_converged(losses: list[float], patience: int) -> bool:
+    """True if the median loss of the last epochs is less than 0.1 % below that of those before."""
     if len(losses) < 2 * patience:
         return False
-    # Medians: a recurrent network on long sequences now and then falls back for an epoch.
+    # Medians, as the loss of a recurrent network on long sequences may rise for single epochs.
     return np.median(losses[-patience:]) > 0.999 * np.median(losses[-2 * patience : -patience])
 
 
 def to_device(batch: object, device: torch.device) -> object:
-    """A batch, a tensor or several, on a device."""
+    """Move a batch, one tensor or several, to a device."""
     if device.type == "cpu":
         return batch
-    return (
-        tuple(part.to(device) for part in batch) if isinstance(batch, tuple) else batch.to(device)
-    )
+    if isinstance(batch, tuple):
+        return tuple(tensor.to(device) for tensor in batch)
+    return batch.to(device)
 
 
 def predict_samples(net: nn.Module, samples: Samples, batch: int, forward: Forward) -> np.ndarray:
-    """Softmax of the logits of every decision, float32 [decisions, classes]; ``forward`` computes ``net(x)``."""
+    """Softmax of the logits of every decision, float32 [decisions, classes]."""
     net.eval()
     device = next(net.parameters()).device
+    parts = []
     with torch.inference_mode():
-        parts = [
-            forward(
-                to_device(samples.make_batch(np.arange(i, min(i + batch, len(samples)))), device)
-            )
-            .softmax(dim=1)
-            .cpu()
-            for i in range(0, len(samples), batch)
-        ]
+        for first in range(0, len(samples), batch):
+            rows = np.arange(first, min(first + batch, len(samples)))
+            logits = forward(to_device(samples.make_batch(rows), device))
+            parts.append(logits.softmax(dim=1).cpu())
     return torch.cat(parts).numpy()
 
 
 IN_PLACE_LAYERS = (nn.ReLU, nn.Flatten, nn.Dropout, nn.BatchNorm1d, nn.BatchNorm3d, nn.LayerNorm)
 
 
-def count_activations(net: nn.Module, one: object) -> int:
-    """Numbers that are in memory while one sample goes through a network: its input and the outputs of its layers.
+def count_activations(net: nn.Module, example: torch.Tensor | tuple) -> int:
+    """Count the numbers in memory during one forward pass: the input and the outputs of all layers.
 
-    Layers that can overwrite their input (ReLU, normalisation, dropout) add nothing. Hughes et al. 2017, Table VIII,
-    counts in this way, without outputs of convolutions that are pooled at once. Self-attention holds queries, keys,
-    values, scores and what they give besides its output. ``one`` is a batch of one sample.
+    Layers that can overwrite their input (ReLU, normalisation, dropout) add nothing. Hughes et al.
+    2017, Table VIII, counts in this way, without outputs of convolutions that are pooled at once.
+    Self-attention holds queries, keys, values, scores and their product besides its output.
+
+    Args:
+        net: the network.
+        example: a batch of one sample.
     """
     sizes: list[int] = []
 
-    def note(layer: nn.Module, inputs: tuple, output: torch.Tensor | tuple) -> None:
-        sizes.append((output[0] if isinstance(output, tuple) else output).numel())
+    def record_output(layer: nn.Module, inputs: tuple, output: torch.Tensor | tuple) -> None:
+        sizes.append(_first_tensor(output).numel())
         if isinstance(layer, nn.MultiheadAttention):
             windows, steps, _ = inputs[0].shape
             sizes.append(4 * inputs[0].numel() + windows * layer.num_heads * steps**2)
 
-    attention = [m for m in net.modules() if isinstance(m, nn.MultiheadAttention)]
-    within = {id(m) for layer in attention for m in layer.modules()}
-    leaves = [
-        m
-        for m in net.modules()
-        if not list(m.children()) and not isinstance(m, IN_PLACE_LAYERS) and id(m) not in within
-    ]
-    hooks = [layer.register_forward_hook(note) for layer in [*leaves, *attention]]
+    attention = [layer for layer in net.modules() if isinstance(layer, nn.MultiheadAttention)]
+    in_attention = {part for layer in attention for part in layer.modules()}
+    leaves = [layer for layer in net.modules() if not list(layer.children())]
+    counted = [layer for layer in leaves if not isinstance(layer, IN_PLACE_LAYERS)]
+    counted = [layer for layer in counted if layer not in in_attention] + attention
+    hooks = [layer.register_forward_hook(record_output) for layer in counted]
     try:
         net.eval()
         with torch.inference_mode():
-            net(one)
+            net(example)
     finally:
         for hook in hooks:
             hook.remove()
-    return (one[0] if isinstance(one, tuple) else one).numel() + sum(sizes)
+    return _first_tensor(example).numel() + sum(sizes)
+
+
+def _first_tensor(value: torch.Tensor | tuple) -> torch.Tensor:
+    return value[0] if isinstance(value, tuple) else value

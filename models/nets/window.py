@@ -14,10 +14,10 @@ from sklearn.utils.validation import check_is_fitted
 from torch import nn
 
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError
+from bench.errors import InputError, check_value
 from bench.ground.machine import check_memory
 from bench.ground.registry import parameter_defaults
-from bench.models.most_probable import MostProbable
+from bench.models.most_probable import MostProbable, mean_by_capture
 from bench.models.nets.training import (
     Optimiser,
     Samples,
@@ -29,7 +29,7 @@ from bench.models.nets.training import (
     train_network,
 )
 
-MAX_WINDOW_S = 3600.0  # of a window
+MAX_WINDOW_S = 3600.0
 PRECISIONS = ("float32", "bfloat16")
 
 network_parameters = partial(dataclass, kw_only=True, eq=False, repr=False)
@@ -37,36 +37,39 @@ network_parameters = partial(dataclass, kw_only=True, eq=False, repr=False)
 
 @network_parameters
 class WindowNet(MostProbable):
-    """Cuts captures into samples, decides on each, and labels a capture by the mean of its probabilities.
+    """A network that predicts samples of a capture, whose mean probabilities are the capture's.
 
-    A system is a subclass. Its annotated attributes are its parameters, as in a dataclass: keyword arguments of its
-    constructor, with the values that stand there as defaults. ``network(rows, cols, classes)`` makes its network.
-    Where it differs from Adam on windows that follow one another, it has its own ``samples``, ``training_samples``,
-    ``prepare``, ``optimiser``, ``passes`` or ``forward``.
+    A system is a subclass. Its annotated attributes are its parameters, as in a dataclass: keyword
+    arguments of its constructor with their defaults. ``network(rows, cols, classes)`` returns its
+    untrained network. A system that is not trained by Adam on consecutive windows overrides
+    ``samples``, ``training_samples``, ``prepare``, ``optimiser``, ``epoch_limit`` or ``forward``.
 
     Args:
-        seed: random seed of the weights, the shuffles and other draws, and of the held-out subject if there is one.
+        seed: random seed of the weights, the shuffles and other draws, and of the held-out subject
+            if there is one.
         device: PyTorch device.
         batch: samples per step; every system has it.
-        epochs: most passes over the training samples. With a held-out subject, the epoch that is best for that subject
-            is kept. This and the following are parameters of those systems that list them.
+        epochs: most passes over the training samples. With a held-out subject, the epoch that is
+            best for that subject is kept. This and the following ones are parameters of the systems
+            that list them.
         rate: learning rate.
         frames: length of a window.
         seconds: length of a window in seconds at the corpus's rate; 0 uses ``frames``.
-        precision: ``float32``, or ``bfloat16``: matrix products in half the bits, up to twice as fast on processors
-            that support it; weights, norms and the loss keep 32 bits.
+        precision: ``float32``, or ``bfloat16``: matrix products in half the bits, up to twice as
+            fast on processors that support it; weights, norms and the loss keep 32 bits.
 
     Attributes:
         classes_: class names.
         net_: the trained network.
         history_: reports of the training loop, per epoch.
-        activations_: numbers in memory while it decides on one window, or takes one step of a sequence (`activations`).
+        activations_: numbers in memory during one decision, or one step of a sequence
+            (`count_activations`).
     """
 
     seed: int = 0
     device: str = "cpu"
 
-    # What systems have that do not list them among their parameters.
+    # Values of systems that do not list these among their parameters.
     epochs: ClassVar[int | None] = None
     rate: ClassVar[float] = 1.0
     frames: ClassVar[int | None] = None
@@ -82,7 +85,7 @@ class WindowNet(MostProbable):
         super().__init_subclass__(**more)
         network_parameters(cls)
         _, *params = inspect.signature(cls.__init__).parameters.values()
-        # What a class declares itself names its runs, so it stands before what it inherits.
+        # Own parameters name the runs, so they stand before the inherited ones.
         base = inspect.signature(cls.__mro__[1]).parameters
         order = [*vars(cls).get("__annotations__", {}), *base, *(p.name for p in params)]
         params.sort(key=lambda p: order.index(p.name))
@@ -93,30 +96,29 @@ class WindowNet(MostProbable):
         raise NotImplementedError
 
     def forward(self, net: nn.Module, x: object) -> torch.Tensor:
-        """The output of ``net(x)``, up to rounding; a system may have a faster way."""
+        """Output of ``net(x)``, up to rounding; a system may compute it faster."""
         return net(x)
 
-    def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]]:
-        """Prepare training, such as initial weights; return values to report. Nothing by default."""
-        return []
+    def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]] | None:
+        """Prepare training, such as initial weights; may return values to report."""
 
     def optimiser(self, net: nn.Module, samples: Samples) -> Optimiser:
         """Optimiser of the network: Adam."""
         return Optimiser(torch.optim.Adam(net.parameters(), self.rate))
 
     def epoch_limit(self, samples: Samples) -> int:
-        """Most epochs on these samples."""
+        """Largest number of epochs on these samples."""
         return self.epochs
 
     def compute_logits(self, net: nn.Module, x: object) -> torch.Tensor:
-        """Logits of a batch, float32, by products of the wanted precision."""
+        """Logits of a batch, float32, computed in the system's precision."""
         if self.precision == "float32":
             return self.forward(net, x)
         with torch.autocast(torch.device(self.device).type, torch.bfloat16):
             return self.forward(net, x).float()
 
     def length(self, rate_hz: float) -> int:
-        """Frames of a window at some rate: ``seconds`` of it, or ``frames`` at any."""
+        """Frames of a window at a rate: those of ``seconds``, else ``frames``."""
         return max(1, round(self.seconds * rate_hz)) if self.seconds else self.frames
 
     @property
@@ -133,63 +135,48 @@ class WindowNet(MostProbable):
         return self.samples(corpus)
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run.
+        """Check the parameters.
 
         Raises:
-            InputError: a count below 1, a time, rate or precision that cannot be, or a device that is not there.
+            InputError: a parameter is out of its range, or the device is missing.
         """
-        counts = {
-            "frames": self.frames,
-            "hop": self.hop,
-            "epochs": self.epochs,
-            "batch": self.batch,
-        }
-        for name, value in counts.items():
-            if value is not None and value < 1:
-                raise InputError(f"model.{name}={value}: give at least 1")
-        if self.precision not in PRECISIONS:
-            raise InputError(f"model.precision={self.precision}: give {' or '.join(PRECISIONS)}")
-        if not 0 <= self.seconds <= MAX_WINDOW_S:
-            raise InputError(
-                f"model.seconds={self.seconds:g}: give a number above 0 up to {MAX_WINDOW_S:g}, or 0 for what frames says"
-            )
-        if (
-            self.seconds
-            and self.frames is not None
-            and self.frames != parameter_defaults(type(self))["frames"]
-        ):
-            raise InputError(
-                f"model.frames={self.frames} and model.seconds={self.seconds:g}: give one of them"
-            )
-        if not 0 < self.rate < float("inf"):
-            raise InputError(f"model.rate={self.rate:g}: give a number above 0")
+        for name in ("frames", "hop", "epochs", "batch"):
+            count = getattr(self, name)
+            check_value(f"model.{name}", count, count is None or count >= 1, "at least 1")
+        is_known = self.precision in PRECISIONS
+        check_value("model.precision", self.precision, is_known, " or ".join(PRECISIONS))
+        advice = f"a number above 0 up to {MAX_WINDOW_S:g}, or 0 to use frames"
+        check_value("model.seconds", self.seconds, 0 <= self.seconds <= MAX_WINDOW_S, advice)
+        if self.seconds and self.frames is not None:
+            is_default = self.frames == parameter_defaults(type(self))["frames"]
+            check_value("model.frames", self.frames, is_default, "either frames or seconds")
+        check_value("model.rate", self.rate, 0 < self.rate < float("inf"), "a number above 0")
         try:
             torch.zeros(1, device=self.device).item()
         except (RuntimeError, AssertionError) as e:
-            raise InputError(
-                f"model.device={self.device}: {str(e).splitlines()[0]}; give cpu"
-            ) from e
+            reason = str(e).splitlines()[0]
+            raise InputError(f"model.device={self.device}: {reason}; give cpu") from e
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Refuse a training part before anything is run.
+        """Check the training captures.
 
         Raises:
-            InputError: a system that lets one training subject choose the epoch has only one; a batch of windows does
-                not fit into memory.
+            InputError: one training subject shall choose the epoch and there is no other; a batch
+                of windows does not fit into memory.
         """
         if self.frames is not None:
-            length = (
-                f"model.seconds={self.seconds:g}" if self.seconds else f"model.frames={self.frames}"
-            )
+            name = "seconds" if self.seconds else "frames"
             values = self.batch * float(self.length(X.rate_hz)) * int(np.prod(X.grid))
-            check_memory(f"{length} model.batch={self.batch}", 4 * values)
+            keys = f"model.{name}={getattr(self, name):g} model.batch={self.batch}"
+            check_memory(keys, 4 * values)
         if self.holds_out and len(set(X.subjects.astype(str))) < 2:
+            name = type(self).__name__
             raise InputError(
-                f"{type(self).__name__} lets one training subject choose the epoch; train on two or more"
+                f"{name}: one training subject chooses the epoch; train on two or more"
             )
 
     def _is_held_out(self, X: Corpus) -> np.ndarray:
-        """Captures of the training subject that chooses the epoch, bool [captures]."""
+        """True for captures of the training subject that chooses the epoch, bool [captures]."""
         if not self.holds_out:
             return np.zeros(len(X), dtype=bool)
         names = np.unique(X.subjects.astype(str))
@@ -204,85 +191,75 @@ class WindowNet(MostProbable):
         self.check()
         self.classes_, codes = np.unique(y, return_inverse=True)
         self.check_training(X, y)
-        held = self._is_held_out(X)
+        held_out = self._is_held_out(X)
         self.window_ = self.length(X.rate_hz)
-        samples = self.training_samples(X[~held])
-        one = to_device(samples.make_example(), torch.device(self.device))
+        samples = self.training_samples(X[~held_out])
+        example = to_device(samples.make_example(), torch.device(self.device))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
             self.net_ = net = self.network(*X.grid, len(self.classes_)).to(self.device)
-            with (
-                torch.no_grad()
-            ):  # gives lazy layers their size before an optimiser asks for parameters
+            with torch.no_grad():  # lazy layers get their size before an optimiser asks for it
                 net.eval()
-                net(one)
-            judge = partial(self._accuracy, X[held], codes[held]) if held.any() else None
-            target = codes[~held][samples.capture]
-            before = self.prepare(net, samples)
-            schedule = Schedule(
-                self.epoch_limit(samples), self.batch, self.seed, self.patience, self.smoothing
-            )
+                net(example)
+            judge = None
+            if held_out.any():
+                judge = partial(self._measure_accuracy, X[held_out], codes[held_out])
+            target = codes[~held_out][samples.capture]
+            reports = self.prepare(net, samples) or []
+            epochs = self.epoch_limit(samples)
+            schedule = Schedule(epochs, self.batch, self.seed, self.patience, self.smoothing)
             optimiser, forward = self.optimiser(net, samples), partial(self.compute_logits, net)
-            self.history_ = before + train_network(
-                net, samples, target, optimiser, schedule, forward, judge
-            )
-        self.activations_ = count_activations(net, one)
+            history = train_network(net, samples, target, optimiser, schedule, forward, judge)
+            self.history_ = reports + history
+        self.activations_ = count_activations(net, example)
         return self
 
-    def _accuracy(self, X: Corpus, codes: np.ndarray) -> float:
+    def _measure_accuracy(self, X: Corpus, codes: np.ndarray) -> float:
         return float((self.predict_proba(X).argmax(axis=1) == codes).mean())
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
-        """Predict each sample: frames seen, and probabilities.
+        """Predict each sample.
 
         Returns:
-            A table with ``capture`` (position in X), ``start`` and ``frames`` (first frame and frames seen), and
-            probabilities [decisions, classes].
+            A table with ``capture`` (position in X), ``start`` and ``frames`` (first frame and
+            frames seen), and probabilities [decisions, classes].
         """
         check_is_fitted(self, "net_")
         samples = self.samples(X)
-        table = pd.DataFrame(
-            {"capture": samples.capture, "start": samples.start, "frames": samples.seen}
-        )
-        proba = predict_samples(
-            self.net_, samples, self.batch, partial(self.compute_logits, self.net_)
-        )
-        return table, vote_shares(proba, samples.steps)
+        columns = {"capture": samples.capture, "start": samples.start, "frames": samples.seen}
+        forward = partial(self.compute_logits, self.net_)
+        proba = predict_samples(self.net_, samples, self.batch, forward)
+        return pd.DataFrame(columns), vote_shares(proba, samples.steps)
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probability over the samples of each capture [captures, classes]."""
         table, proba = self.decide(X)
-        capture = table["capture"].to_numpy()
-        return (
-            np.add.reduceat(proba, np.flatnonzero(np.diff(capture, prepend=-1)))
-            / np.bincount(capture)[:, None]
-        )
+        return mean_by_capture(proba, table["capture"].to_numpy())
 
     @property
     def parameters_(self) -> int:
-        """Learnt numbers in the network."""
+        """Number of weights and biases."""
         check_is_fitted(self, "net_")
         return sum(p.numel() for p in self.net_.parameters())
 
 
 class FrameNet(WindowNet):
-    """A network on windows of so many ``frames``, or of seconds, whose products may have half the bits."""
+    """A network on windows of a number of frames or seconds, in either precision."""
 
     seconds: float = 0.0
     precision: str = "float32"
 
 
 def vote_shares(proba: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Probabilities of samples [samples, classes] from those of their steps, as shares of a majority vote.
+    """Shares of a majority vote over the steps of each sample [samples, classes].
 
-    A sample of one step keeps its probabilities. A tie goes to the class with the higher mean probability: this is
-    added with a weight that is too small to change a majority.
+    A sample of one step keeps its probabilities. A tie goes to the class with the higher mean
+    probability, which is added with a weight that is too small to change a majority.
     """
     first = np.cumsum(steps) - steps
-    ballots = np.eye(proba.shape[1])[proba.argmax(axis=1)]
-    share = np.add.reduceat(ballots, first) / steps[:, None]
+    votes = np.eye(proba.shape[1])[proba.argmax(axis=1)]
+    share = np.add.reduceat(votes, first) / steps[:, None]
     mean = np.add.reduceat(proba.astype(np.float64), first) / steps[:, None]
-    weight = np.where(steps > 1, 1 / (2 * steps), 1.0)[
-        :, None
-    ]  # shares differ by at least 1 / steps
+    # shares differ by at least 1 / steps
+    weight = np.where(steps > 1, 1 / (2 * steps), 1.0)[:, None]
     return ((1 - weight) * share + weight * mean).astype(np.float32)

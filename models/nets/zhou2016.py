@@ -1,8 +1,8 @@
 """The 3-D CNN of Zhou and Du 2016 and the three networks that they compare it with.
 
-The abstract gives the filters and kernels of the 3-D CNN and the kinds of its rivals; everything else is our reading
-(docs/notes/systems.md, zhou2016): batch norm, poolings, the dense layer, Adam at 1e-3, and the epoch, which one
-training subject chooses.
+The abstract states the filters and kernels of the 3-D CNN and the kinds of the other networks.
+Everything else is our reading (docs/notes/systems.md, zhou2016): batch norm, poolings, the dense
+layer, Adam at 1e-3, and the epoch, which one training subject chooses.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import torch
 from torch import nn
 
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError
+from bench.errors import check_value
 from bench.models.nets.window import FrameNet
 
 FILTERS = (16, 32, 64, 128)
@@ -20,12 +20,13 @@ UNITS = 128
 
 
 class Zhou2016(FrameNet):
-    """A network on 432 frames, HAART's whole 8 s, averaged over each 4 of them; longer captures make several windows.
+    """A network on windows of 432 frames, HAART's whole 8 s, of which each 4 are averaged.
 
     Windows are zero-padded at the end.
 
     Args:
-        average: frames that are averaged into one; 1 for the full rate, which takes four times as long.
+        average: number of frames that are averaged into one; 1 keeps the full rate and takes four
+            times as long.
         frames, epochs, batch, rate, seed, device, seconds, precision: see `WindowNet`.
     """
 
@@ -38,12 +39,10 @@ class Zhou2016(FrameNet):
     rate: float = 1e-3
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Refuse a training part before anything is run."""
+        """Check the training captures."""
         frames = self.length(X.rate_hz)
-        if not 1 <= self.average <= frames:
-            raise InputError(
-                f"model.average={self.average}: give 1 to {frames}, the frames of a window"
-            )
+        advice = f"1 to {frames}, the frames of a window"
+        check_value("model.average", self.average, 1 <= self.average <= frames, advice)
         super().check_training(X, y)
 
 
@@ -63,25 +62,27 @@ class Zhou2016CNN3D(Zhou2016):
 
 
 class Zhou2016CNN2D(Zhou2016):
-    """The same kernels without their extent in time; the mean over time goes to the dense layer."""
+    """The same kernels without their extent in time, and a dense layer on the mean over time."""
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
+        shape = (self.window // self.average, rows, cols)
         return nn.Sequential(
             _FrameAverage(self.average),
-            *_frame_layers((self.window // self.average, rows, cols)),
-            _MeanOverTime(),
+            *_frame_layers(shape),
+            _TimeMean(),
             *_dense_layers(classes),
         )
 
 
 class Zhou2016LRCN(Zhou2016):
-    """The 2-D layers on each frame, an LSTM of 128 units over them, a decision from its last state."""
+    """The 2-D layers on each frame, an LSTM of 128 units over frames, its last state decides."""
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
         shape = (self.window // self.average, rows, cols)
-        size = _pooled_size(shape, FILTERS[-1])
+        pooled_rows, pooled_cols = (max(n // 8, 1) for n in (rows, cols))
+        size = pooled_rows * pooled_cols * FILTERS[-1]
         return nn.Sequential(
             _FrameAverage(self.average),
             *_frame_layers(shape),
@@ -92,7 +93,7 @@ class Zhou2016LRCN(Zhou2016):
 
 
 class Zhou2016GMLSTM(Zhou2016):
-    """Ten geometric moments of each frame, an LSTM of 128 units over them, a decision from its last state."""
+    """Ten geometric moments of each frame, an LSTM of 128 units over frames, its last state decides."""
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""
@@ -107,7 +108,7 @@ class Zhou2016GMLSTM(Zhou2016):
 
 
 class _FrameAverage(nn.Module):
-    """[batch, frames, rows, cols] to [batch, 1, fewer frames, rows, cols]; frames that are left over are dropped."""
+    """Means over frames, [batch, frames, rows, cols] to [batch, 1, means, rows, cols]."""
 
     def __init__(self, frames: int) -> None:
         super().__init__()
@@ -118,7 +119,9 @@ class _FrameAverage(nn.Module):
         return x[:, :used].unflatten(1, (-1, self.frames)).mean(2)[:, None].contiguous()
 
 
-class _MeanOverTime(nn.Module):
+class _TimeMean(nn.Module):
+    """[batch, channels, frames, ...] to the mean over frames [batch, values]."""
+
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         return x.mean(2).flatten(1)
 
@@ -142,13 +145,15 @@ class _LastState(nn.Module):
 
 
 class _GeometricMoments(nn.Module):
-    """[batch, 1, frames, rows, cols] to moments of order 0 to 3 [batch, 10, frames], of coordinates from 0 to 1."""
+    """Moments of order 0 to 3, [batch, 1, frames, rows, cols] to [batch, 10, frames].
+
+    Coordinates of the taxels are 0 to 1.
+    """
 
     def __init__(self, rows: int, cols: int) -> None:
         super().__init__()
-        row, col = torch.meshgrid(
-            torch.linspace(0, 1, rows), torch.linspace(0, 1, cols), indexing="ij"
-        )
+        axes = torch.linspace(0, 1, rows), torch.linspace(0, 1, cols)
+        row, col = torch.meshgrid(*axes, indexing="ij")
         powers = [row**p * col**q for p in range(4) for q in range(4 - p)]
         self.register_buffer("powers", torch.stack(powers).flatten(1))
 
@@ -159,20 +164,19 @@ class _GeometricMoments(nn.Module):
 def _convolution_layers(
     shape: tuple[int, ...], kernel: tuple[int, ...], poolings: tuple[tuple[int, ...], ...]
 ) -> list[nn.Module]:
-    """Convolutions that keep the size, batch norm, ReLU and pooling; poolings are cut to what is there.
+    """Convolutions that keep the size, batch norm, ReLU and pooling; poolings are cut to the size.
 
-    Channels come last in memory, which makes the library's layers faster (docs/notes/performance.md).
+    Channels come last in memory, which makes the library's layers faster
+    (docs/notes/performance.md).
     """
     layers: list[nn.Module] = []
-    channels = 1
+    padding, channels = tuple(k // 2 for k in kernel), 1
     for filters, pooling in zip(FILTERS, poolings, strict=True):
-        cut = tuple(min(p, n) for p, n in zip(pooling, shape, strict=True))
-        padding = tuple(k // 2 for k in kernel)
-        conv = nn.Conv3d(channels, filters, kernel, padding=padding).to(
-            memory_format=torch.channels_last_3d
-        )
-        layers += [conv, nn.BatchNorm3d(filters), nn.ReLU(), nn.MaxPool3d(cut)]
-        shape, channels = tuple(n // p for n, p in zip(shape, cut, strict=True)), filters
+        pool = tuple(min(p, n) for p, n in zip(pooling, shape, strict=True))
+        conv = nn.Conv3d(channels, filters, kernel, padding=padding)
+        conv = conv.to(memory_format=torch.channels_last_3d)
+        layers += [conv, nn.BatchNorm3d(filters), nn.ReLU(), nn.MaxPool3d(pool)]
+        shape, channels = tuple(n // p for n, p in zip(shape, pool, strict=True)), filters
     return layers
 
 
@@ -181,11 +185,5 @@ def _dense_layers(classes: int) -> list[nn.Module]:
 
 
 def _frame_layers(shape: tuple[int, ...]) -> list[nn.Module]:
+    """The convolutions without their extent in time."""
     return _convolution_layers(shape, (1, 3, 3), ((1, 1, 1), (1, 2, 2), (1, 2, 2), (1, 2, 2)))
-
-
-def _pooled_size(shape: tuple[int, ...], channels: int) -> int:
-    rows, cols = shape[1:]
-    for _ in range(3):
-        rows, cols = max(rows // 2, 1), max(cols // 2, 1)
-    return rows * cols * channels

@@ -77,14 +77,14 @@ class Search(ClassifierMixin, BaseEstimator):
             self.inner, self.trials, self.seconds, endless=self._count_combinations() == math.inf
         )
         for part in (self.features or {}).values():
-            contract.check(part)
+            contract.check_parameters(part)
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
         """Refuse a training part, or listed values that a model refuses, before anything is run."""
         folds = make_inner_folds(X, y, self.inner)
         for trial in self._iter_listed_trials():
             model = self._make_model(trial, "passthrough" if self.features else None)
-            contract.check(model)
+            contract.check_parameters(model)
             for train, _ in folds:
                 contract.check_training(model, X[train], np.asarray(y)[train])
 

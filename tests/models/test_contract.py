@@ -115,12 +115,14 @@ class Owner(Given):
 
 def test_a_method_is_known_by_the_names_of_its_parameters_others_are_the_authors_own(corpus):
     own = Owner(["pat"]).fit(corpus, corpus.gestures)
-    contract.check(own)
-    assert contract.window_frames(own, 100.0) is None and contract.seen_by_features(
+    contract.check_parameters(own)
+    assert contract.window_frames(own, 100.0) is None and contract.input_of_features(
         own, corpus
     ) == [corpus]
     assert not contract.decides_often(own)
-    assert contract.kept(own, 40, 64) == 40 * 64 and contract.kept_before(own, 64) == 0
+    assert (
+        contract.memory_of_features(own, 40, 64) == 40 * 64 and contract.memory_before(own, 64) == 0
+    )
     assert len(contract.predict_decisions(own, corpus)[0]) == len(corpus)
     own.length = lambda rate_hz: 0.5
     with pytest.raises(InputError, match="gives 0.5; give a"):

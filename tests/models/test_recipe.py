@@ -90,7 +90,7 @@ def test_what_cannot_be_is_refused_in_one_line(model, options, corpus):
     shown = f"{value:g}" if isinstance(value, float) else value
     with pytest.raises(InputError, match=f"^model.{name}={re.escape(str(shown))}[^\n]*$"):
         system = build_recipe(load_part("models", model), Jung28(), **options)
-        contract.check(system)
+        contract.check_parameters(system)
         contract.check_training(system, corpus, corpus.gestures)
 
 

@@ -99,7 +99,7 @@ def test_contract(name):
     corpus = random_corpus(subjects=3, per_class=2, longest=40)
     train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
     bare = make()
-    contract.check(bare)
+    contract.check_parameters(bare)
     contract.check_training(bare, corpus[train], corpus.gestures[train])
     model = clone(bare).fit(corpus[train], corpus.gestures[train])
     assert not hasattr(bare, "classes_") and list(model.classes_) == ["pat", "rub", "tap"]

@@ -240,7 +240,7 @@ def test_training_windows_of_signals_stay_within_their_captures(lengths, seed):
     arrays = [
         np.full((n, 2, 2), 100 + k, dtype=np.uint16) for k, n in enumerate(lengths)
     ]  # tell them by their total
-    drawn, total = SignalWindows(corpus_of(arrays), 12, 6, drawn=True), SIGNALS.index("total")
+    drawn, total = SignalWindows(corpus_of(arrays), 12, 6, is_random=True), SIGNALS.index("total")
     totals = drawn.values[np.cumsum([0, *lengths[:-1]]), total]
     torch.manual_seed(seed)
     values, seen = drawn.make_batch(np.tile(np.arange(len(drawn)), 5))
