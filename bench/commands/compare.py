@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from bench.errors import InputError
 from bench.grammar.options import (
     COMPARE,
+    RUN_KEYS,
     STORED_OPTIONS,
     Command,
     Option,
@@ -16,7 +17,6 @@ from bench.grammar.options import (
     parse_words,
     values_from_keywords,
 )
-from bench.grammar.options import RUN_KEYS
 from bench.ground.typed import Values, split_values
 from bench.values.measures import Measure, text_measure
 
@@ -99,7 +99,7 @@ def compare_systems(systems: Sequence[object], values: Values) -> Compared:
         return compare_sides(*sides)
     results = select_or_fail(load_all_runs(connect()), parse_selection(typed))
     found = {i: _find_runs(system, results) for i, system in enumerate(systems) if sides[i] is None}
-    stored = sides_of_runs(dict(found.values()), results)
+    stored = sides_of_runs(dict(found.values()))
     first, second = (side or stored[found[i][0]] for i, side in enumerate(sides))
     return compare_sides(first, second)
 

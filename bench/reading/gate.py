@@ -91,21 +91,18 @@ def compare_with_baseline(
             with its revision.
     """
     pairs = [(before, find_counterpart(before, current)) for before in baseline]
-    tests = 0  # of accuracy, and of labels that must be equal
-    for before, now in pairs:
-        if now:
-            tests += 1 if why_labels_may_differ(before, now) else 2
-    level = error / 100 / max(1, tests)
+    # One test of accuracy each, and one of labels where they must be equal.
+    tests = [1 if why_labels_may_differ(before, now) else 2 for before, now in pairs if now]
+    level = error / 100 / max(1, sum(tests))
     verdicts = []
     for before, now in pairs:
         if not now:
-            verdicts.append(_verdict_without_run(before, current, failures or {}))
-            continue
-        verdict = judge_system(before, now, level, slower)
-        if verdict.alarms:
+            verdict = _verdict_without_run(before, current, failures or {})
+        else:
+            verdict = judge_system(before, now, level, slower)
+        if now and verdict.alarms:
             words = first_changed_revision(before, load_history(now), level, slower)
-            details = ", ".join(filter(None, (verdict.details, words)))
-            verdict = verdict._replace(details=details)
+            verdict = verdict._replace(details=verdict.details + words)
         verdicts.append(verdict)
     return verdicts
 
@@ -113,7 +110,7 @@ def compare_with_baseline(
 def first_changed_revision(
     before: SystemRecord, runs: Sequence[tuple[str, SystemRecord]], level: float, slower: float
 ) -> str:
-    """The stored revision since which every run differs from the baseline; empty without one.
+    """Words on the revision since which every stored run differs from the baseline; may be empty.
 
     ``runs`` are the oldest first. If the last one does not differ, there is no such revision. A run
     differs if the gate would raise an alarm, so that a slow change also has a first revision.
@@ -124,7 +121,7 @@ def first_changed_revision(
     if first == len(runs):
         return ""
     last_same = f" (last the same: {runs[first - 1][0]})" if first else ""
-    return f"since revision {runs[first][0]}{last_same}"
+    return f", since revision {runs[first][0]}{last_same}"
 
 
 def judge_system(
@@ -159,11 +156,8 @@ def judge_system(
         details += f" (allowed with {reason})"
     limits = {"relative": ("time", "slower", slower), "flash": ("flash", "larger", LARGER)}
     for cost, (label, alarm, limit) in limits.items():
-        if not before.costs.get(cost) or cost not in now.costs:
-            details += f", {label} unknown"
-            continue
-        ratio = now.costs[cost] / before.costs[cost]
-        details += f", {label} x{ratio:.2f}"
+        ratio = now.costs.get(cost, np.nan) / (before.costs.get(cost) or np.nan)
+        details += f", {label} unknown" if np.isnan(ratio) else f", {label} x{ratio:.2f}"
         if ratio > limit:
             alarms.append(alarm)
     return SystemVerdict(name, tuple(alarms), details)
@@ -262,13 +256,11 @@ def system_line(record: SystemRecord) -> str:
 
 def record_of_result(result: Result, run: str) -> SystemRecord:
     """The compared measurements of a result; ``run`` are the arguments that make it."""
-    environment = {}
-    for name, value in result.items():
-        if name in ("cpu", "simd", "threads") or name.startswith("version."):
-            environment[name] = str(value)
+    versions = {name for name in result if name.startswith("version.")} - {"version.touchbench"}
+    names = versions | ({"cpu", "simd", "threads"} & {*result})
+    environment = {name: str(result[name]) for name in result if name in names}
     # A patch of Python computes the same.
     environment["version.python"] = environment["version.python"].rpartition(".")[0]
-    environment.pop("version.touchbench", None)
     costs = {cost: float(result.get(name, np.nan)) for cost, name in COSTS.items()}
     costs = {cost: value for cost, value in costs.items() if np.isfinite(value)}
     labels = scores.label_captures(result.tables["predictions"])
