@@ -1,8 +1,11 @@
-"""The 208 features of Balli Altuglu and Altun 2015 (ICMI), after Hughes et al. 2017 (section II), and SFFS."""
+"""The 208 features of Balli Altuglu and Altun 2015 (ICMI), and SFFS.
+
+As described in Hughes et al. 2017, section II.
+"""
 
 from __future__ import annotations
 
-from itertools import combinations, product
+from itertools import combinations, pairwise, product
 
 import numpy as np
 import pandas as pd
@@ -15,38 +18,13 @@ from bench.features.selection import select_columns
 from bench.features.signals import Touch, feature_table, row_sums
 
 SIGNALS = (
-    *(
-        "mean_pressure",
-        "centroid_row",
-        "centroid_column",
-        "max_pressure",
-        "max_row",
-        "max_column",
-        "polar_moment",
-    ),
-    *(
-        "area",
-        "convex_area",
-        "major_axis",
-        "minor_axis",
-        "eccentricity",
-        "orientation",
-        "equivalent_diameter",
-    ),
-    *("euler_number", "solidity"),
+    *("mean_pressure", "centroid_row", "centroid_column", "max_pressure", "max_row", "max_column"),
+    *("polar_moment", "area", "convex_area", "major_axis", "minor_axis", "eccentricity"),
+    *("orientation", "equivalent_diameter", "euler_number", "solidity"),
 )
 STATISTICS = (
-    *(
-        "mean",
-        "median",
-        "variance",
-        "minimum",
-        "maximum",
-        "energy",
-        "hurst",
-        "mobility",
-        "complexity",
-    ),
+    *("mean", "median", "variance", "minimum", "maximum", "energy"),
+    *("hurst", "mobility", "complexity"),
     *("ar1", "ar2", "ar3", "ar4"),
 )
 NAMES = pd.Index([f"{signal}_{statistic}" for signal, statistic in product(SIGNALS, STATISTICS)])
@@ -56,7 +34,9 @@ AR_RIDGE = 1e-9  # share of the variance
 
 
 class Balli(FeatureSet):
-    """13 statistics over time of 16 signals, of which sequential forward floating selection (SFFS) keeps some.
+    """13 statistics over time of 16 signals, or the columns of these that SFFS keeps.
+
+    SFFS is sequential forward floating selection.
 
     ================ ===============================================================================
     signal           one value per frame
@@ -98,18 +78,18 @@ class Balli(FeatureSet):
                  when solving
     ============ ===================================================================================
 
-    A signal (or its differences) counts as constant where only rounding moves it. A column is named
-    after signal and statistic, such as ``centroid_row_ar1``.
+    A signal (or its differences) is constant if it varies by no more than rounding. Columns are
+    named after signal and statistic, such as ``centroid_row_ar1``.
 
-    What is our reading: the text names 15 signals where it counts 16, solidity is our sixteenth;
-    the threshold of the region, the definitions of all shape signals and the estimators of Hurst
-    exponent and autoregression are not given there. The authors' criterion for SFFS was a random
-    forest. It would have to be fitted tens of thousands of times per fold, so here it is linear
-    discriminant analysis: the number of training captures that it gets right when they are left out
-    in 5 groups of subjects (fewer where there are fewer subjects; captures in turn where there is
-    one subject), on columns standardised without them, with the pooled covariance plus a ridge of
-    1e-3 and the classes' shares as priors. Of equal sets the one with the earlier column wins.
-    Floating ends after 3 x ``selected`` steps; what is missing then is added by forward steps.
+    Our reading: the text counts 16 signals but names 15; solidity is our sixteenth. It does not
+    give the threshold of the region, the definitions of the shape signals and the estimators of
+    Hurst exponent and autoregression. The authors' criterion for SFFS was a random forest, which
+    would have to be fitted tens of thousands of times per fold. Here the criterion is the number of
+    training captures that linear discriminant analysis classifies correctly when they are left out
+    in 5 groups of subjects (fewer if there are fewer subjects; captures in turn for one subject).
+    Columns are standardised without them; the covariance is pooled, plus a ridge of 1e-3, and
+    priors are the classes' shares. Of equal sets, the one with the earlier column wins. Floating
+    ends after 3 x ``selected`` steps; forward steps then add the missing columns.
 
     Args:
         selected: number of columns to keep; all that vary if there are fewer, and all 208 if the
@@ -122,14 +102,12 @@ class Balli(FeatureSet):
         self.selected = selected
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run."""
+        """Raise an InputError for wrong parameters, before anything is run."""
         if self.selected < 0:
-            raise InputError(
-                f"features.selected={self.selected}: give at least 1, or 0 for all 208"
-            )
+            raise InputError(f"features.selected={self.selected}: give 1 or more, or 0 for all 208")
 
     def keeps(self, frames: int, taxels: int) -> int:
-        """Signals of the capture and one frame."""
+        """Count the signals of the capture and one frame."""
         return len(SIGNALS) * frames + taxels
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
@@ -138,7 +116,7 @@ class Balli(FeatureSet):
         return feature_table(corpus, NAMES, _statistic_columns)
 
     def fit(self, X: Corpus, y: object = None) -> Balli:
-        """Select the columns on the training captures alone; labels are the captures' gestures if none are given."""
+        """Select the columns on the training captures; without ``y``, classes are the gestures."""
         self.check()
         self.names_ = NAMES
         if self.selected:
@@ -146,7 +124,7 @@ class Balli(FeatureSet):
         return self
 
     def transform(self, X: Corpus) -> pd.DataFrame:
-        """The columns that were kept, of each capture [captures, n_features]."""
+        """Selected features of each capture [captures, n_features]."""
         self.check()
         if not self.selected:
             return super().transform(X)
@@ -158,45 +136,43 @@ class Balli(FeatureSet):
 
 
 def _statistic_columns(touch: Touch) -> list[np.ndarray]:
-    values = np.stack(signal_statistics(touch, np.column_stack(frame_signals(touch))), axis=2)
+    signals = np.column_stack(frame_signals(touch))
+    values = np.stack(signal_statistics(touch, signals), axis=2)
     return [values.reshape(len(values), -1)]
 
 
 def frame_signals(touch: Touch) -> list[np.ndarray]:
     """The 16 signals in the order of `SIGNALS`, each float64 [frames]."""
-    highest = touch.values.argmax(axis=1)
+    max_taxel = touch.values.argmax(axis=1)
     squares = [
         row_sums((np.arange(1, side.shape[1] + 1) - middle[:, None]) ** 2 * side)
         for side, middle in zip((touch.rows, touch.cols), touch.centre.T, strict=True)
     ]
+    region = touch.values > touch.as_threshold(touch.peak * 0.5)[:, None]
     return [
         touch.total / touch.taxels,
         *touch.centre.T,
         touch.peak,
-        highest // touch.grid[1] + 1,
-        highest % touch.grid[1] + 1,
+        max_taxel // touch.grid[1] + 1,
+        max_taxel % touch.grid[1] + 1,
         squares[0] + squares[1],
-        *_region_signals(touch.values > touch.as_threshold(touch.peak * 0.5)[:, None], touch.grid),
+        *_region_signals(region, touch.grid),
     ]
 
 
 def _region_signals(mask: np.ndarray, grid: tuple[int, int]) -> list[np.ndarray]:
     """Area to solidity of the region that a mask [frames, taxels] marks in each frame."""
     row, col = np.indices(grid).reshape(2, -1).astype(np.float64)
-    moments = mask @ np.stack(
-        [row**0, row, col, row * row, col * col, row * col], axis=1
-    )  # whole numbers, exact
-    area, r, c, rr, cc, rc = moments.T
+    powers = np.stack([row**0, row, col, row * row, col * col, row * col], axis=1)
+    area, r, c, rr, cc, rc = (mask @ powers).T  # whole numbers, exact
     touched = area > 0
     square = np.where(touched, area * area, 1)
-    across, down, both = (
-        (area * cc - c * c) / square,
-        (area * rr - r * r) / square,
-        (area * rc - r * c) / square,
-    )
-    apart = np.hypot(down - across, 2 * both)  # difference of the eigenvalues
-    middle = down + across + 1 / 6
-    major, minor = (middle + apart) / 2, (middle - apart) / 2
+    across = (area * cc - c * c) / square
+    down = (area * rr - r * r) / square
+    covariance = (area * rc - r * c) / square
+    difference = np.hypot(down - across, 2 * covariance)  # of the eigenvalues
+    total = down + across + 1 / 6
+    major, minor = (total + difference) / 2, (total - difference) / 2
     by_row = np.ascontiguousarray(mask.T).reshape(*grid, -1)
     convex = convex_area(by_row)
     return [
@@ -204,8 +180,8 @@ def _region_signals(mask: np.ndarray, grid: tuple[int, int]) -> list[np.ndarray]
         convex,
         touched * 4 * np.sqrt(major),
         touched * 4 * np.sqrt(minor),
-        np.sqrt(apart / major),
-        np.arctan2(2 * both, down - across) / 2,
+        np.sqrt(difference / major),
+        np.arctan2(2 * covariance, down - across) / 2,
         np.sqrt(area * (4 / np.pi)),
         euler_number(by_row, area),
         area / np.where(touched, convex, 1),
@@ -213,18 +189,19 @@ def _region_signals(mask: np.ndarray, grid: tuple[int, int]) -> list[np.ndarray]
 
 
 def convex_area(mask: np.ndarray) -> np.ndarray:
-    """Area of the convex hull of the marked unit squares of each frame; ``mask`` is bool [rows, cols, frames].
+    """Area of the convex hull of the marked unit squares of each frame.
 
-    The corners of the hull lie on the lines between rows, so between two lines its width is linear.
+    The corners of the hull lie on the lines between rows, so its width is linear between two lines.
     On a line, each side of the hull is as far out as any straight line between two corners of
     squares reaches there.
+
+    Args:
+        mask: bool [rows, cols, frames].
     """
     if mask.shape[0] > mask.shape[1]:  # the cost grows with the third power of the rows
         mask = mask.swapaxes(0, 1)
     rows, cols, frames = mask.shape
-    reach = np.full(
-        (2, rows, frames), -np.inf
-    )  # to the right, and to the left as a negative number
+    reach = np.full((2, rows, frames), -np.inf)  # right and, as a negative number, left
     for c in range(cols):
         np.copyto(reach[0], c + 1, where=mask[:, c])
         np.copyto(reach[1], c + 1 - cols, where=mask[:, cols - 1 - c])
@@ -238,15 +215,18 @@ def convex_area(mask: np.ndarray) -> np.ndarray:
             line = corner[:, a, None] * (b - a - share) + corner[:, b, None] * share
             np.maximum(hull[:, a + 1 : b], line / (b - a), out=hull[:, a + 1 : b])
     width = hull[0] + hull[1]
-    # One row after the other: numpy's sum adds in another order where there is one frame.
+    # Row after row: numpy's sum adds in another order if there is one frame.
     return sum(np.maximum((width[:-1] + width[1:]) / 2, 0), start=np.zeros(frames))
 
 
 def euler_number(mask: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Corners minus edges plus squares of the marked taxels of each frame; ``mask`` is bool [rows, cols, frames].
+    """Number of 8-connected parts minus holes of the marked taxels of each frame.
 
-    Corners and edges are those of unit squares, shared ones count once. It is the number of
-    8-connected parts minus that of holes, as the usual count of 2 x 2 patterns gives it.
+    It is corners minus edges plus squares of the marked unit squares; shared ones count once.
+
+    Args:
+        mask: bool [rows, cols, frames].
+        area: marked taxels of each frame.
     """
     upright, level = _either_neighbour(mask, 1), _either_neighbour(mask, 0)
     corners = _either_neighbour(upright, 0)
@@ -255,7 +235,7 @@ def euler_number(mask: np.ndarray, area: np.ndarray) -> np.ndarray:
 
 
 def _either_neighbour(mask: np.ndarray, axis: int) -> np.ndarray:
-    """Whether either neighbour of each boundary between places along an axis is marked, outer boundaries included."""
+    """True for boundaries along an axis with a marked neighbour, outer boundaries included."""
     before, after = [(0, 0)] * mask.ndim, [(0, 0)] * mask.ndim
     before[axis], after[axis] = (1, 0), (0, 1)
     return np.pad(mask, before) | np.pad(mask, after)
@@ -268,7 +248,7 @@ def signal_statistics(touch: Touch, signal: np.ndarray) -> list[np.ndarray]:
     still = RELATIVE_ROUNDING * np.maximum(np.abs(low), np.abs(high))
     centred = signal - mean[touch.capture_of_frame]
     variance = touch.mean(centred**2)
-    flat = np.sqrt(variance) <= still
+    is_flat = np.sqrt(variance) <= still
     return [
         mean,
         _capture_medians(touch, signal),
@@ -277,26 +257,26 @@ def signal_statistics(touch: Touch, signal: np.ndarray) -> list[np.ndarray]:
         high,
         touch.mean(signal**2),
         _hurst_exponents(touch, signal, still),
-        *_hjorth_parameters(touch, signal, np.where(flat, 0, variance), still),
-        *np.moveaxis(_autoregressive_coefficients(touch, centred, flat), 2, 0),
+        *_hjorth_parameters(touch, signal, np.where(is_flat, 0, variance), still),
+        *np.moveaxis(_autoregressive_coefficients(touch, centred, is_flat), 2, 0),
     ]
 
 
 def _capture_medians(touch: Touch, signal: np.ndarray) -> np.ndarray:
     ordered = touch.sorted_within_captures(np.ascontiguousarray(signal.T)).T
-    return (
-        ordered[touch.starts + (touch.lengths - 1) // 2] + ordered[touch.starts + touch.lengths // 2]
-    ) / 2
+    low = ordered[touch.starts + (touch.lengths - 1) // 2]
+    high = ordered[touch.starts + touch.lengths // 2]
+    return (low + high) / 2
 
 
 def _hurst_exponents(touch: Touch, signal: np.ndarray, still: np.ndarray) -> np.ndarray:
-    """Slope of log2 R/S over log2 n; of a chunk that deviates no more than ``still`` there is no R/S."""
+    """Slope of log2 R/S over log2 n; chunks that vary by no more than ``still`` have no R/S."""
     sums = np.zeros((5, *still.shape))  # of 1, x, y, x * x, x * y over the points of the line
     n = SHORTEST_CHUNK
     for x in range(int(touch.lengths.max()).bit_length()):
         chunks = touch.lengths // n
-        long = np.flatnonzero(chunks)  # captures of at least n frames
-        if not len(long):
+        captures = np.flatnonzero(chunks)  # those of at least n frames
+        if not len(captures):
             break
         offset = np.cumsum(chunks) - chunks
         owner = np.repeat(np.arange(len(chunks)), chunks)
@@ -305,21 +285,20 @@ def _hurst_exponents(touch: Touch, signal: np.ndarray, still: np.ndarray) -> np.
         chunk -= chunk.mean(axis=1, keepdims=True)
         deviation = np.sqrt(np.mean(chunk**2, axis=1))
         np.cumsum(chunk, axis=1, out=chunk)
-        moves = deviation > still[owner]
-        ratio = (chunk.max(axis=1) - chunk.min(axis=1)) * moves / np.where(moves, deviation, 1)
-        count = np.add.reduceat(moves, offset[long], axis=0, dtype=np.float64)
-        defined = count > 0
-        y = np.log2(
-            np.where(defined, np.add.reduceat(ratio, offset[long], axis=0), 1)
-            / np.maximum(count, 1)
-        )
-        sums[:, long] += defined * np.stack(
-            [np.ones_like(y), np.full_like(y, x), y, np.full_like(y, x * x), x * y]
-        )
+        varies = deviation > still[owner]
+        chunk_range = chunk.max(axis=1) - chunk.min(axis=1)
+        ratio = chunk_range * varies / np.where(varies, deviation, 1)
+        count = np.add.reduceat(varies, offset[captures], axis=0, dtype=np.float64)
+        is_defined = count > 0
+        ratios = np.add.reduceat(ratio, offset[captures], axis=0)
+        y = np.log2(np.where(is_defined, ratios, 1) / np.maximum(count, 1))
+        terms = [np.ones_like(y), np.full_like(y, x), y, np.full_like(y, x * x), x * y]
+        sums[:, captures] += is_defined * np.stack(terms)
         n *= 2
     points, x, y, xx, xy = sums
-    line = points > 1
-    return np.where(line, (points * xy - x * y) / np.where(line, points * xx - x * x, 1), 0.5)
+    has_line = points > 1
+    divisor = np.where(has_line, points * xx - x * x, 1)
+    return np.where(has_line, (points * xy - x * y) / divisor, 0.5)
 
 
 def _hjorth_parameters(
@@ -329,35 +308,34 @@ def _hjorth_parameters(
     variances = [variance]
     for order in (1, 2):
         signal = touch.frame_differences(signal)
-        late = _has_frames_before(touch, order)
-        signal *= late  # the difference to a first frame's 0 is none
+        has_difference = _has_frames_before(touch, order)
+        signal *= has_difference
         count = np.maximum(touch.lengths - order, 1)[:, None]
         mean = touch.sum(signal) / count
-        spread = touch.sum(((signal - mean[touch.capture_of_frame]) * late) ** 2) / count
+        centred = (signal - mean[touch.capture_of_frame]) * has_difference
+        spread = touch.sum(centred**2) / count
         variances.append(np.where(np.sqrt(spread) <= still, 0, spread))
-    ratios = [
-        np.sqrt(b / np.where(a > 0, a, np.inf))
-        for a, b in zip(variances[:-1], variances[1:], strict=True)
-    ]
-    return [ratios[0], ratios[1] / np.where(ratios[0] > 0, ratios[0], np.inf)]
+    mobility, second = (np.sqrt(b / np.where(a > 0, a, np.inf)) for a, b in pairwise(variances))
+    return [mobility, second / np.where(mobility > 0, mobility, np.inf)]
 
 
-def _autoregressive_coefficients(touch: Touch, centred: np.ndarray, flat: np.ndarray) -> np.ndarray:
+def _autoregressive_coefficients(
+    touch: Touch, centred: np.ndarray, is_flat: np.ndarray
+) -> np.ndarray:
     """Coefficients of the last `ORDER` frames [captures, n, ORDER], the last frame's first."""
-    covariance = np.zeros((*flat.shape, ORDER + 1))
+    covariance = np.zeros((*is_flat.shape, ORDER + 1))
     for lag in range(ORDER + 1):
-        together = np.zeros_like(centred)
-        together[lag:] = centred[lag:] * centred[: max(len(centred) - lag, 0)]
-        covariance[..., lag] = touch.mean(together * _has_frames_before(touch, lag))
-    covariance /= np.where(flat, 1, covariance[..., 0])[..., None]
-    covariance[flat] = np.eye(ORDER + 1)[0]
+        products = np.zeros_like(centred)
+        products[lag:] = centred[lag:] * centred[: max(len(centred) - lag, 0)]
+        covariance[..., lag] = touch.mean(products * _has_frames_before(touch, lag))
+    covariance /= np.where(is_flat, 1, covariance[..., 0])[..., None]
+    covariance[is_flat] = np.eye(ORDER + 1)[0]
     lags = np.arange(ORDER)
     system = covariance[..., np.abs(lags[:, None] - lags)] + AR_RIDGE * np.eye(ORDER)
     return np.linalg.solve(system, covariance[..., 1:, None])[..., 0]
 
 
 def _has_frames_before(touch: Touch, number: int) -> np.ndarray:
-    """Whether each frame has at least this many frames of its capture before it, [frames, 1]."""
-    return (np.arange(len(touch.capture_of_frame)) - touch.starts[touch.capture_of_frame] >= number)[
-        :, None
-    ]
+    """True for frames with at least so many frames of their capture before them [frames, 1]."""
+    capture = touch.capture_of_frame
+    return (np.arange(len(capture)) - touch.starts[capture] >= number)[:, None]

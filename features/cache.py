@@ -1,6 +1,6 @@
 """Feature tables in the data folder: computed once per corpus, shared by folds and models.
 
-The name of a table is a hash of all that its values depend on. A damaged table is computed again:
+The name of a table is a hash of all that its values depend on. A table with damaged values is computed again:
 Parquet checks the sums of its pages.
 """
 
@@ -30,7 +30,7 @@ PIECE_COLUMNS = ("of capture", "piece")  # columns that identify the rows of a t
 
 
 def load_or_extract(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
-    """Features of each capture [captures, n_features]; those of a stored corpus are loaded or stored."""
+    """Features of each capture [captures, n_features]; of a stored corpus, loaded if stored."""
     stored, visible = corpus_origin(X), features.conditions
     X = X.blind(visible)
     if not stored.digest or stored.path is None:

@@ -16,36 +16,19 @@ from bench.features.signals import Touch, feature_table, taxel_names
 FAMILIES = ("sd", "bmh", "msd", "smmhh", "lbptop")
 RANGES = ("none", "touch", "high")
 STATISTICS = (
-    "mean",
-    "median",
-    "min",
-    "max",
-    "area",
-    "q1",
-    "q3",
-    "iqr",
-    "variance",
-    "skewness",
-    "kurtosis",
+    *("mean", "median", "min", "max", "area", "q1", "q3", "iqr"),
+    *("variance", "skewness", "kurtosis"),
 )
 LONGEST_RUN = 5
 PLANES = {"xy": (0, 1), "xt": (2, 1), "yt": (2, 0)}  # axes of an array [rows, cols, frames]
-RING = (
-    (-1, -1),
-    (-1, 0),
-    (-1, 1),
-    (0, 1),
-    (1, 1),
-    (1, 0),
-    (1, -1),
-    (0, -1),
-)  # once round the centre
-# A pattern that changes at most twice on its way round is uniform.
+# Neighbours, once round the centre.
+RING = ((-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1))
+# A pattern is uniform if it changes at most twice on its way round.
 UNIFORM = [p for p in range(256) if (p ^ (p >> 1 | p % 2 << 7)).bit_count() <= 2]
 
 
 class Gaus(FeatureSet):
-    """Ranges of sensor data, touched taxels, their statistics, bursts of motion, and binary patterns in space and time.
+    """Ranges of readings, statistics of taxels, bursts of motion, patterns in space and time.
 
     ====== === =====================================================================================
     sd     12  shares of the taxels of a frame that are in each of three ranges: not touched,
@@ -55,8 +38,8 @@ class Gaus(FeatureSet):
     msd    704 mean, median, minimum, maximum, area (integral over time, sensor value seconds),
                first and third quartile, inter-quartile range, variance, skewness and excess
                kurtosis of each taxel over time
-    smmhh  425 85 cells of a pyramid of averaged frames (8x8, 4x4, 2x2, 1x1): how many runs of
-               exactly 1 to 5 consecutive steps there are in which the cell changes much
+    smmhh  425 85 cells of a pyramid of averaged frames (8x8, 4x4, 2x2, 1x1): numbers of runs of
+               exactly 1 to 5 consecutive steps in which the cell changes much
     lbptop 177 shares of the 58 uniform local binary patterns and of all others on the planes XY
                (row, column), XT (time, column) and YT (time, row)
     ====== === =====================================================================================
@@ -88,30 +71,23 @@ class Gaus(FeatureSet):
         self.families = families
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run."""
+        """Raise an InputError for wrong parameters, before anything is run."""
         families = self.families if isinstance(self.families, (tuple, list)) else ()
-        if not families or any(
-            family not in FAMILIES or families.count(family) > 1 for family in families
-        ):
-            text = "+".join(map(str, families)) or self.families
-            raise InputError(
-                f"features.families={text}: give some of {'+'.join(FAMILIES)}, each once"
-            )
+        if families and set(families) <= set(FAMILIES) and len(set(families)) == len(families):
+            return
+        text = "+".join(map(str, families)) or self.families
+        raise InputError(f"features.families={text}: give some of {'+'.join(FAMILIES)}, each once")
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Compute the features of every capture."""
         self.check()
-        return feature_table(
-            corpus, feature_names(*corpus.grid, frozenset(self.families)), self._family_columns
-        )
+        names = feature_names(*corpus.grid, frozenset(self.families))
+        return feature_table(corpus, names, self._family_columns)
 
     def _family_columns(self, touch: Touch) -> list[np.ndarray]:
         values = np.ascontiguousarray(touch.values.T)
-        return [
-            _FAMILY_FUNCTIONS[family](touch, values)
-            for family in FAMILIES
-            if family in self.families
-        ]
+        families = [family for family in FAMILIES if family in self.families]
+        return [_FAMILY_FUNCTIONS[family](touch, values) for family in families]
 
 
 @cache
@@ -119,15 +95,18 @@ def feature_names(rows: int, cols: int, families: frozenset[str] = frozenset(FAM
     """Names of the features of some families on a grid."""
     taxels = taxel_names(rows, cols)
     cells = [f"{r}x{c}_{cell}" for r, c in _pyramid_grids(rows, cols) for cell in taxel_names(r, c)]
-    named = {
+    parts_of_names = {
         "sd": [*product(RANGES, ("mean", "sd", "max")), *((name, "taxels") for name in RANGES)],
         "bmh": [(taxel,) for taxel in taxels],
         "msd": product(taxels, STATISTICS),
         "smmhh": product(cells, [f"run{i}" for i in range(1, LONGEST_RUN + 1)]),
         "lbptop": product(PLANES, [f"{i:02d}" for i in range(len(UNIFORM) + 1)]),
     }
-    ordered = [family for family in FAMILIES if family in families]
-    return pd.Index(["_".join((family, *parts)) for family in ordered for parts in named[family]])
+    names = []
+    for family in FAMILIES:
+        if family in families:
+            names += ["_".join((family, *parts)) for parts in parts_of_names[family]]
+    return pd.Index(names)
 
 
 def _pyramid_grids(rows: int, cols: int) -> list[tuple[int, int]]:
@@ -148,12 +127,11 @@ def _sd_family(touch: Touch, values: np.ndarray) -> np.ndarray:
     touched |= high
     count = _count_in_ranges(touched, high)
     spread = np.sqrt(touch.variance(count))
-    over_time = np.stack(
-        [touch.mean(count), spread, np.maximum.reduceat(count, touch.starts)], axis=2
-    )
-    ever = _count_in_ranges(
-        *(np.logical_or.reduceat(signal, touch.starts, axis=1) for signal in (touched, high))
-    )
+    largest = np.maximum.reduceat(count, touch.starts)
+    over_time = np.stack([touch.mean(count), spread, largest], axis=2)
+    ever_touched = np.logical_or.reduceat(touched, touch.starts, axis=1)
+    ever_high = np.logical_or.reduceat(high, touch.starts, axis=1)
+    ever = _count_in_ranges(ever_touched, ever_high)
     return np.column_stack([over_time.reshape(len(ever), -1), ever]) / touch.taxels
 
 
@@ -164,10 +142,9 @@ def _half_of_maximum(touch: Touch, values: np.ndarray) -> np.ndarray:
 
 
 def _count_in_ranges(touched: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Number of taxels in each range [n, 3], of signals [taxels, n]; what is high is also touched."""
-    return np.stack(
-        [(~touched).sum(axis=0), (touched & ~high).sum(axis=0), high.sum(axis=0)], axis=1
-    )
+    """Number of taxels in each range [n, 3], of bool [taxels, n]; high ones are also touched."""
+    ranges = (~touched, touched & ~high, high)
+    return np.stack([marked.sum(axis=0) for marked in ranges], axis=1)
 
 
 def _bmh_family(touch: Touch, values: np.ndarray) -> np.ndarray:
@@ -177,7 +154,7 @@ def _bmh_family(touch: Touch, values: np.ndarray) -> np.ndarray:
 def _msd_family(touch: Touch, values: np.ndarray) -> np.ndarray:
     ordered = touch.sorted_within_captures(values)
     lowest, highest = ordered[:, touch.starts], ordered[:, touch.starts + touch.lengths - 1]
-    q1, median, q3 = (_quartile_of_captures(touch, ordered, quarters) for quarters in (1, 2, 3))
+    q1, median, q3 = (_quartile_of_captures(touch, ordered, number) for number in (1, 2, 3))
     total = np.add.reduceat(values, touch.starts, axis=1, dtype=np.float64)
     mean = total / touch.lengths
     centred = values - np.repeat(mean, touch.lengths, axis=1)
@@ -186,32 +163,21 @@ def _msd_family(touch: Touch, values: np.ndarray) -> np.ndarray:
         power = power * centred
         moments.append(np.add.reduceat(power, touch.starts, axis=1) / touch.lengths)
     variance, third, fourth = moments
-    spread = np.where(
-        variance > 0, variance, 1
-    )  # equal values have an exact mean and no variance at all
-    skewness = third / spread**1.5
-    kurtosis = np.where(variance > 0, fourth / spread**2 - 3, 0)
+    divisor = np.where(variance > 0, variance, 1)  # the variance of equal values is exactly 0
+    skewness = third / divisor**1.5
+    kurtosis = np.where(variance > 0, fourth / divisor**2 - 3, 0)
     columns = [
-        mean,
-        median,
-        lowest,
-        highest,
-        total / touch.rate_hz,
-        q1,
-        q3,
-        q3 - q1,
-        variance,
-        skewness,
-        kurtosis,
+        *(mean, median, lowest, highest, total / touch.rate_hz, q1, q3, q3 - q1),
+        *(variance, skewness, kurtosis),
     ]
     return np.stack(columns, axis=-1).transpose(1, 0, 2).reshape(len(touch.lengths), -1)
 
 
-def _quartile_of_captures(touch: Touch, ordered: np.ndarray, quarters: int) -> np.ndarray:
-    below, rest = np.divmod(quarters * (touch.lengths - 1), 4)
+def _quartile_of_captures(touch: Touch, ordered: np.ndarray, number: int) -> np.ndarray:
+    below, quarters = np.divmod(number * (touch.lengths - 1), 4)
     low = ordered[:, touch.starts + below].astype(np.float64)
-    high = ordered[:, touch.starts + below + (rest > 0)]
-    return low + (high - low) * (rest / 4)
+    high = ordered[:, touch.starts + below + (quarters > 0)]
+    return low + (high - low) * (quarters / 4)
 
 
 def _smmhh_family(touch: Touch, values: np.ndarray) -> np.ndarray:
@@ -220,54 +186,53 @@ def _smmhh_family(touch: Touch, values: np.ndarray) -> np.ndarray:
     before, after = cells[:, :-1], cells[:, 1:]
     np.subtract(np.maximum(before, after), np.minimum(before, after), out=moved[:, 1:])  # unsigned
     moved[:, touch.starts] = 0
-    # An interpolated percentile lies between two neighbours in order: what exceeds it exceeds the
-    # lower one, and no rounding is needed. The 0 of the first frame, which is no step, comes first
-    # in order.
+    # An interpolated percentile lies between two neighbours in order: a step exceeds it if it
+    # exceeds the lower one, so nothing is rounded. The 0 of the first frame, which is no step, is
+    # first in order.
     position = touch.starts + np.where(touch.lengths > 1, 1 + 3 * (touch.lengths - 2) // 4, 0)
-    much = moved > np.repeat(
-        touch.sorted_within_captures(moved)[:, position], touch.lengths, axis=1
-    )
-    return _count_runs(touch, much)
+    percentile = touch.sorted_within_captures(moved)[:, position]
+    return _count_runs(touch, moved > np.repeat(percentile, touch.lengths, axis=1))
 
 
 def _pyramid_sums(touch: Touch, values: np.ndarray) -> np.ndarray:
-    """Sums of the taxels of each cell [cells, frames]; for steps compared within a cell they serve as averages."""
+    """Sum of the taxels of each cell [cells, frames].
+
+    Steps are compared within a cell, so sums serve as averages.
+    """
     if touch.integer:
         values = values.astype(np.uint16 if int(values.max()) * touch.taxels < 2**16 else np.int64)
     level, levels = values.reshape(*touch.grid, -1), [values]
     while level.shape[:2] != (1, 1):
         for axis in (0, 1):
-            level = np.add.reduceat(
-                level, np.arange(0, level.shape[axis], 2), axis=axis, dtype=values.dtype
-            )
+            pairs = np.arange(0, level.shape[axis], 2)
+            level = np.add.reduceat(level, pairs, axis=axis, dtype=values.dtype)
         levels.append(level.reshape(-1, level.shape[2]))
     return np.concatenate(levels)
 
 
 def _count_runs(touch: Touch, signals: np.ndarray) -> np.ndarray:
-    """Number of runs of exactly 1, 2, ... frames [captures, n * longest]; signals are False in first frames."""
-    flat = (
-        signals.ravel()
-    )  # one signal after the other; first frames keep the runs of captures and signals apart
+    """Number of runs of exactly 1 to 5 frames [captures, n * 5], of bool signals [n, frames].
+
+    Signals are False in first frames, which separates the runs of captures and signals.
+    """
+    flat = signals.ravel()  # one signal after the other
     edges = np.flatnonzero(flat[1:] != flat[:-1]) + 1
     begin, end = edges[::2], edges[1::2]
     if len(end) < len(begin):
         end = np.append(end, len(flat))
     length = end - begin
-    counted = length <= LONGEST_RUN
-    signal, frame = np.divmod(begin[counted], signals.shape[1])
-    kind = (
-        (touch.capture_of_frame[frame] * len(signals) + signal) * LONGEST_RUN + length[counted] - 1
-    )
+    is_short = length <= LONGEST_RUN
+    signal, frame = np.divmod(begin[is_short], signals.shape[1])
+    row = touch.capture_of_frame[frame] * len(signals) + signal
+    kind = row * LONGEST_RUN + length[is_short] - 1
     shape = len(touch.lengths), len(signals) * LONGEST_RUN
     return np.bincount(kind, minlength=shape[0] * shape[1]).reshape(shape)
 
 
 def _lbptop_family(touch: Touch, values: np.ndarray) -> np.ndarray:
     grid = values.reshape(*touch.grid, -1)
-    inner = (
-        touch.capture_of_frame.copy()
-    )  # a capture more takes what has no frame before or after it
+    inner = touch.capture_of_frame.copy()
+    # Frames without a frame before or after them count for one more capture, which is dropped.
     inner[touch.starts] = inner[touch.starts + touch.lengths - 1] = len(touch.lengths)
     shares = []
     for axes in PLANES.values():
@@ -282,24 +247,25 @@ def _lbptop_family(touch: Touch, values: np.ndarray) -> np.ndarray:
 def _binary_patterns(grid: np.ndarray, axes: tuple[int, int]) -> np.ndarray:
     """Local binary patterns on one plane wherever all neighbours exist."""
 
-    def shifted(by: tuple[int, int]) -> np.ndarray:
+    def shift_window(steps: tuple[int, int]) -> np.ndarray:
         window = [slice(None)] * 3
-        for axis, step in zip(axes, by, strict=True):
+        for axis, step in zip(axes, steps, strict=True):
             window[axis] = slice(1 + step, max(grid.shape[axis] - 1 + step, 1 + step))
         return grid[tuple(window)]
 
-    centre = shifted((0, 0))
+    centre = shift_window((0, 0))
     patterns = np.zeros(centre.shape, dtype=np.uint8)
-    for bit, step in enumerate(RING):
-        patterns |= (shifted(step) >= centre).view(np.uint8) << bit
+    for bit, steps in enumerate(RING):
+        patterns |= (shift_window(steps) >= centre).view(np.uint8) << bit
     return patterns
 
 
 @cache
 def _pattern_bins() -> np.ndarray:
-    """Which bin each pattern belongs to, 0 or 1 [256, 59]."""
-    number = {pattern: i for i, pattern in enumerate(UNIFORM)}
-    return np.eye(len(UNIFORM) + 1)[[number.get(pattern, len(UNIFORM)) for pattern in range(256)]]
+    """Bin of each pattern, as 0 or 1 [256, 59]."""
+    bins = np.full(256, len(UNIFORM))
+    bins[UNIFORM] = np.arange(len(UNIFORM))
+    return np.eye(len(UNIFORM) + 1)[bins]
 
 
 _FAMILY_FUNCTIONS = {

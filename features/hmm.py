@@ -1,4 +1,4 @@
-"""Gaussian hidden Markov models of ragged sequences, one per class, all fitted in the same passes over time.
+"""Gaussian hidden Markov models of ragged sequences, one per class, fitted in the same passes.
 
 Frames of all sequences lie in one array [frames, values], sequence after sequence. A recursion over
 time visits them in another order, that of `VisitOrder`: first the first frame of every sequence,
@@ -26,18 +26,17 @@ class VisitOrder:
     """The order in which recursions over time visit the frames of ragged sequences.
 
     Attributes:
-        sequence: int64 [sequences], the sequences from the longest to the shortest.
-        spans: begin and end of each time step in that order.
-        frame: int64 [frames], the frame at each position of that order.
-        position: int64 [frames], the position of each frame in it.
+        sequence: int64 [sequences], sequences from the longest to the shortest.
+        spans: begin and end of each time step in the order.
+        frame: int64 [frames], frame at each position of the order.
+        position: int64 [frames], position of each frame in the order.
     """
 
     def __init__(self, lengths: np.ndarray) -> None:
         self.sequence = np.argsort(-lengths, kind="stable")
         first = (np.cumsum(lengths) - lengths)[self.sequence]
-        running = len(lengths) - np.searchsorted(
-            np.sort(lengths), np.arange(lengths.max()), side="right"
-        )
+        ended = np.searchsorted(np.sort(lengths), np.arange(lengths.max()), side="right")
+        running = len(lengths) - ended
         edges = np.concatenate([[0], np.cumsum(running)])
         self.spans = list(pairwise(edges.tolist()))
         time = np.repeat(np.arange(len(running)), running)
@@ -47,26 +46,26 @@ class VisitOrder:
 
 
 def forward(
-    emission: np.ndarray, start: np.ndarray, transition: np.ndarray, steps: VisitOrder
+    emission: np.ndarray, start: np.ndarray, transition: np.ndarray, order: VisitOrder
 ) -> tuple[np.ndarray, np.ndarray]:
     """Probabilities of the states given the past, scaled in every frame.
 
     Args:
         emission: density of each frame in each state, up to a factor per frame [states, frames], in
-            order of steps.
-        start: probability of the first state [states, sequences], in order of ``steps.sequence`` as
-            all of these.
-        transition: transition matrices, old state by new state [states, states, sequences].
-        steps: the order.
+            the visit order.
+        start: probability of the first state [states, sequences], in order of ``order.sequence``.
+        transition: transition matrices, old state by new state [states, states, sequences], in the
+            same order.
+        order: visit order.
 
     Returns:
         Probability of each state given the frames up to its own [states, frames], and the density
-        of each frame given those before it [frames], both in order of steps.
+        of each frame given those before it [frames], both in the visit order.
     """
     state = np.empty_like(emission)
     scale = np.empty(emission.shape[1])
     expected, before = start, 0
-    for begin, end in steps.spans:
+    for begin, end in order.spans:
         if begin:
             running = end - begin
             now = state[:, None, before : before + running]
@@ -79,18 +78,21 @@ def forward(
 
 
 def backward(
-    emission: np.ndarray, scale: np.ndarray, transition: np.ndarray, steps: VisitOrder
+    emission: np.ndarray, scale: np.ndarray, transition: np.ndarray, order: VisitOrder
 ) -> np.ndarray:
-    """Density of the frames after each, given its state, relative to that given the past [states, frames].
+    """Density of all later frames given the state, relative to that given the past.
 
     Args:
         emission: emissions, as in `forward`.
-        scale: scale returned by `forward`.
+        scale: scale that `forward` returns.
         transition: transition matrices, as in `forward`.
-        steps: the order.
+        order: visit order.
+
+    Returns:
+        Relative densities [states, frames], in the visit order.
     """
     future = np.ones_like(emission)
-    for (begin, _), (later, end) in zip(steps.spans[-2::-1], steps.spans[:0:-1], strict=True):
+    for (begin, _), (later, end) in zip(order.spans[-2::-1], order.spans[:0:-1], strict=True):
         running = end - later
         ahead = emission[:, later:end] * future[:, later:end] / scale[later:end]
         future[:, begin : begin + running] = (transition[:, :, :running] * ahead).sum(axis=1)
@@ -115,8 +117,7 @@ class GaussianHMMs:
         transition_: transition matrices, old state by new state [classes, states, states].
         mean_: [classes, states, values].
         variance_: [classes, states, values].
-        history_: log-likelihood of each class's sequences before each iteration [iterations,
-            classes].
+        history_: log-likelihood of each class before each iteration [iterations, classes].
     """
 
     def __init__(self, states: int = 5, iterations: int = 20, seed: int = 0) -> None:
@@ -130,7 +131,7 @@ class GaussianHMMs:
         Args:
             frames: float64 [frames, values].
             lengths: int64 [sequences], at least 1 each.
-            classes: int64 [sequences], from 0; none may be left out.
+            classes: int64 [sequences], numbered from 0 without gaps.
         """
         by_class = np.argsort(classes, kind="stable")
         first = (np.cumsum(lengths) - lengths)[by_class]
@@ -143,51 +144,50 @@ class GaussianHMMs:
         both = np.concatenate([values, values**2], axis=1)
         del values
 
-        steps = VisitOrder(lengths)
-        owner = classes[steps.sequence]
+        order = VisitOrder(lengths)
+        owner = classes[order.sequence]
         self.history_ = np.empty((self.iterations, len(parts)))
         for iteration in range(self.iterations):
             emission = np.empty((self.states, len(both)))
             for i, part in enumerate(parts):
                 emission[:, part] = self._log_densities(both[part], i)
             best = _scale_by_largest(emission)
-            emission = emission[:, steps.frame]
+            emission = emission[:, order.frame]
             transition = self.transition_[owner].transpose(1, 2, 0).copy()
-            state, scale = forward(emission, self.start_[owner].T.copy(), transition, steps)
-            likelihood = np.add.reduceat(best + np.log(scale)[steps.position], begin)
+            state, scale = forward(emission, self.start_[owner].T.copy(), transition, order)
+            likelihood = np.add.reduceat(best + np.log(scale)[order.position], begin)
             self.history_[iteration] = np.bincount(classes, weights=likelihood)
 
-            future = backward(emission, scale, transition, steps)
+            future = backward(emission, scale, transition, order)
             emission *= future
             emission /= scale  # the evidence for each state from its frame on
-            ahead = emission[:, steps.position]
+            ahead = emission[:, order.position]
             ahead[:, begin] = 0  # no transition leads to a first frame
             share = state * future
-            state, share = state[:, steps.position], share[:, steps.position]
+            state, share = state[:, order.position], share[:, order.position]
             for i, part in enumerate(parts):
-                inner = slice(part.start, part.stop - 1), slice(part.start + 1, part.stop)
-                moves = self.transition_[i] * (state[:, inner[0]] @ ahead[:, inner[1]].T)
-                self._update_model(
-                    i, share[:, part], share[:, begin[classes == i]], moves, both[part]
-                )
+                before = state[:, part.start : part.stop - 1]
+                after = ahead[:, part.start + 1 : part.stop]
+                moves = self.transition_[i] * (before @ after.T)
+                first = share[:, begin[classes == i]]
+                self._update_model(i, share[:, part], first, moves, both[part])
         return self
 
     def log_likelihood(self, frames: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """Log-likelihood of every sequence under every class's model [sequences, classes].
 
-        Works on everything at once; hand over blocks of sequences where classes x states x frames
-        is large.
+        It needs memory for classes x states x frames numbers, so give blocks of sequences.
         """
         classes = len(self.start_)
         both = np.concatenate([frames, frames**2], axis=1)
         emission = np.concatenate([self._log_densities(both, i) for i in range(classes)], axis=1)
         best = _scale_by_largest(emission)
-        steps = VisitOrder(np.tile(lengths, classes))
-        owner = steps.sequence // len(lengths)
+        order = VisitOrder(np.tile(lengths, classes))
+        owner = order.sequence // len(lengths)
         transition = self.transition_[owner].transpose(1, 2, 0).copy()
-        _, scale = forward(emission[:, steps.frame], self.start_[owner].T.copy(), transition, steps)
+        _, scale = forward(emission[:, order.frame], self.start_[owner].T.copy(), transition, order)
         begin = np.cumsum(lengths) - lengths
-        per_frame = (best + np.log(scale)[steps.position]).reshape(classes, -1)
+        per_frame = (best + np.log(scale)[order.position]).reshape(classes, -1)
         return np.add.reduceat(per_frame, begin, axis=1).T
 
     def _initialise_models(self, parts: list[np.ndarray]) -> None:
@@ -200,9 +200,8 @@ class GaussianHMMs:
         self.variance_ = np.empty((classes, self.states, values))
         for i, frames in enumerate(parts):
             some = frames[:: -(-len(frames) // KMEANS_FRAMES)]
-            self.mean_[i] = some.mean(
-                axis=0
-            )  # of states that k-means does not fill, as there are too few frames
+            # Values of states without a cluster, if there are few frames.
+            self.mean_[i] = some.mean(axis=0)
             self.variance_[i] = some.var(axis=0)
             clusters = min(self.states, len(np.unique(some, axis=0)))
             label = KMeans(clusters, n_init=1, random_state=self.seed).fit(some).labels_
@@ -212,7 +211,12 @@ class GaussianHMMs:
         np.maximum(self.variance_, VARIANCE_FLOOR, out=self.variance_)
 
     def _log_densities(self, both: np.ndarray, i: int) -> np.ndarray:
-        """Log-densities in the states of one model [states, frames] of values and their squares, side by side."""
+        """Log-densities in the states of one model [states, frames].
+
+        Args:
+            both: values and their squares, side by side [frames, 2 values].
+            i: class of the model.
+        """
         precision = 1 / self.variance_[i]
         weights = np.concatenate([precision * self.mean_[i], -0.5 * precision], axis=1)
         constant = np.log(2 * np.pi * self.variance_[i]) + precision * self.mean_[i] ** 2
@@ -223,18 +227,18 @@ class GaussianHMMs:
     def _update_model(
         self, i: int, share: np.ndarray, first: np.ndarray, moves: np.ndarray, both: np.ndarray
     ) -> None:
-        occupied = share.sum(axis=1)
-        occurs = occupied > MIN_OCCUPATION
-        mean, square = np.split(share[occurs] @ both / occupied[occurs, None], 2, axis=1)
+        occupation = share.sum(axis=1)
+        occurs = occupation > MIN_OCCUPATION
+        mean, square = np.split(share[occurs] @ both / occupation[occurs, None], 2, axis=1)
         self.mean_[i, occurs] = mean
         self.variance_[i, occurs] = np.maximum(square - mean**2, VARIANCE_FLOOR)
         self.start_[i] = _shares_above_floor(first.sum(axis=1))
-        left = moves.sum(axis=1) > MIN_OCCUPATION
-        self.transition_[i, left] = _shares_above_floor(moves[left])
+        moves_on = moves.sum(axis=1) > MIN_OCCUPATION
+        self.transition_[i, moves_on] = _shares_above_floor(moves[moves_on])
 
 
 def _scale_by_largest(logs: np.ndarray) -> np.ndarray:
-    """Turn logs [states, frames] into numbers of which the largest per frame is 1, in place; return its log."""
+    """Replace logs [states, frames] by exponentials relative to the largest; return its log."""
     best = logs.max(axis=0)
     logs -= best
     np.exp(logs, out=logs)
@@ -242,6 +246,6 @@ def _scale_by_largest(logs: np.ndarray) -> np.ndarray:
 
 
 def _shares_above_floor(counts: np.ndarray) -> np.ndarray:
-    """Shares along the last axis, none of them 0."""
+    """Shares of counts along the last axis, all above 0."""
     shares = np.maximum(counts / counts.sum(axis=-1, keepdims=True), PROBABILITY_FLOOR)
     return shares / shares.sum(axis=-1, keepdims=True)

@@ -1,9 +1,12 @@
-"""Likelihoods and gesture-level features of Hughes, Farrow, Profita and Correll 2015 (ICMI, pp. 367-374)."""
+"""Likelihoods and gesture-level features of Hughes, Farrow, Profita and Correll 2015.
+
+ICMI, pp. 367-374.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 import pandas as pd
@@ -28,22 +31,16 @@ SHORTEST_FFT = 64
 LOG_FLOOR = 1e-4  # of full scale, inside logarithms
 MAX_DEVIATION = 1e3  # standard deviations
 MIN_LOG_LIKELIHOOD = -100.0  # per frame
-LEVEL_NAMES = pd.Index(
+GESTURE_LEVEL_NAMES = pd.Index(
     [
-        *(
-            "g1_log_level",
-            "g2_temporal_sd",
-            "g3_log_temporal_sd",
-            "g4_frequency",
-            "g5_log_amplitude",
-        ),
-        *("g6_row_of_maximum", "g7_col_of_maximum", "g8_duration"),
+        *("g1_log_level", "g2_temporal_sd", "g3_log_temporal_sd", "g4_frequency"),
+        *("g5_log_amplitude", "g6_row_of_maximum", "g7_col_of_maximum", "g8_duration"),
     ]
 )
 
 
 class Hughes36(FeatureSet):
-    """Log-likelihoods under hidden Markov models of every gesture, and 8 features of the whole capture.
+    """Log-likelihoods under hidden Markov models of all gestures, and 8 gesture-level features.
 
     With C gestures there are 2 C + 8 columns: 36 for the 14 of CoST.
 
@@ -64,14 +61,14 @@ class Hughes36(FeatureSet):
                 HAART
     =========== ====================================================================================
 
-    What the paper leaves open: 5 states, any of which may follow any other, diagonal covariances,
-    20 iterations from k-means of the frames; observations standardised on the training frames. The
-    autoencoder sees frames less the mean frame, divided by one SD, and learns with Adam in batches
-    of 512 from Xavier weights. The spectrum is that at the corpus's own rate; the authors took
-    CoST's 135 frames per second for 152. Its amplitude is that of a sine, in sensor values of the
-    sum. Logs have 1e-4 of full scale added to what is inside. Where the sum is constant or the band
-    holds no frequency, g4 and the amplitude are 0. Likelihoods are at least -100 per frame, so that
-    a capture unlike all others does not decide the scale of a column.
+    The paper leaves open, and we chose: 5 states, any of which may follow any other, diagonal
+    covariances, 20 iterations from k-means of the frames; observations standardised on the training
+    frames. The autoencoder sees frames less the mean frame, divided by one SD, and learns with Adam
+    in batches of 512 from Xavier weights. The spectrum has the corpus's own rate; the authors took
+    CoST's 135 frames per second for 152. The amplitude is that of a sine, in sensor values of the
+    sum. 1e-4 of full scale is added inside logarithms. If the sum is constant or the band has no
+    frequency, g4 and the amplitude are 0. Likelihoods are at least -100 per frame, so one unusual
+    capture does not decide the scale of a column.
 
     Args:
         states: number of states of each model.
@@ -98,7 +95,7 @@ class Hughes36(FeatureSet):
         self.seed = seed
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run."""
+        """Raise an InputError for wrong parameters, before anything is run."""
         for name in ("states", "iterations", "epochs"):
             if getattr(self, name) < 1:
                 raise InputError(f"features.{name}={getattr(self, name)}: give at least 1")
@@ -107,9 +104,8 @@ class Hughes36(FeatureSet):
         """Learn the autoencoder and the models from captures and their class names."""
         self.check()
         self.classes_, codes = np.unique(np.asarray(y), return_inverse=True)
-        self.encoder_ = _train_encoder(
-            _sample_frames(X, FRAMES_TO_ENCODE, self.seed), self.epochs, self.seed
-        )
+        sample = _sample_frames(X, FRAMES_TO_ENCODE, self.seed)
+        self.encoder_ = _train_encoder(sample, self.epochs, self.seed)
         self.models_, self.standard_ = [], []
         for observe in self._observation_functions():
             frames = np.concatenate([observe(X[block]) for block in capture_blocks(X)])
@@ -117,55 +113,50 @@ class Hughes36(FeatureSet):
             sd[sd <= 1e-9 * np.abs(mean)] = 1  # a constant up to rounding
             self.standard_.append((mean, sd))
             frames = _standardise_frames(frames, mean, sd)
-            self.models_.append(
-                GaussianHMMs(self.states, self.iterations, self.seed).fit(frames, X.lengths, codes)
-            )
-        ragged = len(np.unique(X.lengths)) > 1
-        self.level_ = LEVEL_NAMES if ragged else LEVEL_NAMES[:-1]
-        likelihoods = [
-            f"hmm_{kind}_{gesture}" for kind in ("moments", "code") for gesture in self.classes_
-        ]
-        self.names_ = pd.Index([*likelihoods, *self.level_])
+            models = GaussianHMMs(self.states, self.iterations, self.seed)
+            self.models_.append(models.fit(frames, X.lengths, codes))
+        is_ragged = len(np.unique(X.lengths)) > 1
+        self.level_ = GESTURE_LEVEL_NAMES if is_ragged else GESTURE_LEVEL_NAMES[:-1]
+        moment_names = [f"hmm_moments_{gesture}" for gesture in self.classes_]
+        code_names = [f"hmm_code_{gesture}" for gesture in self.classes_]
+        self.names_ = pd.Index([*moment_names, *code_names, *self.level_])
         return self
 
     def transform(self, X: Corpus) -> pd.DataFrame:
         """Features of each capture [captures, 2 classes + 8 or 7]."""
         check_is_fitted(self, "names_")
         classes = len(self.classes_)
-        columns = np.empty((len(X), 2 * classes))
+        columns = np.empty((len(X), 2, classes))
         for i, observe in enumerate(self._observation_functions()):
             for block in capture_blocks(X, FRAMES_TO_SCORE * X.grid[0] * X.grid[1]):
                 part = X[block]
                 frames = _standardise_frames(observe(part), *self.standard_[i])
-                likelihood = (
-                    self.models_[i].log_likelihood(frames, part.lengths) / part.lengths[:, None]
-                )
-                columns[block, i * classes : (i + 1) * classes] = np.maximum(
-                    likelihood, MIN_LOG_LIKELIHOOD
-                )
+                likelihood = self.models_[i].log_likelihood(frames, part.lengths)
+                per_frame = likelihood / part.lengths[:, None]
+                columns[block, i] = np.maximum(per_frame, MIN_LOG_LIKELIHOOD)
         others = self.extracted_table(X)[self.level_]
-        likelihoods = pd.DataFrame(columns, others.index, self.names_[: 2 * classes])
+        names = self.names_[: 2 * classes]
+        likelihoods = pd.DataFrame(columns.reshape(-1, len(names)), others.index, names)
         return pd.concat([likelihoods, others], axis=1)
 
     def extract(self, corpus: Corpus) -> pd.DataFrame:
-        """Compute the gesture-level features of every capture, the duration included."""
-        return feature_table(corpus, LEVEL_NAMES, _level_columns)
+        """Compute the gesture-level features of every capture, with the duration."""
+        return feature_table(corpus, GESTURE_LEVEL_NAMES, _gesture_level_columns)
 
     @property
     def parameters_(self) -> int:
-        """Learnt numbers: the encoder, the hidden Markov models, means and SDs of their inputs."""
-        models = sum(
-            a.size for m in self.models_ for a in (m.start_, m.transition_, m.mean_, m.variance_)
-        )
-        encoder = sum(a.size for layer in self.encoder_ for a in layer)
-        return models + encoder + sum(a.size for pair in self.standard_ for a in pair)
+        """Number of learned numbers: of the encoder, the models, means and SDs of their inputs."""
+        arrays = [*chain(*self.encoder_, *self.standard_)]
+        for models in self.models_:
+            arrays += [models.start_, models.transition_, models.mean_, models.variance_]
+        return sum(array.size for array in arrays)
 
     def _observation_functions(self) -> list[Callable[[Corpus], np.ndarray]]:
         return [frame_moments, lambda corpus: _encode_frames(_scaled_frames(corpus), self.encoder_)]
 
 
 def frame_moments(corpus: Corpus) -> np.ndarray:
-    """Raw geometric moments of every frame [frames, 10], in the order of ``ORDERS``."""
+    """Raw geometric moments of every frame [frames, 10], in the order of `MOMENT_ORDERS`."""
     row, col = np.indices(corpus.grid).reshape(2, -1) + 1.0
     return _scaled_frames(corpus) @ np.stack([row**p * col**q for p, q in MOMENT_ORDERS], axis=1)
 
@@ -177,30 +168,29 @@ def _scaled_frames(corpus: Corpus) -> np.ndarray:
     return frames.reshape(len(frames), -1)
 
 
-def _sample_frames(corpus: Corpus, most: int, seed: int) -> np.ndarray:
-    """Frames at equal distances through all captures, as shares of full scale, float32 [at most ``most``, taxels]."""
+def _sample_frames(corpus: Corpus, max_count: int, seed: int) -> np.ndarray:
+    """Equally spaced frames of all captures, as shares of full scale, float32 [frames, taxels]."""
     total = int(corpus.lengths.sum())
-    count = min(total, most)
+    count = min(total, max_count)
     frame = (np.arange(count) + np.random.default_rng(seed).random()) * total // count
     end = np.cumsum(corpus.lengths)
     capture = np.searchsorted(end, frame, side="right")
-    within = frame - (end - corpus.lengths)[capture]
+    position = frame - (end - corpus.lengths)[capture]
     stored, starts = shared_frames(corpus)
-    frames = stored[starts[capture] + within.astype(np.int64)].reshape(count, -1)
+    frames = stored[starts[capture] + position.astype(np.int64)].reshape(count, -1)
     return frames.astype(np.float32) / np.float32(corpus.full_scale)
 
 
 def _train_encoder(
     frames: np.ndarray, epochs: int, seed: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Train the autoencoder to reconstruct frames and return the layers up to its code."""
+    """Train the autoencoder to reconstruct frames; return the layers up to its code."""
     import torch
     from torch import nn
 
     mean = frames.mean(axis=0, dtype=np.float64)
-    sd = np.sqrt(
-        frames.var(axis=0, dtype=np.float64).mean()
-    )  # one, or the noise of untouched taxels would count
+    # One SD for all taxels: otherwise the noise of untouched ones would count.
+    sd = np.sqrt(frames.var(axis=0, dtype=np.float64).mean())
     sd = sd if sd > LOG_FLOOR else 1.0
     frames = torch.from_numpy(((frames - mean) / sd).astype(np.float32))
     sizes = [frames.shape[1], *HIDDEN_UNITS, *HIDDEN_UNITS[-2::-1], frames.shape[1]]
@@ -210,11 +200,10 @@ def _train_encoder(
         linear = [nn.Linear(a, b) for a, b in pairwise(sizes)]
         layers = []
         for i, layer in enumerate(linear):
-            last = i in (code, len(linear) - 1)
-            nn.init.xavier_uniform_(
-                layer.weight, gain=1.0 if last else 4.0
-            )  # a sigmoid is flat: at most 1/4
-            layers += [layer] if last else [layer, nn.Sigmoid()]
+            is_linear = i in (code, len(linear) - 1)
+            gain = 1.0 if is_linear else 4.0  # the slope of a sigmoid is at most 1/4
+            nn.init.xavier_uniform_(layer.weight, gain=gain)
+            layers += [layer] if is_linear else [layer, nn.Sigmoid()]
         net = nn.Sequential(*layers)
         batch = min(BATCH_FRAMES, len(frames))
         batches = len(frames) // batch
@@ -223,7 +212,8 @@ def _train_encoder(
             adam, LEARNING_RATE, total_steps=epochs * batches + 1
         )
         for _ in range(epochs):
-            for rows in torch.randperm(len(frames))[: batches * batch].view(batches, batch):
+            order = torch.randperm(len(frames))[: batches * batch]
+            for rows in order.view(batches, batch):
                 x = frames[rows]
                 adam.zero_grad()
                 loss = nn.functional.mse_loss(net(x), x)
@@ -240,7 +230,7 @@ def _train_encoder(
 
 
 def _encode_frames(values: np.ndarray, encoder: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """The code of frames [frames, 10]."""
+    """Code of each frame [frames, 10]."""
     *hidden, (weight, bias) = encoder
     for w, b in hidden:
         values = values @ w.T
@@ -255,14 +245,15 @@ def _standardise_frames(frames: np.ndarray, mean: np.ndarray, sd: np.ndarray) ->
     return np.clip(frames, -MAX_DEVIATION, MAX_DEVIATION, out=frames)
 
 
-def _level_columns(touch: Touch) -> list[np.ndarray]:
+def _gesture_level_columns(touch: Touch) -> list[np.ndarray]:
     floor = LOG_FLOOR * touch.full_scale
-    least = np.minimum.reduceat(touch.values, touch.starts, axis=0).sum(axis=1, dtype=np.float64)
+    lowest = np.minimum.reduceat(touch.values, touch.starts, axis=0)
+    sum_of_lowest = lowest.sum(axis=1, dtype=np.float64)
     sd = np.sqrt(touch.variance(touch.total)) / touch.taxels
     frequency, amplitude = _dominant_oscillation(touch)
     row, col = np.divmod(touch.values.argmax(axis=1), touch.grid[1])
     return [
-        np.log(np.maximum(touch.mean(touch.total) - least, 0) + floor),
+        np.log(np.maximum(touch.mean(touch.total) - sum_of_lowest, 0) + floor),
         sd,
         np.log(sd + floor),
         frequency,
@@ -274,22 +265,19 @@ def _level_columns(touch: Touch) -> list[np.ndarray]:
 
 
 def _dominant_oscillation(touch: Touch) -> tuple[np.ndarray, np.ndarray]:
-    """Frequency with the largest amplitude of the total in the band, and that amplitude; 0 where there is none."""
+    """Frequency of the largest amplitude of the total in the band, and the amplitude, or zeros."""
     frequency, amplitude = np.zeros((2, len(touch.lengths)))
     centred = touch.total - touch.mean(touch.total)[touch.capture_of_frame]
-    moved = np.maximum.reduceat(touch.total, touch.starts) - np.minimum.reduceat(
-        touch.total, touch.starts
-    )
-    for i in np.flatnonzero(moved > 1e-9 * touch.full_scale):
-        length = int(touch.lengths[i])
+    varies = touch.value_range(touch.total) > 1e-9 * touch.full_scale
+    for i in np.flatnonzero(varies):
+        start, length = touch.starts[i], int(touch.lengths[i])
         points = max(length, SHORTEST_FFT)
         bins = np.arange(points // 2 + 1) * touch.rate_hz / points
         inside = np.flatnonzero((bins >= BAND_HZ[0]) & (bins <= BAND_HZ[1]))
         if len(inside):
-            size = np.abs(rfft(centred[touch.starts[i] : touch.starts[i] + length], points)[inside])
-            best = (
-                size >= size.max() * (1 - 1e-9)
-            ).argmax()  # of equal ones the first; rounding must not choose
+            size = np.abs(rfft(centred[start : start + length], points)[inside])
+            # The first of equal amplitudes: rounding must not choose.
+            best = (size >= size.max() * (1 - 1e-9)).argmax()
             frequency[i] = bins[inside[best]]
             amplitude[i] = 2 * size[best] / length
     return frequency, amplitude

@@ -78,6 +78,11 @@ class Touch:
         """Population variance over the frames of each capture."""
         return self.mean((signal - self.mean(signal)[self.capture_of_frame]) ** 2)
 
+    def value_range(self, signal: np.ndarray) -> np.ndarray:
+        """Range over the frames of each capture."""
+        highest = np.maximum.reduceat(signal, self.starts)
+        return highest - np.minimum.reduceat(signal, self.starts)
+
     def sorted_within_captures(self, signals: np.ndarray) -> np.ndarray:
         """Signals [n, frames] with the values of each capture in ascending order."""
         ordered = signals.copy()
@@ -242,14 +247,13 @@ class Touch:
         frequency counts: rounding must not choose.
         """
         centred = signals - self.mean(signals)[self.capture_of_frame]
-        lowest = np.minimum.reduceat(signals, self.starts)
-        moved = np.maximum.reduceat(signals, self.starts) - lowest
         bins = np.zeros((len(self.lengths), signals.shape[1]))
         for i in np.flatnonzero(self.lengths > 1):
             part = centred[self.starts[i] : self.starts[i] + self.lengths[i]]
             amplitude = np.abs(rfft(part, axis=0)[1:])
             bins[i] = (amplitude >= amplitude.max(axis=0) * (1 - 1e-9)).argmax(axis=0) + 1
-        return np.where(moved > 1e-9, bins * self.rate_hz / self.lengths[:, None], 0)
+        varies = self.value_range(signals) > 1e-9
+        return np.where(varies, bins * self.rate_hz / self.lengths[:, None], 0)
 
 
 def row_dot_products(values: np.ndarray, weights: np.ndarray) -> np.ndarray:

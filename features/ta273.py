@@ -24,9 +24,9 @@ class Ta273(FeatureSet):
 
     The numbers are for 8 x 8 taxels.
 
-    Published are these three groups with their sizes, and what each is about: frames, mean and
-    maximum pressure and variation around certain values; mean, variation and time above a threshold
-    of a channel; Fourier and cosine transform of the sequence. The single features are our reading.
+    The paper gives the sizes of these three groups and their subjects: frames, mean and maximum
+    pressure and variation around certain values; mean, variation and time above a threshold of a
+    channel; Fourier and cosine transform of the sequence. The single features are our reading.
 
     ======= ========================================================================================
     1-8     frames; mean, maximum, median and SD of all values, mean absolute change of the taxels
@@ -42,9 +42,9 @@ class Ta273(FeatureSet):
     ======= ========================================================================================
 
     Args:
-        levels: position of the 16 levels: ``training``, equally spaced from the 1st to the 99th
-            percentile of the mean pressure of all training frames (the set then learns these two
-            numbers), or ``fixed``, equally spaced between 0 and full scale.
+        levels: ``training``: the 16 levels are equally spaced from the 1st to the 99th percentile
+            of the mean pressure of all training frames, two numbers that are learned. ``fixed``:
+            they are equally spaced between 0 and full scale.
     """
 
     learns = True
@@ -111,10 +111,9 @@ def crossings_per_second(
 def _feature_columns(touch: Touch) -> list[np.ndarray]:
     pressure = touch.total / touch.taxels
     mean_total = touch.mean(touch.total)
+    # Totals are whole numbers, so rounding decides nothing.
+    above = touch.total > mean_total[touch.capture_of_frame]
     crossed = np.zeros(len(pressure), dtype=bool)
-    above = (
-        touch.total > mean_total[touch.capture_of_frame]
-    )  # whole numbers: rounding decides nothing
     crossed[1:] = above[1:] != above[:-1]
     crossed[touch.starts] = False
     taxel_mean = touch.mean(touch.frames)
@@ -126,16 +125,15 @@ def _feature_columns(touch: Touch) -> list[np.ndarray]:
     # Variance of all values: within the taxels and between them.
     variance = taxel_variance.mean(axis=1) + taxel_mean.var(axis=1)
     lowest = np.minimum.reduceat(touch.values, touch.starts, axis=0)
-    pressed = touch.values - lowest[touch.capture_of_frame] > touch.as_threshold(
-        np.float64(0.1 * touch.full_scale)
-    )
-    ends = zip(touch.starts, touch.starts + touch.lengths, strict=True)
+    threshold = touch.as_threshold(np.float64(0.1 * touch.full_scale))
+    pressed = touch.values - lowest[touch.capture_of_frame] > threshold
+    medians = [np.median(values) for values in np.split(touch.values, touch.starts[1:])]
     resampled = _resample_captures(touch, pressure)
     return [
         touch.lengths,
         mean_total / touch.taxels,
         np.maximum.reduceat(touch.peak, touch.starts),
-        np.array([np.median(touch.values[a:b]) for a, b in ends], dtype=np.float64),
+        np.array(medians, dtype=np.float64),
         np.sqrt(variance),
         touch.step_mean(touch.change) / touch.taxels,
         touch.count_local_maxima(touch.total),
@@ -151,13 +149,13 @@ def _feature_columns(touch: Touch) -> list[np.ndarray]:
 
 
 def _resample_captures(touch: Touch, signal: np.ndarray) -> np.ndarray:
-    """A signal at equally spaced moments of each capture, from its first to its last frame [captures, POINTS]."""
-    at = np.linspace(0, 1, POINTS) * (touch.lengths - 1)[:, None]
-    before = np.minimum(at.astype(np.int64), np.maximum(touch.lengths - 2, 0)[:, None])
-    rest = at - before
+    """Signal at `POINTS` equally spaced moments of each capture, from first to last frame."""
+    moment = np.linspace(0, 1, POINTS) * (touch.lengths - 1)[:, None]
+    before = np.minimum(moment.astype(np.int64), np.maximum(touch.lengths - 2, 0)[:, None])
+    weight = moment - before
     first = touch.starts[:, None] + before
-    after = np.minimum(first + 1, (touch.starts + touch.lengths - 1)[:, None])
-    return signal[first] * (1 - rest) + signal[after] * rest
+    second = np.minimum(first + 1, (touch.starts + touch.lengths - 1)[:, None])
+    return signal[first] * (1 - weight) + signal[second] * weight
 
 
 @cache
@@ -169,25 +167,16 @@ def _feature_names(rows: int, cols: int) -> pd.Index:
 
 @cache
 def _extracted_names(rows: int, cols: int) -> pd.Index:
-    return pd.Index(
-        [
-            *(
-                "frames",
-                "mean_pressure",
-                "max_pressure",
-                "median_pressure",
-                "pressure_sd",
-                "derivative",
-            ),
-            *("temporal_peaks", "mean_crossings"),
-            *(f"values_bin{i + 1}" for i in range(BINS)),
-            *(
-                f"{taxel}_{what}"
-                for what in ("mean", "sd", "pressed")
-                for taxel in taxel_names(rows, cols)
-            ),
-            *(f"fft{i}" for i in range(1, COEFFICIENTS + 1)),
-            *(f"dct{i}" for i in range(COEFFICIENTS)),
-            "frequency",
-        ]
-    )
+    taxels = taxel_names(rows, cols)
+    names = [
+        *("frames", "mean_pressure", "max_pressure", "median_pressure", "pressure_sd"),
+        *("derivative", "temporal_peaks", "mean_crossings"),
+        *(f"values_bin{i + 1}" for i in range(BINS)),
+        *(f"{taxel}_mean" for taxel in taxels),
+        *(f"{taxel}_sd" for taxel in taxels),
+        *(f"{taxel}_pressed" for taxel in taxels),
+        *(f"fft{i}" for i in range(1, COEFFICIENTS + 1)),
+        *(f"dct{i}" for i in range(COEFFICIENTS)),
+        "frequency",
+    ]
+    return pd.Index(names)

@@ -1,4 +1,6 @@
-"""Selection of columns against a slow search with scikit-learn's discriminant analysis."""
+"""Selection of columns, against a slow search with scikit-learn's discriminant analysis."""
+
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -14,25 +16,23 @@ from bench.features.selection import Subset
 
 class Ridge(EmpiricalCovariance):
     def fit(self, X, y=None):
-        self.covariance_ = np.cov(X.T, bias=True).reshape(X.shape[1], -1) + 1e-3 * np.eye(
-            X.shape[1]
-        )
+        covariance = np.cov(X.T, bias=True).reshape(X.shape[1], -1)
+        self.covariance_ = covariance + 1e-3 * np.eye(X.shape[1])
         return self
 
 
 def slow_hits(values, label, subject, columns):
-    """Captures that discriminant analysis gets right when their group of subjects is left out."""
-    right, lda = 0, LinearDiscriminantAnalysis(solver="lsqr", covariance_estimator=Ridge())
+    """Correctly classified captures when their group of subjects is left out."""
+    hits, lda = 0, LinearDiscriminantAnalysis(solver="lsqr", covariance_estimator=Ridge())
+    values = values[:, columns]
     for train, test in GroupKFold(min(5, len(set(subject)))).split(values, groups=subject):
-        x = (values[:, columns] - values[train][:, columns].mean(axis=0)) / values[train][
-            :, columns
-        ].std(axis=0)
-        right += (lda.fit(x[train], label[train]).predict(x[test]) == label[test]).sum()
-    return right
+        x = (values - values[train].mean(axis=0)) / values[train].std(axis=0)
+        hits += (lda.fit(x[train], label[train]).predict(x[test]) == label[test]).sum()
+    return hits
 
 
 def slow_sffs(hits, columns, selected, floating=True):
-    """The set that forward and backward steps find, and how many columns were taken out again."""
+    """The set that forward and backward steps find, and how many columns were removed again."""
     now, best, removed = (), {}, 0
     while len(now) < selected:
         now = max((tuple(sorted((*now, c))) for c in range(columns) if c not in now), key=hits)
@@ -47,21 +47,18 @@ def slow_sffs(hits, columns, selected, floating=True):
     return list(best[selected]), removed
 
 
-def labelled(seed, captures=120, columns=8, classes=3, subjects=6):
-    """A table in which some columns tell the classes apart, and columns are mixtures of each other."""
+def random_table(seed, captures=120, columns=8, classes=3, subjects=6):
+    """A table whose columns are mixtures of each other, with labels and subjects."""
     rng = np.random.default_rng(seed)
     label, subject = np.arange(captures) % classes, rng.integers(0, subjects, captures).astype(str)
     values = rng.normal(size=(captures, columns)) + rng.normal(size=(classes, columns))[label] * 0.5
-    return (
-        values @ rng.normal(size=(columns, columns)) * 10.0 ** rng.integers(-3, 4, columns),
-        label,
-        subject,
-    )
+    mixed = values @ rng.normal(size=(columns, columns)) * 10.0 ** rng.integers(-3, 4, columns)
+    return mixed, label, subject
 
 
 @pytest.mark.parametrize("subjects", [2, 11])
 def test_the_criterion_is_discriminant_analysis_left_out_by_subject(subjects):
-    values, label, subject = labelled(1, subjects=subjects)
+    values, label, subject = random_table(1, subjects=subjects)
     label[np.flatnonzero(subject == "1")[::2]] = 3  # a class that nobody else has
     fold = selection.assign_folds(label, subject)
     assert len(np.unique(fold)) == min(subjects, 5)
@@ -69,40 +66,30 @@ def test_the_criterion_is_discriminant_analysis_left_out_by_subject(subjects):
     for size in (1, 2, 5):
         sets = np.array([np.random.default_rng(i).permutation(8)[:size] for i in range(10)])
         hits = sum(part.count_hits(sets) for part in parts)
-        assert (
-            hits.tolist() == [slow_hits(values, label, subject, s) for s in sets]
-            and len(set(hits)) > 1
-        )
+        assert hits.tolist() == [slow_hits(values, label, subject, columns) for columns in sets]
+        assert len(set(hits)) > 1
 
 
 @pytest.mark.parametrize("seed", [0, 8])
 def test_selection_equals_a_slow_search(seed, monkeypatch):
-    values, label, subject = labelled(seed, captures=60, columns=7)
-    scores = {}
-
-    def hits(columns):
-        if columns not in scores:
-            scores[columns] = slow_hits(values, label, subject, list(columns))
-        return scores[columns]
-
+    values, label, subject = random_table(seed, captures=60, columns=7)
+    hits = cache(lambda columns: slow_hits(values, label, subject, list(columns)))
     forward, _ = slow_sffs(hits, 7, 5, floating=False)
     floating, removed = slow_sffs(hits, 7, 5)
-    assert selection.select(values, label, subject, 5).tolist() == floating
-    if seed:  # columns that later ones make useless are taken out again
+    assert selection.select_positions(values, label, subject, 5).tolist() == floating
+    if seed:  # columns that later ones make useless are removed again
         assert removed and hits(tuple(floating)) > hits(tuple(forward))
     monkeypatch.setattr(selection, "MAX_STEPS_FACTOR", 0)  # no step is left for going back
-    assert selection.select(values, label, subject, 5).tolist() == forward
+    assert selection.select_positions(values, label, subject, 5).tolist() == forward
 
 
 def test_a_subset_keeps_the_selected_columns_of_training_captures(corpus):
     train, test = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
     every = Jung28().fit_transform(corpus)
     label = np.unique(corpus.gestures[train], return_inverse=True)[1]
-    kept = every.columns[
-        selection.select(every.iloc[train].to_numpy(), label, corpus.subjects[train], 6)
-    ]
+    values = every.iloc[train].to_numpy()
+    kept = every.columns[selection.select_positions(values, label, corpus.subjects[train], 6)]
     features = Subset(Jung28(), 6).fit(corpus[train], corpus.gestures[train])
     assert list(features.get_feature_names_out()) == list(kept) and len(kept) == 6
-    pd.testing.assert_frame_equal(
-        features.transform(corpus[test]), every.iloc[test][kept].reset_index(drop=True)
-    )
+    expected = every.iloc[test][kept].reset_index(drop=True)
+    pd.testing.assert_frame_equal(features.transform(corpus[test]), expected)
