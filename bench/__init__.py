@@ -63,12 +63,12 @@ def plans(**values: object) -> list[Plan]:
     Returns:
         Plans with ``corpus``, ``folds`` (``name``, positions ``train`` and ``test``) and ``cell.estimator()``.
     """
-    from bench.grammar.options import RUN_KEYS, backend_of, values_from_keywords
+    from bench.grammar.options import RUN_KEYS, make_executor, values_from_keywords
     from bench.plan.grid import make_cells
     from bench.plan.plan import make_plans
 
     typed = values_from_keywords(values, RUN_KEYS)
-    return make_plans(make_cells(typed), backend_of(typed).jobs)
+    return make_plans(make_cells(typed), make_executor(typed).jobs)
 
 
 def tune(**values: object) -> pd.DataFrame:
@@ -79,9 +79,9 @@ def tune(**values: object) -> pd.DataFrame:
     """
     from bench.commands.tune import run_searches
     from bench.grammar.options import key_options, values_from_keywords
-    from bench.reading.frame import frame
+    from bench.reading.frame import runs_table
 
-    return frame(run_searches(values_from_keywords(values, key_options("tune"))))
+    return runs_table(run_searches(values_from_keywords(values, key_options("tune"))))
 
 
 def fit(**values: object) -> Fitted:
@@ -131,7 +131,7 @@ def corpus(
         target: columns of the class.
         parameters: parameters of ``synth``.
     """
-    from bench.commands.data_actions import load_selected_captures
+    from bench.commands.data import load_selected_captures
 
     return load_selected_captures(data, parameters, where, target)
 
@@ -155,7 +155,7 @@ def look(
     Returns:
         Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
     """
-    from bench.commands.data_actions import survey_captures
+    from bench.commands.data import survey_captures
 
     return survey_captures(
         corpus(data, where, target, **parameters), None if out is None else Path(out)
@@ -190,9 +190,9 @@ def runs(cases: bool = False, **values: object) -> pd.DataFrame:
         with its 95 % t-interval (``low``, ``high``) and SD, and every other number; system, model, features,
         parameters, seed, unit, subset, target, data and protocol; ``complete``, ``alone``, ``folds`` and ``run_id``.
     """
-    from bench.reading.frame import frame
+    from bench.reading.frame import runs_table
 
-    return frame(_stored(values), cases)
+    return runs_table(_stored(values), cases)
 
 
 def predictions(
@@ -242,12 +242,12 @@ def ledger(**values: object) -> pd.DataFrame:
         values: the runs to keep, as `runs` takes them.
 
     Returns:
-        A row per captures, system and protocol: `bench.reports.ledger.ledger`.
+        A row per captures, system and protocol: `bench.reports.ledger.make_ledger`.
     """
     from bench.reading.runs import results_on_captures
-    from bench.reports.ledger import ledger
+    from bench.reports.ledger import make_ledger
 
-    return ledger(results_on_captures(_stored(values)))
+    return make_ledger(results_on_captures(_stored(values)))
 
 
 def choose(**values: object) -> Choice:
@@ -293,15 +293,15 @@ def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
     from bench.reading.frame import group_results
     from bench.reading.runs import results_on_captures
     from bench.reports import latex
-    from bench.reports.comparison import scored
-    from bench.reports.latex import columns_of, papers, side_by_side
+    from bench.reports.comparison import score_rows
+    from bench.reports.latex import make_papers, papers_latex, parse_columns
 
     if "run_id" not in runs:
         raise InputError("bench.latex: give the table of bench.runs()")
     results = results_on_captures(_stored({"run": [*runs["run_id"]]}))
     if paper:
-        return side_by_side(papers(results, columns_of(paper)))
-    return latex.latex(scored(group_results(results)))
+        return papers_latex(make_papers(results, parse_columns(paper)))
+    return latex.comparison_latex(score_rows(group_results(results)))
 
 
 def _stored(values: Mapping[str, object]) -> list:

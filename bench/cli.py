@@ -9,7 +9,7 @@ import os
 import sys
 
 from bench.errors import ClusterError, HiddenError, InputError, StoreError, suggest_names
-from bench.grammar.options import key_options, part_groups
+from bench.grammar.options import key_options, parse_arguments, part_groups
 from bench.ground.registry import import_object, load_part, registered_parts
 from bench.ground.scratch import use_scratch_folder
 
@@ -80,13 +80,17 @@ def _run_command(arguments: list[str]) -> int:
     _check_arguments(name, arguments)
     command = load_part("commands", name)
     with use_scratch_folder():
+        if command.module:
+            return import_object(f"{command.module}:{name}")(arguments)
+        if command.takes_words:
+            return import_object(f"bench.commands.{name}:command")(arguments)
+        file = ""
+        if name == "run" and arguments and arguments[0].endswith(".toml"):
+            file, *arguments = arguments
+        values = parse_arguments(arguments, key_options(name, arguments))
         if command.makes:
-            from bench.commands.run import command as run
-
-            return run(name, arguments)
-        own = f"bench.commands.{name}:command"
-        function = import_object(f"{command.module}:{name}" if command.module else own)
-        return function(arguments)
+            return import_object("bench.commands.run:command")(name, values, file)
+        return import_object(f"bench.commands.{name}:command")(values)
 
 
 def _help_text(name: str, arguments: list[str]) -> str:

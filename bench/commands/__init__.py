@@ -1,17 +1,21 @@
-"""The commands, a file each: its keys and help, its function for Python, and what it prints."""
+"""The commands. `declarations` has their keys and help; the file of its name has its function.
+
+Files with a longer name belong to the command that they begin with: `run_grids` to ``bench run``.
+`printing` is for all of them.
+"""
 
 PARTS = {
-    "run": "bench.commands.run:RUN",
-    "choose": "bench.commands.choose:COMMAND",
-    "report": "bench.commands.report:COMMAND",
-    "data": "bench.commands.data:COMMAND",
-    "fit": "bench.commands.fit:COMMAND",
-    "compare": "bench.commands.compare:COMMAND",
-    "stress": "bench.commands.run:STRESS",
-    "tune": "bench.commands.tune:COMMAND",
-    "audit": "bench.commands.audit:COMMAND",
-    "ui": "bench.commands.ui:COMMAND",
-    "predict": "bench.commands.predict:COMMAND",
-    "runs": "bench.commands.runs:COMMAND",
-    "check": "bench.commands.check:COMMAND",
+    "run": "bench.commands.declarations:RUN",
+    "choose": "bench.commands.declarations:CHOOSE",
+    "report": "bench.commands.declarations:REPORT",
+    "data": "bench.commands.declarations:DATA",
+    "fit": "bench.commands.declarations:FIT",
+    "compare": "bench.commands.declarations:COMPARE_SYSTEMS",
+    "stress": "bench.commands.declarations:STRESS",
+    "tune": "bench.commands.declarations:TUNE",
+    "audit": "bench.commands.declarations:AUDIT",
+    "ui": "bench.commands.declarations:UI",
+    "predict": "bench.commands.declarations:PREDICT",
+    "runs": "bench.commands.declarations:RUNS",
+    "check": "bench.commands.declarations:CHECK",
 }

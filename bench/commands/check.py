@@ -3,246 +3,217 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bench.commands.printing import print_failures, print_lines
 from bench.commands.run import run_cells
 from bench.errors import InputError
 from bench.grammar.options import (
-    MORE,
-    RUN_OPTIONS,
-    Command,
-    Option,
-    backend_keys,
-    backend_of,
-    key_options,
+    RUN_KEYS,
+    executor_keys,
+    make_executor,
     parse_arguments,
     typed_settings,
 )
-from bench.grammar.options import RUN_KEYS
-from bench.ground.scratch import write_then_rename
 from bench.ground.registry import PART_GROUPS
+from bench.ground.scratch import write_then_rename
+from bench.ground.typed import Values
+from bench.plan.cells import Cell
+from bench.plan.grid import make_cells
+from bench.reading import gate
+from bench.reading.gate import SystemRecord, SystemVerdict
+from bench.reading.runs import (
+    SELECTING_KEYS,
+    load_clean_runs,
+    load_results_on_captures,
+    parse_selection,
+    select_runs,
+)
+from bench.running.workers import FoldExecutor
+from bench.store.client import connect
 from bench.values.result import format_count
 
-if TYPE_CHECKING:
-    from bench.ground.machine import Backend
-    from bench.plan.cells import Cell
-    from bench.reading.gate import Measured
 
-LIMITS = ("error", "slower")  # keys
-COMMAND = Command(
-    MORE,
-    "compare runs with a stored baseline, a gate for CI",
-    "Prints one line per system of the baseline: same, worse, better, changed (labels), slower, larger, or not "
-    "run. Runs everything that the current code has not run yet. Exit code 1 if a system is not the same. better "
-    "also counts, because a leak makes a system better. A paired bootstrap over subjects tests accuracy. 0.2 % of "
-    "the labels may change, and sizes may grow by 10 %. Keys of bench run select systems of the baseline.",
-    "bench check update=yes data=haart model=svm,rf features=jung54\nbench check junit=check.xml slower=3",
-    options=(
-        *RUN_OPTIONS,
-        Option("baseline", "text", "reports/baseline.json", "baseline file"),
-        Option(
-            "update", "yes", False, "yes: write the baseline again; keys of bench run add systems"
-        ),
-        Option("stored", "yes", False, "yes: run nothing, compare the newest stored runs"),
-        Option(
-            "error",
-            "number",
-            1,
-            "error rate in percent of all tests of accuracy and labels together",
-        ),
-        Option(
-            "slower",
-            "number",
-            2,
-            "largest factor of computing time, relative to a reference workload",
-        ),
-        Option("junit", "text", "", "JUnit file for a CI server, such as check.xml"),
-    ),
-)
-
-
-def command(arguments: list[str]) -> int:
+def command(values: Values) -> int:
     """Compare with the baseline, or write it; exit code 1 on an alarm, or if a run failed.
 
-    What prevents the comparison is written into the JUnit file, too: the one of the last check may have been green.
+    An error that prevents the comparison is written to the JUnit file too: the file of the last
+    check may say that all is well.
     """
-    from bench.reading import gate
-
     try:
-        return _command(arguments)
+        return _check_or_update(values)
     except BaseException as e:
-        for path in [
-            a.removeprefix("junit=") for a in arguments if a.startswith("junit=") and a != "junit="
-        ]:
-            _write(Path(path), gate.refused(f"{type(e).__name__}: {e}"), "junit")
+        if junit := values.get("junit"):
+            _write_file("junit", Path(str(junit)), gate.refusal_xml(f"{type(e).__name__}: {e}"))
         raise
 
 
-def _command(arguments: list[str]) -> int:
-    from bench.commands.printing import print_lines
-    from bench.reading import gate
-    from bench.reading.runs import SELECTING_KEYS, parse_selection
-
-    values = parse_arguments(arguments, key_options("check"))
-    how = typed_settings("check", values)
-    limits = {k: float(how[k]) for k in LIMITS}
-    if limits["error"] >= 100:
-        raise InputError(f"error={limits['error']:g}: give a percentage below 100, such as error=1")
-    of_runs = {k: v for k, v in values.items() if k not in {*backend_keys(), *how}}
-    added = [f"{k}={v}" for k, v in of_runs.items()]
-    path = Path(how["baseline"])
-    if how["update"]:
-        if how["stored"]:
-            raise InputError(
-                "stored=yes and update=yes exclude each other: an update needs runs; leave stored= out"
-            )
-        return _update(path, added, backend_of(values), limits)
-    if new := [
-        f"{k}={v}"
-        for k, v in of_runs.items()
-        if k not in SELECTING_KEYS and not k.startswith("protocol.")
-    ]:
+def _check_or_update(values: Values) -> int:
+    settings = typed_settings("check", values)
+    limits = settings["error"], settings["slower"]
+    if settings["error"] >= 100:
         raise InputError(
-            f"{new[0]} adds systems, which needs update=yes; leave it out to compare with the baseline"
+            f"error={settings['error']:g}: give a percentage below 100, such as error=1"
         )
-    asked = parse_selection(of_runs)
-    baseline = [then for then in gate.read(path) if not asked or _cells([then.run], asked, then)]
+    run_values = {k: v for k, v in values.items() if k not in {*executor_keys(), *settings}}
+    path, executor = Path(settings["baseline"]), make_executor(values)
+    if settings["update"]:
+        if settings["stored"]:
+            raise InputError(
+                "stored=yes and update=yes exclude each other: an update needs runs; leave "
+                "stored= out"
+            )
+        return _update(path, [f"{k}={v}" for k, v in run_values.items()], executor, limits)
+    for key, value in run_values.items():
+        if key not in SELECTING_KEYS and not key.startswith("protocol."):
+            raise InputError(
+                f"{key}={value} adds systems, which needs update=yes; leave it out to compare "
+                "with the baseline"
+            )
+    verdicts = _compare_with_baseline(path, run_values, settings["stored"], executor, limits)
+    return _print_verdicts(verdicts, path, settings["junit"], settings["error"])
+
+
+def _compare_with_baseline(
+    path: Path, values: Values, stored: bool, executor: FoldExecutor, limits: tuple[float, float]
+) -> list[SystemVerdict]:
+    """Compare the selected systems of a baseline with runs, or with stored runs."""
+    selection = parse_selection(values)
+    baseline = gate.read_baseline(path)
+    if selection:
+        baseline = [each for each in baseline if _select_cells([each.run], selection, each)]
     if not baseline:
-        raise InputError(f"baseline={path} holds no system with {' '.join(added)}; leave a key out")
-    failed: dict[tuple, str] = {}
-    if how["stored"]:
-        current = _stored(baseline)
+        keys = " ".join(f"{k}={v}" for k, v in values.items())
+        raise InputError(f"baseline={path} holds no system with {keys}; leave a key out")
+    failures: dict[tuple, str] = {}
+    if stored:
+        current = _load_stored_runs(baseline)
     else:
-        current, failed = _run([then.run for then in baseline], backend_of(values), asked)
-    verdicts = gate.compare(baseline, current, limits["error"], limits["slower"], failed, _history)
+        current, failures = _run_all([each.run for each in baseline], executor, selection)
+    return gate.compare_with_baseline(baseline, current, *limits, failures, _load_history)
+
+
+def _print_verdicts(verdicts: list[SystemVerdict], path: Path, junit: str, error: float) -> int:
+    """Print verdicts, and write them for a CI server; return the exit code."""
     print_lines(*(verdict.line for verdict in verdicts))
-    if how["junit"]:
-        _write(Path(how["junit"]), gate.junit(verdicts), "junit")
-    alarms = [v for v in verdicts if v.wrong]
-    accept = f"; to accept the changes: bench check baseline={path} update=yes" if alarms else ""
-    print_lines(
-        f"{len(verdicts) - len(alarms)} of {len(verdicts)} systems are the same as in {path} (error rate of all tests "
-        f"together: {limits['error']:g} %){accept}"
+    if junit:
+        _write_file("junit", Path(junit), gate.verdicts_xml(verdicts))
+    alarms = sum(bool(verdict.alarms) for verdict in verdicts)
+    line = (
+        f"{len(verdicts) - alarms} of {len(verdicts)} systems are the same as in {path} (error "
+        f"rate of all tests together: {error:g} %)"
     )
-    return 1 if alarms else 0
+    if alarms:
+        line += f"; to accept the changes: bench check baseline={path} update=yes"
+    print_lines(line)
+    return int(alarms > 0)
 
 
-def _cells(
-    runs: list[str], asked: Mapping[str, list], then: Measured | None = None
+def _select_cells(
+    runs: Iterable[str], selection: Mapping[str, list], baseline: SystemRecord | None = None
 ) -> list[tuple[Cell, str]]:
-    """The selected cells of ``bench run`` arguments, with these; each once."""
-    from bench.plan.grid import make_cells
-    from bench.reading.runs import select_runs
+    """Make the selected cells of ``bench run`` arguments, each once, with these arguments.
 
-    planned: dict[str, tuple[Cell, str]] = {}
+    Args:
+        runs: arguments as typed.
+        selection: values of keys that a cell must have.
+        baseline: a system that a cell must be of.
+    """
+    selected: dict[str, tuple[Cell, str]] = {}
     for run in dict.fromkeys(runs):
         for cell in make_cells(parse_arguments(shlex.split(run), RUN_KEYS)):
             row = {"data": cell.data, "subset": cell.where or "all", "target": cell.target}
             row |= {"protocol": str(cell.protocol), "system": cell.system_name()}
-            parts = dict.fromkeys(PART_GROUPS.values(), "") | {
-                part.group: part.name for part in cell.parts
-            }
-            named = {f"{key}_name": parts[room] for key, room in PART_GROUPS.items()}
-            named |= {f"protocol.{k}": str(v) for k, v in cell.protocol.parameters.items()}
-            if select_runs([row | named], asked) and (
-                then is None or row.items() <= then.names.items()
-            ):
-                planned.setdefault(repr(cell), (cell, run))
-    return [*planned.values()]
+            is_of_system = baseline is None or row.items() <= baseline.names.items()
+            names = {part.group: part.name for part in cell.parts}
+            row |= {f"{key}_name": names.get(group, "") for key, group in PART_GROUPS.items()}
+            row |= {f"protocol.{k}": str(v) for k, v in cell.protocol.parameters.items()}
+            if is_of_system and select_runs([row], selection):
+                selected.setdefault(repr(cell), (cell, run))
+    return [*selected.values()]
 
 
-def _run(
-    runs: list[str], backend: Backend, asked: Mapping[str, list] | None = None
-) -> tuple[list[Measured], dict[tuple, str]]:
-    """Run what is not tracked yet; complete runs of the code, versions and threads as they are, and why others fail."""
-    from bench.commands.printing import print_failures
-    from bench.reading import gate
+def _run_all(
+    runs: Iterable[str], executor: FoldExecutor, selection: Mapping[str, list]
+) -> tuple[list[SystemRecord], dict[tuple, str]]:
+    """Run what is not stored yet.
 
-    planned = _cells(runs, asked or {})
-    results = run_cells([cell for cell, _ in planned], backend)
+    Returns:
+        The complete runs, and the reason of each one that failed, by its names.
+    """
+    cells = _select_cells(runs, selection)
+    results = run_cells([cell for cell, _ in cells], executor)
     print_failures(results)
-    complete: dict[tuple[str, ...], Measured] = {}
-    for result, (_, run) in zip(results, planned, strict=True):
+    complete: dict[tuple[str, ...], SystemRecord] = {}
+    failures: dict[tuple, str] = {}
+    for result, (_, run) in zip(results, cells, strict=True):
         if result.is_complete:
-            complete.setdefault(
-                tuple(str(result[k]) for k in gate.NAMES), gate.measured(result, run)
-            )
-    failed = {
-        tuple(str(r[k]) for k in gate.SAME): next(iter(r.errors.values())).reason
-        for r in results
-        if r.errors
-    }
-    return [*complete.values()], failed
+            names = tuple(str(result[name]) for name in gate.KEY_TAGS)
+            complete.setdefault(names, gate.record_of_result(result, run))
+        if result.errors:
+            names = tuple(str(result[name]) for name in gate.COUNTERPART_TAGS)
+            failures[names] = next(iter(result.errors.values())).reason
+    return [*complete.values()], failures
 
 
-def _stored(baseline: list[Measured]) -> list[Measured]:
-    """The newest complete results of the store that may be held against the baseline, whatever code made them."""
-    from bench.reading import gate
-    from bench.reading.runs import load_results_on_captures
-    from bench.store.client import connect
-
-    same = {tuple(then.names[k] for k in gate.SAME) for then in baseline}
-    complete = [
-        r
-        for r in load_results_on_captures(connect())
-        if r.is_complete and tuple(r[k] for k in gate.SAME) in same
+def _load_stored_runs(baseline: list[SystemRecord]) -> list[SystemRecord]:
+    """Load the newest complete runs that can be compared with the baseline, of any code."""
+    systems = {tuple(each.names[name] for name in gate.COUNTERPART_TAGS) for each in baseline}
+    return [
+        gate.record_of_result(result, "")
+        for result in load_results_on_captures(connect())
+        if result.is_complete and tuple(result[name] for name in gate.COUNTERPART_TAGS) in systems
     ]
-    return [gate.measured(r, "") for r in complete]
 
 
-def _history(now: Measured) -> list[tuple[str, Measured]]:
-    """The stored runs of a system up to a current one, oldest first, each with its revision."""
-    from bench.reading import gate
-    from bench.reading.runs import load_clean_runs
-    from bench.store.client import connect
+def _load_history(current: SystemRecord) -> list[tuple[str, SystemRecord]]:
+    """Load the runs of a system up to a current one, the oldest first, with their revisions.
 
-    results = [
-        r
-        for r in load_clean_runs(connect())
-        if all(str(r[name]) == value for name, value in now.names.items())
-    ]
-    runs = [(r.get("git") or "unknown", gate.measured(r, "")) for r in results]
-    last = max(
-        (i for i, (_, each) in enumerate(runs) if each.costs == now.costs), default=len(runs) - 1
-    )
-    return runs[: last + 1]  # after a checkout of older code, newer runs are of other code
+    After a checkout of older code, newer runs are of other code.
+    """
+    runs = []
+    length = 0
+    for result in load_clean_runs(connect()):
+        if all(str(result[name]) == value for name, value in current.names.items()):
+            runs.append((result.get("git") or "unknown", gate.record_of_result(result, "")))
+            if runs[-1][1].costs == current.costs:
+                length = len(runs)
+    return runs[: length or None]
 
 
-def _update(path: Path, added: list[str], backend: Backend, limits: dict[str, float]) -> int:
-    """Run again what the baseline names, and what is added; write it if every run is complete."""
-    from bench.commands.printing import print_lines
-    from bench.reading import gate
-
-    before = gate.read(path) if path.exists() or not added else []
-    after, failed = _run(
-        [then.run for then in before] + ([shlex.join(added)] if added else []), backend
-    )
-    if failed:
+def _update(
+    path: Path, added: list[str], executor: FoldExecutor, limits: tuple[float, float]
+) -> int:
+    """Run all systems of the baseline and the added ones; write it if every run is complete."""
+    before = gate.read_baseline(path) if path.exists() or not added else []
+    runs = [each.run for each in before] + ([shlex.join(added)] if added else [])
+    after, failures = _run_all(runs, executor, {})
+    if failures:
         print_lines(f"a run failed; {path} is unchanged")
         return 1
-    kept = [then for then in before if gate.counterpart(then, after)]
-    print_lines(
-        *(verdict.line for verdict in gate.compare(kept, after, limits["error"], limits["slower"]))
-    )
-    for now in after:
-        if not any(gate.counterpart(then, [now]) for then in before):
-            hits = (now.labels["true"] == now.labels["predicted"]).mean()
-            print_lines(f"{'new':8} {gate.named(now)}: pooled {100 * hits:.1f} %")
-    for then in before:
-        if then not in kept:
-            print_lines(f"{'gone':8} {gate.named(then)}: bench run {then.run} no longer makes it")
-    _write(path, gate.text(after), "baseline")
+    kept = [each for each in before if gate.find_counterpart(each, after)]
+    print_lines(*(verdict.line for verdict in gate.compare_with_baseline(kept, after, *limits)))
+    for current in after:
+        if not any(gate.find_counterpart(each, [current]) for each in before):
+            accuracy = (current.labels["true"] == current.labels["predicted"]).mean()
+            print_lines(f"{'new':8} {gate.system_line(current)}: pooled {100 * accuracy:.1f} %")
+    for each in before:
+        if each not in kept:
+            print_lines(
+                f"{'gone':8} {gate.system_line(each)}: bench run {each.run} no longer makes it"
+            )
+    _write_file("baseline", path, gate.baseline_json(after))
     print_lines(f"{path}: {format_count(len(after), 'system')}")
     return 0
 
 
-def _write(path: Path, content: str, key: str) -> None:
+def _write_file(key: str, path: Path, content: str) -> None:
+    """Write a file that a key names."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with write_then_rename(path) as beside:
-            beside.write_text(content, encoding="utf-8")
+        with write_then_rename(path) as unfinished:
+            unfinished.write_text(content, encoding="utf-8")
     except OSError as e:
         raise InputError(
             f"{key}={path} cannot be written ({e.strerror}); choose another place"

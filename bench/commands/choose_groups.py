@@ -1,4 +1,4 @@
-"""``bench choose groups=yes``: groups of gestures that can be told apart, from stored predictions."""
+"""Of ``bench choose``: groups of gestures that a system can tell apart (``groups=yes``)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bench.reading.frame import choose_command
 from bench.reading.groups import Grouping, accuracy_by_grouping, reactions_table
 from bench.reading.runs import load_results_on_captures, parse_selection, warn_of_missing_runs
 from bench.store.client import connect
-from bench.values import few
+from bench.values.few import FEWEST_FOR_INTERVAL, too_few_sentence
 from bench.values.measures import Measure, text_measure
 from bench.values.result import MIXED_NOTE, Result
 from bench.values.table import Table, rows_of_frame
@@ -25,7 +25,7 @@ LEVELS = (90, 95, 99)  # percent
 ACCURACY = Measure("accuracy", "accuracy %", ends="accuracy")
 COLUMNS = (
     Measure("groups", form=".0f"),
-    text_measure("grouping", "gestures in one group", lambda row: _words(row["grouping"])),
+    text_measure("grouping", "gestures in one group", lambda row: _format_groups(row["grouping"])),
     ACCURACY,
     Measure("largest", "largest group %"),
     Measure("same", "same choice", lambda row: f"{row['same']} of {row['subjects']}"),
@@ -33,65 +33,64 @@ COLUMNS = (
 
 
 def print_groups(values: Values) -> int:
-    """Print accuracy against the number of groups, with a table ``[reactions]`` for 90, 95 and 99 %."""
-    table, title, notes, results = find_groups(
-        {key: value for key, value in values.items() if key != "groups"}
-    )
-    found = rows_of_frame(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
-    Table(
-        COLUMNS, found, f"{title}; accuracy is the mean over subjects with its 95 % t-interval"
-    ).print(results_console())
+    """Print accuracy by number of groups, with a table ``[reactions]`` for 90, 95 and 99 %."""
+    typed = {key: value for key, value in values.items() if key != "groups"}
+    table, title, notes, results = find_groups(typed)
+    rows = rows_of_frame(table.rename(columns={"low": "accuracy_low", "high": "accuracy_high"}))
+    title += "; accuracy is the mean over subjects with its 95 % t-interval"
+    Table(COLUMNS, rows, title).print(results_console())
     print_lines(
-        "The groups of each subject are chosen on the other subjects. same choice: subjects with the groups above.",
+        "The groups of each subject are chosen on the other subjects. "
+        "same choice: subjects with the groups above.",
         "largest group: accuracy of always naming the largest group.",
-        *(
-            [f"{few.too_few_sentence(people)}."]
-            if (people := int(table["subjects"].iloc[0])) < few.FEWEST_FOR_INTERVAL
-            else []
-        ),
-        *notes,
     )
-    reached = {
-        level: next((row for row in found if round(row["accuracy"], 9) >= level), None)
-        for level in LEVELS
-    }
-    for level, row in reached.items():
-        how = (
-            f"{row['groups']} groups reach {ACCURACY.as_text(row)} %."
-            if row
-            else "not even two groups reach it."
-        )
-        print_lines(f"{level} %: {how}")
-    merged = {row["groups"]: row for row in reached.values() if row and row is not found[0]}
+    people = int(table["subjects"].iloc[0])
+    if people < FEWEST_FOR_INTERVAL:
+        print_lines(f"{too_few_sentence(people)}.")
+    print_lines(*notes)
+    merged = {}
+    for level in LEVELS:
+        reached = [row for row in rows if round(row["accuracy"], 9) >= level]
+        result = "not even two groups reach it."
+        if reached:
+            row = reached[0]
+            result = f"{row['groups']} groups reach {ACCURACY.as_text(row)} %."
+            if row is not rows[0]:
+                merged[row["groups"]] = row
+        print_lines(f"{level} %: {result}")
     for count, row in merged.items():
-        print_lines(
-            "", f"# {count} groups: {ACCURACY.as_text(row)} %", reactions_table(row["grouping"])
-        )
+        heading = f"# {count} groups: {ACCURACY.as_text(row)} %"
+        print_lines("", heading, reactions_table(row["grouping"]))
     print_next_commands(choose_command(results))
     return 0
 
 
 def find_groups(values: Values) -> tuple[pd.DataFrame, str, list[str], list[Result]]:
-    """Groups for the most accurate stored system; all its seeds are used."""
-    if alone := [k for k in values if k not in KEYS and "." not in k]:
-        raise InputError(f"{alone[0]}= has no effect on groups; leave {alone[0]}= out")
-    batch, asked = typed_settings("choose", values)["batch"], parse_selection(values)
-    every = load_results_on_captures(connect())
-    warn_of_missing_runs(every, asked)
-    results, notes = comparable_runs(every, asked, batch=batch)
-    by_system: dict[str, list[Result]] = {}
-    for r in results:
-        by_system.setdefault(r["system"], []).append(r)
-    seeds = max(sorted(by_system.items()), key=lambda each: mean(r["accuracy"] for r in each[1]))[1]
-    if seeds[-1].mixes_subjects:
+    """Find groups of gestures for the most accurate stored system, with all its seeds.
+
+    Returns:
+        `accuracy_by_grouping`, the captures and the system in words, notes, and the runs.
+    """
+    for key in values:
+        if key not in KEYS and "." not in key:
+            raise InputError(f"{key}= has no effect on groups; leave {key}= out")
+    selection = parse_selection(values)
+    results = load_results_on_captures(connect())
+    warn_of_missing_runs(results, selection)
+    is_batch = typed_settings("choose", values)["batch"]
+    results, notes = comparable_runs(results, selection, batch=is_batch)
+    runs_by_system: dict[str, list[Result]] = {}
+    for result in sorted(results, key=lambda result: result["system"]):
+        runs_by_system.setdefault(result["system"], []).append(result)
+    runs = max(runs_by_system.values(), key=lambda runs: mean(r["accuracy"] for r in runs))
+    if runs[-1].mixes_subjects:
         notes = [*notes, MIXED_NOTE]
-    tables = [r.tables["predictions"].assign(seed=r["seed"]) for r in seeds]
-    title = f"{', '.join(seeds[-1].context)}; {seeds[-1].system}"
-    return accuracy_by_grouping(pd.concat(tables, ignore_index=True)), title, notes, seeds
+    predictions = [r.tables["predictions"].assign(seed=r["seed"]) for r in runs]
+    title = f"{', '.join(runs[-1].context)}; {runs[-1].system}"
+    return accuracy_by_grouping(pd.concat(predictions, ignore_index=True)), title, notes, runs
 
 
-def _words(grouping: Grouping) -> str:
-    return (
-        "; ".join(" + ".join(group) for group in grouping if len(group) > 1)
-        or "every gesture alone"
-    )
+def _format_groups(grouping: Grouping) -> str:
+    """The groups of several gestures."""
+    groups = [" + ".join(group) for group in grouping if len(group) > 1]
+    return "; ".join(groups) or "every gesture alone"

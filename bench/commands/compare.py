@@ -1,45 +1,39 @@
-"""The command ``bench compare``: two systems on the same captures, of files, tables or stored runs."""
+"""The command ``bench compare``: compare two systems on the same captures."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import pandas as pd
+
+from bench.commands.printing import print_lines, refuse_unwritable, results_console
 from bench.errors import InputError
 from bench.grammar.options import (
-    COMPARE,
     RUN_KEYS,
     STORED_OPTIONS,
-    Command,
-    Option,
     key_options,
     parse_words,
     values_from_keywords,
 )
+from bench.ground.scratch import write_then_rename
 from bench.ground.typed import Values, split_values
-from bench.values.measures import Measure, text_measure
-
-if TYPE_CHECKING:
-    from bench.reading.compare import Compared, Side
-    from bench.values.result import Result
-
-COMMAND = Command(
-    COMPARE,
-    "compare two systems on the same captures: files of predictions or stored runs",
-    "A and B are each a CSV or parquet file, or the run id or name of a stored system as bench runs prints it. A file "
-    "has the columns id, subject, truth and prediction. Several rows of an id vote. Captures are matched by id. The id "
-    "in stored runs is the place of the capture in the corpus, from 0. Prints the paired difference over subjects with "
-    "its interval and test. It also prints the smallest difference that these subjects can show, each gesture, and the "
-    "captures that only one system classifies correctly. The keys of bench run, run= and latest=yes select the stored "
-    "runs.",
-    'bench compare mine.csv theirs.parquet\nbench compare 3f2a9c01 "svm · touch" data=haart protocol=loso',
-    "A B [key=value ...]",
-    options=(
-        *STORED_OPTIONS,
-        Option("out", "text", "", "CSV file for all captures with the predictions of both systems"),
-    ),
+from bench.plan.grid import make_cells
+from bench.reading.compare import (
+    Compared,
+    Side,
+    compare_sides,
+    find_runs,
+    side_of_file,
+    side_of_frame,
+    sides_of_runs,
 )
+from bench.reading.runs import load_all_runs, parse_selection, select_or_fail, select_runs
+from bench.store.client import connect
+from bench.values.measures import Measure, text_measure
+from bench.values.result import Result
+from bench.values.table import Table, rows_of_frame, write_sheet
+
 GESTURES = (
     text_measure("gesture"),
     Measure("captures", form=".0f"),
@@ -54,10 +48,6 @@ CAPTURES = ("data", "where", "target", "protocol")  # keys that tell which captu
 
 def command(arguments: list[str]) -> int:
     """Print how two systems differ, and write their captures."""
-    from bench.commands.printing import print_lines, refuse_unwritable, results_console
-    from bench.ground.scratch import write_then_rename
-    from bench.values.table import Table, rows_of_frame, write_sheet
-
     words, values = parse_words(arguments, key_options("compare"), 2)
     if len(words) < 2:
         raise InputError(
@@ -66,14 +56,16 @@ def command(arguments: list[str]) -> int:
     out = values.pop("out", "")
     result = compare_systems(words, values)
     print_lines(*repr(result).splitlines())
-    rows = rows_of_frame(
-        result.gestures.rename(columns={"low": "difference_low", "high": "difference_high"})
+    ends = {"low": "difference_low", "high": "difference_high"}
+    rows = rows_of_frame(result.gestures.rename(columns=ends))
+    title = (
+        f"A: {result.system}; B: {result.other}; means over subjects, not corrected for several "
+        "gestures"
     )
-    title = f"A: {result.system}; B: {result.other}; means over subjects, not corrected for several gestures"
     Table(GESTURES, rows, title).print(results_console())
     if out:
-        with refuse_unwritable(Path(out)), write_then_rename(Path(out)) as beside:
-            write_sheet(result.captures, beside)
+        with refuse_unwritable(Path(out)), write_then_rename(Path(out)) as unfinished:
+            write_sheet(result.captures, unfinished)
         print_lines(f"{out}: {len(result.captures)} captures")
     return 0
 
@@ -85,18 +77,15 @@ def compare_systems(systems: Sequence[object], values: Values) -> Compared:
         systems: a table, a file, keys of ``bench run``, or a name or run id of ``bench runs`` each.
         values: keys that select stored runs.
     """
-    from bench.reading.compare import compare_sides, sides_of_runs
-    from bench.reading.runs import load_all_runs, parse_selection, select_or_fail
-    from bench.store.client import connect
-
     typed = values_from_keywords(values, {option.key for option in STORED_OPTIONS})
     sides = _read_files(systems)
-    if None not in sides:
+    first, second = sides
+    if first and second:
         if typed:
             raise InputError(
                 f"{[*typed][0]}= selects stored runs, and both are files; leave it out"
             )
-        return compare_sides(*sides)
+        return compare_sides(first, second)
     results = select_or_fail(load_all_runs(connect()), parse_selection(typed))
     found = {i: _find_runs(system, results) for i, system in enumerate(systems) if sides[i] is None}
     stored = sides_of_runs(dict(found.values()))
@@ -106,10 +95,6 @@ def compare_systems(systems: Sequence[object], values: Values) -> Compared:
 
 def _read_files(systems: Sequence[object]) -> list[Side | None]:
     """The sides that are tables or files; None for stored systems."""
-    import pandas as pd
-
-    from bench.reading.compare import side_of_file, side_of_frame
-
     sides: list[Side | None] = []
     files = [Path(system).name if isinstance(system, str | Path) else "" for system in systems]
     titles = ("the first table", "the second table")
@@ -135,10 +120,6 @@ def _is_file(system: object) -> bool:
 
 def _find_runs(system: object, results: Sequence[Result]) -> tuple[str, list[Result]]:
     """The name and the stored runs of one system, given by keys of ``bench run``, name or id."""
-    from bench.plan.grid import make_cells
-    from bench.reading.compare import find_runs
-    from bench.reading.runs import select_runs
-
     if not isinstance(system, Mapping):
         return str(system), find_runs(str(system), results)
     values = values_from_keywords(system, RUN_KEYS)

@@ -1,57 +1,28 @@
-"""The command ``bench fit``: one system is trained on all captures and saved."""
+"""The command ``bench fit``: train one system on all captures and save it."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bench.commands.printing import print_next_commands
 from bench.errors import InputError
-from bench.grammar.options import (
-    FIT_OPTIONS,
-    START,
-    Command,
-    Option,
-    key_options,
-    next_of_packages,
-    parse_arguments,
-    typed_settings,
-    workers_of_packages,
-)
+from bench.grammar.options import next_of_packages, typed_settings, workers_of_packages
 from bench.ground.typed import Values, quote_value
-
-if TYPE_CHECKING:
-    from bench.running.fit import Fitted
-
-COMMAND = Command(
-    START,
-    "train one system on all captures and save it as an MLflow model",
-    "Prints the address of the model in the store. Use it in mlflow.pyfunc.load_model, mlflow models serve, bench "
-    "predict and all commands that take MODEL. Each key has one value.",
-    "bench fit data=haart model=svm features=jung54 out=svm\nmlflow models serve -m svm --env-manager local",
-    options=(
-        *FIT_OPTIONS,
-        Option(
-            "stopping", "yes", True, "no: skip three extra fits for calibration and early decisions"
-        ),
-        Option("out", "text", "", "folder for a copy of the model; new or empty"),
-    ),
-)
+from bench.plan.grid import make_cells
+from bench.running.fit import Fitted, fit
+from bench.values.stopping import NO_SAVING
 
 
-def command(arguments: list[str]) -> int:
-    """Train one system on all captures and save it."""
-    from bench.commands.printing import print_next_commands
-    from bench.values.stopping import NO_SAVING
-
-    values = parse_arguments(arguments, key_options("fit"))
+def command(values: Values) -> int:
+    """Train one system on all captures, save it, and print where it is."""
     fitted, out = fit_from_values(values), values.get("out")
     print(fitted, *([out] if out else []), sep="\n")
     stopping = fitted.recogniser.stopping
     if stopping is not None and not stopping.saves:
         print(f"{NO_SAVING}: the model classifies whole captures")
+    if fitted.note:
+        print(fitted.note)
     address = quote_value(str(out or fitted.uri))
-    if fitted.told:
-        print(fitted.told)
     lines, reasons = next_of_packages("fit", address, fitted.recogniser)
     if reasons:
         print(*reasons, sep="\n")
@@ -60,17 +31,15 @@ def command(arguments: list[str]) -> int:
 
 
 def fit_from_values(values: Values) -> Fitted:
-    """Fit and save the system of some values."""
-    from bench.plan.grid import make_cells
-    from bench.running.fit import fit
-
-    given, learner = typed_settings("fit", values), None
-    for key, one in workers_of_packages("fit").items():
-        if given[key]:
-            learner = one(values)
-        elif unused := [other for other in values if other.partition(".")[0] in one.keys]:
+    """Train and save the system of typed values."""
+    settings, learner = typed_settings("fit", values), None
+    for key, make_learner in workers_of_packages("fit").items():
+        if settings[key]:
+            learner = make_learner(values)
+        elif unused := [k for k in values if k.partition(".")[0] in make_learner.keys]:
             raise InputError(f"{key}=no: {unused[0]}= has no effect without; remove one of them")
-    cell, *more = make_cells({k: v for k, v in values.items() if k.partition(".")[0] not in given})
-    if more:
+    cells = make_cells({k: v for k, v in values.items() if k.partition(".")[0] not in settings})
+    if len(cells) > 1:
         raise InputError("bench fit saves one system; give one value of each key")
-    return fit(cell, Path(given["out"]) if given["out"] else None, given["stopping"], learner)
+    out = Path(settings["out"]) if settings["out"] else None
+    return fit(cells[0], out, settings["stopping"], learner)

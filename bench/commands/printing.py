@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from bench.errors import InputError
+from bench.ground.machine import BUSY_SLOWDOWN
 from bench.ground.progress import console
 from bench.ground.registry import registered_parts
-from bench.ground.machine import BUSY_SLOWDOWN
 from bench.reading.frame import group_results, name_rows
 from bench.running.bar import fold_title
 from bench.values.few import FEWEST_FOR_INTERVAL, too_few_sentence

@@ -6,17 +6,19 @@ import hashlib
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bench.commands.printing import print_lines, results_console
 from bench.errors import InputError
-from bench.grammar.options import DRY, RUN_KEYS, backend_keys, key_options, values_from_keywords
+from bench.grammar.options import DRY, RUN_KEYS, executor_keys, key_options, values_from_keywords
 from bench.ground.progress import format_estimate
 from bench.ground.typed import Values, format_arguments, format_value
+from bench.plan.plan import Plan
+from bench.running.loop import estimate_seconds, find_stored_runs
+from bench.running.workers import FoldExecutor
+from bench.store.client import connect
+from bench.values.measures import Measure, text_measure
 from bench.values.result import format_count
-
-if TYPE_CHECKING:
-    from bench.ground.machine import Backend
-    from bench.plan.plan import Plan
+from bench.values.table import Table
 
 DOTTED = 'write a key with a dot in quotes, such as "model.C" = 8'
 
@@ -28,7 +30,7 @@ def read_grids(file: str, typed: Values) -> tuple[str, dict[str, dict[str, objec
     tables; without tables, they are one grid. The keys ``typed`` beside the file may only say
     whether and where runs are made, and the file may not.
     """
-    not_in_files = {DRY.key, *backend_keys()}
+    not_in_files = {DRY.key, *executor_keys()}
     if extra := [key for key in typed if key not in not_in_files]:
         raise InputError(
             f"{extra[0]}= stands beside {file}, which names what is run; write it in the file"
@@ -78,24 +80,18 @@ def _as_typed(key: str, value: object) -> str | list[str]:
     return format_value(value)
 
 
-def print_missing_runs(plans: Sequence[Plan], backend: Backend) -> int:
+def print_missing_runs(plans: Sequence[Plan], executor: FoldExecutor) -> int:
     """Print which runs are stored, which are missing, and their time; return the exit code."""
-    from bench.commands.printing import print_lines, results_console
-    from bench.running.loop import estimate_seconds, find_stored_runs
-    from bench.store.client import connect
-    from bench.values.measures import Measure, text_measure
-    from bench.values.table import Table
-
-    if backend.workers:
+    if executor.is_remote:
         raise InputError(
             "dry=yes looks up runs of this machine's workers; leave out the key of other workers"
         )
     store = connect()
     _, unfinished = find_stored_runs(store, plans)
     times = estimate_seconds(store, unfinished)
-    missing = {
-        id(run.plan): (run.folds, seconds) for run, seconds in zip(unfinished, times, strict=True)
-    }
+    missing = {}
+    for (plan, folds), seconds in zip(unfinished, times, strict=True):
+        missing[id(plan)] = folds, seconds
     arguments = [plan.cell.arguments() for plan in plans]
     shared = set.intersection(*(set(each.items()) for each in arguments)) if plans[1:] else set()
     rows = []

@@ -3,76 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
+from bench import contract
 from bench.commands.run import is_dry, print_results, run_cells
+from bench.commands.run_grids import print_missing_runs
 from bench.errors import InputError, suggest_names
-from bench.grammar.options import (
-    COMPARE,
-    DRY,
-    RUN_OPTIONS,
-    Command,
-    Option,
-    backend_of,
-    key_options,
-    parse_arguments,
-    typed_settings,
-)
+from bench.grammar.options import make_executor, typed_settings
 from bench.ground.registry import parameter_defaults
 from bench.ground.typed import DEFAULTS, Values, format_value, parse_value, split_values
-
-if TYPE_CHECKING:
-    from bench.models.space import Space, Tuning
-    from bench.plan.cells import Cell
-    from bench.values.result import Result
+from bench.models.space import Space, Tuning
+from bench.plan.cells import Cell
+from bench.plan.grid import accepted_parameters, make_cells, refuse_unknown
+from bench.plan.plan import make_plans
+from bench.values.result import Result
 
 SHARES = (0.125, 0.25, 0.5, 1.0)  # of a parameter's default, where smallest= has no values to try
-COMMAND = Command(
-    COMPARE,
-    "search the parameters of systems inside each training part",
-    "Like bench run, but searches the parameters of each model in every training part, on inner "
-    "folds of whole subjects. model.C=8,32,128 lists values; without lists, it searches the ranges "
-    "that the model declares. Prints and stores the chosen values of each fold and every "
-    "combination. smallest=X chooses the smallest value of the parameter X within one standard "
-    "error of the best one, and runs the unchanged system beside it. It tries the values of "
-    "model.X=, or an eighth, a quarter, a half and all of the default. An interrupted search "
-    "continues where it stopped.",
-    "bench tune data=haart protocol=loso model=svm features=jung54 trials=50\n"
-    "bench tune data=haart protocol=challenge model=rf,xgb features=ta273\n"
-    "bench tune data=haart protocol=loso model=cnn85 smallest=frames",
-    options=(
-        *RUN_OPTIONS,
-        DRY,
-        Option(
-            "trials",
-            "count",
-            50,
-            "combinations to try in each fold; a grid of lists is tried completely",
-        ),
-        Option("seconds", "number", None, "seconds after which a fold starts no new combination"),
-        Option(
-            "smallest", "text", "", "parameter of model= to make as small as possible, or features"
-        ),
-        Option("inner", "text", "3", "inner folds: number of groups of training subjects, or loso"),
-    ),
-)
 
 
-def command(arguments: list[str]) -> int:
+def command(values: Values) -> int:
     """Search, fit and test systems; the exit code is that of ``bench run``."""
-    values = parse_arguments(arguments, key_options("tune"))
     if is_dry(values):
-        from bench.commands.run_grids import print_missing_runs
-        from bench.plan.plan import make_plans
-
-        backend = backend_of(values)
-        return print_missing_runs(make_plans(_make_searches(values), backend.jobs), backend)
+        executor = make_executor(values)
+        return print_missing_runs(make_plans(_make_searches(values), executor.jobs), executor)
     return print_results("run", run_searches(values))
 
 
 def run_searches(values: Values) -> list[Result]:
     """Run the searches of typed values; return a result for each."""
-    return run_cells(_make_searches(values), backend_of(values))
+    return run_cells(_make_searches(values), make_executor(values))
 
 
 def _make_searches(values: Values) -> list[Cell]:
@@ -82,8 +41,6 @@ def _make_searches(values: Values) -> list[Cell]:
 
 def _search_best(values: Values) -> list[Cell]:
     """Make a search of the best values of parameters, for each system and seed."""
-    from bench.plan.grid import accepted_parameters, refuse_unknown
-
     settings = typed_settings("tune", values)
     limits = {key: settings[key] for key in ("trials", "inner", "seconds") if key in values}
     listed = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("model.")}
@@ -125,9 +82,6 @@ def _search_smallest(values: Values) -> list[Cell]:
 
 def _make_searchable_cells(values: Values) -> list[Cell]:
     """Make the cells of typed values; refuse systems whose parameters cannot be searched."""
-    from bench import contract
-    from bench.plan.grid import make_cells
-
     cells = make_cells(values)
     for cell in cells:
         name = cell.model.short_name
@@ -136,7 +90,7 @@ def _make_searchable_cells(values: Values) -> list[Cell]:
                 f"model={name}: an object has fixed parameters; give the name of its class or "
                 "factory"
             )
-        if contract.searches(cell.untrained_system):
+        if contract.searches_itself(cell.untrained_system):
             raise InputError(f"model={name} searches by itself; use bench run model={name}")
     return cells
 
@@ -160,13 +114,10 @@ def _search_of_best(
     cell: Cell, listed: dict[str, object], limits: dict[str, object], trials: int
 ) -> Tuning:
     """Search the lists of parameters that have several values, else the declared ranges."""
-    from bench import contract
-    from bench.plan.grid import accepted_parameters
-
     defaults = accepted_parameters("model", cell.model.factory)
     space: Space = {k: _parse_list(k, v, defaults[k]) for k, v in listed.items() if k in defaults}
     if all(len(values) == 1 for values in space.values()):  # single values are fixed
-        declared = contract.space(cell.model.factory)
+        declared = contract.search_space(cell.model.factory)
         if declared is None:
             names = [key for key in defaults if key not in ("seed", "device", "batch")]
             raise InputError(
@@ -199,6 +150,7 @@ def _search_of_smallest(cell: Cell, name: str, listed: object, inner: str) -> Tu
         raise InputError(
             f"smallest={name}: not a number, so it has no sizes; give a numeric parameter"
         )
+    sizes: set[Any]
     if listed is None:
         sizes = {type(default)(default * share) for share in SHARES} - {0}
     else:

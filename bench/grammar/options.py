@@ -30,6 +30,7 @@ class Command:
     text: str  # a paragraph
     examples: str = ""  # lines that can be typed
     usage: str = "[key=value ...]"  # arguments behind its name; a line for each form
+    takes_words: bool = False  # words may stand before its keys: its function parses all arguments
     options: tuple[Option, ...] = ()  # its keys; packages and circumstances add others
     budgets: str = ""  # budgets that are keys, too: ``all``, or only budgets of ``captures``
     module: str = (

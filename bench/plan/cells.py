@@ -75,11 +75,12 @@ class Part:
         if self.instance is not None:
             is_typed_by_class = self.name == type(self.instance).__name__
             return objects.changed_arguments(self.instance) if is_typed_by_class else {}
+        seed: object = run_seed
         if self.group == "models":
-            run_seed = self.parameters.get("seed", run_seed)
+            seed = self.parameters.get("seed", run_seed)
         defaults = parameter_defaults(self.factory)
-        if run_seed is not None:
-            defaults["seed"] = run_seed
+        if seed is not None:
+            defaults["seed"] = seed
         return {k: v for k, v in self.parameters.items() if k not in defaults or v != defaults[k]}
 
     @property

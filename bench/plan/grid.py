@@ -6,12 +6,12 @@ import inspect
 import itertools
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
+from typing import Any
 
 from bench import contract
 from bench.errors import InputError, suggest_names
-from bench.ground.registry import load_part, parameter_defaults, required_parameters
+from bench.ground.registry import PART_GROUPS, load_part, parameter_defaults, required_parameters
 from bench.ground.typed import DEFAULTS, Values, parse_value, split_values
-from bench.ground.registry import PART_GROUPS
 from bench.plan import objects
 from bench.plan.cells import Cell, Part, generator_defaults
 
@@ -27,7 +27,7 @@ def make_cells(values: Values) -> list[Cell]:
             "feature set; leave features= out"
         )
     seeds = [parse_value("seed", text, 0) for text in listed["seed"]]
-    systems: list[tuple[list, ...]] = []
+    systems: list[tuple[list[Any], list[Any]]] = []
     for (model, takes), seed in itertools.product(zip(models, take_features, strict=True), seeds):
         variants = expand_parameters(values, "model", model, models, seed)
         for features in feature_sets if takes else []:
@@ -42,9 +42,10 @@ def make_cells(values: Values) -> list[Cell]:
         corpora = expand_corpus_parameters(values, data, listed["data"])
         protocols = expand_parameters(values, "protocol", protocol, listed["protocol"])
         for sets, variants in systems:
-            parts = itertools.product(corpora, protocols, sets, variants)
-            for data_parameters, *combination in parts:
-                cell = Cell(data, data_parameters, where, target, *combination)
+            for combination in itertools.product(corpora, protocols, sets, variants):
+                data_parameters, protocol_part, features_part, model_part = combination
+                parts = protocol_part, features_part, model_part
+                cell = Cell(data, data_parameters, where, target, *parts)
                 cells.setdefault(f"{cell!r} {[*map(id, cell.objects)]}", cell)
     return [*cells.values()]
 

@@ -139,8 +139,8 @@ def make_plans(cells: Iterable[Cell], jobs: int | None) -> list[Plan]:
     first_plans: dict[tuple, Plan] = {}
     for cell in cells:
         estimator, protocol = check_system(cell), cell.protocol
-        group = cell.data, repr(cell.data_parameters), cell.where, cell.target, cell.kind
-        group = *group, repr(protocol), protocol.module, id(protocol.instance)
+        captures = cell.data, repr(cell.data_parameters), cell.where, cell.target, cell.kind
+        group = *captures, repr(protocol), protocol.module, id(protocol.instance)
         is_first = group not in first_plans
         corpus = captures_of_cell(cell) if is_first else first_plans[group].corpus
         contract.check_conditions(estimator, corpus)
@@ -204,7 +204,7 @@ def _check_measurements(plan: Plan) -> None:
 def check_system(cell: Cell) -> contract.System:
     """Check the parameters of a system and of its feature sets; return it untrained, not to fit."""
     for part in (cell.untrained_system, *cell.feature_sets().values()):
-        contract.check(part)
+        contract.check_parameters(part)
     return cell.untrained_system
 
 

@@ -12,19 +12,19 @@ from typing import Any
 import pandas as pd
 
 import bench
-from bench.commands.corpora import read
-from bench.commands.printing import say, then
+from bench.commands.data import import_and_print
+from bench.commands.printing import print_lines, print_next_commands
 from bench.corpora.corpus import Corpus
-from bench.corpora.doubts import doubts
-from bench.corpora.library import stored_value
+from bench.corpora.doubts import find_doubts
+from bench.corpora.library import open_imported
 from bench.corpora.survey import Survey
-from bench.errors import InputError, nearest
-from bench.grammar.options import keys, limits_of, parse_words, settings
+from bench.errors import InputError, suggest_names
+from bench.grammar.options import cost_limits, key_options, parse_words, typed_settings
 from bench.ground.progress import warn
-from bench.ground.words import quoted
-from bench.reading.scene import Scene, boards, read_scene
+from bench.ground.typed import quote_value
+from bench.reading.scene import Scene, load_boards, read_scene
 from touchbench_builder.progress import Progress
-from touchbench_streams.recent import saturated
+from touchbench_streams.recent import find_saturated
 
 FULL = 0.25  # share of saturated frames beyond which readings tell too little of touch
 FULL_WARNED = 0.01  # from which on a certificate names it
@@ -33,7 +33,7 @@ FILE = ("grid", "rate_hz", "full_scale")  # keys that tell about a file
 
 def build(arguments: list[str]) -> int:
     """Build C with a certificate from recordings, or check a build on other people."""
-    words, values = parse_words(arguments, keys("build"), 2)
+    words, values = parse_words(arguments, key_options("build"), 2)
     try:
         if words[:1] == ["check"]:
             from touchbench_builder.check import checked
@@ -57,12 +57,12 @@ def _built(words: list[str], values: dict[str, str], command: str) -> int:
     from touchbench_builder.choice import compared
     from touchbench_builder.folder import new_build, write
 
-    given = settings("build", values)
+    given = typed_settings("build", values)
     if not given["out"]:
         raise InputError("bench build needs out=, the folder for the C, such as out=robot")
     out, scene = new_build(Path(given["out"]), given["replace"]), _scene(given)
     progress = Progress(given["seconds"])
-    progress.begin("recordings")
+    progress.begin_run("recordings")
     on = {
         key: value
         for key, value in values.items()
@@ -71,18 +71,21 @@ def _built(words: list[str], values: dict[str, str], command: str) -> int:
     if words:
         on["data"] = _imported(Path(words[0]), values, given["format"])
     corpus = _captures({key: value for key, value in on.items() if key != "jobs"})
-    scene.reactions.of(
+    scene.reactions.reaction_by_gesture(
         sorted({*corpus.gestures.astype(str)})
     )  # refuses others before anything is run
     warnings = surveyed(corpus)
     for warning in warnings:
         warn(f"warning: {warning}")
-    chosen = compared(corpus, on, scene, limits_of(given), progress)
+    chosen = compared(corpus, on, scene, cost_limits(given), progress)
     recogniser, facts = certificate(corpus, on, warnings, scene, chosen, command, progress)
-    progress.begin("C and its tests")
+    progress.begin_run("C and its tests")
     write(out, recogniser, facts, corpus, given["replace"])
-    say(*line(facts))
-    then(f"make -C {quoted(str(out))} test", f"bench build check {quoted(str(out))} data=newpeople")
+    print_lines(*line(facts))
+    print_next_commands(
+        f"make -C {quote_value(str(out))} test",
+        f"bench build check {quote_value(str(out))} data=newpeople",
+    )
     return 0
 
 
@@ -90,10 +93,14 @@ def _scene(given: Mapping[str, Any]) -> Scene:
     """The needs of the robot; a board that is named replaces that of the scene."""
     scene = read_scene(given["scene"]) if given["scene"] else Scene()
     if name := given["board"]:
-        if name not in boards():
-            raise InputError(f"board={name}: no board has this name; {nearest(name, boards())}")
-        board = replace(boards()[name], share=scene.board.share if scene.board else 1.0)
-        scene = replace(scene, board=board, values={**scene.values, **board.budgets(timed=False)})
+        if name not in load_boards():
+            raise InputError(
+                f"board={name}: no board has this name; {suggest_names(name, load_boards())}"
+            )
+        board = replace(load_boards()[name], share=scene.board.share if scene.board else 1.0)
+        scene = replace(
+            scene, board=board, values={**scene.values, **board.as_budgets(timed=False)}
+        )
     for key, what in (
         ("max_decision", "the time of a decision"),
         ("max_predict", "computing time"),
@@ -114,12 +121,14 @@ def _imported(file: Path, values: Mapping[str, str], kind: str) -> str:
     ).strip("_")
     name, source = values.get("name") or words or "recordings", file.name
     with suppress(InputError):  # there is none
-        source = str(stored_value(name).info.get("source", source))
+        source = str(open_imported(name).info.get("source", source))
     if "name" not in values and file.name not in source:
         raise InputError(
             f"{file}: a corpus {name} was imported from {source}; give the new one a name="
         )
-    read(kind, file, {key: values[key] for key in FILE if key in values} | {"name": name})
+    import_and_print(
+        kind, file, {key: values[key] for key in FILE if key in values} | {"name": name}
+    )
     return name
 
 
@@ -127,7 +136,7 @@ def _captures(on: Mapping[str, str]) -> Corpus:
     """The captures to learn from, if they can teach a recogniser for people who were not recorded."""
     corpus = bench.corpus(**{key.replace("data.", ""): value for key, value in on.items()})
     where = f"data={corpus.name}"
-    for doubt in doubts(corpus):
+    for doubt in find_doubts(corpus):
         if "differ by case" in doubt:
             raise InputError(f"{where}: {doubt}")
     if (people := len(set(corpus.subjects))) < 2:
@@ -147,7 +156,7 @@ def _captures(on: Mapping[str, str]) -> Corpus:
 
 
 def _share_saturated(corpus: Corpus) -> float:
-    return sum(int(saturated(frames, corpus.full_scale).sum()) for frames in corpus) / int(
+    return sum(int(find_saturated(frames, corpus.full_scale).sum()) for frames in corpus) / int(
         corpus.lengths.sum()
     )
 
@@ -155,12 +164,12 @@ def _share_saturated(corpus: Corpus) -> float:
 def surveyed(corpus: Corpus) -> list[str]:
     """Warnings of ``bench data show`` that could spoil the result."""
     survey = Survey(corpus)
-    lines = [*doubts(corpus), *map(str, corpus.info.get("warnings", []))]
+    lines = [*find_doubts(corpus), *map(str, corpus.info.get("warnings", []))]
     lines += [text for text in map(str, survey.seams) if "cut" in text]
     lines += (
         [". ".join(map(str.strip, survey.taxel_lines()[:2]))] if len(survey.odd_taxels) else []
     )  # an example
-    lines += survey.repeated()
+    lines += survey.repeat_warnings()
     missing = pd.crosstab(corpus.subjects.astype(str), corpus.gestures.astype(str)) == 0
     for subject, gesture in missing.stack()[lambda each: each].index[:3]:
         lines.append(f"subject {subject} has no capture of {gesture}")
