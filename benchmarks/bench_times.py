@@ -18,7 +18,7 @@ import pandas as pd
 from scipy.stats import spearmanr
 
 import bench
-from bench.running.fold import computing, fitted, latency
+from bench.running.fold import fit_timed, limit_threads, measure_latency
 
 SYSTEMS = ["svm", "bayes", "lda", "rf", "et", "xgb", "tree", "softmax", "perceptron"]
 LOOPS = 4
@@ -30,16 +30,12 @@ SHOWN = ("fit_seconds", "fit_wall_seconds", "predict_ms", "predict_wall_ms")
 def measured(plan: object) -> dict[str, float]:
     """Times of a system in the first fold of a plan."""
     fold, system = plan.folds[0], plan.cell.estimator()
-    with computing(THREADS):
-        numbers = fitted(system, plan.corpus[fold.train])
-    with computing(1):
-        predict_ms, _, walls, pace = latency(
-            system, plan.corpus[fold.test], int(plan.corpus.lengths.max())
-        )
-    medians = {
-        "predict_ms": np.median(predict_ms),
-        "predict_wall_ms": np.median(walls["predict_wall_ms"]),
-    }
+    with limit_threads(THREADS):
+        numbers = fit_timed(system, plan.corpus[fold.train])
+    with limit_threads(1):
+        longest = int(plan.corpus.lengths.max())
+        times, pace = measure_latency(system, plan.corpus[fold.test], longest)
+    medians = {name: np.median(times[name]) for name in ("predict_ms", "predict_wall_ms")}
     return numbers | medians | pace
 
 
@@ -56,7 +52,8 @@ def main(data: str) -> None:
         try:
             for plan in plans:
                 rows.append(
-                    {"system": plan.cell.system(), "round": f"{number} {state}"} | measured(plan)
+                    {"system": plan.cell.system_name(), "round": f"{number} {state}"}
+                    | measured(plan)
                 )
                 print(f"{rows[-1]['round']}: {rows[-1]['system']}", file=sys.stderr)
         finally:

@@ -7,9 +7,9 @@ import pandas as pd
 
 from bench.running.circumstances.faults import Faults
 from bench.running.circumstances.subjects import Subjects
-from bench.running.results import FoldResult, measured
+from bench.running.results import FoldResult, score_run
 from bench.values.result import Result
-from bench.values.stability import sliced
+from bench.values.stability import find_failing_slices
 
 GESTURES = ("pat", "rub", "tap")
 NAMES = ("fold", "capture", "start", "frames", "true", "subject", *(f"p_{g}" for g in GESTURES))
@@ -108,12 +108,11 @@ def evaluated(
             name,
             predictions[predictions["fold"] == name],
             metrics={k: cost * v for k, v in sizes.items()} | {"quiet_ms": 2.0},
-            predict_ms=[1.0 * cost, 2.0 * cost],
-            decide_ms=[0.5 * cost],
+            times={"predict_ms": [1.0 * cost, 2.0 * cost], "decide_ms": [0.5 * cost]},
         )
         for name in names
     ]
-    numbers, usual, _ = measured(folds, 50.0)
+    numbers, usual, _ = score_run(folds, 50.0)
     tables = usual | {"predictions": predictions} | dict(tables or {})
     every = len(names) + failed
     usual = {"protocol_label": f"LOSO ({predictions['subject'].nunique()} subjects)"}
@@ -139,10 +138,10 @@ def under_stress(table, system="svm", **about):
     numbers = {"accuracy": right.groupby(clean["subject"]).mean().mean()}
     tables, about = asked, dict(about)
     for one in circumstances:
-        measured, made = one.result(asked, [], 50.0)
+        measured, made = one.measure_run(asked, [], 50.0)
         numbers, tables, about = numbers | measured, tables | made, one.params() | about
-    words = {Faults.key: Faults.word}
-    measured, made = sliced(
+    words = {Faults.key: Faults.case_noun}
+    measured, made = find_failing_slices(
         pd.concat([clean, faulty], ignore_index=True), words, about.get("target", "gesture")
     )
     return result(system, metrics=numbers | measured, tables=tables | made, **about)

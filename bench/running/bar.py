@@ -24,17 +24,20 @@ ALWAYS = 1e9  # seconds that rich looks back to estimate the time left
 class Bar(Progress):
     """A bar for each run, one after the other; in a notebook too, where it needs ipywidgets.
 
-    ``todo`` has the missing folds of each of the runs that are not ``stored``, and the seconds that they are expected
-    to take, None if unknown.
+    Args:
+        runs: number of runs.
+        stored: number of runs that are stored.
+        waiting: of each other run, the number of missing folds and their expected seconds, None if
+            unknown.
     """
 
     def __init__(
-        self, runs: int, stored: int = 0, todo: Sequence[tuple[int, float | None]] = ()
+        self, runs: int, stored: int = 0, waiting: Sequence[tuple[int, float | None]] = ()
     ) -> None:
-        self.runs, self.begun, self.todo = runs, stored, [*todo]
+        self.runs, self.started, self.waiting = runs, stored, [*waiting]
         self.title, self.missing = "", list[str]()
-        self.now: tuple[int, float | None] = (0, None)  # of the run that goes on
-        self.done, self.seconds = 0, 0.0  # folds of earlier runs, and how long they took
+        self.expected: tuple[int, float | None] = (0, None)  # folds and seconds of the present run
+        self.past_folds, self.past_seconds = 0, 0.0  # of earlier runs
         super().__init__(
             TextColumn("{task.description}", markup=False),
             BarColumn(),
@@ -50,79 +53,79 @@ class Bar(Progress):
 
     @property
     def run(self) -> Task:
-        """The run that goes on."""
+        """The present run."""
         return self.tasks[0]
 
     def begin_run(self, title: str, folds: int, missing: Sequence[str]) -> None:
-        """Add the bar of a run, of which some folds are missing; they are done in this order."""
-        self.begun += 1
+        """Add the bar of a run, whose missing folds are run in this order."""
+        self.started += 1
         self.title, self.missing = title, [*missing]
-        self.now = self.todo.pop(0) if self.todo else (len(missing), None)
+        self.expected = self.waiting.pop(0) if self.waiting else (len(missing), None)
         self.add_task(title, total=folds, completed=folds - len(missing), now="")
-        self._refresh(self.left)
+        self._refresh(self.seconds_left)
 
-    def _refresh(self, left: float | None, done: int = 0) -> None:
-        """Show the run, its number among several, the time left for all of these, and the first fold under way."""
-        time = f", {format_estimate(left)} left" if left and left >= 1 else ""
-        words = (
-            f"run {self.begun} of {self.runs}{time}: {self.title}" if self.runs > 1 else self.title
-        )
-        now = fold_title(self.missing[0]) if self.missing else ""
-        self.update(self.run.id, advance=done, description=words, now=now)
+    def _refresh(self, seconds_left: float | None, new_folds: int = 0) -> None:
+        """Show the run, its number among several, the time left for all, and the present fold."""
+        words, now = self.title, ""
+        if self.runs > 1:
+            time = f", {format_estimate(seconds_left)} left" if (seconds_left or 0) >= 1 else ""
+            words = f"run {self.started} of {self.runs}{time}: {self.title}"
+        if self.missing:
+            now = fold_title(self.missing[0])
+        self.update(self.run.id, advance=new_folds, description=words, now=now)
 
     @property
-    def left(self) -> float | None:
-        """Seconds until all runs are done; None as long as nothing is known of one of them.
+    def seconds_left(self) -> float | None:
+        """Seconds until all runs are done; None if nothing is known of one of them.
 
-        A run goes on as fast as so far. One that waits takes its expected time, or as long as other folds on average.
+        The present run goes on as fast as so far. A waiting one takes its expected time, or as long
+        as other folds on average.
         """
-        (folds, usual), spent, missing = self.now, self.run.elapsed or 0.0, len(self.missing)
+        (folds, expected), spent = self.expected, self.run.elapsed or 0.0
+        missing = len(self.missing)
         done = folds - missing
-        paces = [(self.seconds + spent) / (self.done + done)] if self.done + done else []
-        here = (
-            spent / done * missing if done else None if usual is None else max(0.0, usual - spent)
-        )
-        waiting = [(folds, time) for folds, time in ((missing, here), *self.todo)]
-        if not paces and any(time is None for _, time in waiting):
-            return None
-        return sum(count * paces[0] if time is None else time for count, time in waiting)
+        if done:
+            left: float | None = spent / done * missing
+        else:
+            left = None if expected is None else max(0.0, expected - spent)
+        all_done = self.past_folds + done
+        pace = (self.past_seconds + spent) / all_done if all_done else None
+        total = 0.0
+        for count, seconds in ((missing, left), *self.waiting):
+            if seconds is None and pace is None:
+                return None
+            total += seconds if seconds is not None else count * pace
+        return total
 
     def end_fold(self, result: FoldResult) -> None:
-        """Count a fold that is stored; where no bar is seen before the end (a log), print a line."""
-        run = self.run
+        """Count a stored fold; print a line where no bar is visible before the end (a log)."""
+        run, title = self.run, fold_title(result.name)
         self.missing.remove(result.name)
-        self._refresh(self.left, 1)
-        lines = [f"{fold_title(result.name)} failed: {result.reason}"] if result.error else []
-        lines += [
-            f"{fold_title(result.name)}, {key}= failed: {one_line_reason(error)}"
-            for key, error in result.failed.items()
-        ]
+        self._refresh(self.seconds_left, 1)
+        lines = [f"{title} failed: {result.reason}"] if result.error else []
+        for key, error in result.failed.items():
+            lines.append(f"{title}, {key}= failed: {one_line_reason(error)}")
         for line in lines:
             self.console.print(line, style="red", markup=False, soft_wrap=True)
         if not self.console.is_terminal:
-            how = "failed" if result.error else "done"
-            left = (
-                f", {format_seconds(run.time_remaining)} left"
-                if run.time_remaining and self.runs == 1
-                else ""
-            )
-            done = f"{how} after {format_seconds(result.seconds)}, {run.completed:.0f} of {run.total:.0f} folds{left}"
-            line = f"{run.description}: {fold_title(result.name)} {done}"
+            status = "failed" if result.error else "done"
+            line = f"{run.description}: {title} {status} after {format_seconds(result.seconds)}, "
+            line += f"{run.completed:.0f} of {run.total:.0f} folds"
+            if run.time_remaining and self.runs == 1:
+                line += f", {format_seconds(run.time_remaining)} left"
             self.console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def end_run(self) -> None:
-        """Print the bar of a run that has ended for good."""
-        self.done, self.seconds = (
-            self.done + self.now[0] - len(self.missing),
-            self.seconds + (self.run.elapsed or 0.0),
-        )
+        """Print the final bar of a run."""
+        self.past_folds += self.expected[0] - len(self.missing)
+        self.past_seconds += self.run.elapsed or 0.0
         self.missing.clear()
         self._refresh(None)
         self.console.print(self.make_tasks_table([self.run]))
         self.remove_task(self.run.id)
 
     def stop(self) -> None:
-        """Leave the bar of a run that is cut off where it is."""
+        """Leave the bar of a run that is cut off as it is."""
         if self.tasks:
             self.end_run()
         super().stop()

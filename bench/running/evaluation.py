@@ -88,21 +88,20 @@ def fit_and_predict(
             check_agreement(system, corpus, test)
     predictions = pd.concat(tables, ignore_index=True)
     with limit_threads(1):
-        latency = measure_latency(system, corpus[fold.test], int(predictions["frames"].max()))
-    metrics |= measure_footprint(system, corpus) | latency.metrics
+        longest = int(predictions["frames"].max())
+        times, pace = measure_latency(system, corpus[fold.test], longest)
+    metrics |= measure_footprint(system, corpus) | pace
     if (seconds := contract.search_seconds(system)) is not None:
         metrics["search_seconds"] = seconds
     return system, FoldResult(
         fold.name,
         predictions,
         metrics,
-        latency.predict_ms,
-        latency.decide_ms,
         contract.history(system),
         contract.chosen_values(system),
         contract.trials(system),
         effects,
-        times=latency.wall_times,
+        times=times,
     )
 
 

@@ -273,34 +273,34 @@ def _label_index(proba: np.ndarray) -> int:
     return int(np.float32(proba).mean(axis=0).argmax())
 
 
-class Latency(NamedTuple):
-    """Milliseconds of some predictions, one at a time."""
-
-    predict_ms: list[float]  # from raw frames to the label, of whole captures
-    decide_ms: list[float]  # the same of the frames that one decision needs
-    wall_times: dict[str, list[float]]  # both by the wall clock, by name
-    metrics: dict[str, float]  # `pace_metrics`, and ``predict_relative``
-
-
-def measure_latency(system: contract.System, tested: Corpus, frames: int) -> Latency:
+def measure_latency(
+    system: contract.System, tested: Corpus, frames: int
+) -> tuple[dict[str, list[float]], dict[str, float]]:
     """Time predictions of single captures, warm, on one thread (`bench.ground.timing`).
 
-    ``predict_relative`` is the mean time of a whole capture as a multiple of the reference
-    workload's. Whole captures of at most ``frames`` frames, which one decision needs, are timed
-    once.
+    Whole captures of at most ``frames`` frames, which one decision needs, are timed once.
+
+    Returns:
+        Milliseconds from raw frames to a label: ``predict_ms`` of whole captures, ``decide_ms`` of
+        the frames of one decision, and both by the wall clock. Also `pace_metrics`, and
+        ``predict_relative``, the mean time of a whole capture in units of the reference workload's.
     """
     sample = take_evenly(np.arange(len(tested)), TIMED_CAPTURES)
     captures = [contract.blind_captures(system, tested[i : i + 1].detach()) for i in sample]
-    starts = [one.with_fields(lengths=np.minimum(one.lengths, frames)) for one in captures]
     for capture in captures[:WARM_UP]:
         system.predict(capture)
     predict = decide = time_repeatedly(partial(system.predict, one) for one in captures)
     if any(one.lengths[0] > frames for one in captures):
+        starts = [one.with_fields(lengths=np.minimum(one.lengths, frames)) for one in captures]
         decide = time_repeatedly(partial(system.predict, one) for one in starts)
-    walls = {"predict_wall_ms": predict.wall_ms, "decide_wall_ms": decide.wall_ms}
+    times = {
+        "predict_ms": predict.ms,
+        "decide_ms": decide.ms,
+        "predict_wall_ms": predict.wall_ms,
+        "decide_wall_ms": decide.wall_ms,
+    }
     relative = float(np.mean(predict.ms)) / predict.quiet_ms
-    metrics = pace_metrics(predict) | {"predict_relative": relative}
-    return Latency(predict.ms, decide.ms, walls, metrics)
+    return times, pace_metrics(predict) | {"predict_relative": relative}
 
 
 def pace_metrics(times: Times) -> dict[str, float]:

@@ -31,8 +31,6 @@ class FoldResult:
     name: str
     predictions: pd.DataFrame | None = None  # a row per decision; columns as of its kind of run
     metrics: dict[str, float] = field(default_factory=dict)
-    predict_ms: list[float] = field(default_factory=list)  # raw frames to label; timed captures
-    decide_ms: list[float] = field(default_factory=list)  # the same of the frames of one decision
     history: list[dict[str, float]] = field(default_factory=list)  # numbers by epoch
     chosen: dict[str, object] = field(default_factory=dict)  # values chosen in training, by name
     trials: pd.DataFrame | None = None  # compared in training, a row each
@@ -42,7 +40,7 @@ class FoldResult:
     tables: dict[str, pd.DataFrame] = field(default_factory=dict)  # further ones, such as labels
     times: dict[str, list[float]] = field(
         default_factory=dict
-    )  # further ms, one per timed decision
+    )  # ms of each timed decision, by name
     tracked_metrics: dict[str, float] = field(default_factory=dict)  # as its kind of run measures
     seconds: float = 0.0  # of the whole fold
     machine: Machine | None = None  # None if unknown
@@ -133,8 +131,7 @@ def combine_costs(
     for fold in folds:
         for name, value in fold.metrics.items():
             values.setdefault(name, []).append(value)
-        fold_times = {"predict_ms": fold.predict_ms, "decide_ms": fold.decide_ms, **fold.times}
-        for name, ms in fold_times.items():
+        for name, ms in fold.times.items():
             times.setdefault(name, []).extend(ms)
     seconds = {name for name in values if name.endswith("_seconds")}
     combine = COMBINED | dict.fromkeys({*mean_metrics, *seconds}, np.mean)

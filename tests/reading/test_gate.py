@@ -188,7 +188,7 @@ def test_one_busy_moment_counts_for_little_in_a_relative_time():
         {name: factor * seconds for name, factor in names.items()} for seconds in (1.0, 2.0, 9.0)
     ]
     numbers = combine_costs(
-        [FoldResult("x", metrics=m, predict_ms=[1.0], decide_ms=[1.0]) for m in metrics]
+        [FoldResult("x", metrics=m, times={"predict_ms": [1.0], "decide_ms": [1.0]}) for m in metrics]
     )
     assert (numbers["reference_ms"], numbers["predict_relative"]) == (2, 4)
     assert (numbers["flash_bytes"], numbers["fit_seconds"]) == (9, 4)

@@ -93,7 +93,9 @@ class Echo(RunKind):
             {"fold": fold.name, "capture": corpus.index[fold.test], "value": 8 / (1 + fold.test)}
         )
         metrics = {"tested": len(fold.test), "third": 1 / 3}
-        return FoldResult(fold.name, table, metrics, [0.1], [0.2], tracked_metrics=metrics)
+        return FoldResult(
+            fold.name, table, metrics, times={"predict_ms": [0.1]}, tracked_metrics=metrics
+        )
 
     def measure_run(self, plan, about, folds):
         MEASURED[self.number] = folds

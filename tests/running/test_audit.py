@@ -191,17 +191,17 @@ def test_each_mistake_is_found_by_exactly_its_check(kind, check, fact, monkeypat
         monkeypatch.setattr("bench.running.audit.ProcessPoolExecutor", ThreadPoolExecutor)
     results, sentences = audit_of(kind)
     assert results[FAILED] == {check} and fact in sentences[check] and "\n" not in sentences[check]
-    assert results[SKIPPED] == {each.name for each in CHECKS if check in needs(each)}
+    assert results[SKIPPED] == {name for name in CHECKS if check in needed_checks(name)}
 
 
-def needs(check):
+def needed_checks(name):
     """Names of all checks without which one is not applicable."""
-    (before,) = [each for each in CHECKS if each.name == check.needs] or [None]
-    return {before.name, *needs(before)} if before else set()
+    _, needed = CHECKS[name]
+    return {needed, *needed_checks(needed)} if needed else set()
 
 
 def test_every_check_has_a_system_that_it_finds():
-    assert {check for _, check, _ in MISTAKES} == {check.name for check in CHECKS}
+    assert {check for _, check, _ in MISTAKES} == {*CHECKS}
 
 
 def test_systems_without_a_mistake_pass(capsys, monkeypatch):

@@ -228,13 +228,16 @@ def fold_of(study: Continuous, cell: Cell, corpus: Corpus, fold: Fold, threads: 
         fold.name,
         table.assign(fold=fold.name),
         metrics,
-        spent.ms,
-        spent.ms,
         chosen=watcher.chosen,
         trials=settings,
         batch_effects=effects,
         tables=disturbed,
-        times={"predict_wall_ms": spent.wall_ms, "decide_wall_ms": spent.wall_ms},
+        times={
+            "predict_ms": spent.ms,
+            "decide_ms": spent.ms,
+            "predict_wall_ms": spent.wall_ms,
+            "decide_wall_ms": spent.wall_ms,
+        },
     )
 
 
