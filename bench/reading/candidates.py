@@ -1,4 +1,4 @@
-"""The candidates of a choice: every way in which a stored system labels captures, with its costs."""
+"""Candidates of a choice: every way in which a stored system labels captures, with its costs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bench.reading.frame import selecting_arguments
 from bench.reading.reactions import Reactions
 from bench.reading.runs import COLUMN_OF_KEY, NothingTracked, one_run_per_system, select_runs
 from bench.values.candidate import Candidate
-from bench.values.measures import Cost, Interval, all_costs, costs_of_study
+from bench.values.measures import Cost, Interval, all_costs, costs_of_run_kind
 from bench.values.result import CONDITIONS_TAG, Result, format_count, seed_number, values_to_agree
 from bench.values.sentences import render_sentences
 
@@ -28,33 +28,33 @@ TAGS = {  # columns of a candidate that repeat a tag of its last run
     "conditions": CONDITIONS_TAG,
 }
 EACH_GESTURE = Reactions()
-REPEATED_KEYS = (
-    "data",
-    "where",
-    "target",
-    "protocol",
-    "model",
-    "features",
-    "seed",
-)  # keys of a run that others repeat
-Way = list[tuple[Candidate, Result]]  # one way in which a system labels, of each seed
+# Keys of a run that other commands repeat.
+REPEATED_KEYS = ("data", "where", "target", "protocol", "model", "features", "seed")
+Way = list[tuple[Candidate, Result]]  # one way in which a system labels, for each seed
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """The candidates of a store, on the same captures under the same protocol."""
+    """The candidates of a choice, on the same captures under the same protocol.
 
-    # a row per candidate: ``system``, ``unit``, ``accuracy`` (the score in percent as a mean over subjects), every cost
-    # of `bench.values.measures.costs_of_study` in its unit, NaN where it is unknown, ``linked`` (True for linked bytes, with code),
-    # ``cpu`` and the keys of `TAGS`
+    Args:
+        table: a row per candidate: ``system``, ``unit``, ``accuracy`` (the score in percent, mean
+            over subjects), every cost of `bench.values.measures.costs_of_run_kind` in its unit, NaN
+            if unknown, ``linked`` (True for linked bytes, with code), ``cpu`` and keys of `TAGS`.
+        subjects: scores in percent [candidates, subjects].
+        losses: points lost in each case [candidates, cases, subjects]; NaN if not stored.
+        counts: events, and hours in which they count [2, candidates, people], also of people
+            without a score.
+        first: a run of the candidates.
+        notes: excluded runs with reasons, in sentences.
+    """
+
     table: pd.DataFrame
-    subjects: pd.DataFrame  # scores in percent [candidates, subjects]
-    losses: (
-        np.ndarray
-    )  # points lost in each case [candidates, cases, subjects]; NaN where not stored
-    counts: np.ndarray  # events, and hours in which they count [2, candidates, people]; also of people without a score
-    first: Result  # a run of the candidates
-    notes: list[str]  # excluded runs with reasons, in sentences
+    subjects: pd.DataFrame
+    losses: np.ndarray
+    counts: np.ndarray
+    first: Result
+    notes: list[str]
 
     @property
     def context(self) -> str:
@@ -67,40 +67,34 @@ class Candidates:
         return self.first.mixes_subjects
 
     def without_person(self, person: int, names: Iterable[str]) -> Candidates:
-        """The candidates without one person. Costs of these ``names`` that depend on people are computed again."""
-        kept = self.subjects.drop(columns=self.subjects.columns[person])
-        lost, counts = (np.delete(part, person, axis=-1) for part in (self.losses, self.counts))
-        return replace(self, subjects=kept, losses=lost, counts=counts).with_people_costs(names)
+        """The candidates without a person; the named costs that depend on people are new."""
+        subjects = self.subjects.drop(columns=self.subjects.columns[person])
+        losses, counts = (np.delete(each, person, axis=-1) for each in (self.losses, self.counts))
+        others = replace(self, subjects=subjects, losses=losses, counts=counts)
+        return others.with_people_costs(names)
 
     def with_people_costs(self, names: Iterable[str]) -> Candidates:
-        """The candidates with the costs of these ``names`` that depend on which people are counted."""
-        among = {
-            name: among(self)
-            for name in names
-            if (among := all_costs()[name].of_people) is not None
-        }
-        return replace(self, table=self.table.assign(**among))
+        """The candidates with those of the named costs that depend on people."""
+        functions = {name: all_costs()[name].of_people for name in names}
+        amounts = {name: of_people(self) for name, of_people in functions.items() if of_people}
+        return replace(self, table=self.table.assign(**amounts))
 
     def mean_of_lowest(self, count: int) -> np.ndarray:
-        """Mean of the lowest scores [candidates]; NaN where a person has none."""
+        """Mean of the lowest scores [candidates]; NaN if a person has none."""
         scores = self.subjects.to_numpy(float)
-        return np.where(
-            np.isnan(scores).any(axis=1), np.nan, np.sort(scores)[:, :count].mean(axis=1)
-        )
+        lowest = np.sort(scores)[:, :count].mean(axis=1)
+        return np.where(np.isnan(scores).any(axis=1), np.nan, lowest)
 
     def mean_losses(self) -> np.ndarray:
         """Mean points lost in each case [candidates, cases]."""
-        return (
-            self.losses.mean(axis=2)
-            if self.losses.shape[1]
-            else np.full((len(self.table), 1), np.nan)
-        )
+        if not self.losses.shape[1]:
+            return np.full((len(self.table), 1), np.nan)
+        return self.losses.mean(axis=2)
 
     def events_per_hour(self) -> np.ndarray:
         """Events per hour [candidates]."""
-        events, hours = (
-            self.counts.sum(axis=2) if len(self.counts) else np.full((2, len(self.table)), np.nan)
-        )
+        unknown = np.full((2, len(self.table)), np.nan)
+        events, hours = self.counts.sum(axis=2) if len(self.counts) else unknown
         return np.divide(events, hours, out=np.full(len(hours), np.nan), where=hours > 0)
 
 
@@ -177,7 +171,7 @@ def find_candidates(
     counted = np.array([part.reindex(columns=people) for part in counts])
     counted = counted.reshape(-1, len(ways), len(people))
     found = Candidates(table, subjects, lost, counted, runs[0], notes)
-    return found.with_people_costs(costs_of_study(study))
+    return found.with_people_costs(costs_of_run_kind(study))
 
 
 def _ways_of_systems(
@@ -224,17 +218,14 @@ def _amounts(
 ) -> dict[str, float | None]:
     """Costs of a candidate that do not depend on people, by name.
 
-    The time of a decision is the touch that it needs: computing time on this machine is another cost.
+    The time of a decision is the touch that it needs; computing time here is another cost.
     """
-    fixed = {name: cost for name, cost in costs_of_study(study).items() if cost.of_people is None}
-    numbers = dict(metrics)
-    for name, stored in candidate.stored.items():
-        if name in fixed:
-            numbers[fixed[name].source_name] = metrics.get(stored)
-    amounts = {}
-    for name, cost in fixed.items():
-        value = cost.value_of_row(numbers)
-        amounts[name] = value.value if isinstance(value, Interval) else value
+    costs = costs_of_run_kind(study)
+    fixed = {name: cost for name, cost in costs.items() if cost.of_people is None}
+    others = {n: stored for n, stored in candidate.stored.items() if n in fixed}
+    numbers = {fixed[n].source_name: metrics.get(stored) for n, stored in others.items()}
+    values = {name: cost.value_of_row({**metrics, **numbers}) for name, cost in fixed.items()}
+    amounts = {n: v.value if isinstance(v, Interval) else v for n, v in values.items()}
     return amounts | dict(candidate.costs)
 
 
@@ -247,7 +238,7 @@ def _points_lost(
     severity: int,
     reactions: Reactions,
 ) -> np.ndarray:
-    """Points that each candidate loses under each fault at each severity [candidates, cases, subjects].
+    """Points that each candidate loses in each case of a fault [candidates, cases, subjects].
 
     NaN where no complete result is of all faults, and for windows and early decisions. Seeds are
     averaged.
@@ -255,20 +246,17 @@ def _points_lost(
     lost = np.full((len(table), len(faults) * severity, len(subjects)), np.nan)
     if not faults:
         return lost
-    runs: dict[str, list[Result]] = {}
-    for r in results:
-        if r.is_complete and r.values_to_agree == first.values_to_agree:
-            runs.setdefault(r.system, []).append(r)
     rows = table[table["whole"]].groupby("system").groups
+    runs: dict[str, list[Result]] = {str(system): [] for system in rows}
+    for r in results:
+        if r.is_complete and r.values_to_agree == first.values_to_agree and r.system in runs:
+            runs[r.system].append(r)
     for view in views_of_circumstances():
         for system, numbers in rows.items():
-            seeds: dict[str, list[Result]] = {}
-            for r in runs.get(str(system), ()):
-                if view.applies_to(r):
-                    seeds.setdefault(r["seed"], []).append(r)
-            parts = [
-                view.losses_by_subject(each, faults, severity, reactions) for each in seeds.values()
-            ]
+            found = [r for r in runs[str(system)] if view.applies_to(r)]
+            seeds = dict.fromkeys(r["seed"] for r in found)
+            of_seeds = [[r for r in found if r["seed"] == seed] for seed in seeds]
+            parts = [view.losses_by_subject(each, faults, severity, reactions) for each in of_seeds]
             points = [part.reindex(columns=subjects) for part in parts if part is not None]
             if points:
                 lost[numbers.to_numpy()] = np.mean([part.to_numpy() for part in points], axis=0)
@@ -365,11 +353,10 @@ def _newest_comparable(results: Sequence[Result]) -> tuple[list[Result], list[st
     last = {r.kind: r for r in same}
     kept, different = set(), {}  # names of shared parameters that differ
     for r in same:
-        names = [*views[r.kind].shared_parameters]
+        names = views[r.kind].shared_parameters
         changed = [name for name in names if r.get(name) != last[r.kind].get(name)]
         different |= {name.rpartition(".")[2]: None for name in changed}
-        if values_to_agree(r, names) == values_to_agree(last[r.kind], names):
-            kept.add(r)
+        kept |= set() if changed else {r}
     others = [r for r in results if r not in kept]
     if not others:
         return [*results], []

@@ -29,7 +29,7 @@ from bench.reading.runs import NothingTracked, select_runs, warn_of_missing_runs
 from bench.reading.scene import Scene
 from bench.values import few
 from bench.values.intervals import mean_and_error, mean_interval
-from bench.values.measures import all_costs, costs_of_study
+from bench.values.measures import all_costs, costs_of_run_kind
 from bench.values.result import BATCH_NOTE, MIXED_NOTE, footnotes_of_system
 from bench.values.sentences import render_sentences
 from bench.values.table import rows_of_frame
@@ -52,7 +52,7 @@ class Choice:
             cost come last.
         chosen: index of the chosen candidate; None if none fits the budgets.
         best: index of the most accurate one that fits them.
-        costlier: index of the next costlier one that fits them and is more accurate than the chosen.
+        costlier: index of the next costlier one that fits them and is more accurate.
         unranked: those that fit them but have an unknown cost, most accurate first.
         clock: clock of the target in MHz.
         scene: reactions and faults.
@@ -151,7 +151,7 @@ class Choice:
     __repr__ = __str__
 
     def lines(self) -> list[str]:
-        """The choice, its reason and what to expect, or the binding budgets and a remedy; all with ``why``."""
+        """The choice, its reason and what to expect, or the budgets that rule all out."""
         expectation, scope = self.expectation(), self._render("scope")
         every = [*self._render("verdict details prices"), *expectation, *scope, *self._meaning()]
         every += [*self.notes, *self.candidates.notes]
@@ -173,7 +173,7 @@ class Choice:
         return [*brief[:BRIEF], *choice_sentences("rest", more=more, command=remedy)]
 
     def reasons(self) -> list[str]:
-        """The choice, its reason, the cost of the next better system and of each budget, its scope."""
+        """The choice, its reason, the price of the next better system and of budgets, its scope."""
         return self._render("verdict details prices scope")
 
     def why_nothing_fits(self) -> list[str]:
@@ -348,7 +348,7 @@ def _check_study(
 ) -> None:
     """Refuse keys by which runs of a study cannot be compared."""
     costs = all_costs()
-    unknown = [name for name in costs if name not in costs_of_study(study)]
+    unknown = [name for name in costs if name not in costs_of_run_kind(study)]
     wrong = [f"by={by}"] if by in unknown else []
     wrong += [f"{costs[name].budget_key}=" for name in unknown if name in budgets]
     wrong += [f"unit={unit}"] if unit == "window" else []

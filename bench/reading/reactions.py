@@ -1,8 +1,8 @@
-"""Reactions of a robot to gestures, costs of mistakes, and the scores that a choice takes from them."""
+"""Reactions of a robot to gestures, costs of mistakes, and the scores computed from them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,30 +17,29 @@ from bench.values.scores import PREFIX, classes_of
 from bench.values.stability import clean_labels
 from bench.values.stopping import standing_decisions
 
-WINDOW = {
-    "predict": "decide_ms_p50",
-    "decision": "observed_ms",
-}  # what the costs of single windows read
+WINDOW_COSTS = {"predict": "decide_ms_p50", "decision": "observed_ms"}  # stored names of windows
 NOTHING = "nothing"  # the reaction of a robot that does nothing
 
 
 @dataclass(frozen=True)
 class Reactions:
-    """Groups of gestures to which a robot reacts alike; by default every gesture is a reaction of its own.
+    """Groups of gestures to which a robot reacts alike; by default each is its own reaction.
 
-    The robot takes the reaction with the lowest expected cost. The probability of a reaction is the sum over its
-    gestures. With the default costs, it therefore takes the most probable reaction. Where a system abstains, it does
-    nothing.
+    The robot takes the reaction with the lowest expected cost. The probability of a reaction is the
+    sum over its gestures. With the default costs, it therefore takes the most probable reaction.
+    Where a system abstains, it does nothing.
+
+    Args:
+        groups: gestures of each reaction; to those of ``nothing`` it does not react.
+        ignored: gestures of no group belong to ``nothing``; else each is its own reaction.
+        costs: cost of taking one reaction (outer key) for another (inner key), if it is not 1.
+        silence: cost of doing nothing where a reaction was meant.
     """
 
-    groups: Mapping[str, Sequence[str]] = field(
-        default_factory=dict
-    )  # of gestures; to ``nothing`` it does not react
-    ignored: bool = False  # whether gestures of no group belong to ``nothing``, and not each to a reaction of its own
-    costs: Mapping[str, Mapping[str, float]] = field(
-        default_factory=dict
-    )  # of the first for the second, if not 1
-    silence: float = 1.0  # cost of doing nothing where a reaction was meant
+    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    ignored: bool = False
+    costs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    silence: float = 1.0
 
     @property
     def is_default(self) -> bool:
@@ -53,35 +52,26 @@ class Reactions:
         return bool(self.costs) or self.silence != 1
 
     def reaction_by_gesture(self, gestures: Collection[str]) -> dict[str, str]:
-        """The reaction to each gesture."""
+        """The reaction to each gesture; an `InputError` if a group or cost has another name."""
         gestures = {*gestures}
         meant = {gesture: name for name, members in self.groups.items() for gesture in members}
-        for gesture, name in meant.items():
-            if gesture not in gestures:
-                raise InputError(
-                    f"[reactions] {name}: there is no gesture {gesture}; {suggest_names(gesture, gestures)}"
-                )
+        for name, members in self.groups.items():
+            check_known(f"[reactions] {name}", "gesture", members, gestures)
         for name in () if self.is_default else (*self.groups, NOTHING):
             if name in gestures and name not in meant and not self.ignored:
                 raise InputError(
-                    f"[reactions] {name}: this is also a gesture that is not listed; list it or rename {name}"
+                    f"[reactions] {name}: this is also a gesture that is not listed; list it or "
+                    f"rename {name}"
                 )
         reactions = {g: meant.get(g, NOTHING if self.ignored else g) for g in sorted(gestures)}
-        known = {*reactions.values(), NOTHING}
         for true, row in self.costs.items():
-            for name in (true, *row):
-                if name not in known:
-                    raise InputError(
-                        f"[costs] {true}: there is no reaction {name}; {suggest_names(name, known)}"
-                    )
+            check_known(f"[costs] {true}", "reaction", (true, *row), {*reactions.values(), NOTHING})
         return reactions
 
     def cost_table(self, gestures: Collection[str]) -> pd.DataFrame:
-        """Cost of each reaction that is taken (column) for each that was meant (row); ``nothing`` is the last."""
-        names = [
-            *dict.fromkeys(r for r in self.reaction_by_gesture(gestures).values() if r != NOTHING),
-            NOTHING,
-        ]
+        """Cost of each reaction taken (column) for each one meant (row); ``nothing`` is last."""
+        reactions = self.reaction_by_gesture(gestures).values()
+        names = [*dict.fromkeys(name for name in reactions if name != NOTHING), NOTHING]
         table = pd.DataFrame(1.0, index=names, columns=names)
         table[NOTHING] = self.silence
         for true, row in self.costs.items():
@@ -90,65 +80,65 @@ class Reactions:
         return table.mask(np.eye(len(names), dtype=bool), 0.0)
 
     def cheapest_reactions(self, probabilities: pd.DataFrame) -> np.ndarray:
-        """The reactions with the lowest expected cost [decisions]; equal ones go to the first."""
-        table, reactions = (
-            self.cost_table(probabilities.columns),
-            self.reaction_by_gesture(probabilities.columns),
-        )
-        member = np.array(
-            [[reactions[str(g)] == name for name in table.index] for g in probabilities],
-            dtype=float,
-        )
+        """The reactions with the lowest expected cost [decisions]; the first of equal ones."""
+        table = self.cost_table(probabilities.columns)
+        reactions = pd.Series(self.reaction_by_gesture(probabilities.columns))
+        names = reactions[[*probabilities.columns]].to_numpy()
+        member = (names[:, None] == table.index.to_numpy()).astype(float)
         expected = (probabilities.to_numpy(dtype=float) @ member) @ table.to_numpy()
-        taken = table.columns.to_numpy(object)[
-            expected.round(12).argmin(axis=1)
-        ]  # equal sums differ by rounding
+        cheapest = expected.round(12).argmin(axis=1)  # equal sums differ by rounding
+        taken = table.columns.to_numpy(object)[cheapest]
         return np.where(probabilities.to_numpy().any(axis=1), taken, NOTHING)
 
-    def mistake_costs(self, labelled: pd.DataFrame) -> np.ndarray:
+    def mistake_costs(self, labels: pd.DataFrame) -> np.ndarray:
         """The cost of each label, 0 for the right reaction, float [rows]."""
-        every = {*labelled["true"], *(g for members in self.groups.values() for g in members)}
-        table, reactions = self.cost_table(every), self.reaction_by_gesture(every)
-        true = labelled["true"].astype(object).map(reactions)
-        taken = (
-            labelled["taken"]
-            if "taken" in labelled
-            else labelled["predicted"].astype(object).map(reactions)
-        )
+        gestures = {*labels["true"]}.union(*self.groups.values())
+        table, reactions = self.cost_table(gestures), self.reaction_by_gesture(gestures)
+        true = labels["true"].astype(object).map(reactions)
+        if "taken" in labels:
+            taken = labels["taken"]
+        else:
+            taken = labels["predicted"].astype(object).map(reactions)
         row, column = (
             table.index.get_indexer(pd.Index(each.fillna(NOTHING))) for each in (true, taken)
         )
         return table.to_numpy()[row, column]
 
-    def score_by_subject(self, labelled: pd.DataFrame) -> pd.Series:
-        """The score of each subject: 100 less 100 times the mean cost of a label; with default costs its accuracy."""
-        costs = pd.Series(self.mistake_costs(labelled), labelled.index)
-        return (100 * (1 - costs.groupby(labelled["subject"].astype(str)).mean())).rename_axis(
-            "subject"
-        )
+    def score_by_subject(self, labels: pd.DataFrame) -> pd.Series:
+        """The score of each subject, 100 less 100 times the mean cost; by default its accuracy."""
+        costs = pd.Series(self.mistake_costs(labels), labels.index)
+        means = costs.groupby(labels["subject"].astype(str)).mean()
+        return (100 * (1 - means)).rename_axis("subject")
+
+
+def check_known(where: str, noun: str, names: Iterable[str], known: Collection[str]) -> None:
+    """Refuse a name that is not known, as an error in a line or section of a scene."""
+    for name in names:
+        if name not in known:
+            raise InputError(f"{where}: there is no {noun} {name}; {suggest_names(name, known)}")
 
 
 def react_to_captures(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
-    """``subject``, ``true`` and the reaction ``taken`` for each tested capture, by mean probability."""
+    """``subject``, ``true`` and the reaction ``taken`` of each capture, by mean probability."""
     captures = predictions.groupby(["fold", "capture"], sort=False)
     mean = captures[[PREFIX + c for c in classes_of(predictions)]].mean()
-    return react_to_decisions(
-        captures[["subject", "true"]].first().join(mean), reactions
-    ).reset_index()
+    table = captures[["subject", "true"]].first().join(mean)
+    return react_to_decisions(table, reactions).reset_index()
 
 
 def react_to_decisions(predictions: pd.DataFrame, reactions: Reactions) -> pd.DataFrame:
     """The same for each row of the table: each window, or each capture at an instant."""
     classes = classes_of(predictions)
-    proba = predictions[[PREFIX + c for c in classes]].set_axis(classes, axis=1)
-    return predictions[["subject", "true"]].assign(taken=reactions.cheapest_reactions(proba))
+    probabilities = predictions[[PREFIX + c for c in classes]].set_axis(classes, axis=1)
+    taken = reactions.cheapest_reactions(probabilities)
+    return predictions[["subject", "true"]].assign(taken=taken)
 
 
 def clean_candidate(result: Result, reactions: Reactions, windows: bool) -> Candidate:
     """The system in Python on whole captures, or on single windows."""
     if windows:
         decisions = react_to_decisions(result.tables["predictions"], reactions)
-        return Candidate("window", reactions.score_by_subject(decisions), WINDOW)
+        return Candidate("window", reactions.score_by_subject(decisions), WINDOW_COSTS)
     # The accuracy that the run stored is the same: reading predictions of 1000 runs takes a minute.
     scores = result.accuracy_by_subject if reactions.is_default else {}
     if not scores:
@@ -163,8 +153,8 @@ def early_candidates(
 ) -> Iterator[Candidate]:
     """A replayed system after the last time that is soon enough.
 
-    If no time is soon enough, the earliest one is taken. With ``latest_ms`` of ``inf``, each time is
-    a candidate; with None, none is.
+    If no time is soon enough, the earliest one is taken. With ``latest_ms`` of ``inf``, each time
+    is a candidate; with None, none is.
     """
     if latest_ms is None:
         return

@@ -6,31 +6,41 @@ import csv
 import errno
 import tomllib
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 
 from bench.corpora.fault_names import FAULT_NAMES, SEVERITIES
-from bench.errors import InputError, suggest_names
+from bench.errors import InputError
 from bench.ground.typed import parse_amount
-from bench.reading.reactions import Reactions
+from bench.reading.reactions import Reactions, check_known
 from bench.values.measures import Cost, all_costs
 from bench.values.sentences import render_sentences
 
 KEYS = ("by", "margin", "unit")  # of a scene and of `bench choose`
-OTHER = {  # lines of each section that are no budgets: a key, and that of `bench choose`, empty for those read here
+# Lines of each section that are no budgets, and their key of `bench choose`, "" for none.
+OTHER_LINES = {
     "budget": {"clock": "clock", "board": "", "share": ""},
     "faults": {"names": "", "severity": ""},
     "people": {},
 }
-NESTED = "it is nested more deeply than any line of a scene; see docs/scenes.md"
 COSTLIEST = 1e6  # of one mistake, so that sums of costs and scores stay finite
 
 
 @dataclass(frozen=True)
 class Board:
-    """A microcontroller board: its size and clock, whether it computes with floats, the maker's page of it."""
+    """A microcontroller board.
+
+    Args:
+        title: its name in sentences.
+        flash_kb: flash in kB.
+        ram_kb: RAM in kB.
+        clock_mhz: clock in MHz.
+        fpu: True if it has a floating-point unit.
+        source: the maker's page.
+        share: share of flash and RAM that touch may use.
+    """
 
     title: str
     flash_kb: float
@@ -38,62 +48,62 @@ class Board:
     clock_mhz: float
     fpu: bool
     source: str
-    share: float = 1.0  # of flash and RAM that touch may use
+    share: float = 1.0
 
     def as_budgets(self, timed: bool) -> dict[str, str]:
-        """Budgets as keys of ``bench choose``; with the clock, if there is a budget of time and an FPU."""
-        values = {
-            "max_flash": f"{self.share * self.flash_kb:.6g}kB",
-            "max_ram": f"{self.share * self.ram_kb:.6g}kB",
-        }
-        return values | ({"clock": f"{self.clock_mhz:g}MHz"} if timed and self.fpu else {})
+        """Keys of ``bench choose``; with the clock if there is a budget of time and an FPU."""
+        budgets = {"max_flash": f"{self.share * self.flash_kb:.6g}kB"}
+        budgets["max_ram"] = f"{self.share * self.ram_kb:.6g}kB"
+        if timed and self.fpu:
+            budgets["clock"] = f"{self.clock_mhz:g}MHz"
+        return budgets
 
     def budget_sentences(self, values: Mapping[str, object]) -> list[str]:
-        """What its budgets are, as far as no other line sets them, and how far counted instructions hold for it."""
-        own = self.as_budgets(timed=False)
-        names = [
-            name
-            for name in ("flash", "RAM")
-            if values.get(f"max_{name.lower()}") == own[f"max_{name.lower()}"]
-        ]
-        timed = {
-            name
-            for cost in all_costs().values()
-            if cost.at_clock
-            for name in (cost.key, cost.at_clock)
-        }
-        limited = {all_costs()[name].budget_key for name in timed} & {*values}
+        """Sentences on its budgets that no other line replaces, and on counted instructions."""
+        budgets = self.as_budgets(timed=False)
+        memories = {"flash": "max_flash", "RAM": "max_ram"}
+        names = [name for name, key in memories.items() if values.get(key) == budgets[key]]
+        counted = [cost for cost in all_costs().values() if cost.at_clock]
+        keys = {all_costs()[n].budget_key for cost in counted for n in (cost.key, cost.at_clock)}
+        timed = not keys.isdisjoint(values)
         return render_sentences(
-            "bench.reading", "choice", "board", board=self, names=names, timed=bool(limited)
+            "bench.reading", "choice", "board", board=self, names=names, timed=timed
         )
 
 
 @dataclass(frozen=True)
 class Scene:
-    """The needs of a robot."""
+    """The needs of a robot.
 
-    values: Mapping[str, str] = field(default_factory=dict)  # its lines as keys of ``bench choose``
+    Args:
+        values: lines of the file as keys of ``bench choose``.
+        reactions: reactions to gestures and costs of mistakes.
+        faults: faults over which losses are taken.
+        severity: their highest severity; lower ones count, too.
+        board: the board of the robot.
+    """
+
+    values: Mapping[str, str] = field(default_factory=dict)
     reactions: Reactions = field(default_factory=Reactions)
-    faults: tuple[str, ...] = ()  # over which losses are taken
-    severity: int = SEVERITIES  # their highest severity; lower ones count, too
+    faults: tuple[str, ...] = ()
+    severity: int = SEVERITIES
     board: Board | None = None
 
 
 def load_boards() -> dict[str, Board]:
-    """The boards of ``bench/boards.csv`` by name; KiB of their makers are turned into kB."""
-    every = {}
+    """The boards of ``bench/boards.csv`` by name, with KiB of their makers as kB."""
+    boards = {}
     with files("bench").joinpath("boards.csv").open(encoding="utf-8") as f:
         for row in csv.DictReader(f):
-            kb = 1.024 * float(row["flash_kib"]), 1.024 * float(row["ram_kib"])
-            every[row["name"]] = Board(
-                row["title"], *kb, float(row["clock_mhz"]), row["fpu"] == "yes", row["source"]
-            )
-    return every
+            flash, ram = 1.024 * float(row["flash_kib"]), 1.024 * float(row["ram_kib"])
+            clock, fpu = float(row["clock_mhz"]), row["fpu"] == "yes"
+            boards[row["name"]] = Board(row["title"], flash, ram, clock, fpu, row["source"])
+    return boards
 
 
 def budgets_by_section() -> dict[str, dict[str, Cost]]:
     """The budgets that each section can have, by their keys there."""
-    sections: dict[str, dict[str, Cost]] = {name: {} for name in OTHER}
+    sections: dict[str, dict[str, Cost]] = {name: {} for name in OTHER_LINES}
     for cost in all_costs().values():
         section, key = cost.scene_line
         sections.setdefault(section, {})[key] = cost
@@ -101,7 +111,11 @@ def budgets_by_section() -> dict[str, dict[str, Cost]]:
 
 
 def read_scene(name: str) -> Scene:
-    """Read a scene file."""
+    """Read a scene file, or one of the shipped scenes.
+
+    Raises:
+        InputError: the file cannot be read, or has a line that no scene has.
+    """
     shipped = {Path(f.name).stem: f for f in files("bench").joinpath("scenes").iterdir()}
     try:
         file = Path(str(shipped[name])) if name in shipped else Path(name)
@@ -109,12 +123,14 @@ def read_scene(name: str) -> Scene:
             raise OSError(errno.EINVAL, "not a plain file")
         return scene_from_table(tomllib.loads(file.read_text(encoding="utf-8")))
     except (OSError, UnicodeError) as e:
-        why = getattr(e, "strerror", None) or "not UTF-8 text"
+        reason = getattr(e, "strerror", None) or "not UTF-8 text"
         raise InputError(
-            f"scene={name}: {why}; give a TOML file, or {', '.join(sorted(shipped))}"
+            f"scene={name}: {reason}; give a TOML file, or {', '.join(sorted(shipped))}"
         ) from e
     except RecursionError as e:
-        raise InputError(f"scene={name}: {NESTED}") from e
+        raise InputError(
+            f"scene={name}: it is nested more deeply than any line of a scene; see docs/scenes.md"
+        ) from e
     except ValueError as e:  # also a number of thousands of digits
         raise InputError(f"scene={name} is not TOML: {str(e).partition(';')[0]}") from e
     except InputError as e:
@@ -123,56 +139,55 @@ def read_scene(name: str) -> Scene:
 
 def scene_from_table(table: Mapping[str, object]) -> Scene:
     """A scene from the content of its file."""
-    limits = budgets_by_section()
-    _check_names("", table, {*KEYS, *limits, "unlisted", "reactions", "costs"})
-    sections = {name: _read_section(table, name) for name in limits}
+    costs = budgets_by_section()
+    check_known("scene", "line", table, {*KEYS, *costs, "unlisted", "reactions", "costs"})
+    sections = {name: _read_section(table, name) for name in costs}
     values = {key: _read_text(key, table[key]) for key in KEYS if key in table}
-    for name, given in sections.items():
-        others = OTHER.get(name, {})
-        _check_names(f"[{name}] ", given, {*limits[name], *others})
-        for key, value in given.items():
-            if typed := others[key] if key in others else limits[name][key].budget_key:
-                values[typed] = _read_text(f"[{name}] {key}", value)
-                _check_amount(
-                    f"[{name}] {key} = {value}", limits[name].get(key), typed, values[typed]
-                )
-    if apart := [
-        name for name in limits if name not in OTHER and sections[name]
-    ]:  # budgets of a study
-        unmeasured = [
-            k for k, cost in limits["budget"].items() if "studies" not in cost.measured_on
-        ] + ["clock"]
-        if lacking := [k for k in unmeasured if k in sections["budget"]]:
-            raise InputError(
-                f"[budget] {lacking[0]}: runs of [{apart[0]}] do not measure it; leave one of them out"
-            )
-    board = _read_board(sections["budget"])
-    more = {} if board is None else board.as_budgets("decision" in sections["budget"])
+    for name, lines in sections.items():
+        others = OTHER_LINES.get(name, {})
+        check_known(f"[{name}]", "line", lines, {*costs[name], *others})
+        for line, value in lines.items():
+            key = others[line] if line in others else costs[name][line].budget_key
+            if key:
+                values[key] = _read_text(f"[{name}] {line}", value)
+                where = f"[{name}] {line} = {value}"
+                _check_amount(where, costs[name].get(line), key, values[key])
+    budget = sections["budget"]
+    unmeasured = ["clock"]  # by runs of studies
+    unmeasured += [k for k, cost in costs["budget"].items() if "studies" not in cost.measured_on]
+    studies = [name for name in costs if name not in OTHER_LINES and sections[name]]
+    wrong = [key for key in unmeasured if key in budget]
+    if studies and wrong:
+        raise InputError(
+            f"[budget] {wrong[0]}: runs of [{studies[0]}] do not measure it; leave one of them out"
+        )
+    board = _read_board(budget)
+    more = {} if board is None else board.as_budgets("decision" in budget)
     return Scene(more | values, _read_reactions(table), *_read_faults(sections["faults"]), board)
 
 
 def _read_board(budget: Mapping[str, object]) -> Board | None:
-    if "board" not in budget and "share" in budget:
-        raise InputError("[budget] share: it is a share of a board; add board, or leave it out")
     if "board" not in budget:
+        if "share" in budget:
+            raise InputError("[budget] share: it is a share of a board; add board, or leave it out")
         return None
-    known, name = load_boards(), _read_text("[budget] board", budget["board"])
-    if name not in known:
-        raise InputError(f"[budget] board: no board is called {name}; {suggest_names(name, known)}")
-    if not (share := _read_number("[budget] share", budget.get("share", 1.0), 0, 1)):
+    boards, name = load_boards(), _read_text("[budget] board", budget["board"])
+    check_known("[budget] board", "board", [name], boards)
+    share = _read_number("[budget] share", budget.get("share", 1.0), 0, 1)
+    if not share:
         raise InputError("[budget] share = 0: give a share above 0")
-    return replace(known[name], share=share)
+    return replace(boards[name], share=share)
 
 
-def _check_amount(line: str, cost: Cost | None, key: str, value: str) -> None:
-    """Refuse a number or a unit that `bench choose` would refuse, by the name of its line."""
+def _check_amount(where: str, cost: Cost | None, key: str, value: str) -> None:
+    """Refuse a number or unit that `bench choose` would refuse, by the name of its line."""
     try:
         if cost is not None:
             cost.parse_budget(value)
         elif key == "clock":
             parse_amount(key, value, "MHz")
     except InputError as e:
-        raise InputError(f"{line}:{str(e).partition(':')[2]}") from e
+        raise InputError(f"{where}:{str(e).partition(':')[2]}") from e
 
 
 def _read_reactions(table: Mapping[str, object]) -> Reactions:
@@ -181,47 +196,40 @@ def _read_reactions(table: Mapping[str, object]) -> Reactions:
         for name, members in _read_section(table, "reactions").items()
     }
     counts = Counter(gesture for members in groups.values() for gesture in members)
-    if twice := [gesture for gesture, count in counts.items() if count > 1]:
-        raise InputError(f"[reactions] the gesture {twice[0]} is listed twice; list it once")
-    if (unlisted := table.get("unlisted", "own")) not in ("own", "ignored"):
+    for gesture, count in counts.items():
+        if count > 1:
+            raise InputError(f"[reactions] the gesture {gesture} is listed twice; list it once")
+    unlisted = table.get("unlisted", "own")
+    if unlisted not in ("own", "ignored"):
         raise InputError(f"unlisted = {unlisted}: give own or ignored")
-    costs = dict(_read_section(table, "costs"))
-    silence, rows = (
-        _read_number("[costs] silence", costs.pop("silence", 1.0), 0, COSTLIEST),
-        dict[str, dict[str, float]](),
-    )
-    for name, row in costs.items():
+    costs: dict[str, dict[str, float]] = {}
+    silence = 1.0
+    for name, row in _read_section(table, "costs").items():
+        where = f"[costs] {name}"
+        if name == "silence":
+            silence = _read_number(where, row, 0, COSTLIEST)
+            continue
         if not isinstance(row, dict):
             raise InputError(
-                f"[costs] {name}: give the reactions that it is taken for, such as {{ calm = 3 }}"
+                f"{where}: give the reactions that it is taken for, such as {{ calm = 3 }}"
             )
-        rows[name] = {
-            k: _read_number(f"[costs] {name}: {k}", v, 0, COSTLIEST) for k, v in row.items()
-        }
+        costs[name] = {k: _read_number(f"{where}: {k}", v, 0, COSTLIEST) for k, v in row.items()}
         if name in row:
-            raise InputError(f"[costs] {name}: {name} taken for itself is no mistake; leave it out")
-    return Reactions(groups, unlisted == "ignored", rows, silence)
+            raise InputError(f"{where}: {name} taken for itself is no mistake; leave it out")
+    return Reactions(groups, unlisted == "ignored", costs, silence)
 
 
 def _read_faults(lines: Mapping[str, object]) -> tuple[tuple[str, ...], int]:
+    """The names and the severity of a section ``[faults]``; no names without one."""
     if not lines:
         return (), SEVERITIES
     from bench.corpora.faults import all_faults  # loads SciPy
 
-    names = _read_names(
-        "[faults] names", lines.get("names", [*FAULT_NAMES]), "faults", '["dead_taxels"]'
-    )
-    for name in names:
-        if name not in all_faults():
-            raise InputError(
-                f"[faults] names: no fault is called {name}; {suggest_names(name, all_faults())}"
-            )
+    names = lines.get("names", [*FAULT_NAMES])
+    names = _read_names("[faults] names", names, "faults", '["dead_taxels"]')
+    check_known("[faults] names", "fault", names, all_faults())
     severity = lines.get("severity", SEVERITIES)
-    if (
-        isinstance(severity, bool)
-        or not isinstance(severity, int)
-        or not 1 <= severity <= SEVERITIES
-    ):
+    if type(severity) is not int or not 1 <= severity <= SEVERITIES:
         raise InputError(
             f"[faults] severity = {severity}: give a whole number from 1 to {SEVERITIES}"
         )
@@ -237,14 +245,8 @@ def _read_section(table: Mapping[str, object], name: str) -> Mapping[str, object
     return section
 
 
-def _check_names(where: str, given: Mapping[str, object], known: Collection[str]) -> None:
-    for key in given:
-        if key not in known:
-            raise InputError(f"{where}{key}: there is no such line; {suggest_names(key, known)}")
-
-
 def _read_names(where: str, value: object, noun: str, example: str) -> list[str]:
-    if not isinstance(value, list) or not value or not all(isinstance(one, str) for one in value):
+    if not isinstance(value, list) or not value or not all(isinstance(each, str) for each in value):
         raise InputError(f"{where}: give a list of {noun}, such as {example}")
     return value
 

@@ -13,7 +13,7 @@ from bench.values.stability import (
     clean_labels,
     find_failing_slices,
     half_margins,
-    test_slices,
+    score_slices,
 )
 from tests.results import under_stress
 
@@ -164,7 +164,7 @@ def test_small_slices_of_weak_methods_that_could_never_fail_are_not_tested():
         "length": 5,
     }
     table = table.assign(fold=table["subject"], **same)
-    found = test_slices(table, WORDS, "gesture").set_index("slice")
+    found = score_slices(table, WORDS, "gesture").set_index("slice")
     assert found.loc["gesture a", "captures"] == 12 and found.loc[
         "gesture a", "floor"
     ] == pytest.approx(0.8**12)
